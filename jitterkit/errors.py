@@ -1,0 +1,46 @@
+"""What goes wrong, and who is told.
+
+Two rules hold everywhere in jitterkit:
+
+* A *bad argument* is the caller's mistake: it raises, with one full sentence that names the
+  value received and what would have been accepted.
+* A *bad frame* is nobody's mistake: it becomes a row with a status, and the frames beside it
+  are unharmed.  The reader raises :class:`FrameError` for it; only the batch catches it.
+
+Everything raised on purpose derives from :class:`JitterkitError`, so that ``except JitterkitError``
+separates what the user can mend from what we must.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["ConfigurationError", "FrameError", "JitterkitError"]
+
+
+class JitterkitError(ValueError):
+    """Something the user can mend; the message is one sentence and ends with the remedy."""
+
+
+class ConfigurationError(JitterkitError):
+    """An instrument file, a preset or an option that cannot be used as given."""
+
+
+class FrameError(JitterkitError):
+    """A file, or one frame of it, that cannot be used.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file the user named.
+    problem : str
+        What was found, with the value: ``"has 3 colour channels"``.
+    remedy : str
+        What to do about it: ``"convert it to one channel"``.
+    """
+
+    def __init__(self, path: str | Path, problem: str, remedy: str) -> None:
+        super().__init__(f"{path}: {problem}; {remedy}.")
+        self.path = Path(path)
+        self.problem = problem
+        self.remedy = remedy
