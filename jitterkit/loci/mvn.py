@@ -1,0 +1,74 @@
+"""Random motion, well above the frame rate: a bivariate normal density.
+
+Nature makes it from many independent disturbances (wheels, coolers, noise of the attitude loop).
+It is also what any small jitter looks like: below about half a pixel an image shows the second
+moments of the pointing and nothing more.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.special import ndtri
+
+from jitterkit.loci.base import Locus, principal_axes
+
+__all__ = ["Mvn"]
+
+
+class Mvn(Locus):
+    """A normal density with covariance Σ: ``M = exp(-2 pi² f'Σf)``.
+
+    The coordinates are ``(Sxx, Sxy, Syy)`` themselves, with their signs.  In a fit Σ may become
+    indefinite (noise about no jitter); clipping it would bias the separation.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("mvn_xx", "mvn_xy", "mvn_yy")
+
+    @classmethod
+    def of(cls, sigma_major: float, sigma_minor: float | None = None, angle: float = 0.0) -> Self:
+        """Build from the 1 sigma sizes along the two axes [arcsec] and the angle of the major one [deg].
+
+        ``sigma_minor`` defaults to ``sigma_major``: a round blur.
+        """
+        sigma_minor = sigma_major if sigma_minor is None else sigma_minor
+        if not (sigma_major >= 0 and sigma_minor >= 0):
+            raise ValueError(f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}.")
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        a, b = sigma_major**2, sigma_minor**2
+        return cls(jnp.asarray([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c]))
+
+    @classmethod
+    def sheared(cls, sigma_major: float, shear: float, angle: float = 0.0) -> Self:
+        """Build from the shear ``1 - sigma_minor/sigma_major`` in [0, 1], as the paper has it."""
+        if not 0 <= shear <= 1:
+            raise ValueError(f"A shear lies between 0 (round) and 1 (a line); got {shear}.")
+        return cls.of(sigma_major, sigma_major * (1 - shear), angle)
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        return cls(jnp.asarray(moments, float))
+
+    def transfer(self, fx, fy):
+        sxx, sxy, syy = self.coords
+        return jnp.exp(-2 * jnp.pi**2 * (sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2))
+
+    def moments(self):
+        return self.coords
+
+    def describe(self) -> dict[str, float]:
+        """``sigma_major``, ``sigma_minor`` [arcsec], ``shear`` and ``angle`` [deg]."""
+        major, minor, angle = principal_axes(self.coords)
+        shear = 1 - minor / major if major > 0 else 0.0
+        return {"sigma_major": major, "sigma_minor": minor, "shear": shear, "angle": angle}
+
+    def points(self, n: int) -> np.ndarray:
+        side = max(2, int(np.ceil(np.sqrt(n))))
+        normal = ndtri((np.arange(side) + 0.5) / side)
+        normal /= normal.std()
+        major, minor, angle = principal_axes(self.coords)
+        along, across = (g.ravel() for g in np.meshgrid(major * normal, minor * normal))
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        return np.stack([along * c - across * s, along * s + across * c], axis=-1)

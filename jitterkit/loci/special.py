@@ -1,0 +1,74 @@
+"""The two special functions of the loci, written in the square of their argument.
+
+A transfer function depends on the jitter through ``u²``.  Written in ``u`` its derivative at zero size
+is 0/0; written in ``u²`` it is a smooth function with finite derivatives everywhere, which is what
+lets a fit start from, and end at, no jitter at all.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import jax.numpy as jnp
+import scipy.special
+
+__all__ = ["j0_of_square", "sinc_of_square"]
+
+_LARGE = 25.0  # where Hankel's expansion takes over: its ten terms are then below 1e-16
+
+
+def sinc_of_square(w):
+    """``sin(pi sqrt(w)) / (pi sqrt(w))`` for w >= 0, to rounding, with all derivatives at zero."""
+    small = w < 0.05
+    z2 = math.pi**2 * w
+    series = _horner([(-1) ** k / math.factorial(2 * k + 1) for k in range(10)], jnp.where(small, z2, 0.0))
+    z = jnp.sqrt(jnp.where(small, 1.0, z2))
+    return jnp.where(small, series, jnp.sin(z) / z)
+
+
+def j0_of_square(w):
+    """``J0(sqrt(w))`` for w >= 0, to about 1e-14, with all derivatives at zero.
+
+    Notes
+    -----
+    ``J0(sqrt(w))`` is entire in w: a Chebyshev series up to w = 625 and Hankel's asymptotic
+    expansion beyond (Abramowitz & Stegun 9.2.5).
+    """
+    small = w < _LARGE**2
+    t = jnp.where(small, w, 0.0) * (2 / _LARGE**2) - 1
+    z = jnp.sqrt(jnp.where(small, _LARGE**2, w))
+    p, q = _hankel(1 / z)
+    phase = z - math.pi / 4
+    far = jnp.sqrt(2 / (math.pi * z)) * (p * jnp.cos(phase) - q * jnp.sin(phase))
+    return jnp.where(small, _clenshaw(_chebyshev_coefficients(), t), far)
+
+
+@functools.cache
+def _chebyshev_coefficients() -> tuple[float, ...]:
+    """Neumann's addition theorem: ``J0(2a cos(x/2)) = J0(a)² + 2 sum_k (-1)^k J_k(a)² cos kx``."""
+    squares = [(-1) ** k * float(scipy.special.jv(k, _LARGE / 2)) ** 2 for k in range(32)]
+    return (squares[0], *(2 * c for c in squares[1:]))
+
+
+def _hankel(inverse):
+    """Hankel's P and Q for order zero at ``1/z``."""
+    terms = [1.0]
+    for k in range(1, 20):
+        terms.append(terms[-1] * (2 * k - 1) ** 2 / (8 * k))
+    square = -(inverse**2)
+    return _horner(terms[0::2], square), -inverse * _horner(terms[1::2], square)
+
+
+def _horner(coefficients, x):
+    total = jnp.zeros_like(x)
+    for c in reversed(coefficients):
+        total = total * x + c
+    return total
+
+
+def _clenshaw(coefficients, t):
+    ahead, after = jnp.zeros_like(t), jnp.zeros_like(t)
+    for c in reversed(coefficients[1:]):
+        ahead, after = 2 * t * ahead - after + c, ahead
+    return t * ahead - after + coefficients[0]

@@ -1,0 +1,41 @@
+"""The telescope: from a pupil, or a measured star, to the transfer function of the optics.
+
+Reach for :func:`toliman_pupil` (extra ``toliman``) or :func:`obstructed_circle` first; then
+
+    grid = grid_for(pupil, spectrum, shape=(128, 128), plate_scale=0.375)
+    otf = expand(pupil, spectrum, grid)
+
+with ``spectrum = flat_band(530, 640)``.  :func:`read_pupil` reads a pupil of your own,
+:func:`pupil_from_dlux` takes one out of a dLux optical system, and :func:`empirical_otf` makes do
+without one.
+"""
+
+from jitterkit.optics.dlux import pupil_from_dlux
+from jitterkit.optics.empirical import empirical_otf
+from jitterkit.optics.grid import DEFAULT_PAD, Grid
+from jitterkit.optics.otf import OTF, expand, grid_for
+from jitterkit.optics.pupil import Pupil, obstructed_circle
+from jitterkit.optics.pupil_file import read_pupil, write_pupil
+from jitterkit.optics.spectrum import Spectrum, flat_band, lines
+from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.toliman import toliman_pupil
+
+__all__ = [
+    "DEFAULT_PAD",
+    "OTF",
+    "FixedOptics",
+    "Grid",
+    "OpticalSystem",
+    "Pupil",
+    "Spectrum",
+    "empirical_otf",
+    "expand",
+    "flat_band",
+    "grid_for",
+    "lines",
+    "obstructed_circle",
+    "pupil_from_dlux",
+    "read_pupil",
+    "toliman_pupil",
+    "write_pupil",
+]

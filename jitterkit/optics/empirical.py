@@ -1,0 +1,101 @@
+"""A measured PSF in the place of a pupil: a sharp frame or a star stack.
+
+For instruments nobody has modelled.  It knows no aberrations and no wavelength, and its noise is
+carried into every image made from it; where there is a pupil, use the pupil.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics.grid import DEFAULT_PAD, Grid
+from jitterkit.optics.otf import OTF
+
+__all__ = ["empirical_otf"]
+
+
+def empirical_otf(
+    psf: np.ndarray,
+    plate_scale: float,
+    shape: tuple[int, int],
+    *,
+    centre: tuple[float, float] | None = None,
+    pad: int = DEFAULT_PAD,
+) -> OTF:
+    """Transfer function of an unblurred star image.
+
+    Parameters
+    ----------
+    psf : (ny, nx) array
+        One star, background subtracted, on the detector's own pixels; any size, odd or even.  Its sum
+        is taken out, so that ``flux`` means the light that would fall inside a stamp of this size.
+    plate_scale : float
+        arcsec per pixel, of the stamp and of the frames.
+    shape : (int, int)
+        Frame to be modelled, ``(ny, nx)``.
+    centre : (float, float), optional
+        Where the star is in the stamp, ``(x, y)`` in pixels from the centre of the first; the centroid
+        if omitted.  An error moves every fitted position by as much and no separation.
+    pad : int
+        Pixels of padding on each side of the frame, at least; more if the stamp needs it.
+
+    Returns
+    -------
+    otf : OTF
+        Has no aberrations, and holds the pixel already.  A star at the frame's centre reproduces a
+        stamp that is centred on it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the stamp is not a finite image with a positive sum, or the centre lies outside it.
+
+    Notes
+    -----
+    Assumes light beyond the stamp is zero: a step at its edge appears as a step in every image, so
+    subtract the background and taper, or take a larger stamp.  Fails when the detector undersamples
+    the optics (cutoff above Nyquist): then no single stamp determines the image between pixels, and
+    shifts by a fraction of a pixel ring.
+    """
+    stamp = _checked(psf)
+    x, y = _centroid(stamp) if centre is None else centre
+    if not (-0.5 <= x <= stamp.shape[1] - 0.5 and -0.5 <= y <= stamp.shape[0] - 0.5):
+        raise ConfigurationError(
+            f"The star's centre ({x:.6g}, {y:.6g}) lies outside the stamp of {stamp.shape}."
+        )
+    reach = max(math.ceil((s - n) / 2) for s, n in zip(stamp.shape, shape, strict=True))
+    grid = Grid((shape[0], shape[1]), plate_scale, max(pad, reach))
+    fy, fx = grid.frequencies
+    spectrum = np.fft.rfft2(stamp / stamp.sum(), s=grid.fine_shape)
+    spectrum = spectrum * np.exp(2j * np.pi * plate_scale * (y * fy + x * fx))
+    return OTF(
+        jnp.asarray(spectrum), jnp.zeros((0, *spectrum.shape)), jnp.zeros(0), grid, (), pixel_included=True
+    )
+
+
+def _checked(psf) -> np.ndarray:
+    stamp = np.asarray(psf, dtype=float)
+    if stamp.ndim != 2 or stamp.size == 0:
+        raise ConfigurationError(
+            f"An empirical PSF is one image (ny, nx), got an array of shape {stamp.shape}."
+        )
+    if not np.all(np.isfinite(stamp)):
+        raise ConfigurationError(
+            "The empirical PSF holds NaN or infinite pixels; interpolate over them first."
+        )
+    if not stamp.sum() > 0:
+        raise ConfigurationError(
+            f"The empirical PSF sums to {stamp.sum():.4g}, so there is no star in it; "
+            "subtract the background level, not more."
+        )
+    return stamp
+
+
+def _centroid(stamp):
+    """Mean position ``(x, y)`` of the light, in pixels."""
+    rows, columns = np.indices(stamp.shape)
+    return tuple(float(np.sum(axis * stamp) / stamp.sum()) for axis in (columns, rows))

@@ -1,0 +1,195 @@
+"""The optics as the detector meets them: a polychromatic transfer function on the frame's grid.
+
+The image of a point source is band-limited: no frequency above ``diameter / wavelength`` reaches
+the focal plane.  Sampled at least twice as finely, its transfer function is therefore the whole
+truth about the optics, and everything that follows (pixels, jitter, stars) multiplies it.
+
+:func:`expand` computes an :class:`OTF` from a pupil, with its exact derivatives with respect to the
+aberrations; :meth:`OTF.at` uses them for small changes.  A fit expands again where it has moved, so
+that its fixed point is exact.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jitterkit.conventions import ARCSEC
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics.focal import focal_field
+from jitterkit.optics.grid import DEFAULT_PAD, Grid
+from jitterkit.optics.pupil import Pupil
+from jitterkit.optics.spectrum import Spectrum
+
+__all__ = ["OTF", "expand", "grid_for"]
+
+
+class OTF(eqx.Module):
+    """A telescope's transfer function about one state of its aberrations.
+
+    Attributes
+    ----------
+    value : (My, Mx//2 + 1) complex array
+        Transfer function about the optical axis; at zero frequency, the share of the light that
+        falls inside the padded grid.
+    jacobian : (k, My, Mx//2 + 1) complex array
+        Derivative with respect to each aberration, per nm.
+    state : (k,) array
+        The aberrations it was computed at, nm.
+    grid : Grid
+        Sampling.
+    names : tuple of str
+        Names of the aberrations.
+    pixel_included : bool
+        True for an empirical PSF, which has already been integrated over the pixels.
+    """
+
+    value: Complex[Array, "my mx"]
+    jacobian: Complex[Array, "k my mx"]
+    state: Float[Array, " k"]
+    grid: Grid = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    pixel_included: bool = eqx.field(static=True, default=False)
+
+    def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
+        """Transfer function at nearby aberrations [nm], to first order about ``state``.
+
+        The error is second order: 5 nm from the state it shows in a bright frame, so expand anew.
+        """
+        if not self.names:
+            return self.value
+        return self.value + jnp.tensordot(aberrations - self.state, self.jacobian, 1)
+
+    def blind(self) -> tuple[str, ...]:
+        """Aberrations that do not change the image to first order: a micron of them would not show."""
+        largest = np.abs(np.asarray(self.jacobian)).max(axis=(1, 2), initial=0.0)
+        return tuple(name for name, slope in zip(self.names, largest, strict=True) if slope < 1e-9)
+
+    def psf(self) -> Float[Array, "my mx"]:
+        """Point spread function at the state, on the fine grid, centred as the frame is."""
+        fy, fx = self.grid.frequencies
+        cy, cx = self.grid.centre
+        return jnp.fft.irfft2(
+            self.value * np.exp(-2j * np.pi * fy * cy) * np.exp(-2j * np.pi * fx * cx), s=self.grid.fine_shape
+        )
+
+
+def grid_for(
+    pupil: Pupil,
+    spectrum: Spectrum,
+    shape: tuple[int, int],
+    plate_scale: float,
+    pad: int = DEFAULT_PAD,
+) -> Grid:
+    """The coarsest grid that carries a pupil's image without aliasing.
+
+    Parameters
+    ----------
+    pupil : Pupil
+    spectrum : Spectrum
+    shape : (int, int)
+        Frame, ``(ny, nx)``.
+    plate_scale : float
+        arcsec per pixel.
+    pad : int
+        Pixels of padding on each side.
+
+    Returns
+    -------
+    grid : Grid
+        Refined by one where the detector samples the optics (TOLIMAN: cutoff 1.14, Nyquist 1.33
+        cycles/arcsec), by an integer where it undersamples them.
+
+    Raises
+    ------
+    ConfigurationError
+        If the padded frame is wider than the pupil's own sampling allows: beyond
+        ``wavelength / pitch`` the image of a sampled pupil repeats itself.
+    """
+    cutoff = _cutoff(pupil, spectrum)
+    refine = max(1, int(np.ceil(2 * plate_scale * cutoff)))
+    grid = Grid((shape[0], shape[1]), plate_scale, pad, refine)
+    period = min(spectrum.wavelengths) * 1e-9 / pupil.pitch / ARCSEC
+    width = max(grid.fine_shape) * grid.pitch
+    if width > period:
+        raise ConfigurationError(
+            f"The padded frame is {width:.4g} arcsec wide but the image of a pupil sampled "
+            f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; sample the pupil more finely, or use less padding."
+        )
+    return grid
+
+
+def _cutoff(pupil: Pupil, spectrum: Spectrum) -> float:
+    """Highest frequency that reaches the image, cycles/arcsec."""
+    return pupil.cutoff_diameter / (min(spectrum.wavelengths) * 1e-9) * ARCSEC
+
+
+def expand(
+    pupil: Pupil, spectrum: Spectrum, grid: Grid, aberrations=None, *, derivatives: bool = True
+) -> OTF:
+    """Compute a transfer function and its derivatives about a state of the aberrations.
+
+    Parameters
+    ----------
+    pupil : Pupil
+    spectrum : Spectrum
+    grid : Grid
+        From :func:`grid_for`.
+    aberrations : (k,) array, optional
+        nm; zero if omitted.
+    derivatives : bool
+        Whether to compute them; without, the aberrations stay as given.
+
+    Returns
+    -------
+    otf : OTF
+        Exact at ``aberrations``: its PSF equals the Fraunhofer integral at every fine sample.
+    """
+    state = jnp.zeros(len(pupil.names)) if aberrations is None else jnp.asarray(aberrations, float)
+    if state.shape != (len(pupil.names),):
+        raise ConfigurationError(f"Expected {len(pupil.names)} aberrations, got shape {state.shape}.")
+    value, jacobian = _expand(
+        pupil, jnp.asarray(spectrum.wavelengths), jnp.asarray(spectrum.weights), state, grid, derivatives
+    )
+    names = pupil.names if derivatives else ()
+    return OTF(value, jacobian, state if derivatives else state[:0], grid, names)
+
+
+@eqx.filter_jit
+def _expand(pupil, wavelengths, weights, state, grid, derivatives):
+    intensity = partial(_monochromatic, pupil, state, grid, derivatives)
+
+    def add(total, line):
+        wavelength, weight = line
+        return total + weight * intensity(wavelength), None
+
+    modes = 1 + (len(pupil.names) if derivatives else 0)
+    start = jnp.zeros((modes, *grid.fine_shape), pupil.transmission.dtype)
+    total, _ = jax.lax.scan(add, start, (wavelengths, weights))
+    # The grid of the PSF is symmetric about the axis: remove the phase of its centre.
+    fy, fx = grid.frequencies
+    cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
+    spectrum = jnp.fft.rfft2(total) * (np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx))
+    return spectrum[0], spectrum[1:]
+
+
+def _monochromatic(pupil, state, grid, derivatives, wavelength):
+    """PSF (1 + k, My, Mx) at one wavelength [nm] and its derivatives per nm; a whole plane sums to one."""
+    wavenumber = 2 * np.pi / wavelength
+    opd = pupil.opd + jnp.tensordot(state, pupil.basis, 1)
+    field = pupil.transmission * jnp.exp(1j * wavenumber * opd)
+    fields = field[None]
+    if derivatives:
+        fields = jnp.concatenate([fields, 1j * wavenumber * pupil.basis * field])
+    focal_step = grid.pitch * ARCSEC
+    phase_step = wavenumber * 1e9 * pupil.pitch * focal_step
+    focal = focal_field(fields, phase_step, grid.fine_shape)
+    norm = (phase_step / (2 * np.pi)) ** 2 / jnp.sum(jnp.abs(pupil.transmission) ** 2)
+    first = jnp.abs(focal[:1]) ** 2
+    rest = 2 * (jnp.conj(focal[:1]) * focal[1:]).real
+    return norm * jnp.concatenate([first, rest])

@@ -1,0 +1,140 @@
+"""A pupil: what the telescope does to the wavefront before it forms an image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from jitterkit.conventions import offsets
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics.zernike import zernike
+
+__all__ = ["Pupil", "obstructed_circle"]
+
+
+class Pupil(eqx.Module):
+    """Amplitude, static wavefront error and the aberrations that may vary, on one square grid.
+
+    Attributes
+    ----------
+    transmission : (n, n) array
+        Amplitude transmission, 0 to 1.
+    opd : (n, n) array
+        Static optical path difference, nm.
+    basis : (k, n, n) array
+        Aberration modes; a coefficient of one is one nm of the mode.
+    names : tuple of str
+        One a mode, such as ``noll4``; they become parameter names.
+    diameter : float
+        Width of the grid, m (n samples of diameter/n, symmetric about the axis).
+    """
+
+    transmission: Float[Array, "n n"]
+    opd: Float[Array, "n n"]
+    basis: Float[Array, "k n n"]
+    names: tuple[str, ...] = eqx.field(static=True)
+    diameter: float = eqx.field(static=True)
+
+    def __init__(
+        self,
+        transmission,
+        diameter: float,
+        opd=None,
+        basis=None,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        """Check shapes; ``opd`` and ``basis`` default to none.
+
+        Raises
+        ------
+        ConfigurationError
+            If the arrays do not fit together, hold NaN, or the transmission passes no light.
+        """
+        transmission = np.asarray(transmission, dtype=float)
+        opd = np.zeros_like(transmission) if opd is None else np.asarray(opd, dtype=float)
+        basis = np.zeros((0, *transmission.shape)) if basis is None else np.asarray(basis, dtype=float)
+        if transmission.ndim != 2 or transmission.shape[0] != transmission.shape[1]:
+            raise ConfigurationError(f"A pupil must be square, got a transmission of {transmission.shape}.")
+        if opd.shape != transmission.shape or basis.ndim != 3 or basis.shape[1:] != transmission.shape:
+            raise ConfigurationError(
+                f"The pupil's arrays differ in shape: transmission {transmission.shape}, opd {opd.shape}, "
+                f"basis {basis.shape}; expected (n, n), (n, n) and (k, n, n)."
+            )
+        if not all(np.all(np.isfinite(a)) for a in (transmission, opd, basis)):
+            raise ConfigurationError("The pupil holds NaN or infinite values; set them to zero first.")
+        if not np.any(transmission):
+            raise ConfigurationError("The pupil passes no light: its transmission is zero everywhere.")
+        if not diameter > 0:
+            raise ConfigurationError(f"The pupil's diameter must be positive, in m; got {diameter}.")
+        names = tuple(f"mode{k}" for k in range(len(basis))) if names is None else tuple(names)
+        if len(names) != len(basis):
+            raise ConfigurationError(f"The pupil has {len(basis)} modes but {len(names)} names.")
+        self.transmission, self.opd, self.basis = transmission, opd, basis
+        self.names, self.diameter = names, float(diameter)
+
+    @property
+    def pitch(self) -> float:
+        """Sample pitch, m."""
+        return self.diameter / self.transmission.shape[0]
+
+    @property
+    def cutoff_diameter(self) -> float:
+        """Largest distance between two samples that pass light, along an axis [m]: it sets the cutoff."""
+        lit = np.asarray(self.transmission) > 0
+        extents = [np.flatnonzero(lit.any(axis=axis)) for axis in (0, 1)]
+        return max(float(e[-1] - e[0] + 1) for e in extents) * self.pitch
+
+
+def obstructed_circle(
+    diameter: float,
+    obscuration: float = 0.0,
+    *,
+    strut_width: float = 0.0,
+    struts: int = 0,
+    noll: Sequence[int] = (4, 5, 6, 7, 8, 9, 10),
+    samples: int = 256,
+) -> Pupil:
+    """A circular telescope with a central obscuration and straight struts.
+
+    Parameters
+    ----------
+    diameter : float
+        Clear aperture, m.
+    obscuration : float
+        Diameter of the central obscuration, m.
+    strut_width : float
+        m; the struts run from the centre outwards, the first towards +x.
+    struts : int
+        Number of equally spaced struts.
+    noll : sequence of int
+        Zernike modes that may vary, unit rms over the clear disc.
+    samples : int
+        Grid size; edges are softened by averaging 8 x 8 points a sample.
+
+    Returns
+    -------
+    pupil : Pupil
+        Its PSF tends to the Airy pattern as ``obscuration`` goes to zero.
+    """
+    if not 0 <= obscuration < diameter:
+        raise ConfigurationError(
+            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m."
+        )
+    oversample = 8
+    fine = offsets(samples * oversample, diameter / (samples * oversample))
+    x, y = np.meshgrid(fine, fine)
+    radius = np.hypot(x, y)
+    clear = (radius <= diameter / 2) & (radius >= obscuration / 2)
+    for k in range(struts):
+        azimuth = 2 * np.pi * k / struts
+        along = x * np.cos(azimuth) + y * np.sin(azimuth)
+        across = y * np.cos(azimuth) - x * np.sin(azimuth)
+        clear &= ~((along > 0) & (np.abs(across) < strut_width / 2))
+    transmission = clear.reshape(samples, oversample, samples, oversample).mean(axis=(1, 3))
+    axis = offsets(samples, 2.0 / samples)
+    xs, ys = np.meshgrid(axis, axis)
+    basis = np.array([zernike(j, xs, ys) for j in noll]).reshape(-1, samples, samples)
+    return Pupil(transmission, diameter, basis=basis, names=[f"noll{j}" for j in noll])

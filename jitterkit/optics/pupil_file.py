@@ -1,0 +1,127 @@
+"""Pupils on disk: what an instrument's pupil file holds.
+
+``.npz`` holds ``transmission`` and, as far as there are any, ``opd`` [nm], ``basis``, ``names`` and
+``diameter`` [m].  FITS holds the image extensions ``TRANSMISSION``, ``OPD`` and ``BASIS`` and the
+keyword ``DIAMETER`` in the primary header; the modes may be named ``MODE0``, ``MODE1``... there.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.optics.pupil import Pupil
+
+__all__ = ["read_pupil", "write_pupil"]
+
+
+def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
+    """Read a pupil from an ``.npz`` or FITS file.
+
+    Parameters
+    ----------
+    path : str or Path
+        FITS unless the name ends in ``.npz``.
+    diameter : float, optional
+        Width of the grid in m; takes precedence over the file's own.
+
+    Returns
+    -------
+    pupil : Pupil
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing, damaged or incomplete, or its arrays do not make a pupil.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ConfigurationError(f"There is no pupil file {path}; give its path relative to where you are.")
+    content = _read_npz(path) if path.suffix.lower() == ".npz" else _read_fits(path)
+    if "transmission" not in content:
+        raise ConfigurationError(f"The pupil file {path} holds no transmission, only {sorted(content)}.")
+    diameter = content.get("diameter") if diameter is None else diameter
+    if diameter is None:
+        raise ConfigurationError(f"The pupil file {path} does not say its diameter; give one, in m.")
+    try:
+        return Pupil(
+            content["transmission"],
+            float(diameter),
+            content.get("opd"),
+            content.get("basis"),
+            content.get("names"),
+        )
+    except (TypeError, ValueError) as problem:
+        raise ConfigurationError(f"{path}: {problem}") from None
+
+
+def write_pupil(path: str | Path, pupil: Pupil) -> None:
+    """Write a pupil to an ``.npz`` file; :func:`read_pupil` returns the same, bit for bit.
+
+    The file appears whole or not at all.
+
+    Raises
+    ------
+    ConfigurationError
+        If the name does not end in ``.npz``.
+    OSError
+        If it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        raise ConfigurationError(f"A pupil is written as .npz; rename {path}.")
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
+        try:
+            np.savez(
+                part,
+                transmission=pupil.transmission,
+                opd=pupil.opd,
+                basis=pupil.basis,
+                names=np.array(pupil.names, dtype=str),
+                diameter=pupil.diameter,
+            )
+            part.close()
+            os.replace(part.name, path)
+        except BaseException:
+            part.close()
+            Path(part.name).unlink(missing_ok=True)
+            raise
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            content: dict[str, Any] = dict(archive)
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as problem:
+        raise ConfigurationError(
+            f"The pupil file {path} cannot be read ({problem}); make it again."
+        ) from None
+    if "names" in content:
+        content["names"] = [str(name) for name in content["names"]]
+    return content
+
+
+def _read_fits(path: Path) -> dict[str, Any]:
+    from jitterkit.frames import fits  # costs 0.3 s, and an .npz does not need it
+
+    try:
+        images, header = fits.read_extensions(path)
+    except FrameError as problem:
+        raise ConfigurationError(f"The pupil file cannot be read: {problem}") from None
+    content: dict[str, Any] = {name.lower(): image for name, image in images.items()}
+    content["diameter"] = header.get("DIAMETER")
+    names = _mode_names(header, len(content.get("basis", ())))
+    return content | ({"names": names} if names else {})
+
+
+def _mode_names(header: Mapping[str, Any], count: int) -> list[str]:
+    """Names of the modes, if every mode has one."""
+    names = [header.get(f"MODE{k}") for k in range(count)]
+    return [str(name) for name in names] if all(names) else []

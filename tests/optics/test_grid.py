@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from jitterkit.optics import DEFAULT_PAD, Grid
+
+
+def test_the_crop_takes_the_pixel_centres_out_of_the_fine_array():
+    grid = Grid((3, 5), 0.6, pad=2, refine=3)
+    fine = np.arange(np.prod(grid.fine_shape)).reshape(grid.fine_shape)
+    frame = grid.crop(fine)
+    assert frame.shape == (3, 5)
+    assert frame[0, 0] == fine[6, 6]
+    assert frame[2, 4] == fine[12, 18]
+
+
+def test_the_centre_is_the_frames_middle_seen_from_the_first_fine_sample():
+    grid = Grid((4, 5), 0.6, pad=2, refine=3)
+    # Pixel (i, j) is the fine sample 3 (2 + i), 0.2 arcsec apart; the middle pixel is 1.5 and 2.
+    assert grid.centre == pytest.approx((0.2 * 3 * 3.5, 0.2 * 3 * 4.0), rel=1e-15)
+    assert grid.pitch == pytest.approx(0.2, rel=1e-15)
+
+
+def test_frequencies_are_in_cycles_per_arcsec_up_to_the_fine_nyquist():
+    grid = Grid((16, 16), 0.375, pad=0)
+    fy, fx = grid.frequencies
+    assert fy.shape == (16, 1)
+    assert fx.shape == (1, 9)
+    assert np.abs(fy).max() == fx.max() == pytest.approx(4 / 3, rel=1e-15) == grid.nyquist
+    assert fx[0, 1] == pytest.approx(1 / (16 * 0.375), rel=1e-15)
+
+
+def test_the_fine_array_is_at_least_the_padded_frame():
+    grid = Grid((127, 61), 0.375)
+    assert all(m >= n + 2 * DEFAULT_PAD for m, n in zip(grid.fine_shape, grid.shape, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (((0, 4), 0.1), r"at least one pixel, got \(0, 4\)"),
+        (((4,), 0.1), r"shape \(ny, nx\)"),
+        (((4, 4), 0.0), "plate scale must be positive, in arcsec per pixel; got 0.0"),
+        (((4, 4), float("nan")), "plate scale must be positive.*got nan"),
+        (((4, 4), 0.1, -1), "Need pad >= 0 and refine >= 1, got -1 and 1"),
+        (((4, 4), 0.1, 0, 0), "got 0 and 0"),
+    ],
+)
+def test_impossible_grids_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Grid(*arguments)

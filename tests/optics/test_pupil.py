@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics import Pupil, obstructed_circle
+from jitterkit.optics.zernike import noll_to_nm, zernike
+
+
+def test_the_light_through_an_obstructed_circle_is_its_area():
+    pupil = obstructed_circle(2.0, 0.6, strut_width=0.0625, struts=4)
+    # Four struts of 0.7 m: rectangles, up to the 2e-4 m by which the rims curve across them;
+    # they are 64 of the 2048 points wide.
+    area = np.pi * (1.0**2 - 0.3**2) - 4 * 0.0625 * 0.7
+    assert pupil.transmission.sum() * pupil.pitch**2 == pytest.approx(area, rel=3e-4)
+
+
+def test_the_first_strut_points_towards_plus_x():
+    pupil = obstructed_circle(1.0, strut_width=0.02, struts=1)
+    assert pupil.transmission[128, 200] < 0.01 < 0.99 < pupil.transmission[128, 56]
+    assert pupil.transmission[200, 128] > 0.99
+
+
+def test_the_cutoff_is_set_by_the_samples_that_pass_light():
+    transmission = np.zeros((100, 100))
+    transmission[40:60, 10:90] = 1
+    assert Pupil(transmission, 0.5).cutoff_diameter == pytest.approx(0.4, rel=1e-14)
+
+
+def test_missing_arrays_are_no_aberrations():
+    pupil = Pupil(np.ones((4, 4)), 1.0)
+    assert np.array_equal(pupil.opd, np.zeros((4, 4)))
+    assert pupil.basis.shape == (0, 4, 4)
+    assert pupil.names == ()
+    assert Pupil(np.ones((4, 4)), 1.0, basis=np.ones((2, 4, 4))).names == ("mode0", "mode1")
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Pupil(np.ones((4, 5)), 1.0), r"must be square, got a transmission of \(4, 5\)"),
+        (lambda: Pupil(np.ones((4, 4)), 1.0, opd=np.ones((3, 3))), r"differ in shape: .*opd \(3, 3\)"),
+        (
+            lambda: Pupil(np.ones((4, 4)), 1.0, basis=np.ones((4, 4))),
+            r"expected \(n, n\), \(n, n\) and \(k, n, n\)",
+        ),
+        (lambda: Pupil(np.full((4, 4), np.nan), 1.0), "holds NaN or infinite values"),
+        (lambda: Pupil(np.zeros((4, 4)), 1.0), "passes no light"),
+        (lambda: Pupil(np.ones((4, 4)), 0.0), "diameter must be positive, in m; got 0.0"),
+        (lambda: Pupil(np.ones((4, 4)), 1.0, basis=np.ones((2, 4, 4)), names=["a"]), "2 modes but 1 names"),
+        (lambda: obstructed_circle(0.1, 0.1), "between 0 and the diameter of 0.1 m, got 0.1 m"),
+    ],
+)
+def test_arrays_that_make_no_pupil_are_refused(build, message):
+    with pytest.raises(ConfigurationError, match=message):
+        build()
+
+
+def disc(n=801):
+    axis = np.linspace(-1, 1, n)
+    x, y = np.meshgrid(axis, axis)
+    inside = np.hypot(x, y) <= 1
+    return x[inside], y[inside]
+
+
+def test_zernike_polynomials_are_orthonormal_over_the_disc():
+    x, y = disc()
+    modes = np.array([zernike(j, x, y) for j in range(1, 16)])
+    # A staircase rim of 801 samples misplaces 1/801 of the area in random directions.
+    assert modes @ modes.T / x.size == pytest.approx(np.eye(15), abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("index", "formula"),
+    [
+        (1, lambda x, y: np.ones_like(x)),
+        (2, lambda x, y: 2 * x),
+        (3, lambda x, y: 2 * y),
+        (4, lambda x, y: np.sqrt(3) * (2 * (x**2 + y**2) - 1)),
+        (5, lambda x, y: 2 * np.sqrt(6) * x * y),
+        (6, lambda x, y: np.sqrt(6) * (x**2 - y**2)),
+        (7, lambda x, y: np.sqrt(8) * (3 * (x**2 + y**2) - 2) * y),
+        (8, lambda x, y: np.sqrt(8) * (3 * (x**2 + y**2) - 2) * x),
+        (9, lambda x, y: np.sqrt(8) * (3 * x**2 - y**2) * y),
+        (10, lambda x, y: np.sqrt(8) * (x**2 - 3 * y**2) * x),
+        (11, lambda x, y: np.sqrt(5) * (6 * (x**2 + y**2) ** 2 - 6 * (x**2 + y**2) + 1)),
+    ],
+)
+def test_zernike_polynomials_are_nolls_table_in_cartesian_form(index, formula):
+    x, y = disc(41)
+    assert zernike(index, x, y) == pytest.approx(formula(x, y), abs=1e-13)
+
+
+def test_zernike_indices_start_at_one():
+    with pytest.raises(ValueError, match="indices start at 1, got 0"):
+        noll_to_nm(0)

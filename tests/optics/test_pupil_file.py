@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics import Pupil, obstructed_circle, read_pupil, write_pupil
+
+
+def same(one: Pupil, other: Pupil) -> bool:
+    arrays = all(np.array_equal(getattr(one, a), getattr(other, a)) for a in ("transmission", "opd", "basis"))
+    return arrays and (one.names, one.diameter) == (other.names, other.diameter)
+
+
+@pytest.fixture
+def pupil(rng):
+    plain = obstructed_circle(0.3, 0.1, noll=(4, 5, 11), samples=32)
+    return Pupil(plain.transmission, 0.3, rng.normal(0, 30, (32, 32)), plain.basis, plain.names)
+
+
+def write_fits(path, pupil, *, diameter=True, named=True):
+    primary = fits.PrimaryHDU()
+    if diameter:
+        primary.header["DIAMETER"] = pupil.diameter
+    if named:
+        primary.header.update({f"MODE{k}": name for k, name in enumerate(pupil.names)})
+    arrays = {"TRANSMISSION": pupil.transmission, "OPD": pupil.opd, "BASIS": pupil.basis}
+    fits.HDUList([primary, *(fits.ImageHDU(a, name=n) for n, a in arrays.items())]).writeto(path)
+
+
+def test_a_pupil_comes_back_from_npz_bit_for_bit(tmp_path, pupil):
+    write_pupil(tmp_path / "p.npz", pupil)
+    assert same(read_pupil(tmp_path / "p.npz"), pupil)
+    assert [p.name for p in tmp_path.iterdir()] == ["p.npz"]
+
+
+@pytest.mark.parametrize("name", ["p.fits", "p.fits.gz"])
+def test_a_pupil_is_read_from_fits_in_native_byte_order(tmp_path, pupil, name):
+    write_fits(tmp_path / name, pupil)
+    found = read_pupil(tmp_path / name)
+    assert same(found, pupil)
+    assert found.basis.dtype.isnative
+
+
+def test_modes_without_names_in_fits_are_numbered(tmp_path, pupil):
+    write_fits(tmp_path / "p.fits", pupil, named=False)
+    assert read_pupil(tmp_path / "p.fits").names == ("mode0", "mode1", "mode2")
+
+
+def test_a_transmission_alone_is_a_pupil_when_the_diameter_is_given(tmp_path, pupil):
+    np.savez(tmp_path / "p.npz", transmission=pupil.transmission)
+    assert same(read_pupil(tmp_path / "p.npz", diameter=0.3), Pupil(pupil.transmission, 0.3))
+
+
+def test_a_given_diameter_goes_before_the_files(tmp_path, pupil):
+    write_pupil(tmp_path / "p.npz", pupil)
+    assert read_pupil(tmp_path / "p.npz", diameter=0.5).diameter == 0.5
+
+
+def test_a_file_without_diameter_is_refused_unless_it_is_given(tmp_path, pupil):
+    write_fits(tmp_path / "p.fits", pupil, diameter=False)
+    with pytest.raises(ConfigurationError, match="does not say its diameter; give one, in m"):
+        read_pupil(tmp_path / "p.fits")
+    assert read_pupil(tmp_path / "p.fits", 0.3).diameter == 0.3
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"There is no pupil file .*none.npz"):
+        read_pupil(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("name", ["p.npz", "p.fits"])
+@pytest.mark.parametrize("content", [b"", b"not a pupil at all" * 200], ids=["empty", "text"])
+def test_a_file_of_another_kind_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"pupil file.* cannot be read"):
+        read_pupil(tmp_path / name)
+
+
+def test_a_truncated_npz_is_refused(tmp_path, pupil):
+    write_pupil(tmp_path / "p.npz", pupil)
+    whole = (tmp_path / "p.npz").read_bytes()
+    (tmp_path / "p.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ConfigurationError, match=r"cannot be read .*; make it again"):
+        read_pupil(tmp_path / "p.npz")
+
+
+def test_an_npz_with_pickled_objects_is_refused(tmp_path):
+    np.savez(tmp_path / "p.npz", transmission=np.array([object()]), allow_pickle=True)
+    with pytest.raises(ConfigurationError, match="cannot be read"):
+        read_pupil(tmp_path / "p.npz")
+
+
+def test_an_npz_without_a_transmission_is_refused_with_what_it_holds(tmp_path):
+    np.savez(tmp_path / "p.npz", amplitude=np.ones((4, 4)), diameter=1.0)
+    with pytest.raises(ConfigurationError, match=r"holds no transmission, only \['amplitude', 'diameter'\]"):
+        read_pupil(tmp_path / "p.npz")
+
+
+def test_arrays_that_make_no_pupil_are_refused_with_the_files_name(tmp_path):
+    np.savez(tmp_path / "p.npz", transmission=np.ones((4, 5)), diameter=1.0)
+    with pytest.raises(
+        ConfigurationError, match=r"p.npz: A pupil must be square, got a transmission of \(4, 5\)"
+    ):
+        read_pupil(tmp_path / "p.npz")
+
+
+def test_a_pupil_is_written_as_npz_only(tmp_path, pupil):
+    with pytest.raises(ConfigurationError, match=r"written as .npz; rename .*p.fits"):
+        write_pupil(tmp_path / "p.fits", pupil)
+
+
+def test_a_failed_write_leaves_nothing_behind(tmp_path, pupil, monkeypatch):
+    def fail(*args, **kwargs):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(OSError, match="no space left"):
+        write_pupil(tmp_path / "p.npz", pupil)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.loci import Stable
+from jitterkit.optics import Grid, Spectrum, expand, flat_band, lines
+from jitterkit.scene import Binary
+
+
+def test_a_flat_band_integrates_polynomials_in_wavelength_exactly():
+    band = flat_band(530, 640, 5)
+    for degree in range(10):
+        mean = (640 ** (degree + 1) - 530 ** (degree + 1)) / (degree + 1) / 110
+        assert np.dot(band.weights, np.power(band.wavelengths, degree)) == pytest.approx(mean, rel=1e-13)
+
+
+def test_weights_are_scaled_to_sum_to_one():
+    assert Spectrum((500, 600), (3, 1)).weights == (0.75, 0.25)
+    assert lines(500, 600, 700, 800).weights == (0.25,) * 4
+
+
+def test_thirteen_nodes_make_a_band_and_five_samples_with_end_points_do_not(toliman):
+    grid, binary = Grid((128, 128), 0.375, 64), Binary(10.0, 180.0, 0.0, 0.0, 3.811e7, 3.37)
+
+    def image(spectrum):
+        return expected_image(
+            Parameters(binary, Stable.of()), expand(toliman, spectrum, grid, derivatives=False)
+        )
+
+    truth = image(flat_band(530, 640, 24))
+
+    def chi_squared(spectrum):
+        return float(np.sum((image(spectrum) - truth) ** 2 / truth))
+
+    assert chi_squared(flat_band(530, 640)) < 0.05
+    # The figures of the module's introduction, to the digits given: they are there to warn.
+    assert chi_squared(flat_band(530, 640, 9)) == pytest.approx(63, rel=0.05)
+    assert chi_squared(flat_band(530, 640, 5)) == pytest.approx(9300, rel=0.05)
+    assert chi_squared(lines(*np.linspace(530, 640, 5))) == pytest.approx(3.4e5, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Spectrum((500,), (1, 2)), "as many weights as wavelengths, got 2 weights for 1"),
+        (lambda: Spectrum((), ()), "got 0 weights for 0 wavelengths"),
+        (lambda: Spectrum((-500,), (1,)), r"must be positive, in nm; got \[-500"),
+        (lambda: Spectrum((float("nan"),), (1,)), r"must be positive, in nm; got \[nan"),
+        (lambda: Spectrum((500, 600), (1, -1)), "weights must not be negative"),
+        (lambda: Spectrum((500,), (0,)), "nor all zero"),
+        (lambda: flat_band(640, 530), "needs 0 < low < high in nm; got 640 to 530"),
+        (lambda: flat_band(530, 640, 0), "at least one sample; got 0"),
+    ],
+)
+def test_impossible_spectra_are_refused(build, message):
+    with pytest.raises(ConfigurationError, match=message):
+        build()
