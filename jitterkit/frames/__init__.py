@@ -1,0 +1,30 @@
+"""Frames in and out: FITS, TIFF and arrays, with where every number about them came from.
+
+``read_frames(path)`` gives :class:`RawFrame` after :class:`RawFrame`; ``open_frames(path)`` the file
+they are in.  A detector makes a :class:`Frame` of one, and ``jitterkit.frames.region.find_region``
+cuts the stars out of a full camera frame first.  Importing this package loads no format library.
+"""
+
+from jitterkit.frames.files import find_files
+from jitterkit.frames.frame import Frame, RawFrame
+from jitterkit.frames.framefile import FrameFile
+from jitterkit.frames.header import resolve_header
+from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.reader import open_frames, read_frames
+from jitterkit.frames.sky import sky_position_angle
+from jitterkit.frames.writer import write_fits, write_tiff
+
+__all__ = [
+    "Frame",
+    "FrameFile",
+    "Known",
+    "Metadata",
+    "RawFrame",
+    "find_files",
+    "open_frames",
+    "read_frames",
+    "resolve_header",
+    "sky_position_angle",
+    "write_fits",
+    "write_tiff",
+]

@@ -1,0 +1,150 @@
+"""Which files are frames, told by their content and not by their names.
+
+:func:`find_files` expands what a user typed; :func:`sniff` says what a file is, or why it is not a
+frame.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+
+from jitterkit.errors import FrameError
+
+__all__ = ["EXTENSIONS", "find_files", "is_gzip", "sniff"]
+
+#: What is looked for in a directory, in lower case.
+EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
+
+GZIP = b"\x1f\x8b"
+TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
+#: How files begin that people hand in by mistake, and what to call them.
+OTHERS = {
+    b"\x89PNG": "a PNG image", b"\xff\xd8\xff": "a JPEG image", b"GIF8": "a GIF image", b"BM": "a BMP image",
+    b"%PDF": "a PDF document", b"PK\x03\x04": "a ZIP archive", b"\x89HDF": "an HDF5 file",
+    b"\x93NUMPY": "a NumPy array file", b"BZh": "a bzip2 archive", b"\xfd7zXZ": "an xz archive",
+    b"LUCAM-RECORDER": "a SER video", b"RIFF": "an AVI video", b"XISF0100": "an XISF image",
+    b"<!DOCTYPE": "a web page", b"<html": "a web page",
+}  # fmt: skip
+REMEDY = "give a FITS or TIFF file"
+
+
+def find_files(paths: Iterable[str | Path]) -> list[Path]:
+    """Expand files and directories to the files that may hold frames.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        A file is taken as it is; a directory stands for its own files (not those of its
+        subdirectories) with one of :data:`EXTENSIONS`, sorted by name, hidden ones left out.
+
+    Returns
+    -------
+    files : list of Path
+        In the order given, each once.
+
+    Raises
+    ------
+    FrameError
+        If a path does not exist, or a directory holds no such file or cannot be listed.
+    """
+    found: dict[Path, None] = {}
+    for path in map(Path, paths):
+        found.update(dict.fromkeys(_expand(path)))
+    return list(found)
+
+
+def _expand(path: Path) -> list[Path]:
+    if not path.exists():
+        raise FrameError(path, "does not exist", "check the name")
+    if not path.is_dir():
+        return [path]
+    try:
+        files = sorted(p for p in path.iterdir() if _is_candidate(p))
+    except OSError as error:
+        raise FrameError(path, f"cannot be listed ({error.strerror})", "check its permissions") from error
+    if not files:
+        raise FrameError(path, "is a directory without FITS or TIFF files", f"{REMEDY}, or another directory")
+    return files
+
+
+def _is_candidate(path: Path) -> bool:
+    name = path.name.lower()
+    return name.endswith(EXTENSIONS) and not name.startswith(".") and path.is_file()
+
+
+def sniff(path: Path) -> str:
+    """Tell the format of a file by its first bytes.
+
+    Returns
+    -------
+    kind : {"FITS", "TIFF"}
+        A gzipped FITS is ``"FITS"``.
+
+    Raises
+    ------
+    FrameError
+        If the file is missing, a directory, unreadable, empty, or something else; the message says
+        what it is.
+    """
+    start = _first_bytes(path)
+    if start.startswith(b"SIMPLE"):
+        return "FITS"
+    if start.startswith(TIFF):
+        return "TIFF"
+    raise FrameError(path, f"is {_describe(start)}, not a FITS or TIFF file", REMEDY)
+
+
+def is_gzip(path: Path) -> bool:
+    """Tell whether a file is gzipped, by its content."""
+    with path.open("rb") as handle:
+        return handle.read(2) == GZIP
+
+
+def _first_bytes(path: Path) -> bytes:
+    if not path.exists():
+        raise FrameError(path, "does not exist", "check the name")
+    if path.is_dir():
+        raise FrameError(path, "is a directory", "name a file in it, or expand it with find_files")
+    if not path.is_file():
+        raise FrameError(path, "is not a regular file", REMEDY)
+    try:
+        start = path.read_bytes() if path.stat().st_size < 256 else _head(path)
+        start = _unzipped_head(path) if start.startswith(GZIP) else start
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise FrameError(path, f"cannot be read ({reason})", "check the file and its permissions") from error
+    if not start:
+        raise FrameError(path, "is empty (0 bytes)", "copy it again from where it came")
+    return start
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as handle:
+        return handle.read(256)
+
+
+def _unzipped_head(path: Path) -> bytes:
+    with gzip.open(path, "rb") as handle:
+        return handle.read(256)
+
+
+def _describe(start: bytes) -> str:
+    for magic, words in OTHERS.items():
+        if start.lower().startswith(magic.lower()):
+            return words
+    if re.fullmatch(rb"[\t\n\r\x20-\x7e\x80-\xff]+", start) and _is_text(start):
+        line = start.decode("utf-8", "replace").strip().splitlines() or [""]
+        return f"a text file (it begins {line[0][:40]!r})"
+    return f"of unknown kind (it begins with the bytes {start[:8].hex(' ')})"
+
+
+def _is_text(start: bytes) -> bool:
+    try:
+        start.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return error.start > len(start) - 4  # a character cut in half by the limit
+    return True

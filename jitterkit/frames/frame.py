@@ -1,0 +1,263 @@
+"""The two records of an image: as it was read, and in electrons.
+
+:class:`RawFrame` is what the readers return: the numbers of the file with a mask and what is known
+about them.  A detector turns it into a :class:`Frame`, the record everything downstream works on.
+Both are cut with ``region`` and never forget where in the original frame they came from.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from jitterkit.errors import JitterkitError
+from jitterkit.frames.header import resolve_header
+from jitterkit.frames.metadata import Metadata, resolve_unit
+
+__all__ = ["NONE_MASKED", "Frame", "RawFrame"]
+
+#: Stands for a mask without a bad pixel; the records spread it over the image.
+NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
+
+
+class _Placed:
+    """What both records share: a name, a shape, and cutting."""
+
+    path: Path | None
+    index: int
+    several: bool
+    origin: tuple[int, int]
+    mask: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """``"file.fits"``, or ``"cube.fits[3]"`` for one frame of several."""
+        stem = "array" if self.path is None else self.path.name
+        return f"{stem}[{self.index}]" if self.several else stem
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(ny, nx)``."""
+        ny, nx = self.mask.shape
+        return ny, nx
+
+    def region(self, x0: int, y0: int, nx: int, ny: int) -> Self:
+        """Cut out a rectangle.
+
+        Parameters
+        ----------
+        x0, y0 : int
+            First column and row, 0-based in *this* frame.
+        nx, ny : int
+            Columns and rows.
+
+        Returns
+        -------
+        region : same type
+            A copy of the pixels; ``origin`` is advanced by ``(x0, y0)``.
+
+        Raises
+        ------
+        JitterkitError
+            If the rectangle is empty or does not lie inside the frame.
+        """
+        height, width = self.shape
+        if min(nx, ny) < 1 or x0 < 0 or y0 < 0 or x0 + nx > width or y0 + ny > height:
+            raise JitterkitError(
+                f"the region x {x0} to {x0 + nx - 1}, y {y0} to {y0 + ny - 1} does not lie inside a frame "
+                f"of {width} x {height} pixels; choose one that does."
+            )
+        cut = (slice(y0, y0 + ny), slice(x0, x0 + nx))
+        arrays = {name: array[cut].copy() for name, array in self._arrays().items()}
+        origin = (self.origin[0] + x0, self.origin[1] + y0)
+        return replace(self, **arrays, origin=origin)  # type: ignore[type-var]
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        return {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+
+
+def _image(name: str, values: Any) -> np.ndarray:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != 2 or 0 in array.shape:
+        raise JitterkitError(f"{name} has shape {np.shape(values)}; a frame is two-dimensional, (ny, nx).")
+    return array
+
+
+def _matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    spread = np.broadcast_to(values, shape) if np.ndim(values) == 0 else values
+    array: np.ndarray = np.ascontiguousarray(spread, dtype=dtype)
+    if array.shape != shape:
+        raise JitterkitError(f"{name} has shape {array.shape}, the image {shape}; give one value per pixel.")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class RawFrame(_Placed):
+    """One image as a file holds it.
+
+    Parameters
+    ----------
+    data : (ny, nx) float64 array
+        Pixel values, ADU or electrons as ``metadata.unit`` says (ADU where it is None); row index
+        upwards.  Values that are not finite are set to 0 and masked.
+    mask : (ny, nx) bool array, optional
+        True where a pixel is unusable.
+    metadata : Metadata
+        What is known, with sources.
+    path : Path, optional
+        The file; None for an array.
+    index : int
+        Place of the frame in the file, from 0.
+    hdu : int, optional
+        The FITS HDU it was read from.
+    origin : (int, int)
+        ``(x0, y0)`` of ``data[0, 0]`` in the original frame.
+    several : bool
+        True if the file holds other frames too; then ``name`` carries the index.
+
+    Raises
+    ------
+    JitterkitError
+        If the data are not two-dimensional or the mask has another shape.
+    """
+
+    data: np.ndarray
+    mask: np.ndarray = field(default_factory=lambda: NONE_MASKED)
+    metadata: Metadata = field(default_factory=Metadata)
+    path: Path | None = None
+    index: int = 0
+    hdu: int | None = None
+    origin: tuple[int, int] = (0, 0)
+    several: bool = False
+
+    def __post_init__(self) -> None:
+        data = _image("data", self.data)
+        mask = _matching("mask", self.mask, data.shape, bool)
+        bad = ~np.isfinite(data)
+        if bad.any():
+            data, mask = np.where(bad, 0.0, data), mask | bad
+        object.__setattr__(self, "data", data)
+        object.__setattr__(self, "mask", mask)
+
+    @property
+    def unit(self) -> str:
+        """``"adu"`` or ``"electron"``; ADU where nothing is known."""
+        return self.metadata.value("unit", "adu")
+
+    @classmethod
+    def from_array(
+        cls, array: Any, *, mask: Any = None, source: str = "argument", **metadata: Any
+    ) -> RawFrame:
+        """Make a frame of a bare array.
+
+        Parameters
+        ----------
+        array : (ny, nx) array_like
+            Any real type and byte order; of a masked array the mask is kept.
+        mask : (ny, nx) bool array_like, optional
+            True where a pixel is unusable, beside what is not finite.
+        source : str
+            The word to record for the metadata.
+        **metadata
+            Fields of :class:`Metadata`: ``exposure=1.0, gain=3.7, unit="electron"``.
+        """
+        if np.iscomplexobj(array):
+            raise JitterkitError("the array is complex; a frame holds real numbers.")
+        own = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
+        data = np.array(np.ma.getdata(array), dtype=np.float64)
+        both = own | np.asarray(False if mask is None else mask, dtype=bool)
+        return cls(data, both, Metadata().override(source, **metadata))
+
+    @classmethod
+    def from_ccddata(cls, ccd: Any) -> RawFrame:
+        """Make a frame of an ``astropy.nddata.CCDData`` or anything that looks like one.
+
+        Its ``data``, ``mask``, ``unit``, ``header`` (or ``meta``) and ``wcs`` are read.  An
+        ``uncertainty`` is not used, and a warning says so: the variance is built from gain and
+        read noise.
+        """
+        header = getattr(ccd, "header", None) or getattr(ccd, "meta", None) or {}
+        wcs = getattr(ccd, "wcs", None)
+        metadata = resolve_header(header, wcs=None if wcs is None else wcs.celestial)
+        unit = resolve_unit(str(getattr(ccd, "unit", None) or ""))
+        if unit is None:
+            metadata = metadata.warn(f"the unit {ccd.unit} is neither ADU nor electrons and is taken as ADU")
+        metadata = metadata.override("argument CCDData.unit", unit=unit or "adu")
+        if getattr(ccd, "uncertainty", None) is not None:
+            metadata = metadata.warn("the uncertainty is not used: variance comes from gain and read noise")
+        mask = getattr(ccd, "mask", None)
+        return cls(np.array(ccd.data, dtype=np.float64), NONE_MASKED if mask is None else mask, metadata)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame(_Placed):
+    """One image in electrons, ready to be fitted.
+
+    Parameters
+    ----------
+    electrons : (ny, nx) float64 array
+        Bias-subtracted signal [e-]; row index upwards.
+    read_variance : (ny, nx) array or float
+        Variance of the read-out alone [e-²]; a number is spread over the image.
+    mask : (ny, nx) bool array, optional
+        True where a pixel is unusable.
+    exposure : float, optional
+        [s]
+    plate_scale : float, optional
+        [arcsec/pixel]
+    metadata : Metadata
+        Where each number came from.
+    path, index, origin, several
+        As in :class:`RawFrame`.
+    saturated : int
+        How many of the masked pixels were saturated.
+    flags : tuple of str
+        What a reader of the results should know.
+
+    Raises
+    ------
+    JitterkitError
+        If shapes disagree, a variance is negative or not finite, or a scale is not positive.
+    """
+
+    electrons: np.ndarray
+    read_variance: np.ndarray
+    mask: np.ndarray = field(default_factory=lambda: NONE_MASKED)
+    exposure: float | None = None
+    plate_scale: float | None = None
+    metadata: Metadata = field(default_factory=Metadata)
+    path: Path | None = None
+    index: int = 0
+    origin: tuple[int, int] = (0, 0)
+    several: bool = False
+    saturated: int = 0
+    flags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        electrons = _image("electrons", self.electrons)
+        variance = _matching("read_variance", self.read_variance, electrons.shape, np.float64)
+        mask = _matching("mask", self.mask, electrons.shape, bool)
+        mask = mask | ~np.isfinite(electrons)
+        object.__setattr__(self, "electrons", np.where(np.isfinite(electrons), electrons, 0.0))
+        object.__setattr__(self, "read_variance", variance)
+        object.__setattr__(self, "mask", mask)
+        if not (np.isfinite(variance) & (variance >= 0)).all():
+            raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
+        _require_positive("exposure", self.exposure, "s", zero_allowed=True)
+        _require_positive("plate_scale", self.plate_scale, "arcsec/pixel")
+
+    @property
+    def variance(self) -> np.ndarray:
+        """``max(electrons, 0) + read_variance`` [e-²]: photon noise estimated from the data themselves."""
+        return np.maximum(self.electrons, 0.0) + self.read_variance
+
+
+def _require_positive(name: str, value: float | None, unit: str, zero_allowed: bool = False) -> None:
+    if value is None:
+        return
+    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
+        raise JitterkitError(f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown.")

@@ -1,0 +1,233 @@
+"""What is known about a frame, and who said so.
+
+Reach for :class:`Metadata`.  Every number in it is a :class:`Known`: the value, its unit, and its
+source in words, so that ``jitterkit info`` can answer "where does this gain come from?".  Layers
+of knowledge may be laid down in any order with :meth:`Metadata.apply`, which obeys :data:`RANKS`:
+
+    command line > sidecar > instrument file > header > preset > assumed
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["QUANTITIES", "RANKS", "UNITS", "Known", "Metadata", "Quantity", "resolve_unit"]
+
+#: The first words of a source, from the most to the least authoritative.
+RANKS = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
+
+#: Spellings of the unit of a pixel value, in lower case and without blanks.
+UNITS = {
+    "adu": "adu", "adus": "adu", "adu/pixel": "adu", "adu/pix": "adu", "count": "adu", "counts": "adu",
+    "ct": "adu", "cts": "adu", "dn": "adu", "dns": "adu", "datanumber": "adu", "digitalnumber": "adu",
+    "electron": "electron", "electrons": "electron", "e": "electron", "e-": "electron", "el": "electron",
+    "elec": "electron", "e-/pixel": "electron", "e-/pix": "electron", "electron/pixel": "electron",
+    "electrons/pixel": "electron", "photoelectron": "electron", "photoelectrons": "electron",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number a frame may carry: its unit and the open or closed range that is believable."""
+
+    unit: str
+    low: float
+    high: float
+    zero_allowed: bool = True
+
+    def problem(self, value: float) -> str | None:
+        """Say what is wrong with a value, or None."""
+        if not math.isfinite(value):
+            return "is not a finite number"
+        if value == 0 and not self.zero_allowed:
+            return "is zero"
+        if not self.low <= value <= self.high:
+            return f"is outside {self.low:g} to {self.high:g} {self.unit}"
+        return None
+
+
+#: The numbers, with the widest range of each that any detector or telescope has.
+QUANTITIES: Mapping[str, Quantity] = {
+    "exposure": Quantity("s", 0.0, 1e7),
+    "gain": Quantity("e-/ADU", 0.0, 1e5, zero_allowed=False),
+    "read_noise": Quantity("e-", 0.0, 1e5),
+    "saturation": Quantity("ADU", 0.0, 1e12, zero_allowed=False),
+    "bias": Quantity("ADU", -1e9, 1e9),
+    "plate_scale": Quantity("arcsec/pixel", 0.0, 1e5, zero_allowed=False),
+}
+
+
+@dataclass(frozen=True)
+class Known:
+    """A value with its unit and its source in words, such as ``"header EGAIN (HDU 0)"``."""
+
+    value: Any
+    unit: str
+    source: str
+
+    @property
+    def rank(self) -> int:
+        """Place of the source in :data:`RANKS`, 0 the most authoritative."""
+        matches = (n for n, words in enumerate(RANKS) if self.source.startswith(words))
+        return next(matches, RANKS.index("header"))
+
+
+def resolve_unit(text: str) -> str | None:
+    """Read the unit of a pixel value leniently.
+
+    Parameters
+    ----------
+    text : str
+        As found in ``BUNIT`` or a TOML: ``"e-"``, ``"electrons"``, ``"counts"``, ``"DN"``, ``""``.
+
+    Returns
+    -------
+    unit : {"adu", "electron"} or None
+        None where the text says neither; an empty text is ``"adu"``.
+    """
+    word = "".join(text.split()).lower().strip("[]()")
+    return "adu" if not word else UNITS.get(word)
+
+
+def checked(name: str, value: Any) -> Any:
+    """Return the value as the named field holds it, or raise ConfigurationError with a sentence."""
+    if name == "time":
+        return str(value)
+    if name == "unit":
+        unit = resolve_unit(str(value))
+        if unit is None:
+            raise ConfigurationError(f"unit = {value!r} is neither of 'adu' and 'electron'; say which.")
+        return unit
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    problem = QUANTITIES[name].problem(number)
+    if problem is not None:
+        raise ConfigurationError(f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
+    return number
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What is known about a frame beside its pixels; None where nothing is.
+
+    Parameters
+    ----------
+    exposure : Known, optional
+        Exposure time [s].
+    gain : Known, optional
+        Electrons per ADU [e-/ADU].
+    read_noise : Known, optional
+        Standard deviation of the read-out noise [e-].
+    saturation : Known, optional
+        Level at and above which a pixel is not to be trusted [ADU].
+    bias : Known, optional
+        Level of an unexposed pixel [ADU].
+    plate_scale : Known, optional
+        Side of a pixel on the sky [arcsec/pixel].
+    time : Known, optional
+        Start (or middle, the source says which) of the exposure, ISO 8601, UTC.
+    unit : Known, optional
+        Of the pixel values, ``"adu"`` or ``"electron"``; ADU is meant where this is None.
+    wcs : astropy.wcs.WCS, optional
+        Celestial part of the frame's world coordinates, for the *original* frame's 0-based pixels.
+    warnings : tuple of str
+        What was found odd and how it was understood.
+    """
+
+    exposure: Known | None = None
+    gain: Known | None = None
+    read_noise: Known | None = None
+    saturation: Known | None = None
+    bias: Known | None = None
+    plate_scale: Known | None = None
+    time: Known | None = None
+    unit: Known | None = None
+    wcs: Any = None
+    warnings: tuple[str, ...] = ()
+
+    def override(self, source: str, **values: Any) -> Metadata:
+        """Return a copy in which the given values replace what was known.
+
+        Parameters
+        ----------
+        source : str
+            Where the values come from; begin with a word of :data:`RANKS`.
+        **values
+            By field name, in the field's unit; a None changes nothing.
+
+        Raises
+        ------
+        ConfigurationError
+            If a name is not a field or a value is not believable; the message names both.
+        """
+        return replace(self, **_known(source, values))
+
+    def fill(self, source: str, **values: Any) -> Metadata:
+        """Return a copy in which the given values are used only where nothing was known."""
+        known = _known(source, values)
+        return replace(self, **{k: v for k, v in known.items() if getattr(self, k) is None})
+
+    def apply(self, source: str, **values: Any) -> Metadata:
+        """Return a copy in which each value is used unless a more authoritative source has spoken.
+
+        Of two sources of the same rank the later one wins.  A ``wcs`` has no rank and only fills.
+        """
+        known = _known(source, values)
+        return replace(self, **{k: v for k, v in known.items() if _yields(getattr(self, k), v)})
+
+    def warn(self, *messages: str) -> Metadata:
+        """Return a copy with further warnings, each kept once."""
+        return replace(self, warnings=tuple(dict.fromkeys(self.warnings + messages)))
+
+    def known(self) -> dict[str, Known]:
+        """Return the known values by name, in the order of the fields."""
+        values = {name: getattr(self, name) for name in FIELDS}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def value(self, name: str, default: Any = None) -> Any:
+        """Return the bare value of a field, or the default where it is unknown."""
+        known = getattr(self, name)
+        return default if known is None else known.value
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Return ``(name, value, unit, source)`` for every field, as text, for a table."""
+        rows = [_row(name, getattr(self, name)) for name in FIELDS]
+        axes = "" if self.wcs is None else " ".join(self.wcs.wcs.ctype)
+        return [*rows, ("wcs", axes or "unknown", "", "header" if axes else "")]
+
+
+FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings"))
+
+
+def _row(name: str, known: Known | None) -> tuple[str, str, str, str]:
+    if known is None:
+        return (name, "unknown", QUANTITIES[name].unit if name in QUANTITIES else "", "")
+    text = f"{known.value:g}" if isinstance(known.value, float) else str(known.value)
+    return (name, text, known.unit, known.source)
+
+
+def _known(source: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    unknown = sorted(set(values) - {*FIELDS, "wcs"})
+    if unknown:
+        allowed = ", ".join((*FIELDS, "wcs"))
+        raise ConfigurationError(f"{unknown[0]!r} is not known about a frame; use one of {allowed}.")
+    return {k: _as_known(k, v, source) for k, v in values.items() if v is not None}
+
+
+def _as_known(name: str, value: Any, source: str) -> Any:
+    if name == "wcs" or isinstance(value, Known):
+        return value
+    unit = QUANTITIES[name].unit if name in QUANTITIES else ("UTC" if name == "time" else "")
+    return Known(checked(name, value), unit, source)
+
+
+def _yields(present: Any, new: Any) -> bool:
+    ranked = isinstance(present, Known) and isinstance(new, Known)
+    return present is None or (ranked and new.rank <= present.rank)

@@ -1,0 +1,247 @@
+"""TIFF in and out; the only module that touches ``tifffile``.
+
+Pages are frames.  A TIFF stores its top row first while our row index grows upwards, so images are
+flipped here, in both directions, and every Orientation is honoured.  Before tifffile sees a file its
+chain of directories is walked: a chain that loops, or leaves the file, is refused at once.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from jitterkit.errors import FrameError
+from jitterkit.frames.directories import full_pages
+from jitterkit.frames.frame import NONE_MASKED
+from jitterkit.frames.framefile import FrameFile, translated
+from jitterkit.frames.metadata import Metadata
+from jitterkit.frames.sidecar import read_sidecars
+
+__all__ = ["ORIENTATIONS", "TiffFile", "open", "write"]
+
+#: How stored rows and columns become rows upwards and columns rightwards, by the Orientation tag.
+ORIENTATIONS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
+    1: lambda a: a[::-1],
+    2: lambda a: a[::-1, ::-1],
+    3: lambda a: a[:, ::-1],
+    4: lambda a: a,
+    5: lambda a: a.T[::-1],
+    6: lambda a: a.T[::-1, ::-1],
+    7: lambda a: a.T[:, ::-1],
+    8: lambda a: a.T,
+}
+
+CHANNELS = {"RGB": "red, green, blue", "CMYK": "cyan, magenta, yellow, black", "YCBCR": "luma and two chroma"}
+#: A page that unpacks to more than this times its bytes, and is large, is not believed.
+MOST_PACKING, SMALL = 5000, 1 << 28
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
+
+
+class TiffFile(FrameFile):
+    """The frames of a TIFF: its full-size pages, or the planes behind a single ImageJ page.
+
+    Parameters
+    ----------
+    path : Path
+        Classic or BigTIFF, of either byte order.
+
+    Raises
+    ------
+    FrameError
+        If it is in colour, has no usable pages, or is damaged.
+    ConfigurationError
+        If a TOML beside it cannot be used.
+    """
+
+    kind = "TIFF"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        with translated(path):
+            self._pages = full_pages(path)
+        with translated(path) as caught, _talk() as talk:
+            self._tiff = tifffile.TiffFile(path)
+            try:
+                self._survey()
+            except BaseException:
+                self.close()
+                raise
+        self.metadata = self.metadata.warn(*caught, *talk)
+
+    def _survey(self) -> None:
+        page = self._page(0)
+        self._planes = _planes_behind(self.path, self._tiff, page) if len(self._pages) == 1 else None
+        self._count = len(self._pages) if self._planes is None else self._planes
+        _refuse_missing_planes(self.path, self._tiff, self._count)
+        self.shape, self.dtype = _shape(page), np.dtype(page.dtype).newbyteorder("=")
+        self.metadata = _own_metadata(self._tiff, page, read_sidecars(self.path))
+
+    def _page(self, index: int) -> Any:
+        page = self._tiff.pages[self._pages[index]]
+        _refuse_unusable(self.path, page)
+        return page
+
+    def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
+        with _talk() as talk:
+            page = self._page(index if self._planes is None else 0)
+            if self._planes is None:
+                _refuse_missing_data(self.path, page, self._tiff.filehandle.size)
+                stored = _decode(self.path, page)
+            else:
+                stored = _plane(self._tiff, page, index)
+        upright = ORIENTATIONS[_orientation(page)](stored)
+        return np.ascontiguousarray(upright, dtype=np.float64), NONE_MASKED, self.metadata.warn(*talk)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._tiff.close()
+
+
+def open(path: Path, hdu: int | None = None) -> TiffFile:
+    """Open a TIFF; a TIFF has no HDUs, so naming one is refused."""
+    if hdu is not None:
+        raise FrameError(path, f"is a TIFF and has no HDU {hdu}", "leave the HDU out")
+    return TiffFile(path)
+
+
+@contextmanager
+def _talk() -> Iterator[list[str]]:
+    """Collect what tifffile logs while it reads."""
+    messages: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: messages.append(record.getMessage()[:160])  # type: ignore[method-assign]
+    logger = logging.getLogger("tifffile")
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield messages
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagate
+
+
+def _refuse_unusable(path: Path, page: Any) -> None:
+    photometric = getattr(page.photometric, "name", str(page.photometric))
+    if page.imagelength < 1 or page.imagewidth < 1:
+        problem = f"has a page of {page.imagewidth} x {page.imagelength} pixels"
+        raise FrameError(path, problem, "the file is damaged: copy it again or convert it")
+    if page.samplesperpixel > 1:
+        names = CHANNELS.get(photometric, "grey") + (", alpha" if page.extrasamples else "")
+        problem = f"has {page.samplesperpixel} channels ({names})"
+        raise FrameError(path, problem, "it is a colour image: convert it to one channel")
+    if photometric == "PALETTE":
+        raise FrameError(path, "has palette colours", "convert it to one channel of grey")
+    if page.dtype is None or np.dtype(page.dtype).kind not in "uif":
+        problem = f"has {page.bitspersample} bits per sample of format {page.sampleformat}"
+        raise FrameError(path, problem, "convert it to 8, 16 or 32 bits or to floating point")
+    if _orientation(page) not in ORIENTATIONS:
+        raise FrameError(path, f"has the unknown Orientation {_orientation(page)}", "save it top row first")
+    if page.imagedepth > 1:
+        raise FrameError(path, f"has {page.imagedepth} layers in a page", "save one layer in each page")
+
+
+def _refuse_missing_data(path: Path, page: Any, size: int) -> None:
+    ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=False) if n]
+    stored = sum(page.databytecounts)
+    short = page.nbytes > stored if page.compression == 1 and page.bitspersample in (8, 16, 32, 64) else False
+    if not ends or max(ends) > size or short or page.nbytes > max(SMALL, MOST_PACKING * stored):
+        problem = f"page {page.index} declares {page.nbytes} bytes and the file of {size} bytes lacks them"
+        raise FrameError(path, problem, "it is truncated: copy it again")
+
+
+def _decode(path: Path, page: Any) -> np.ndarray:
+    try:
+        return page.asarray().reshape(page.imagelength, page.imagewidth)
+    except Exception as error:
+        if "imagecodecs" not in str(error):
+            raise
+        packing = getattr(page.compression, "name", str(page.compression)).lower()
+        packing = f"{page.bitspersample}-bit packing" if packing == "none" else f"{packing} compression"
+        remedy = "install it (pip install imagecodecs) or save the image uncompressed"
+        raise FrameError(path, f"uses {packing}, which needs the imagecodecs package", remedy) from error
+
+
+def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None:
+    """Count the planes that lie contiguously behind a single page, as ImageJ writes large stacks."""
+    # only these two write so; asking OME for its series would open the other files of a set
+    series = tiff.series[0] if (tiff.is_imagej or tiff.is_shaped) and tiff.series else None
+    plane = page.imagelength * page.imagewidth
+    if series is None or series.size <= plane:
+        return None
+    if series.dataoffset is None or series.size % plane or series.dtype != page.dtype:
+        raise FrameError(path, "holds a stack not stored plane by plane", "save one frame in each page")
+    declared, present = series.size // plane, (tiff.filehandle.size - series.dataoffset) // page.nbytes
+    if declared > present:
+        raise _missing_planes(path, declared, present)
+    return declared
+
+
+def _refuse_missing_planes(path: Path, tiff: tifffile.TiffFile, count: int) -> None:
+    # where an ImageJ stack is cut short tifffile falls back to its first plane
+    declared = int((tiff.imagej_metadata or {}).get("images", 1))
+    if declared > count:
+        raise _missing_planes(path, declared, count)
+
+
+def _missing_planes(path: Path, declared: int, present: int) -> FrameError:
+    return FrameError(
+        path, f"declares {declared} frames and holds {present}", "it is truncated: copy it again"
+    )
+
+
+def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:
+    ny, nx = page.imagelength, page.imagewidth
+    dtype = np.dtype(page.dtype).newbyteorder(tiff.byteorder)
+    start = tiff.series[0].dataoffset + index * ny * nx * dtype.itemsize
+    return tiff.filehandle.read_array(dtype, count=ny * nx, offset=start).reshape(ny, nx)
+
+
+def _orientation(page: Any) -> int:
+    tag = page.tags.get("Orientation")
+    return 1 if tag is None else int(tag.value)
+
+
+def _shape(page: Any) -> tuple[int, int]:
+    ny, nx = page.imagelength, page.imagewidth
+    return (ny, nx) if _orientation(page) < 5 else (nx, ny)
+
+
+def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Metadata:
+    """Add to the sidecars what the TIFF itself says about exposure and colour."""
+    source, exposure = _exposure(tiff, page)
+    if exposure is not None and exposure > 0:
+        metadata = metadata.fill(f"header {source} ExposureTime", exposure=exposure)
+    name = getattr(page.photometric, "name", "")
+    if name == "MINISWHITE":
+        metadata = metadata.warn("the TIFF says that zero is white; the numbers are taken as stored")
+    if name == "CFA":
+        metadata = metadata.warn("the TIFF says that its pixels lie behind a colour mosaic")
+    return metadata
+
+
+def _exposure(tiff: tifffile.TiffFile, page: Any) -> tuple[str, float | None]:
+    exif = page.tags.get("ExifTag")
+    ratio = exif.value.get("ExposureTime") if exif is not None and isinstance(exif.value, dict) else None
+    if isinstance(ratio, tuple) and len(ratio) == 2 and ratio[1]:
+        return "EXIF", ratio[0] / ratio[1]
+    text = tiff.ome_metadata or ""
+    times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
+    unit = re.search(r'ExposureTimeUnit="([^"]+)"', text)
+    factor = SECONDS.get(unit[1] if unit else "s")
+    return "OME", float(times.pop()) * factor if len(times) == 1 and factor else None
+
+
+def write(path: Path, array: np.ndarray) -> None:
+    """Write an array, top row first; see :func:`jitterkit.frames.write_tiff`."""
+    planes = array if array.ndim == 3 else array[None]
+    with tifffile.TiffWriter(path, bigtiff=array.nbytes > 3 << 30) as tiff:
+        for plane in planes:
+            top_first = np.ascontiguousarray(plane[::-1])
+            tiff.write(top_first, photometric="minisblack", metadata=None, contiguous=False)

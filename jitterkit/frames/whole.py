@@ -1,0 +1,39 @@
+"""Write a file whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from jitterkit.errors import FrameError
+
+__all__ = ["replacing"]
+
+
+@contextmanager
+def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
+    """Give a temporary name in the same directory, and rename it to ``path`` if the block succeeds.
+
+    The temporary name ends like the final one, so that a library which looks at the ending sees the
+    right one.  If the block fails, nothing is left behind and an existing file is untouched.
+
+    Raises
+    ------
+    FrameError
+        If ``path`` exists and ``overwrite`` is False, or the directory cannot be written to.
+    """
+    if path.exists() and not overwrite:
+        raise FrameError(path, "exists already", "choose another name or allow it to be overwritten")
+    temporary = path.with_name(f".{uuid4().hex[:8]}.{path.name}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        problem = f"cannot be written ({reason})"
+        raise FrameError(path, problem, "check the directory and its permissions") from error
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,117 @@
+"""Write frames.  Each file appears whole or not at all, and never in place of another unasked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jitterkit.errors import JitterkitError
+from jitterkit.frames.backends import backend
+from jitterkit.frames.frame import Frame, RawFrame
+from jitterkit.frames.sidecar import sidecar_path, sidecar_text
+from jitterkit.frames.whole import replacing
+
+__all__ = ["write_fits", "write_tiff"]
+
+
+def write_fits(
+    path: str | Path,
+    frames: np.ndarray | RawFrame | Frame | Iterable[Any],
+    *,
+    header: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write an image or a cube as FITS.
+
+    Parameters
+    ----------
+    path : str or Path
+        A name ending in ``.gz`` is gzipped, in ``.fz`` losslessly tile-compressed in HDU 1.
+    frames : (ny, nx) or (n, ny, nx) array, RawFrame, Frame, or several of one kind
+        uint16 is kept by BZERO, floats and signed integers as they are.  A RawFrame or Frame is
+        written as its pixel values; its metadata is not: give what belongs in the header.
+    header : mapping, optional
+        Keyword to value or ``(value, comment)``.  Keywords longer than 8 characters become
+        HIERARCH cards; a value that FITS cannot hold (None, NaN) leaves the card undefined.
+    overwrite : bool
+        Whether a file of that name may be replaced.
+
+    Returns
+    -------
+    path : Path
+
+    Raises
+    ------
+    FrameError
+        If the file exists and ``overwrite`` is False, or cannot be written.
+    JitterkitError
+        If the array is not two- or three-dimensional and real.
+    """
+    array = _stack(frames)
+    with replacing(Path(path), overwrite) as temporary:
+        backend("FITS").write(temporary, array, header or {})
+    return Path(path)
+
+
+def write_tiff(
+    path: str | Path,
+    frames: np.ndarray | RawFrame | Frame | Iterable[Any],
+    *,
+    metadata: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write an image or a stack as TIFF, one page per frame, top row first as TIFF has it.
+
+    Parameters
+    ----------
+    path, frames, overwrite
+        As in :func:`write_fits`.
+    metadata : mapping, optional
+        Written as a TOML of the same stem beside the image, which :func:`open_frames` reads:
+        exposure, gain, read_noise, saturation, bias, plate_scale, time, unit, and a table
+        ``truth`` with anything in it that is not read back.
+
+    Returns
+    -------
+    path : Path
+
+    Raises
+    ------
+    FrameError
+        If the file or its TOML exists and ``overwrite`` is False, or cannot be written.
+    ConfigurationError
+        If the metadata has an unknown key or an unbelievable value.
+    JitterkitError
+        If the array is not two- or three-dimensional and real.
+    """
+    path, array = Path(path), _stack(frames)
+    text = None if metadata is None else sidecar_text(metadata)
+    with replacing(path, overwrite) as temporary:
+        backend("TIFF").write(temporary, array)
+        if text is not None:
+            with replacing(sidecar_path(path), overwrite) as beside:
+                beside.write_text(text, encoding="utf-8")
+    return path
+
+
+def _stack(frames: Any) -> np.ndarray:
+    """Return one array of what was given, two- or three-dimensional."""
+    if isinstance(frames, np.ndarray | RawFrame | Frame):
+        array = _pixels(frames)
+    else:
+        array = np.stack([_pixels(frame) for frame in frames])
+    if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
+        raise JitterkitError(
+            f"an array of shape {array.shape} and type {array.dtype} cannot be written as frames; "
+            "give real numbers of shape (ny, nx) or (n, ny, nx)."
+        )
+    return array.astype(np.uint8) if array.dtype.kind == "b" else array
+
+
+def _pixels(frame: Any) -> np.ndarray:
+    if isinstance(frame, RawFrame):
+        return frame.data
+    return frame.electrons if isinstance(frame, Frame) else np.asarray(frame)

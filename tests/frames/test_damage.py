@@ -1,0 +1,73 @@
+"""Damage of any kind ends in a frame or a sentence, and soon."""
+
+import gzip
+import re
+import time
+
+import numpy as np
+import pytest
+import tifffile
+
+from jitterkit.errors import FrameError
+from jitterkit.frames import open_frames, read_frames, write_fits, write_tiff
+
+STACK = np.random.default_rng(0).integers(0, 4000, (3, 20, 30)).astype(np.uint16)
+
+
+def imagej(path, stack):
+    options = {"imagej": True, "truncate": True, "metadata": {"axes": "TYX"}}
+    tifffile.imwrite(path, stack, **options)
+    return path
+
+
+MAKERS = {
+    "a.fits": lambda path: write_fits(path, STACK, header={"EXPTIME": 1.0, "GAIN": 2.0}),
+    "a.fits.fz": lambda path: write_fits(path, STACK.astype(np.float32)),
+    "a.fits.gz": lambda path: write_fits(path, STACK),
+    "a.tif": lambda path: write_tiff(path, STACK),
+    "imagej.tif": lambda path: imagej(path, STACK),
+}
+
+
+def damaged(rng, content):
+    """Change a few bytes, most of them near the beginning, and cut one file in ten short."""
+    content = bytearray(content)
+    reach = min(len(content), 6000) if rng.random() < 0.7 else len(content)
+    for _ in range(rng.integers(1, 8)):
+        character = ord(rng.choice(list("0123456789 TF'/=")))
+        content[rng.integers(reach)] = rng.integers(256) if rng.random() < 0.5 else character
+    return bytes(content[: rng.integers(1, len(content))] if rng.random() < 0.1 else content)
+
+
+def outcome(path):
+    """Read everything; return None where it is finite, and the sentence where it is refused."""
+    try:
+        return None if all(np.isfinite(frame.data).all() for frame in read_frames(path)) else "not finite"
+    except FrameError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_a_damaged_file_gives_finite_frames_or_one_sentence(tmp_path, name):
+    rng = np.random.default_rng(len(name))
+    whole = MAKERS[name](tmp_path / name).read_bytes()
+    rounds = 60 if name.endswith(".fz") else 150  # decompressing is slow
+    path = tmp_path / f"damaged{name}"
+    slowest = 0.0
+    for _ in range(rounds):
+        path.write_bytes(damaged(rng, whole))
+        start = time.perf_counter()
+        sentence = outcome(path)
+        slowest = max(slowest, time.perf_counter() - start)
+        assert sentence is None or re.fullmatch(rf".*{re.escape(path.name)}: .+; .+\.", sentence)
+    assert slowest < 5  # a hang would take minutes; the machine may be busy
+
+
+@pytest.mark.parametrize("pack", [bytes, gzip.compress])
+def test_a_damaged_primary_header_is_no_endless_file(tmp_path, pack):
+    # of this header astropy makes HDU after HDU
+    content = write_fits(tmp_path / "a.fits", STACK).read_bytes()
+    content = content.replace(b"SIMPLE  =                    T", b"SIMPLE  =           =        T")
+    (tmp_path / "b.fits").write_bytes(pack(content))
+    with pytest.raises(FrameError, match=r"has a damaged primary header|No SIMPLE card"):
+        open_frames(tmp_path / "b.fits")

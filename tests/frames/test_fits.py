@@ -1,0 +1,197 @@
+"""What only FITS files do."""
+
+import gzip
+import tracemalloc
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from jitterkit.errors import FrameError
+from jitterkit.frames import open_frames, read_frames, write_fits
+
+IMAGE = np.arange(20).reshape(4, 5)
+
+
+def only(path, **options):
+    (frame,) = read_frames(path, **options)
+    return frame
+
+
+def raw_fits(path, cards, data=b""):
+    """Write a FITS file that astropy would refuse to write."""
+    text = "".join(f"{key:8}= {value:>20}".ljust(80) for key, value in cards.items()) + "END".ljust(80)
+    path.write_bytes(text.encode().ljust(-(-len(text) // 2880) * 2880) + data)
+    return path
+
+
+HEADER = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": 2, "NAXIS1": 5, "NAXIS2": 4}
+
+
+def test_blank_is_masked_and_zero(tmp_path):
+    path = raw_fits(
+        tmp_path / "a.fits", {**HEADER, "BLANK": 7}, IMAGE.astype(">i2").tobytes().ljust(2880, b"\0")
+    )
+    frame = only(path)
+    assert frame.mask.sum() == 1
+    assert frame.mask[1, 2]
+    assert frame.data[1, 2] == 0
+    assert frame.data[1, 3] == 8
+
+
+def test_blank_is_the_stored_number_not_the_scaled_one(tmp_path):
+    cards = {**HEADER, "BLANK": 7, "BSCALE": 2.0, "BZERO": 100.0}
+    frame = only(raw_fits(tmp_path / "a.fits", cards, IMAGE.astype(">i2").tobytes().ljust(2880, b"\0")))
+    np.testing.assert_array_equal(frame.data, np.where(IMAGE == 7, 0, 2 * IMAGE + 100))
+    assert np.argwhere(frame.mask).tolist() == [[1, 2]]
+
+
+def test_nan_and_infinity_are_masked_and_zero(tmp_path):
+    image = IMAGE.astype(np.float32)
+    image[0, 1], image[3, 4] = np.nan, np.inf
+    frame = only(write_fits(tmp_path / "a.fits", image))
+    assert np.argwhere(frame.mask).tolist() == [[0, 1], [3, 4]]
+    assert frame.data[0, 1] == frame.data[3, 4] == 0
+
+
+def test_an_all_nan_frame_is_read_and_wholly_masked(tmp_path):
+    assert only(write_fits(tmp_path / "a.fits", np.full((4, 5), np.nan))).mask.all()
+
+
+def test_a_nan_in_a_compressed_image_is_masked(tmp_path):
+    image = IMAGE.astype(np.float64)
+    image[2, 2] = np.nan
+    frame = only(write_fits(tmp_path / "a.fits.fz", image))
+    assert np.argwhere(frame.mask).tolist() == [[2, 2]]
+
+
+def test_the_type_is_the_stored_one(tmp_path):
+    for dtype in (np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.float32, np.float64):
+        with open_frames(write_fits(tmp_path / f"{dtype.__name__}.fits", IMAGE.astype(dtype))) as file:
+            assert file.dtype == dtype
+
+
+def test_an_hdu_may_be_chosen(tmp_path):
+    path = tmp_path / "a.fits"
+    fits.HDUList([fits.PrimaryHDU(IMAGE), fits.ImageHDU(IMAGE + 1), fits.ImageHDU(IMAGE[0])]).writeto(path)
+    assert only(path).data[0, 0] == 0
+    assert only(path, hdu=1).data[0, 0] == 1
+    assert only(path, hdu=1).hdu == 1
+    with pytest.raises(FrameError, match="has no HDU 7; choose one from 0 to 2"):
+        open_frames(path, hdu=7)
+    with pytest.raises(FrameError, match="HDU 2 is not a two- or three-dimensional image but an array of 5"):
+        open_frames(path, hdu=2)
+
+
+def test_an_empty_primary_and_a_table_are_passed_over(tmp_path):
+    path = tmp_path / "a.fits"
+    table = fits.BinTableHDU.from_columns([fits.Column("x", "E", array=np.ones(3))])
+    header = fits.Header({"EXPTIME": 4.0})
+    fits.HDUList([fits.PrimaryHDU(header=header), table, fits.ImageHDU(IMAGE)]).writeto(path)
+    frame = only(path)
+    assert frame.hdu == 2
+    assert frame.metadata.exposure.source == "header EXPTIME (HDU 0)"
+
+
+def test_a_file_without_an_image_says_what_it_holds(tmp_path):
+    table = fits.BinTableHDU.from_columns([fits.Column("x", "E", array=np.ones(3))])
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(tmp_path / "a.fits")
+    with pytest.raises(FrameError, match=r"holds no image .HDU 0: empty, HDU 1: a table."):
+        open_frames(tmp_path / "a.fits")
+
+
+def test_a_data_set_with_two_stacking_axes_is_no_frame(tmp_path):
+    fits.writeto(tmp_path / "a.fits", np.zeros((2, 3, 4, 5)))
+    with pytest.raises(FrameError, match=r"holds no image .HDU 0: an array of 5 x 4 x 3 x 2."):
+        open_frames(tmp_path / "a.fits")
+
+
+@pytest.mark.parametrize("ending", [".fits", ".fits.gz", ".fits.fz"])
+@pytest.mark.parametrize("keep", [0.98, 0.5])
+def test_a_truncated_file_is_refused(tmp_path, ending, keep):
+    noise = np.random.default_rng(3).integers(0, 60000, (300, 300)).astype(np.uint16)
+    path = write_fits(tmp_path / f"a{ending}", noise)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(keep * len(whole))])
+    with pytest.raises(FrameError, match=r"a.fits"):
+        list(read_frames(path))
+
+
+def test_missing_padding_after_the_data_is_forgiven(tmp_path):
+    path = write_fits(tmp_path / "a.fits", IMAGE.astype(np.int16))
+    path.write_bytes(path.read_bytes()[: 2880 + 40])
+    np.testing.assert_array_equal(only(path).data, IMAGE)
+
+
+@pytest.mark.parametrize("ending", [".fits", ".fits.gz"])
+def test_a_header_that_declares_more_than_there_is_allocates_nothing(tmp_path, ending):
+    path = raw_fits(tmp_path / "a.fits", {**HEADER, "NAXIS1": 2000000, "NAXIS2": 2000000}, bytes(2880))
+    if ending == ".fits.gz":
+        path.with_suffix(ending).write_bytes(gzip.compress(path.read_bytes()))
+        path = path.with_suffix(ending)
+    tracemalloc.start()
+    with pytest.raises(FrameError, match=r"HDU 0 declares 8000000000000 bytes of pixels.*truncated"):
+        open_frames(path)
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+
+
+def test_a_header_without_end_is_refused_without_reading_on(tmp_path):
+    path = tmp_path / "a.fits"
+    with path.open("wb") as handle:
+        handle.write(b"SIMPLE  =                    T".ljust(80))
+        handle.truncate(1 << 33)  # a sparse file of 8 GiB
+    with pytest.raises(FrameError, match="without an END card"):
+        open_frames(path)
+
+
+def test_junk_after_simple_is_refused(tmp_path):
+    path = tmp_path / "a.fits"
+    path.write_bytes(b"SIMPLE" + np.random.default_rng(1).bytes(9000))
+    with pytest.raises(FrameError, match=r"a.fits"):
+        open_frames(path)
+
+
+def test_a_header_that_contradicts_itself_is_refused(tmp_path):
+    path = raw_fits(
+        tmp_path / "a.fits", {"SIMPLE": "T", "BITPIX": 17, "NAXIS": 2, "NAXIS1": 5, "NAXIS2": 4}, bytes(2880)
+    )
+    with pytest.raises(FrameError, match=r"a.fits"):
+        list(read_frames(path))
+
+
+def test_a_card_that_cannot_be_read_is_a_warning(tmp_path):
+    path = write_fits(tmp_path / "a.fits", IMAGE, header={"EXPTIME": 2.0, "GAIN": 1.5})
+    path.write_bytes(
+        path.read_bytes().replace(b"GAIN    =                  1.5", b"GAIN    =    'unclosed  1.5  x")
+    )
+    metadata = only(path).metadata
+    assert metadata.exposure.value == 2.0
+    assert metadata.gain is None
+    assert metadata.warnings
+
+
+def test_lossy_compression_is_a_warning_and_lossless_is_not(tmp_path):
+    noise = np.random.default_rng(1).normal(size=(64, 64)).astype(np.float32)
+    fits.CompImageHDU(noise, compression_type="RICE_1", quantize_level=16).writeto(tmp_path / "a.fits.fz")
+    assert any("it is lossy" in text for text in only(tmp_path / "a.fits.fz").metadata.warnings)
+    write_fits(tmp_path / "b.fits.fz", noise)
+    frame = only(tmp_path / "b.fits.fz")
+    assert frame.metadata.warnings == ()
+    assert frame.hdu == 1
+    np.testing.assert_array_equal(frame.data, noise)
+
+
+@pytest.mark.parametrize("ending", [".fits", ".fits.fz"])
+def test_a_cube_is_read_one_plane_at_a_time(tmp_path, ending):
+    noise = np.random.default_rng(1).integers(0, 999, (40, 100, 100)).astype(np.float64)
+    path = write_fits(tmp_path / f"a{ending}", noise)
+    with open_frames(path) as file:
+        file[0]
+        tracemalloc.start()
+        for frame in file:
+            assert frame.data.shape == (100, 100)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    # a few copies of a plane of 80 kB, and never the cube of 3.2 MB
+    assert peak < 12 * noise[0].nbytes

@@ -1,0 +1,142 @@
+"""The two records of an image."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from astropy import units
+from astropy.nddata import CCDData, StdDevUncertainty
+
+from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.frames import Frame, RawFrame
+
+IMAGE = np.arange(12.0).reshape(3, 4)
+
+
+def test_a_bare_array_of_any_byte_order_becomes_a_frame():
+    raw = RawFrame.from_array(IMAGE.astype(">i2"), gain=3.7, exposure=0.5)
+    np.testing.assert_array_equal(raw.data, IMAGE)
+    assert raw.data.dtype.isnative
+    assert (raw.metadata.gain.value, raw.metadata.gain.unit, raw.metadata.gain.source) == (
+        3.7,
+        "e-/ADU",
+        "argument",
+    )
+    assert (raw.name, raw.shape, raw.unit) == ("array", (3, 4), "adu")
+
+
+def test_the_array_given_is_not_changed_or_shared():
+    image = IMAGE.copy()
+    raw = RawFrame.from_array(image)
+    image[0, 0] = 99
+    assert raw.data[0, 0] == 0
+
+
+def test_an_unknown_word_about_an_array_is_refused():
+    with pytest.raises(
+        ConfigurationError, match="'gian' is not known about a frame; use one of exposure, gain"
+    ):
+        RawFrame.from_array(IMAGE, gian=3.7)
+
+
+def test_what_is_not_finite_is_zero_and_masked():
+    image = IMAGE.copy()
+    image[1, 2], image[0, 0] = np.nan, -np.inf
+    raw = RawFrame.from_array(image, mask=IMAGE == 11)
+    assert np.argwhere(raw.mask).tolist() == [[0, 0], [1, 2], [2, 3]]
+    assert raw.data[1, 2] == 0
+    assert raw.data[0, 0] == 0
+    assert raw.data[2, 3] == 11
+
+
+def test_the_mask_of_a_masked_array_is_kept():
+    raw = RawFrame.from_array(np.ma.masked_greater(IMAGE, 9))
+    assert raw.mask.sum() == 2
+
+
+@pytest.mark.parametrize("image", [IMAGE[0], IMAGE[None], np.zeros((0, 4))])
+def test_only_two_dimensions_make_a_frame(image):
+    with pytest.raises(JitterkitError, match="a frame is two-dimensional"):
+        RawFrame.from_array(image)
+
+
+def test_complex_numbers_are_refused():
+    with pytest.raises(JitterkitError, match="complex"):
+        RawFrame.from_array(IMAGE * 1j)
+
+
+def test_a_mask_of_another_shape_is_refused():
+    with pytest.raises(JitterkitError, match=r"mask has shape \(4, 3\), the image \(3, 4\)"):
+        RawFrame.from_array(IMAGE, mask=np.zeros((4, 3), bool))
+
+
+def test_a_region_keeps_the_place_it_came_from_however_often_it_is_cut():
+    raw = RawFrame.from_array(IMAGE, mask=IMAGE == 6)
+    cut = raw.region(1, 0, 3, 2).region(1, 1, 2, 1)
+    np.testing.assert_array_equal(cut.data, [[6, 7]])
+    np.testing.assert_array_equal(cut.mask, [[True, False]])
+    assert cut.origin == (2, 1)
+    assert cut.data.base is None
+
+
+@pytest.mark.parametrize("box", [(-1, 0, 2, 2), (0, 0, 5, 1), (0, 2, 1, 2), (0, 0, 0, 1)])
+def test_a_region_must_lie_inside(box):
+    with pytest.raises(JitterkitError, match="does not lie inside a frame of 4 x 3 pixels"):
+        RawFrame.from_array(IMAGE).region(*box)
+
+
+def test_variance_is_photons_plus_readout_and_never_less_than_readout():
+    frame = Frame(IMAGE - 2, 9.0)
+    np.testing.assert_array_equal(frame.variance, np.maximum(IMAGE - 2, 0) + 9)
+    assert frame.read_variance.shape == frame.shape == (3, 4)
+
+
+def test_a_frame_is_cut_with_everything_in_it():
+    frame = Frame(IMAGE, IMAGE + 1, IMAGE == 5, exposure=1.0, plate_scale=0.375, flags=("odd",))
+    cut = frame.region(1, 1, 2, 2)
+    np.testing.assert_array_equal(cut.variance, 2 * cut.electrons + 1)
+    assert cut.mask[0, 0]
+    assert cut.mask.sum() == 1
+    assert (cut.origin, cut.exposure, cut.plate_scale, cut.flags) == ((1, 1), 1.0, 0.375, ("odd",))
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"read_variance": -1.0}, "negative or non-finite"),
+        ({"read_variance": np.ones((2, 2))}, r"read_variance has shape \(2, 2\)"),
+        ({"plate_scale": 0.0}, "plate_scale = 0.0 arcsec/pixel is not positive"),
+        ({"exposure": np.nan}, "exposure = nan s is not positive"),
+    ],
+)
+def test_a_frame_that_cannot_be_is_refused(values, message):
+    with pytest.raises(JitterkitError, match=message):
+        Frame(**{"electrons": IMAGE, "read_variance": 1.0, **values})
+
+
+def test_records_are_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError, match="cannot assign"):
+        Frame(IMAGE, 1.0).exposure = 2.0
+
+
+def test_a_ccddata_is_read_with_its_mask_unit_and_header():
+    ccd = CCDData(IMAGE, unit="adu", mask=IMAGE == 3, meta={"EXPTIME": 2.5, "EGAIN": 1.5})
+    raw = RawFrame.from_ccddata(ccd)
+    np.testing.assert_array_equal(raw.data, IMAGE)
+    assert raw.mask.sum() == 1
+    assert raw.unit == "adu"
+    assert raw.metadata.exposure.value == 2.5
+    assert raw.metadata.gain.source == "header EGAIN (HDU 0)"
+
+
+def test_a_ccddata_in_electrons_with_an_uncertainty_is_read_with_a_warning():
+    ccd = CCDData(IMAGE, unit=units.electron, uncertainty=StdDevUncertainty(np.ones((3, 4))))
+    raw = RawFrame.from_ccddata(ccd)
+    assert raw.unit == "electron"
+    assert any("uncertainty is not used" in text for text in raw.metadata.warnings)
+
+
+def test_a_ccddata_in_other_units_is_taken_as_adu_with_a_warning():
+    raw = RawFrame.from_ccddata(CCDData(IMAGE, unit="Jy"))
+    assert raw.unit == "adu"
+    assert "Jy is neither ADU nor electrons" in raw.metadata.warnings[0]

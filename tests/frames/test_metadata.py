@@ -1,0 +1,85 @@
+"""What is known about a frame, and who is believed."""
+
+import itertools
+
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import Known, Metadata
+from jitterkit.frames.metadata import resolve_unit
+
+LAYERS = {
+    "command line": 1.0,
+    "sidecar a.toml": 2.0,
+    "instrument file s.toml": 3.0,
+    "header X": 4.0,
+    "preset p": 5.0,
+}
+
+
+def test_layers_may_be_laid_in_any_order_and_the_most_authoritative_wins():
+    for order in itertools.permutations(LAYERS):
+        metadata = Metadata()
+        for source in order:
+            metadata = metadata.apply(source, gain=LAYERS[source])
+        assert metadata.gain == Known(1.0, "e-/ADU", "command line")
+
+
+def test_of_equal_sources_the_later_is_believed():
+    metadata = Metadata().apply("preset a", gain=1).apply("preset b", gain=2)
+    assert metadata.gain.value == 2
+
+
+def test_override_replaces_and_fill_does_not():
+    metadata = Metadata().override("header X", gain=2, exposure=3)
+    assert metadata.override("preset", gain=5).gain.value == 5
+    filled = metadata.fill("preset", gain=5, bias=100)
+    assert (filled.gain.value, filled.bias.value, filled.exposure.value) == (2, 100, 3)
+
+
+def test_none_says_nothing():
+    metadata = Metadata().override("header X", gain=2)
+    assert metadata.override("command line", gain=None) == metadata
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("gain", 0, "gain = 0 is zero; give it in e-/ADU"),
+        ("gain", -1, "gain = -1 is outside 0 to 100000 e-/ADU"),
+        ("exposure", "long", "exposure = 'long' is not a finite number; give it in s"),
+        ("read_noise", float("nan"), "read_noise = nan is not a finite number"),
+        ("plate_scale", True, "plate_scale = True is not a finite number"),
+        ("unit", "Jy", "unit = 'Jy' is neither of 'adu' and 'electron'"),
+        ("colour", 1, "'colour' is not known about a frame"),
+    ],
+)
+def test_a_value_nobody_can_mean_is_refused(name, value, message):
+    with pytest.raises(ConfigurationError, match=message):
+        Metadata().override("command line", **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [("e-", "electron"), ("Electrons", "electron"), ("counts", "adu"), ("ADU", "adu"), ("DN", "adu"),
+     ("", "adu"), (" [ADU] ", "adu"), ("photo electrons", "electron"), ("Jy/beam", None), ("ADU/s", None)],
+)  # fmt: skip
+def test_units_are_read_leniently(text, unit):
+    assert resolve_unit(text) == unit
+
+
+def test_rows_say_everything_known_and_unknown():
+    rows = Metadata().override("command line", gain=3.7, time="2026-11-21").rows()
+    assert ("gain", "3.7", "e-/ADU", "command line") in rows
+    assert ("time", "2026-11-21", "UTC", "command line") in rows
+    assert ("bias", "unknown", "ADU", "") in rows
+    assert ("wcs", "unknown", "", "") in rows
+
+
+def test_a_warning_is_kept_once():
+    assert Metadata().warn("a", "b").warn("a").warnings == ("a", "b")
+
+
+def test_bare_values_have_defaults():
+    assert Metadata().value("gain", 1.0) == 1.0
+    assert Metadata().override("preset", gain=2).value("gain", 1.0) == 2.0

@@ -1,0 +1,222 @@
+"""What only TIFF files do."""
+
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import tifffile
+
+from jitterkit.errors import FrameError
+from jitterkit.frames import open_frames, read_frames, write_tiff
+
+IMAGE = (np.arange(20).reshape(4, 5) * 100).astype(np.uint16)
+
+
+def only(path):
+    (frame,) = read_frames(path)
+    return frame
+
+
+def test_the_top_row_of_the_file_is_our_last_row(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE)
+    np.testing.assert_array_equal(only(tmp_path / "a.tif").data, IMAGE[::-1])
+
+
+def test_the_writer_puts_the_top_row_first(tmp_path):
+    write_tiff(tmp_path / "a.tif", IMAGE)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), IMAGE[::-1])
+
+
+# Where the stored first row and first column lie in the picture, from the TIFF 6.0 specification
+SIDES = {
+    1: ("top", "left"), 2: ("top", "right"), 3: ("bottom", "right"), 4: ("bottom", "left"),
+    5: ("left", "top"), 6: ("right", "top"), 7: ("right", "bottom"), 8: ("left", "bottom"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("orientation", SIDES)
+def test_every_orientation_is_honoured(tmp_path, orientation):
+    tag = [(274, "H", 1, orientation, True)]
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE, extratags=tag, metadata=None)
+    data = only(tmp_path / "a.tif").data
+    edges = {"top": data[-1], "bottom": data[0], "left": data[:, 0], "right": data[:, -1]}
+    row, column = SIDES[orientation]
+    assert sorted(edges[row]) == sorted(IMAGE[0])
+    assert sorted(edges[column]) == sorted(IMAGE[:, 0])
+    with open_frames(tmp_path / "a.tif") as file:
+        assert file.shape == data.shape
+
+
+def test_an_orientation_that_does_not_exist_is_refused(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE, extratags=[(274, "H", 1, 9, True)], metadata=None)
+    with pytest.raises(FrameError, match="unknown Orientation 9"):
+        open_frames(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(
+    ("options", "channels", "words"),
+    [
+        ({"photometric": "rgb"}, 3, r"has 3 channels \(red, green, blue\).*convert it to one"),
+        ({"photometric": "rgb", "extrasamples": ["unassalpha"]}, 4, r"\(red, green, blue, alpha\)"),
+        ({"photometric": "minisblack", "extrasamples": ["unassalpha"], "planarconfig": "contig"}, 2,
+         r"has 2 channels \(grey, alpha\)"),
+    ],
+)  # fmt: skip
+def test_colour_is_refused_by_its_channels(tmp_path, options, channels, words):
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((6, 8, channels), np.uint8), **options)
+    with pytest.raises(FrameError, match=words):
+        open_frames(tmp_path / "a.tif")
+
+
+def test_planar_colour_is_refused(tmp_path):
+    tifffile.imwrite(
+        tmp_path / "a.tif", np.zeros((3, 6, 8), np.uint8), photometric="rgb", planarconfig="separate"
+    )
+    with pytest.raises(FrameError, match="has 3 channels"):
+        open_frames(tmp_path / "a.tif")
+
+
+def test_a_palette_is_refused(tmp_path):
+    colormap = np.zeros((3, 256), np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((6, 8), np.uint8), photometric="palette", colormap=colormap)
+    with pytest.raises(FrameError, match="has palette colours"):
+        open_frames(tmp_path / "a.tif")
+
+
+def test_black_and_white_is_refused(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((6, 8), bool), photometric="minisblack")
+    with pytest.raises(FrameError, match="has 1 bits per sample"):
+        open_frames(tmp_path / "a.tif")
+
+
+def test_white_is_zero_is_taken_as_stored_with_a_warning(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE, photometric="miniswhite")
+    frame = only(tmp_path / "a.tif")
+    np.testing.assert_array_equal(frame.data, IMAGE[::-1])
+    assert "zero is white" in frame.metadata.warnings[0]
+
+
+def test_a_thumbnail_is_no_frame(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as tiff:
+        tiff.write(IMAGE[::2, ::2], subfiletype=1, metadata=None)
+        tiff.write(IMAGE, metadata=None)
+    np.testing.assert_array_equal(only(tmp_path / "a.tif").data, IMAGE[::-1])
+
+
+def test_pages_of_several_sizes_are_frames_of_several_sizes(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as tiff:
+        tiff.write(IMAGE, metadata=None)
+        tiff.write(IMAGE[:2], metadata=None)
+    assert [frame.shape for frame in read_frames(tmp_path / "a.tif")] == [(4, 5), (2, 5)]
+
+
+def test_packed_twelve_bits_are_unpacked(tmp_path):
+    # two pixels in three bytes, most significant bits first
+    data = np.array([[0xABC, 0x123], [0xFFF, 0x001]], np.uint16)
+    packed = b"".join(bytes([a >> 4, (a & 15) << 4 | b >> 8, b & 255]) for a, b in data.tolist())
+    entries = [
+        (256, 2),
+        (257, 2),
+        (258, 12),
+        (259, 1),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (278, 2),
+        (279, len(packed)),
+    ]
+    ifd = struct.pack("<H", len(entries)) + b"".join(struct.pack("<HHII", t, 4, 1, v) for t, v in entries)
+    path = tmp_path / "a.tif"
+    path.write_bytes(b"II*\0" + struct.pack("<I", 14) + packed + ifd + struct.pack("<I", 0))
+    np.testing.assert_array_equal(only(path).data, data[::-1])
+
+
+def test_without_imagecodecs_the_refusal_says_what_to_install(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE, compression="lzw")
+    np.testing.assert_array_equal(only(tmp_path / "a.tif").data, IMAGE[::-1])
+    code = "import sys; sys.modules['imagecodecs'] = None\nfrom jitterkit.frames import read_frames\n"
+    code += "try: list(read_frames(sys.argv[1]))\nexcept ValueError as error: print(error)"
+    run = [sys.executable, "-c", code, str(tmp_path / "a.tif")]
+    out = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    assert "uses lzw compression, which needs the imagecodecs package; install it" in out
+
+
+def chain(path, following, size=200):
+    """Write a one-page TIFF whose directory points on to ``following``."""
+    entries = [(256, 2), (257, 2), (258, 8), (259, 1), (262, 1), (273, 8), (277, 1), (278, 2), (279, 4)]
+    ifd = struct.pack("<H", len(entries)) + b"".join(struct.pack("<HHII", t, 4, 1, v) for t, v in entries)
+    path.write_bytes(
+        (b"II*\0" + struct.pack("<I", 12) + bytes(4) + ifd + struct.pack("<I", following)).ljust(size)
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("following", "words"),
+    [
+        (12, "page 1 points back to an earlier page"),
+        (10**6, "page 1 lies beyond the end of the file"),
+        (199, "page 1 has a directory of 0 entries"),
+        (150, "page 1 has a directory cut short"),
+    ],
+)
+def test_a_broken_chain_of_pages_is_refused(tmp_path, following, words):
+    with pytest.raises(FrameError, match=words):
+        open_frames(chain(tmp_path / "a.tif", following))
+
+
+def test_a_file_without_pages_is_refused(tmp_path):
+    (tmp_path / "a.tif").write_bytes(b"II*\0" + bytes(8))
+    with pytest.raises(FrameError, match="holds no full-size page"):
+        open_frames(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("keep", [0.9, 0.3])
+def test_a_truncated_file_is_refused(tmp_path, compression, keep):
+    path = tmp_path / "a.tif"
+    noise = np.random.default_rng(3).integers(0, 60000, (200, 200)).astype(np.uint16)
+    tifffile.imwrite(path, noise, compression=compression, rowsperstrip=20)
+    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
+    with pytest.raises(FrameError, match=r"a.tif: .*copy it again"):
+        list(read_frames(path))
+
+
+def test_a_page_that_declares_more_than_there_is_allocates_nothing(tmp_path):
+    path = chain(tmp_path / "a.tif", 0)
+    content = path.read_bytes().replace(
+        struct.pack("<HHII", 256, 4, 1, 2), struct.pack("<HHII", 256, 4, 1, 10**9)
+    )
+    path.write_bytes(content)
+    with pytest.raises(FrameError, match="declares 2000000000 bytes"):
+        list(read_frames(path))
+
+
+@pytest.mark.parametrize(
+    "kind", [{"imagej": True, "metadata": {"axes": "TYX"}}, {"photometric": "minisblack"}]
+)
+def test_a_stack_too_short_for_its_planes_is_refused(tmp_path, kind):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, np.zeros((9, 50, 50), np.uint16), truncate=True, **kind)
+    path.write_bytes(path.read_bytes()[:20000])
+    with pytest.raises(FrameError, match=r"declares 9 frames and holds [13]; it is truncated"):
+        open_frames(path)
+
+
+def test_an_hdu_of_a_tiff_is_refused(tmp_path):
+    write_tiff(tmp_path / "a.tif", IMAGE)
+    with pytest.raises(FrameError, match="is a TIFF and has no HDU 1"):
+        open_frames(tmp_path / "a.tif", hdu=1)
+
+
+def test_the_exposure_is_read_from_ome(tmp_path):
+    path = tmp_path / "a.ome.tif"
+    plane = {"ExposureTime": [250.0, 250.0], "ExposureTimeUnit": ["ms", "ms"]}
+    tifffile.imwrite(path, np.stack([IMAGE, IMAGE]), ome=True, metadata={"axes": "TYX", "Plane": plane})
+    with open_frames(path) as file:
+        assert (file.metadata.exposure.value, file.metadata.exposure.source) == (
+            0.25,
+            "header OME ExposureTime",
+        )
