@@ -1,0 +1,214 @@
+"""The forward model: from a scene, a jitter locus and a telescope to the expected image.
+
+    image = crop . IFFT{ OTF(f) sinc(p fx) sinc(p fy) M(f) sum_s F_s exp(-2 pi i f.r_s) }
+
+Every factor is exact at every frequency of the grid, and the optics pass no frequency beyond it, so
+the image is exact too, up to the light that the padding lets wrap around.  One formula serves
+fitting, forecasting and simulation; :func:`image_and_jacobian` differentiates it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import equinox as eqx
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci.base import Locus
+from jitterkit.optics.otf import OTF
+from jitterkit.scene import Binary
+
+__all__ = [
+    "Parameters",
+    "expected_image",
+    "free_parameters",
+    "image_and_jacobian",
+    "parameter_names",
+    "to_vector",
+]
+
+
+class Parameters(eqx.Module):
+    """Everything about one frame that may be fitted.
+
+    Attributes
+    ----------
+    scene : Binary
+    locus : Locus
+    aberrations : (k,) array
+        nm, in the order of the OTF's names.
+    background : float
+        Electrons per pixel.
+    """
+
+    scene: Binary
+    locus: Locus
+    aberrations: Float[Array, " k"]
+    background: Float[Array, ""]
+
+    def __init__(self, scene: Binary, locus: Locus, aberrations=(), background=0.0) -> None:
+        self.scene, self.locus = scene, locus
+        self.aberrations = jnp.asarray(aberrations, float)
+        self.background = jnp.asarray(background, float)
+
+
+def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tuple[str, ...]:
+    """Name of each element of :func:`to_vector`."""
+    scene = ("separation", "theta", "x", "y", "flux", "contrast")
+    return (*scene, *parameters.locus.names, *aberrations, "background")
+
+
+def free_parameters(
+    parameters: Parameters, otf: OTF, hold: Collection[str] = ("background",)
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """The parameters a fit may vary.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    otf : OTF
+    hold : collection of str
+        Names to keep as they are.
+
+    Returns
+    -------
+    names : tuple of str
+    free : tuple of int
+        Their positions in :func:`to_vector`.  An aberration that the image does not show to first
+        order is not among them: defocus or astigmatism about perfect focus, for a pupil that is its
+        own mirror image, where both signs look the same.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name to hold names nothing; the message lists the parameters.
+    """
+    every = parameter_names(parameters, otf.names)
+    unknown = [name for name in hold if name not in every]
+    if unknown:
+        raise ConfigurationError(
+            f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}."
+        )
+    held = {*hold, *otf.blind()}
+    free = tuple(i for i, name in enumerate(every) if name not in held)
+    return tuple(every[i] for i in free), free
+
+
+def to_vector(parameters: Parameters):
+    """Parameters as one vector, and the function that undoes it.
+
+    Returns
+    -------
+    vector : (p,) array
+        In the order of :func:`parameter_names`.
+    unravel : callable
+    """
+    return jax.flatten_util.ravel_pytree(parameters)
+
+
+def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
+    """Expected electrons in every pixel of a frame.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    otf : OTF
+        From :func:`jitterkit.optics.expand` or :func:`jitterkit.optics.empirical_otf`.
+
+    Returns
+    -------
+    image : (ny, nx) array
+        Its sum is the flux times the share of the light that falls inside the frame.
+
+    Notes
+    -----
+    Assumes one transfer function over the frame (isoplanatic) and for both stars (one spectrum).
+    Aberrations away from ``otf.state`` enter to first order.  Fails softly when the padding is
+    smaller than the jitter: light then wraps around.
+    """
+    optics, jitter, stars = _factors(parameters, otf)
+    return _to_pixels(optics * jitter * stars, otf.grid) + parameters.background
+
+
+def _factors(parameters: Parameters, otf: OTF):
+    """The three factors of the spectrum: optics and pixel, jitter, stars."""
+    optics = otf.at(parameters.aberrations) * _pixel(otf)
+    return optics, parameters.locus.transfer(*_fx_fy(otf)), _point_sources(parameters.scene, otf.grid)
+
+
+def _fx_fy(otf: OTF):
+    fy, fx = otf.grid.frequencies
+    return fx, fy
+
+
+def _pixel(otf: OTF):
+    """Transfer function of a square pixel, unless the optics' already holds it."""
+    fx, fy = _fx_fy(otf)
+    p = otf.grid.plate_scale
+    return 1.0 if otf.pixel_included else np.sinc(p * fx) * np.sinc(p * fy)
+
+
+def _to_pixels(spectrum, grid):
+    return grid.refine**2 * grid.crop(jnp.fft.irfft2(spectrum, s=grid.fine_shape))
+
+
+def _point_sources(scene: Binary, grid):
+    """Spectrum of the stars, about the first fine sample."""
+    fy, fx = grid.frequencies
+    cy, cx = grid.centre
+    x, y, flux = scene.sources()
+    along_x = jnp.exp(-2j * jnp.pi * fx[0] * (x + cx)[:, None])
+    along_y = flux[:, None] * jnp.exp(-2j * jnp.pi * fy[:, 0] * (y + cy)[:, None])
+    return along_y.T @ along_x
+
+
+@eqx.filter_jit
+def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
+    """Expected image and its derivatives.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    otf : OTF
+    free : tuple of int
+        Positions in the vector of :func:`to_vector` to differentiate by, ascending.
+
+    Returns
+    -------
+    image : (ny, nx) array
+    jacobian : (len(free), ny, nx) array
+        Exact where the aberrations are the OTF's state.
+    """
+    optics, jitter, stars = _factors(parameters, otf)
+    scene = _pushforward(parameters.scene, lambda scene: _point_sources(scene, otf.grid))
+    locus = _pushforward(parameters.locus, lambda locus: locus.transfer(*_fx_fy(otf)))
+    aberrations = otf.jacobian if otf.names else jnp.zeros((len(parameters.aberrations), *otf.value.shape))
+    blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
+        (scene, lambda part: optics * jitter * part),
+        (locus, lambda part: optics * stars * part),
+        (lambda rows: aberrations[rows], lambda part: _pixel(otf) * jitter * stars * part),
+    ]
+    sizes = [6, len(parameters.locus.names), len(parameters.aberrations)]
+    spectra, first = [], 0
+    for (derivative, complete), size in zip(blocks, sizes, strict=True):
+        rows = np.array([i - first for i in free if first <= i < first + size], int)
+        if rows.size:
+            spectra.append(complete(derivative(rows)))
+        first += size
+    image = _to_pixels(optics * jitter * stars, otf.grid)
+    jacobian = [_to_pixels(jnp.concatenate(spectra), otf.grid)] if spectra else []
+    if first in free:
+        jacobian.append(jnp.ones((1, *image.shape)))
+    return image + parameters.background, jnp.concatenate(jacobian)
+
+
+def _pushforward(part, function):
+    """Derivatives of a function of one part of the parameters, for chosen elements of it."""
+    vector, unravel = to_vector(part)
+    _, push = jax.linearize(lambda v: function(unravel(v)), vector)
+    return lambda rows: jax.vmap(push)(jnp.eye(vector.size, dtype=vector.dtype)[rows])

@@ -1,0 +1,173 @@
+"""An instrument: everything about a telescope that is the same from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames.metadata import QUANTITIES
+from jitterkit.optics.spectrum import Spectrum
+
+if TYPE_CHECKING:
+    from jitterkit.optics.otf import OTF
+    from jitterkit.optics.pupil import Pupil
+    from jitterkit.optics.system import FixedOptics, OpticalSystem
+
+__all__ = ["Instrument"]
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument:
+    """A telescope with its light and its detector.
+
+    Parameters
+    ----------
+    name : str
+    plate_scale : float
+        arcsec/pixel.
+    shape : (int, int)
+        ``(ny, nx)`` of a simulated frame, and of the region fitted in a larger one.
+    detector : Detector
+    spectrum : Spectrum, optional
+        Of the detected photons; a PSF needs none.
+    pupil_from : Pupil or callable, optional
+        The pupil, or a function without arguments that makes it when it is first asked for.
+    psf_from : (ny, nx) array or callable, optional
+        A star image in the pupil's place, likewise.
+    exposure : float, optional
+        s, of a usual frame.
+    flux : float, optional
+        Photons detected from the scene in a usual frame, inside the frame or not.
+    sources : mapping, optional
+        Where a number comes from, by its name; begin with a word of
+        :data:`jitterkit.frames.metadata.RANKS`.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is impossible, or there is not exactly one of pupil and PSF, or a pupil without
+        a spectrum.
+    """
+
+    name: str
+    plate_scale: float
+    shape: tuple[int, int]
+    detector: Detector = field(default_factory=Detector)
+    spectrum: Spectrum | None = None
+    pupil_from: Pupil | Callable[[], Pupil] | None = None
+    psf_from: np.ndarray | Callable[[], np.ndarray] | None = None
+    exposure: float | None = None
+    flux: float | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        if len(self.shape) != 2 or min(self.shape) < 1:
+            raise ConfigurationError(f"shape = {list(self.shape)} is impossible; give [rows, columns].")
+        for name in ("plate_scale", "exposure"):
+            value = getattr(self, name)
+            problem = None if value is None else QUANTITIES[name].problem(value)
+            if problem is not None:
+                raise ConfigurationError(f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
+        if self.flux is not None and not 0 < self.flux < np.inf:
+            raise ConfigurationError(f"flux = {self.flux!r} is not positive; give photons per frame.")
+        if (self.pupil_from is None) == (self.psf_from is None):
+            raise ConfigurationError(
+                f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two."
+            )
+        if self.pupil_from is not None and self.spectrum is None:
+            raise ConfigurationError(
+                f"The instrument {self.name!r} has a pupil but no spectrum; give its band."
+            )
+
+    def source(self, name: str) -> str:
+        """Where a number comes from; ``"argument Instrument"`` where nothing else was said."""
+        return self.sources.get(name, "argument Instrument")
+
+    @cached_property
+    def pupil(self) -> Pupil | None:
+        """The pupil, made on first use; None where a PSF stands for it."""
+        return self.pupil_from() if callable(self.pupil_from) else self.pupil_from
+
+    @cached_property
+    def psf(self) -> np.ndarray | None:
+        """The star image ``(ny, nx)`` that stands for a pupil, read on first use; else None."""
+        return self.psf_from() if callable(self.psf_from) else self.psf_from
+
+    @property
+    def aberrations(self) -> tuple[str, ...]:
+        """Names of the aberrations that may vary, such as ``noll4``."""
+        return () if self.pupil is None else self.pupil.names
+
+    def system(
+        self,
+        *,
+        shape: tuple[int, int] | None = None,
+        plate_scale: float | None = None,
+        pad: int | None = None,
+    ) -> OpticalSystem | FixedOptics:
+        """The optics on a frame's grid.
+
+        Parameters
+        ----------
+        shape : (int, int), optional
+            Of the frame, where it is not the instrument's own.
+        plate_scale : float, optional
+            arcsec/pixel, where a frame knows better.
+        pad : int, optional
+            Pixels of padding on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if omitted.
+
+        Returns
+        -------
+        system : OpticalSystem or FixedOptics
+            Ask it for a transfer function at any aberrations.
+
+        Raises
+        ------
+        ConfigurationError
+            If the grid does not suit the pupil.
+        """
+        # these load JAX, which a table of metadata does not need
+        from jitterkit.optics import empirical, grid, otf, system
+
+        pad = grid.DEFAULT_PAD if pad is None else pad
+        shape, scale = shape or self.shape, plate_scale or self.plate_scale
+        if self.pupil is None or self.spectrum is None:
+            return system.FixedOptics(empirical.empirical_otf(np.asarray(self.psf), scale, shape, pad=pad))
+        samples = otf.grid_for(self.pupil, self.spectrum, shape, scale, pad)
+        return system.OpticalSystem(self.pupil, self.spectrum, samples)
+
+    def optics(self, aberrations=None, *, pad: int | None = None, derivatives: bool = True) -> OTF:
+        """The transfer function on the instrument's own frame.
+
+        Parameters
+        ----------
+        aberrations : (k,) array, optional
+            nm; none if omitted.
+        pad : int, optional
+            As in :meth:`system`.
+        derivatives : bool
+            Whether to compute those with respect to the aberrations.
+
+        Returns
+        -------
+        otf : OTF
+            Exact at ``aberrations``.
+
+        Raises
+        ------
+        ConfigurationError
+            If the grid does not suit the pupil, or a PSF is given aberrations.
+        """
+        system = self.system(pad=pad)
+        if not self.aberrations and aberrations is not None and np.size(aberrations):
+            raise ConfigurationError(
+                f"The instrument {self.name!r} has no aberrations that vary; leave them out."
+            )
+        return system.otf(aberrations, derivatives=derivatives)

@@ -1,0 +1,104 @@
+"""Instruments that come with jitterkit.
+
+The detector of TOLIMAN is a Sony IMX183 (in a camera such as the FLIR BFS-U3-200S6M): 2.4 um pixels,
+12 bits, a full well of about 15 ke- and about 3.7 e-/ADU.  Its read noise of 2.4 e- is an estimate; the
+bias of 30 ADU is our choice, 46 sigma above zero and low enough for the well to fill (4084 ADU) before
+the converter ends (4095 ADU).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+from functools import partial
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.instruments import pupils
+from jitterkit.instruments.instrument import Instrument
+from jitterkit.optics.spectrum import flat_band
+
+__all__ = ["PAPER_PHOTONS", "PHOTONS", "PRESETS", "preset"]
+
+PHOTONS = 9.53e6
+"""Photons of alpha Cen AB in 0.1 s through TOLIMAN's true collecting area, 114.67 cm²."""
+
+PAPER_PHOTONS = 3.811e7
+"""The paper's figure: its area of 458.7 cm² takes diameters for radii (preset ``toliman-paper``)."""
+
+_NUMBERS = ("gain", "read_noise", "bias", "full_well", "bits")
+_QUANTITIES = ("plate_scale", "exposure", "flux", "shape", "spectrum", "pupil")
+
+
+def toliman() -> Instrument:
+    """TOLIMAN as it would be: 0.375 arcsec pixels, 128 x 128, 530-640 nm, an IMX183.
+
+    The brightest pixel of a sharp frame holds 14.7 ke-: the well is just full.
+    """
+    return Instrument(
+        name="toliman",
+        plate_scale=0.375,
+        shape=(128, 128),
+        detector=_imx183("toliman"),
+        spectrum=flat_band(530.0, 640.0, 13),
+        pupil_from=pupils.toliman,
+        exposure=0.1,
+        flux=PHOTONS,
+        sources=dict.fromkeys(_QUANTITIES, "preset toliman"),
+    )
+
+
+def toliman_paper() -> Instrument:
+    """TOLIMAN as in the paper: four times the photons, and a detector that only counts them."""
+    words = "preset toliman-paper (an ideal detector)"
+    ideal = Detector(gain=1.0, read_noise=0.0, bias=0.0, sources=dict.fromkeys(_NUMBERS, words))
+    sources = dict.fromkeys(_QUANTITIES, "preset toliman-paper")
+    return replace(toliman(), name="toliman-paper", flux=PAPER_PHOTONS, detector=ideal, sources=sources)
+
+
+def smallsat() -> Instrument:
+    """A plain telescope that needs no other package: 0.125 m, obscured by 0.04 m, three struts of 2 mm.
+
+    Everything else is TOLIMAN's, but the light of a star falls on a few pixels, so the scene is
+    fainter: the brightest pixel of a sharp frame holds two thirds of the well.
+    """
+    return replace(
+        toliman(),
+        name="smallsat",
+        pupil_from=partial(pupils.plain, 0.125, 0.04, struts=3, strut_width=0.002),
+        flux=1.3e5,
+        detector=_imx183("smallsat"),
+        sources=dict.fromkeys(_QUANTITIES, "preset smallsat"),
+    )
+
+
+PRESETS: Mapping[str, Callable[[], Instrument]] = {
+    "toliman": toliman,
+    "toliman-paper": toliman_paper,
+    "smallsat": smallsat,
+}
+"""Every preset by name."""
+
+
+def preset(name: str) -> Instrument:
+    """Make the preset of a name.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none; the message lists those there are.
+    """
+    if name in PRESETS:
+        return PRESETS[name]()
+    close = get_close_matches(name, PRESETS, 1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    raise ConfigurationError(
+        f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file."
+    )
+
+
+def _imx183(name: str) -> Detector:
+    sources = dict.fromkeys(_NUMBERS, f"preset {name} (IMX183, about)")
+    sources |= {"read_noise": f"preset {name} (IMX183, an estimate)", "bias": f"preset {name} (a choice)"}
+    return Detector(gain=3.7, read_noise=2.4, bias=30.0, full_well=15000.0, bits=12, sources=sources)

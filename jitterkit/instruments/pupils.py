@@ -1,0 +1,59 @@
+"""Pupils and star images, made only when an instrument's optics are first asked for.
+
+Making one loads JAX, and TOLIMAN's takes seconds; ``jitterkit info`` needs neither.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import open_frames
+
+if TYPE_CHECKING:
+    from jitterkit.optics.pupil import Pupil
+
+__all__ = ["from_file", "plain", "star", "toliman"]
+
+
+def toliman() -> Pupil:
+    """Make TOLIMAN's diffractive pupil."""
+    from jitterkit.optics.toliman import toliman_pupil
+
+    return toliman_pupil()
+
+
+def plain(diameter: float, obscuration: float = 0.0, **options: Any) -> Pupil:
+    """Make an obstructed circle; see :func:`jitterkit.optics.pupil.obstructed_circle`."""
+    from jitterkit.optics.pupil import obstructed_circle
+
+    return obstructed_circle(diameter, obscuration, **options)
+
+
+def from_file(path: Path, diameter: float | None = None) -> Pupil:
+    """Read a pupil; see :func:`jitterkit.optics.pupil_file.read_pupil`."""
+    from jitterkit.optics.pupil_file import read_pupil
+
+    return read_pupil(path, diameter)
+
+
+def star(path: Path, hdu: int | None = None) -> np.ndarray:
+    """Read a star image ``(ny, nx)``, background subtracted, from a FITS or TIFF file.
+
+    Raises
+    ------
+    ConfigurationError
+        If a pixel of it is masked.
+    FrameError
+        If it cannot be read.
+    """
+    with open_frames(path, hdu=hdu) as frames:
+        frame = frames[0]
+    if frame.mask.any():
+        raise ConfigurationError(
+            f"{path}: {int(frame.mask.sum())} pixels of the star have no value; interpolate over them first."
+        )
+    return frame.data

@@ -1,0 +1,120 @@
+"""One table of an instrument file: its values, taken out with their types, or a sentence.
+
+Every complaint names the file, the key, the value and what would be accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NoReturn
+
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["Section", "refuse_unknown"]
+
+
+def refuse_unknown(file: Path, what: str, names: Collection[str], allowed: Collection[str]) -> None:
+    """Raise for the first name that is not allowed, and suggest the nearest that is."""
+    for name in names:
+        if name not in allowed:
+            close = get_close_matches(name, allowed, 1, 0.5)
+            hint = f"did you mean {close[0]!r}? " if close else ""
+            raise ConfigurationError(
+                f"{file}: the {what} {name!r} is unknown; {hint}use {', '.join(allowed)}."
+            )
+
+
+class Section:
+    """A table of a TOML file.
+
+    Parameters
+    ----------
+    file : Path
+        Named in complaints; other files are looked for beside it.
+    name : str
+        Of the table.
+    values : object
+        What the TOML has under that name.
+    allowed : collection of str
+        Keys it may have.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no table or has a key that is not allowed.
+    """
+
+    def __init__(self, file: Path, name: str, values: Any, allowed: Collection[str]) -> None:
+        self.file, self.name = file, name
+        if not isinstance(values, Mapping):
+            raise ConfigurationError(
+                f"{file}: {name} = {values!r} is not a table; begin a line with [{name}]."
+            )
+        self.values = dict(values)
+        refuse_unknown(file, f"key of [{name}]", self.values, allowed)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def source(self, key: str) -> str:
+        """Where a value comes from, in words."""
+        return f"instrument file {self.file.name} [{self.name}] {key}"
+
+    def refuse(self, key: str, remedy: str) -> NoReturn:
+        """Raise for the value of a key."""
+        raise ConfigurationError(f"{self.file}: [{self.name}] {key} = {self.values[key]!r}; {remedy}.")
+
+    def require(self, key: str, remedy: str) -> None:
+        """Raise if a key is missing."""
+        if key not in self.values:
+            raise ConfigurationError(f"{self.file}: [{self.name}] has no {key}; {remedy}.")
+
+    def number(self, key: str, unit: str, default: Any = None) -> Any:
+        """Return a number as float; a truth value is none."""
+        value = self.values.get(key, default)
+        if key in self.values and (isinstance(value, bool) or not isinstance(value, int | float)):
+            self.refuse(key, f"give a number, in {unit}")
+        return None if value is None else float(value)
+
+    def integer(self, key: str, default: Any = None) -> Any:
+        """Return a whole number."""
+        value = self.values.get(key, default)
+        if key in self.values and (isinstance(value, bool) or not isinstance(value, int)):
+            self.refuse(key, "give a whole number")
+        return value
+
+    def text(self, key: str, default: Any = None) -> Any:
+        """Return a text."""
+        value = self.values.get(key, default)
+        if key in self.values and not isinstance(value, str):
+            self.refuse(key, "give a text in quotation marks")
+        return value
+
+    def numbers(self, key: str, count: int | None, unit: str) -> list[float]:
+        """Return a list of numbers, of a given length if there is one."""
+        value = self.values[key]
+        is_list = isinstance(value, list) and all(
+            isinstance(v, int | float) and not isinstance(v, bool) for v in value
+        )
+        if not is_list or not value or (count is not None and len(value) != count):
+            self.refuse(key, f"give {'a list of' if count is None else f'[{count}]'} numbers, in {unit}")
+        return [float(v) for v in value]
+
+    def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:
+        """Return a list of whole numbers, of a given length if there is one; it may be empty otherwise."""
+        value = self.values[key]
+        is_list = isinstance(value, list) and all(
+            isinstance(v, int) and not isinstance(v, bool) for v in value
+        )
+        if not is_list or (count is not None and len(value) != count):
+            self.refuse(key, f"give {what}")
+        return value
+
+    def path(self, key: str) -> Path:
+        """Return the path of a file that exists, relative to the TOML's directory."""
+        path = self.file.parent / str(self.text(key))
+        if not path.is_file():
+            self.refuse(key, f"there is no file {path}: give a path relative to {self.file.name}")
+        return path

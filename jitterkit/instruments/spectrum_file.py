@@ -1,0 +1,137 @@
+"""A spectrum from a table, as few wavelengths that are worth as much.
+
+A measured spectrum may have hundreds of rows; an image needs some ten wavelengths.  The nodes and
+weights of the Gauss quadrature that belongs to *this* spectrum integrate every polynomial of degree
+``2 n - 1`` in wavelength exactly against it (Golub and Welsch, Math. Comp. 23, 221, 1969; the
+recurrence by Lanczos's method, Gautschi, Orthogonal Polynomials, 2004, section 2.2).
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics.spectrum import Spectrum
+
+__all__ = ["band_from_table", "read_spectrum"]
+
+
+def read_spectrum(path: str | Path, samples: int = 13) -> Spectrum:
+    """Read a spectrum from a CSV table.
+
+    Parameters
+    ----------
+    path : str or Path
+        Two columns, wavelength [nm] ascending and photons per nm in any unit, separated by commas;
+        a first line of words and lines that begin with ``#`` are skipped.
+    samples : int
+        Wavelengths to model with.
+
+    Returns
+    -------
+    spectrum : Spectrum
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is not such a table; the message names the line.
+    """
+    path = Path(path)
+    try:
+        wavelengths, photons = np.array(_rows(path), dtype=float).reshape(-1, 2).T
+        return band_from_table(wavelengths, photons, samples)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(
+            f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, photons."
+        ) from None
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+
+
+def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int = 13) -> Spectrum:
+    """The Gauss quadrature of a tabulated spectrum.
+
+    Parameters
+    ----------
+    wavelengths : (m,) array
+        nm, ascending.
+    photons : (m,) array
+        Photons per nm, in any unit; straight lines between the rows, nothing outside.
+    samples : int
+        Number of nodes.
+
+    Returns
+    -------
+    spectrum : Spectrum
+        A table of two equal rows gives :func:`~jitterkit.optics.spectrum.flat_band`.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are fewer than two rows, they are out of order or negative, or no light is in them.
+    """
+    if len(wavelengths) < 2 or samples < 1:
+        raise ConfigurationError(
+            f"A spectrum of {len(wavelengths)} rows in {samples} samples; give 2 and 1 at least."
+        )
+    if not (np.all(np.isfinite(photons)) and np.all(photons >= 0) and np.any(photons > 0)):
+        raise ConfigurationError(
+            "A spectrum's photons must not be negative, nor all zero; correct the table."
+        )
+    if not (wavelengths[0] > 0 and np.all(np.diff(wavelengths) > 0)):
+        raise ConfigurationError(
+            "A spectrum's wavelengths must be positive and ascend, in nm; sort the table."
+        )
+    at, weight = _fine(wavelengths, photons, samples + 1)
+    nodes, weights = _gauss(at, weight, samples)
+    return Spectrum(tuple(nodes.tolist()), tuple(weights.tolist()))
+
+
+def _fine(wavelengths: np.ndarray, photons: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """A fine quadrature: each interval's is exact for its straight line times degree ``2 points - 2``."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    half, middle = np.diff(wavelengths)[:, None] / 2, (wavelengths[1:] + wavelengths[:-1])[:, None] / 2
+    at = (middle + half * nodes).ravel()
+    weight = (half * weights).ravel() * np.interp(at, wavelengths, photons)
+    lit = weight > 0
+    return at[lit], weight[lit]
+
+
+def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
+    middle, half = (at.max() + at.min()) / 2, (at.max() - at.min()) / 2
+    scaled = (at - middle) / half
+    basis = np.sqrt(weight / weight.sum())[None]
+    diagonal, beside = [], []
+    for k in range(n):
+        vector = scaled * basis[-1]
+        diagonal.append(vector @ basis[-1])
+        if k < n - 1:
+            for _again in range(2):
+                vector = vector - basis.T @ (basis @ vector)
+            beside.append(np.linalg.norm(vector))
+            basis = np.vstack([basis, vector / beside[-1]])
+    jacobi = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
+    nodes, vectors = np.linalg.eigh(jacobi)
+    return middle + half * nodes, vectors[0] ** 2
+
+
+def _rows(path: Path) -> list[tuple[float, float]]:
+    rows: list[tuple[float, float]] = []
+    with path.open(newline="", encoding="utf-8") as handle:
+        for number, cells in enumerate(csv.reader(handle), start=1):
+            if not cells or cells[0].lstrip().startswith("#"):
+                continue
+            try:
+                wavelength, photons = map(float, cells)
+            except ValueError:
+                if number == 1:
+                    continue  # the columns' names
+                raise ConfigurationError(
+                    f"line {number} is {','.join(cells)!r}; give wavelength_nm, photons."
+                ) from None
+            rows.append((wavelength, photons))
+    return rows

@@ -1,0 +1,243 @@
+"""The instrument file: a telescope in twenty lines of TOML.
+
+::
+
+    [instrument]
+    name = "testbed"
+    base = "toliman"            # optional: a preset that fills what is not said here
+    plate_scale = 0.375         # arcsec/pixel
+    shape = [128, 128]          # rows, columns
+    exposure = 0.1              # s
+    flux = 1e5                  # photons per frame, for simulations
+
+    [telescope]                 # a plain one, or a pupil file, or (instead) a [psf]
+    diameter = 0.125            # m
+    obscuration = 0.04          # m, diameter of the central one
+    struts = 3
+    strut_width = 0.002         # m
+    noll = [4, 5, 6, 7, 8]      # aberrations that may vary
+    # pupil = "pupil.npz"       # transmission, opd, basis: see jitterkit.optics.pupil_file
+
+    [psf]
+    file = "star.fits"          # an unblurred star, background subtracted
+
+    [spectrum]                  # of the detected photons: one of three
+    band = [530, 640]           # nm, flat
+    samples = 13
+    # lines = [532, 633]        # nm
+    # file = "spectrum.csv"     # wavelength_nm, photons
+
+    [detector]                  # all optional
+    gain = 3.7                  # e-/ADU
+    read_noise = 2.4            # e-
+    bias = 30                   # ADU
+    full_well = 15000           # e-
+    saturation = 4000           # ADU
+    bits = 12
+    bad_pixels = "bad.fits"     # not zero where bad
+
+Files are looked for beside the TOML.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import open_frames
+from jitterkit.instruments import pupils
+from jitterkit.instruments.instrument import Instrument
+from jitterkit.instruments.presets import preset
+from jitterkit.instruments.section import Section, refuse_unknown
+from jitterkit.instruments.spectrum_file import read_spectrum
+from jitterkit.optics.spectrum import Spectrum, flat_band
+
+__all__ = ["SECTIONS", "read_instrument"]
+
+SECTIONS = {
+    "instrument": ("name", "base", "plate_scale", "shape", "exposure", "flux"),
+    "telescope": ("diameter", "obscuration", "struts", "strut_width", "noll", "samples", "pupil"),
+    "psf": ("file", "hdu"),
+    "spectrum": ("band", "samples", "lines", "weights", "file"),
+    "detector": ("gain", "read_noise", "bias", "full_well", "saturation", "bits", "bad_pixels"),
+}
+"""Every table of an instrument file and its keys."""
+
+
+def read_instrument(path: str | Path) -> Instrument:
+    """Read an instrument file; the module's introduction shows one.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML.
+
+    Returns
+    -------
+    instrument : Instrument
+        Every number of the file has the source ``"instrument file NAME [table] key"``; what a ``base``
+        fills keeps the preset's.  A pupil file is opened when the optics are first asked for.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing or no TOML, a table or key is unknown or missing, or a value is of the
+        wrong type or impossible; the message names file, key, value and remedy.
+    """
+    path = Path(path)
+    sections = _sections(path)
+    head = sections["instrument"]
+    readers: dict[str, Callable[[Section], dict[str, Any]]] = {
+        "telescope": _telescope,
+        "psf": _psf,
+        "spectrum": _spectrum,
+    }
+    try:
+        base = preset(head.text("base")) if "base" in head else None
+        fields = _head(head, path.stem)
+        for name, reader in readers.items():
+            if name in sections:
+                fields |= reader(sections[name])
+        detector = Detector() if base is None else base.detector
+        fields["detector"] = _detector(sections["detector"], detector) if "detector" in sections else detector
+        return _assemble(path, fields, base)
+    except ConfigurationError as error:
+        text = str(error)
+        raise ConfigurationError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def _sections(path: Path) -> dict[str, Section]:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        problem = f"{path}: cannot be read ({error.strerror}); give a preset's name or an instrument file."
+        raise ConfigurationError(problem) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: is not readable as TOML ({error}); correct it.") from None
+    refuse_unknown(path, "table", content, SECTIONS)
+    content.setdefault("instrument", {})
+    sections = {name: Section(path, name, values, SECTIONS[name]) for name, values in content.items()}
+    if "psf" in sections and not {"telescope", "spectrum"}.isdisjoint(sections):
+        raise ConfigurationError(
+            f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one."
+        )
+    return sections
+
+
+def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> Instrument:
+    if base is not None:
+        fields["sources"] = {**base.sources, **fields["sources"]}
+        return replace(base, **fields)
+    if "plate_scale" not in fields:
+        raise ConfigurationError(f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel.")
+    if "pupil_from" not in fields:
+        raise ConfigurationError(f"{path}: there is neither a [telescope] nor a [psf]; add one of them.")
+    if fields["pupil_from"] is not None and "spectrum" not in fields:
+        raise ConfigurationError(f"{path}: there is no [spectrum]; add one, such as band = [530, 640].")
+    return Instrument(**{"shape": (128, 128), **fields})
+
+
+def _head(section: Section, stem: str) -> dict[str, Any]:
+    fields: dict[str, Any] = {
+        "name": section.text("name", stem),
+        "plate_scale": section.number("plate_scale", "arcsec/pixel"),
+        "exposure": section.number("exposure", "s"),
+        "flux": section.number("flux", "photons per frame"),
+        "shape": section.whole_numbers("shape", 2, "[rows, columns]") if "shape" in section else None,
+    }
+    fields = {name: value for name, value in fields.items() if value is not None}
+    return {**fields, "sources": {name: section.source(name) for name in fields}}
+
+
+def _telescope(section: Section) -> dict[str, Any]:
+    diameter = section.number("diameter", "m")
+    if diameter is not None and not diameter > 0:
+        section.refuse("diameter", "give a positive one, in m")
+    if "pupil" in section:
+        for key in (key for key in section.values if key not in ("pupil", "diameter")):
+            section.refuse(key, "leave it out: the pupil file says it")
+        return {"pupil_from": partial(pupils.from_file, section.path("pupil"), diameter), "psf_from": None}
+    section.require("diameter", "give it, in m, or a pupil file")
+    return {
+        "pupil_from": partial(pupils.plain, diameter, **_plain_options(section, diameter)),
+        "psf_from": None,
+    }
+
+
+def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
+    options: dict[str, Any] = {
+        "obscuration": section.number("obscuration", "m", 0.0),
+        "struts": section.integer("struts", 0),
+        "strut_width": section.number("strut_width", "m", 0.0),
+        "samples": section.integer("samples", 256),
+    }
+    if not 0 <= options["obscuration"] < diameter:
+        section.refuse("obscuration", f"give its diameter in m, less than the aperture's {diameter:g}")
+    for key, least in (("struts", 0), ("strut_width", 0.0), ("samples", 16)):
+        if options[key] < least:
+            section.refuse(key, f"give at least {least}")
+    if options["struts"] and not options["strut_width"]:
+        raise ConfigurationError(f"{section.file}: [telescope] has struts but no strut_width; give it, in m.")
+    if "noll" in section:
+        options["noll"] = section.whole_numbers("noll", None, "a list of Noll's indices, from 2")
+        if any(j < 2 for j in options["noll"]) or len(set(options["noll"])) < len(options["noll"]):
+            section.refuse("noll", "give each of Noll's indices once, from 2")
+    return options
+
+
+def _psf(section: Section) -> dict[str, Any]:
+    section.require("file", "give the star image")
+    hdu = section.integer("hdu")
+    return {"psf_from": partial(pupils.star, section.path("file"), hdu), "pupil_from": None, "spectrum": None}
+
+
+def _spectrum(section: Section) -> dict[str, Any]:
+    kinds = [key for key in ("band", "lines", "file") if key in section]
+    if len(kinds) != 1:
+        said = " and ".join(kinds) if kinds else "neither band nor lines nor file"
+        raise ConfigurationError(
+            f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file."
+        )
+    for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
+        if key in section and kinds[0] not in wanted:
+            section.refuse(key, f"leave it out: it does not go with {kinds[0]}")
+    return {"spectrum": _spectrum_of_kind(section, kinds[0])}
+
+
+def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
+    samples = section.integer("samples", 13)
+    if samples < 1:
+        section.refuse("samples", "give at least 1; 13 suit TOLIMAN")
+    if kind == "file":
+        return read_spectrum(section.path("file"), samples)
+    if kind == "lines":
+        wavelengths = section.numbers("lines", None, "nm")
+        weights = section.numbers("weights", len(wavelengths), "any unit") if "weights" in section else None
+        return Spectrum(tuple(wavelengths), tuple(weights or [1.0] * len(wavelengths)))
+    low, high = section.numbers("band", 2, "nm")
+    if not 0 < low < high:
+        section.refuse("band", "give [shortest, longest], in nm")
+    return flat_band(low, high, samples)
+
+
+def _detector(section: Section, base: Detector) -> Detector:
+    units = {"gain": "e-/ADU", "read_noise": "e-", "bias": "ADU", "full_well": "e-", "saturation": "ADU"}
+    fields: dict[str, Any] = {key: section.number(key, unit) for key, unit in units.items()}
+    fields["bits"] = section.integer("bits")
+    fields["bad_pixels"] = _bad_pixels(section.path("bad_pixels")) if "bad_pixels" in section else None
+    fields = {key: value for key, value in fields.items() if value is not None}
+    return replace(base, **fields, sources={**base.sources, **{key: section.source(key) for key in fields}})
+
+
+def _bad_pixels(path: Path) -> np.ndarray:
+    with open_frames(path) as frames:
+        frame = frames[0]
+    return (frame.data != 0) | frame.mask

@@ -1,0 +1,197 @@
+"""Instruments as records: presets, optics, and whose word counts."""
+
+import itertools
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import RawFrame
+from jitterkit.instruments import PRESETS, Instrument, load_instrument, resolve
+from jitterkit.optics import flat_band, obstructed_circle
+
+BAND = flat_band(530.0, 640.0, 3)
+
+
+def plain(**changes):
+    fields = {
+        "name": "plain",
+        "plate_scale": 0.375,
+        "shape": (32, 24),
+        "spectrum": BAND,
+        "pupil_from": obstructed_circle(0.125, noll=(4, 5), samples=64),
+    }
+    return Instrument(**{**fields, **changes})
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_says_where_each_number_comes_from(name):
+    instrument = load_instrument(name)
+    raw = resolve(RawFrame.from_array(np.zeros((4, 4))), instrument)
+    assert instrument.name == name
+    for known in (*raw.metadata.known().values(),):
+        assert known.source.startswith(f"preset {name}")
+    assert instrument.source("flux").startswith(f"preset {name}")
+
+
+def test_the_preset_of_toliman_has_the_true_photons_and_the_papers_are_one_name_away():
+    true, paper = load_instrument("toliman"), load_instrument("toliman-paper")
+    assert (true.flux, paper.flux) == (9.53e6, 3.811e7)
+    assert paper.flux / true.flux == pytest.approx(458.7 / 114.67, rel=1e-3)  # the ratio of the areas
+    assert np.all(np.isinf([paper.detector.full_well or np.inf, paper.detector.bits or np.inf]))
+    assert true.pupil_from is paper.pupil_from
+
+
+def test_the_well_of_the_preset_fills_before_its_converter_ends():
+    detector = load_instrument("toliman").detector
+    reading = detector.expose(np.full((200, 200), 1e6), np.random.default_rng(0))
+    assert reading.max() < 4095
+
+
+def test_presets_travel_to_another_process():
+    for name in PRESETS:
+        assert pickle.loads(pickle.dumps(load_instrument(name))).name == name
+
+
+def test_a_pupil_is_made_once_and_only_when_asked_for():
+    made = []
+
+    def make():
+        made.append(1)
+        return obstructed_circle(0.125, noll=(4,), samples=32)
+
+    instrument = plain(pupil_from=make)
+    assert not made
+    assert instrument.aberrations == ("noll4",)
+    assert instrument.pupil is instrument.pupil
+    assert made == [1]
+
+
+def test_optics_sum_to_the_light_on_the_padded_grid_and_take_a_frames_own_shape_and_scale():
+    otf = plain().system(pad=8, shape=(20, 16), plate_scale=0.4).otf([0.0, 0.0])
+    assert otf.grid.shape == (20, 16)
+    assert otf.grid.plate_scale == 0.4
+    assert otf.names == ("noll4", "noll5")
+    assert 0.8 < float(otf.value[0, 0].real) < 1.0
+    assert plain().optics(pad=8, derivatives=False).names == ()
+
+
+def test_aberrations_move_the_optics_to_their_state():
+    otf = plain().optics([20.0, 0.0], pad=8)
+    assert np.asarray(otf.state).tolist() == [20.0, 0.0]
+    assert not np.allclose(otf.value, plain().optics(pad=8).value, atol=1e-3)
+
+
+def test_a_star_image_stands_for_the_pupil():
+    x, y = np.meshgrid(np.arange(15) - 7, np.arange(15) - 7)
+    star = np.exp(-(x**2 + y**2) / 4.0)
+    instrument = plain(pupil_from=None, spectrum=None, psf_from=lambda: star)
+    otf = instrument.optics(pad=8)
+    assert otf.pixel_included
+    assert instrument.aberrations == ()
+    with pytest.raises(ConfigurationError, match=r"'plain' has no aberrations that vary; leave them out"):
+        instrument.optics([1.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"plate_scale": -0.1}, r"plate_scale = -0.1 is outside .*; give it in arcsec/pixel"),
+        ({"shape": (0, 5)}, r"shape = \[0, 5\] is impossible; give \[rows, columns\]"),
+        ({"exposure": float("inf")}, r"exposure = inf is not a finite number; give it in s"),
+        ({"flux": 0.0}, r"flux = 0.0 is not positive; give photons per frame"),
+        ({"spectrum": None}, r"'plain' has a pupil but no spectrum; give its band"),
+        ({"pupil_from": None}, r"'plain' needs either a pupil or a PSF"),
+        ({"psf_from": np.ones((3, 3))}, r"'plain' needs either a pupil or a PSF"),
+    ],
+)
+def test_an_instrument_that_cannot_be_is_refused(changes, sentence):
+    with pytest.raises(ConfigurationError, match=sentence):
+        plain(**changes)
+
+
+def test_an_unknown_instrument_names_the_nearest():
+    with pytest.raises(
+        ConfigurationError, match=r"no instrument 'tolliman'; did you mean 'toliman'\? choose from"
+    ):
+        load_instrument("tolliman")
+
+
+LADDER = ("command line", "sidecar x.toml", "instrument file i.toml", "header EGAIN (HDU 0)", "preset p")
+
+
+# an instrument is a file or a preset, never both
+PAIRS = [pair for pair in itertools.combinations(LADDER, 2) if pair != LADDER[2:5:2]]
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_of_two_sources_the_more_authoritative_one_is_heard(pair):
+    raw, instrument, overrides = RawFrame.from_array(np.zeros((2, 2))), plain(), None
+    for source, gain in zip(reversed(pair), (3.0, 2.0), strict=True):
+        if source == "command line":
+            overrides = {"gain": gain}
+        elif source in LADDER[2::2]:
+            instrument = plain(detector=Detector(gain=gain, sources={"gain": source}))
+        else:
+            raw = RawFrame(raw.data, metadata=raw.metadata.apply(source, gain=gain))
+    known = resolve(raw, instrument, overrides).metadata.gain
+    assert (known.value, known.source) == (2.0, pair[0])
+
+
+def test_an_instrument_that_knows_no_gain_leaves_the_frames_own():
+    raw = RawFrame.from_array(np.zeros((2, 2)), source="header EGAIN (HDU 0)", gain=1.5)
+    assert resolve(raw, plain()).metadata.value("gain") == 1.5
+
+
+def test_the_scale_and_exposure_of_a_frame_outrank_a_presets():
+    preset = plain(exposure=0.1, sources=dict.fromkeys(("plate_scale", "exposure"), "preset p"))
+    raw = RawFrame.from_array(np.zeros((2, 2)), source="header WCS (HDU 0)", plate_scale=0.5)
+    metadata = resolve(raw, preset).metadata
+    assert (metadata.value("plate_scale"), metadata.value("exposure")) == (0.5, 0.1)
+
+
+def test_a_frame_and_an_instrument_made_by_hand_agree_that_the_frame_knows_itself_best():
+    raw = RawFrame.from_array(np.zeros((2, 2)), exposure=3.0)
+    assert resolve(raw, plain(exposure=0.1)).metadata.value("exposure") == 3.0
+
+
+def test_a_corrected_gain_moves_the_level_of_a_full_well():
+    instrument = load_instrument("toliman")
+    once = resolve(RawFrame.from_array(np.zeros((2, 2))), instrument)
+    twice = resolve(once, instrument, {"gain": 7.4})
+    signal = [raw.metadata.value("saturation") - 30.0 for raw in (once, twice)]
+    assert signal[1] == pytest.approx(signal[0] / 2, rel=1e-3)  # the margin of 5 sigma differs a little
+
+
+def test_an_override_that_does_not_exist_is_refused():
+    with pytest.raises(
+        ConfigurationError, match=r"'gane' is not known about a frame; use one of exposure, gain"
+    ):
+        resolve(RawFrame.from_array(np.zeros((2, 2))), plain(), {"gane": 1.0})
+
+
+def test_a_given_saturation_level_replaces_the_wells():
+    raw = RawFrame.from_array(np.array([[4090.0]]))
+    instrument = load_instrument("toliman")
+    assert instrument.detector.calibrate(resolve(raw, instrument)).saturated == 1
+    assert instrument.detector.calibrate(resolve(raw, instrument, {"saturation": 4095.0})).saturated == 0
+
+
+def test_reading_an_instrument_and_resolving_a_frame_need_no_jax_of_this_package():
+    # jitterkit.optics is entered past its __init__, which offers the whole of the optics
+    code = (
+        "import sys, types, importlib.util as u\n"
+        "optics = types.ModuleType('jitterkit.optics')\n"
+        "optics.__path__ = list(u.find_spec('jitterkit').submodule_search_locations)\n"
+        "optics.__path__ = [optics.__path__[0] + '/optics']\n"
+        "sys.modules['jitterkit.optics'] = optics\n"
+        "from jitterkit.instruments import load_instrument, resolve\n"
+        "from jitterkit.frames import RawFrame\n"
+        "resolve(RawFrame.from_array([[1.0]]), load_instrument('toliman'))\n"
+        "sys.exit('jax' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,224 @@
+"""Instrument files: what they say, and the sentence when they say it wrong."""
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import write_fits
+from jitterkit.instruments import load_instrument, read_instrument
+from jitterkit.optics import Pupil, flat_band, write_pupil
+
+WHOLE = """
+[instrument]
+name = "testbed"
+plate_scale = 0.3
+shape = [40, 60]
+exposure = 0.2
+flux = 2e5
+[telescope]
+diameter = 0.1
+obscuration = 0.03
+struts = 4
+strut_width = 0.002
+noll = [4, 7]
+samples = 64
+[spectrum]
+band = [500, 600]
+samples = 5
+[detector]
+gain = 1.5
+read_noise = 3
+bias = 100
+full_well = 20000
+saturation = 60000
+bits = 16
+"""
+LEAST = "[instrument]\nplate_scale = 0.3\n[telescope]\ndiameter = 0.1\n[spectrum]\nlines = [633]\n"
+
+
+@pytest.fixture
+def toml(tmp_path):
+    def write(text, name="bed.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_whole_file_is_understood(toml):
+    bed = read_instrument(toml(WHOLE))
+    assert (bed.name, bed.plate_scale, bed.shape, bed.exposure, bed.flux) == (
+        "testbed",
+        0.3,
+        (40, 60),
+        0.2,
+        2e5,
+    )
+    assert bed.spectrum == flat_band(500, 600, 5)
+    assert bed.aberrations == ("noll4", "noll7")
+    assert (bed.pupil.diameter, bed.pupil.transmission.shape) == (0.1, (64, 64))
+    clear = np.pi / 4 * (0.1**2 - 0.03**2) - 4 * 0.002 * 0.035
+    area = bed.pupil.transmission.sum() * bed.pupil.pitch**2
+    assert area == pytest.approx(
+        clear, rel=2e-3
+    )  # 64 x 8 points across: edges are 1/500 of the area uncertain
+    d = bed.detector
+    numbers = (d.gain, d.read_noise, d.bias, d.full_well, d.saturation, d.bits)
+    assert numbers == (1.5, 3.0, 100.0, 20000.0, 60000.0, 16)
+
+
+def test_numbers_of_a_file_name_the_file_the_table_and_the_key(toml):
+    bed = read_instrument(toml(WHOLE))
+    assert bed.source("plate_scale") == "instrument file bed.toml [instrument] plate_scale"
+    assert bed.detector.source("gain") == "instrument file bed.toml [detector] gain"
+
+
+def test_the_least_file_leaves_the_detector_unknown(toml):
+    bed = read_instrument(toml(LEAST))
+    assert (bed.name, bed.shape, bed.detector.gain) == ("bed", (128, 128), None)
+    assert bed.spectrum.wavelengths == (633.0,)
+
+
+def test_a_base_fills_what_is_not_said_and_keeps_its_sources(toml):
+    bed = read_instrument(toml('[instrument]\nbase = "smallsat"\nexposure = 2\n[detector]\ngain = 1.0\n'))
+    base = load_instrument("smallsat")
+    assert (bed.name, bed.exposure, bed.plate_scale) == ("bed", 2.0, base.plate_scale)
+    assert (bed.detector.gain, bed.detector.read_noise) == (1.0, base.detector.read_noise)
+    assert bed.detector.source("gain").startswith("instrument file bed.toml")
+    assert bed.detector.source("read_noise").startswith("preset smallsat")
+    assert bed.pupil_from is not None
+
+
+def test_a_pupil_file_lies_beside_the_toml(toml, tmp_path, monkeypatch):
+    write_pupil(tmp_path / "p.npz", Pupil(np.ones((16, 16)), 0.2))
+    path = toml(LEAST.replace("diameter = 0.1", 'pupil = "p.npz"'))
+    monkeypatch.chdir("/")
+    assert read_instrument(path).pupil.diameter == 0.2
+    both = toml(LEAST.replace("diameter = 0.1", 'pupil = "p.npz"\ndiameter = 0.3'), "both.toml")
+    assert read_instrument(both).pupil.diameter == 0.3
+
+
+def test_a_star_file_takes_the_place_of_telescope_and_spectrum(toml, tmp_path):
+    star = np.outer(np.hanning(9), np.hanning(9)).astype(np.float32)
+    write_fits(tmp_path / "star.fits", star)
+    bed = read_instrument(toml('[instrument]\nplate_scale = 1.2\n[psf]\nfile = "star.fits"\n'))
+    assert bed.pupil is None
+    assert bed.psf == pytest.approx(star)
+    based = read_instrument(toml('[instrument]\nbase = "smallsat"\n[psf]\nfile = "star.fits"\n'))
+    assert based.optics(pad=4).pixel_included
+
+
+def test_a_star_with_missing_pixels_is_refused(toml, tmp_path):
+    star = np.ones((5, 5))
+    star[2, 2] = np.nan
+    write_fits(tmp_path / "star.fits", star)
+    bed = read_instrument(toml('[instrument]\nplate_scale = 1.2\n[psf]\nfile = "star.fits"\n'))
+    with pytest.raises(ConfigurationError, match=r"star\.fits: 1 pixels of the star have no value"):
+        bed.optics()
+
+
+def test_bad_pixels_come_from_a_file(toml, tmp_path):
+    bad = np.zeros((4, 6), np.uint8)
+    bad[1, 2] = 1
+    write_fits(tmp_path / "bad.fits", bad)
+    bed = read_instrument(toml(LEAST + '[detector]\nbad_pixels = "bad.fits"\n'))
+    assert np.argwhere(bed.detector.bad_pixels).tolist() == [[1, 2]]
+
+
+def test_lines_may_be_weighted(toml):
+    bed = read_instrument(toml(LEAST.replace("[633]", "[532, 633]\nweights = [1, 3]")))
+    assert bed.spectrum.weights == (0.25, 0.75)
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "sentence"),
+    [
+        ("[telescope]", "[telescop]", r"the table 'telescop' is unknown; did you mean 'telescope'\?"),
+        (
+            "gain",
+            "gian",
+            r"the key of \[detector\] 'gian' is unknown; did you mean 'gain'\? use gain, read_noise",
+        ),
+        ("plate_scale = 0.3", "", r"\[instrument\] has no plate_scale; give it, in arcsec/pixel"),
+        (
+            "plate_scale = 0.3",
+            'plate_scale = "a"',
+            r"\[instrument\] plate_scale = 'a'; give a number, in arcsec/pixel",
+        ),
+        ("plate_scale = 0.3", "plate_scale = true", r"\[instrument\] plate_scale = True; give a number"),
+        (
+            "plate_scale = 0.3",
+            "plate_scale = -0.3",
+            r"plate_scale = -0.3 is outside .*; give it in arcsec/pixel",
+        ),
+        ("[40, 60]", "[40]", r"\[instrument\] shape = \[40\]; give \[rows, columns\]"),
+        ("[40, 60]", "[40, 0]", r"shape = \[40, 0\] is impossible; give \[rows, columns\]"),
+        ('"testbed"', "5", r"\[instrument\] name = 5; give a text in quotation marks"),
+        ('name = "testbed"', 'base = "smalsat"', r"no instrument 'smalsat'; did you mean 'smallsat'"),
+        ("diameter = 0.1", "", r"\[telescope\] has no diameter; give it, in m, or a pupil file"),
+        ("diameter = 0.1", "diameter = 0", r"\[telescope\] diameter = 0; give a positive one"),
+        ("diameter = 0.1", 'pupil = "no.npz"', r"\[telescope\] obscuration = 0.03; leave it out"),
+        (
+            "obscuration = 0.03",
+            "obscuration = 0.3",
+            r"obscuration = 0.3; give its diameter in m, less than .* 0.1",
+        ),
+        ("strut_width = 0.002", "", r"\[telescope\] has struts but no strut_width"),
+        ("struts = 4", "struts = 4.5", r"\[telescope\] struts = 4.5; give a whole number"),
+        ("struts = 4", "struts = -4", r"\[telescope\] struts = -4; give at least 0"),
+        ("noll = [4, 7]", "noll = [1, 7]", r"noll = \[1, 7\]; give each of Noll's indices once, from 2"),
+        ("noll = [4, 7]", "noll = [4, 4]", r"noll = \[4, 4\]; give each of Noll's indices once"),
+        ("band = [500, 600]", "", r"\[spectrum\] has neither band nor lines nor file; give exactly one"),
+        ("samples = 5", "lines = [5]", r"\[spectrum\] has band and lines; give exactly one"),
+        (
+            "samples = 5",
+            "weights = [5]",
+            r"\[spectrum\] weights = \[5\]; leave it out: it does not go with band",
+        ),
+        ("samples = 5", "samples = 0", r"\[spectrum\] samples = 0; give at least 1"),
+        ("[500, 600]", "[600, 500]", r"\[spectrum\] band = \[600, 500\]; give \[shortest, longest\], in nm"),
+        ("[500, 600]", '"V"', r"\[spectrum\] band = 'V'; give \[2\] numbers, in nm"),
+        ("gain = 1.5", "gain = 0", r"bed\.toml: gain = 0.0 is zero; give it in e-/ADU"),
+        ("bits = 16", "bits = 99", r"bed\.toml: bits = 99 is impossible"),
+        (
+            "bits = 16",
+            'bad_pixels = "gone.fits"',
+            r"\[detector\] bad_pixels = 'gone.fits'; there is no file .*gone.fits",
+        ),
+        (
+            "[detector]",
+            "[psf]\nfile = 'x'\n[detector]",
+            r"\[psf\] stands beside a \[telescope\] or \[spectrum\]",
+        ),
+        ("[detector]", "[detector", r"is not readable as TOML"),
+    ],
+)
+def test_a_mistake_gets_a_sentence_with_file_key_value_and_remedy(toml, was, becomes, sentence):
+    assert was in WHOLE
+    path = toml(WHOLE.replace(was, becomes, 1))
+    with pytest.raises(ConfigurationError, match=sentence) as caught:
+        read_instrument(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("detector = 3\n", r"detector = 3 is not a table; begin a line with \[detector\]"),
+        ("[instrument]\nplate_scale = 1\n", r"there is neither a \[telescope\] nor a \[psf\]"),
+        ("[instrument]\nplate_scale = 1\n[telescope]\ndiameter = 1\n", r"there is no \[spectrum\]; add one"),
+        ("[instrument]\nplate_scale = 1\n[psf]\n", r"\[psf\] has no file; give the star image"),
+    ],
+)
+def test_a_file_that_lacks_a_part_says_which(toml, text, sentence):
+    with pytest.raises(ConfigurationError, match=sentence):
+        read_instrument(toml(text))
+
+
+def test_a_missing_file_is_told_from_a_missing_preset(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"gone\.toml: cannot be read \(No such file"):
+        load_instrument(tmp_path / "gone.toml")
+    with pytest.raises(ConfigurationError, match=r"cannot be read"):
+        load_instrument(str(tmp_path))

@@ -1,0 +1,56 @@
+"""Spectra from tables: a few wavelengths worth as much as all of them."""
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.instruments.spectrum_file import band_from_table, read_spectrum
+from jitterkit.optics import flat_band
+
+
+@pytest.mark.parametrize("samples", [1, 5, 13])
+def test_a_flat_table_is_a_flat_band(samples):
+    table, band = (
+        band_from_table(np.array([530.0, 560.0, 640.0]), np.ones(3), samples),
+        flat_band(530, 640, samples),
+    )
+    assert table.wavelengths == pytest.approx(band.wavelengths, rel=1e-12)
+    assert table.weights == pytest.approx(band.weights, rel=1e-10)
+
+
+def test_the_moments_of_a_crooked_spectrum_are_exact_to_twice_the_samples():
+    # density 2u on 0 < u < 1, u = (wavelength - 500 nm)/100 nm: the integral of 2 u u^k is 2/(k + 2)
+    spectrum = band_from_table(np.array([500.0, 600.0]), np.array([0.0, 2.0]), 4)
+    u = (np.array(spectrum.wavelengths) - 500) / 100
+    for k in range(8):
+        assert np.sum(np.array(spectrum.weights) * u**k) == pytest.approx(2 / (k + 2), rel=1e-12)
+
+
+def test_a_spectrum_with_a_hole_has_no_light_in_it_that_weighs():
+    at = np.array([500.0, 510.0, 510.1, 589.9, 590.0, 600.0])
+    spectrum = band_from_table(at, np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0]), 2)
+    assert spectrum.wavelengths == pytest.approx((505.0, 595.0), abs=1.0)
+
+
+def test_a_csv_with_names_comments_and_blank_lines_is_read(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("wavelength_nm, photons\n# lamp\n530, 1\n\n640, 1\n")
+    assert read_spectrum(path, 3).wavelengths == pytest.approx(flat_band(530, 640, 3).wavelengths)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("w,p\n530,1\n540;2\n", r"s\.csv: line 3 is 540;2; give wavelength_nm, photons|line 3 is '540;2'"),
+        ("530,1\n", r"s\.csv: A spectrum of 1 rows"),
+        ("", r"s\.csv: A spectrum of 0 rows"),
+        ("540,1\n530,1\n", r"must be positive and ascend, in nm; sort the table"),
+        ("530,1\n540,-1\n", r"photons must not be negative, nor all zero"),
+        ("530,0\n540,0\n", r"photons must not be negative, nor all zero"),
+    ],
+)
+def test_a_table_that_is_no_spectrum_is_refused(tmp_path, text, sentence):
+    path = tmp_path / "s.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match=sentence):
+        read_spectrum(path)
