@@ -1,0 +1,36 @@
+"""Kernel estimators: from a frame to what the pointing did, in milliseconds.
+
+Each takes the frame's :class:`~jitterkit.likelihood.Data`, a template (scene and aberrations) and an
+OTF, and returns a :class:`~jitterkit.kernel_estimate.KernelEstimate`.  Reach for ``score``: it is
+efficient and knows about aberrations.  ``mtf`` is the quick look that needs no iteration.
+
+To add an estimator, write one file with one function and add one line to the registry.
+"""
+
+from collections.abc import Callable
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.estimators.mtf_ratio import estimate_mtf_ratio
+from jitterkit.estimators.score import estimate_score
+from jitterkit.kernel_estimate import KernelEstimate
+
+__all__ = ["ESTIMATORS", "KernelEstimate", "estimate_mtf_ratio", "estimate_score", "estimator"]
+
+ESTIMATORS: dict[str, Callable[..., KernelEstimate]] = {"mtf": estimate_mtf_ratio, "score": estimate_score}
+"""Every estimator by name."""
+
+
+def estimator(name: str) -> Callable[..., KernelEstimate]:
+    """Look an estimator up by name.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none of that name; the message lists those there are.
+    """
+    try:
+        return ESTIMATORS[name]
+    except KeyError:
+        raise ConfigurationError(
+            f"There is no kernel estimator {name!r}; choose from {', '.join(ESTIMATORS)}."
+        ) from None

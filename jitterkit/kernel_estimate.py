@@ -1,0 +1,58 @@
+"""The record in which estimators and the refit meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jitterkit.loci.base import principal_axes
+
+__all__ = ["KernelEstimate"]
+
+
+@dataclass(frozen=True)
+class KernelEstimate:
+    """What an image says about the blur in it.
+
+    Attributes
+    ----------
+    moments : (3,) array
+        Second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec².  Noise may make them indefinite.
+    covariance : (3, 3) array
+        Of the moments, arcsec⁴.
+    method : str
+        Name of the estimator.
+    source : str
+        The data it was made from.  A fit to the *same* data may start from it, but must not use it
+        as a prior: that would count the photons twice.
+    shape : float
+        Excess kurtosis along the major axis (linear -1.2, SHM -1.5, normal 0); NaN if not estimated.
+    shape_err : float
+        Its standard error.
+    kernel : (ny, nx) array or None
+        Kernel on the frame's pixels, where the method gives one.
+    """
+
+    moments: np.ndarray
+    covariance: np.ndarray
+    method: str
+    source: str = ""
+    shape: float = float("nan")
+    shape_err: float = float("nan")
+    kernel: np.ndarray | None = None
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Standard errors of the moments, arcsec²."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def axes(self) -> tuple[float, float, float]:
+        """``(major, minor, angle)``: 1 sigma per axis [arcsec] and degrees."""
+        return principal_axes(self.moments)
+
+    @property
+    def significance(self) -> float:
+        """Chi-squared (3 degrees of freedom) of the moments against no jitter at all."""
+        return float(self.moments @ np.linalg.solve(self.covariance, self.moments))

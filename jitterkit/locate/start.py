@@ -1,0 +1,108 @@
+"""From a frame to starting values for a fit.
+
+A faint companion of a bright star hides in the mismatch between the star and its template.  So the
+search goes round: candidates are fitted briefly with the jitter and the aberrations free, and if the
+best of them does not describe the frame, the template takes its jitter and aberrations and the
+search begins anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.forward import Parameters, free_parameters
+from jitterkit.likelihood import Data
+from jitterkit.locate.pair import FoundPair, find_pairs
+from jitterkit.loci.base import Locus
+from jitterkit.loci.mvn import Mvn
+from jitterkit.optics.otf import OTF
+from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.scene import Binary
+from jitterkit.scoring import Prior, climb
+
+__all__ = ["Start", "locate_binary"]
+
+_ROUNDS = 4
+_GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
+_WORTH_IT = 0.97  # a round that improves the deviance by less was the last
+_LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a fit begins.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        With a normal locus, fitted briefly.
+    otf : OTF
+        About aberrations very near theirs.
+    deviance_dof : float
+        Deviance a pixel; about one if all is well.
+    companion_gain : float
+        Chi-squared that the second star explained when it was found.
+    """
+
+    parameters: Parameters
+    otf: OTF
+    deviance_dof: float
+    companion_gain: float
+
+
+def locate_binary(data: Data, optics: OpticalSystem | FixedOptics) -> Start | None:
+    """Find a binary anywhere in a frame and starting values for all of its parameters.
+
+    Parameters
+    ----------
+    data : Data
+    optics : OpticalSystem or FixedOptics
+
+    Returns
+    -------
+    start : Start or None
+        None if no star rises above the noise.
+    """
+    otf: OTF = optics.nominal
+    jitter: Locus | None = None
+    best: Start | None = None
+    tried: list[Binary] = []
+    for _ in range(_ROUNDS):
+        fresh = [pair for pair in find_pairs(data, otf, jitter, most=3) if _is_new(pair.scene, tried)]
+        before = np.inf if best is None else best.deviance_dof
+        for pair in fresh:
+            tried.append(pair.scene)
+            trial = _polish(data, optics, otf, pair, jitter)
+            if best is None or trial.deviance_dof < best.deviance_dof:
+                best = trial
+            if best.deviance_dof < _GOOD_ENOUGH:
+                return best
+        if best is None or best.deviance_dof > _WORTH_IT * before:
+            return best
+        otf, jitter = best.otf, best.parameters.locus
+    return best
+
+
+def _is_new(scene: Binary, tried: list[Binary]) -> bool:
+    """Whether a pair lies more than a tenth of an arcsecond from those already tried."""
+    here = np.array(scene.sources()[:2])
+    return all(np.abs(here - np.array(other.sources()[:2])).max() > 0.1 for other in tried)
+
+
+def _polish(
+    data: Data, optics: OpticalSystem | FixedOptics, otf: OTF, pair: FoundPair, jitter: Locus | None
+) -> Start:
+    """Fit a candidate briefly with everything free, about ``otf`` and then about where that led."""
+    locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
+    here = Parameters(pair.scene, locus, otf.state)
+    names, free = free_parameters(here, otf)
+    leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
+    end = climb(here, otf, data, free, leash, steps=15, tolerance=0.1)
+    if otf.names:
+        otf = optics.otf(end.parameters.aberrations)
+        end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=0.1)
+    used = max(int(np.sum(np.asarray(data.used))), 1)
+    return Start(end.parameters, otf, float(end.objective) / used, pair.companion_gain)

@@ -1,0 +1,173 @@
+"""Damped Fisher scoring: the one way in which jitterkit climbs a likelihood.
+
+The step is ``(F + λ diag F)⁻¹ g`` with the expected information F and the score g (Levenberg and
+Marquardt's damping of what the paper calls natural gradient descent).  It is invariant to the units
+of the parameters, and the loop is a single compiled program: no Python between its steps.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jitterkit.forward import Parameters, to_vector
+from jitterkit.likelihood import Data, normal_equations
+from jitterkit.optics.otf import OTF
+
+__all__ = ["Climb", "Prior", "climb"]
+
+_DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
+
+
+class Prior(eqx.Module):
+    """A normal prior on the free parameters.
+
+    Attributes
+    ----------
+    mean : (p,) array
+    precision : (p, p) array
+        Inverse covariance; zero rows for parameters without a prior.
+    """
+
+    mean: Float[Array, " p"]
+    precision: Float[Array, "p p"]
+
+    @classmethod
+    def none(cls, size: int) -> Prior:
+        """No prior on any of ``size`` parameters."""
+        return cls(jnp.zeros(size), jnp.zeros((size, size)))
+
+
+class Climb(NamedTuple):
+    """Where a climb ended.
+
+    Attributes
+    ----------
+    parameters : Parameters
+    information : (p, p) array
+        Of the frame alone, at the end.
+    objective : float
+        Deviance plus the prior's quadratic form.
+    moved : float
+        Length of the way from start to end, in standard errors.
+    converged : bool
+    iterations : int
+    """
+
+    parameters: Parameters
+    information: Float[Array, "p p"]
+    objective: Float[Array, ""]
+    moved: Float[Array, ""]
+    converged: Bool[Array, ""]
+    iterations: Int[Array, ""]
+
+
+class _Point(NamedTuple):
+    """A place on the way, and what the posterior is like there."""
+
+    values: Array
+    objective: Array
+    score: Array
+    information: Array
+
+
+class _State(NamedTuple):
+    here: _Point
+    damping: Array
+    converged: Array
+    iterations: Array
+
+
+def climb(
+    start: Parameters,
+    otf: OTF,
+    data: Data,
+    free: tuple[int, ...],
+    prior: Prior,
+    *,
+    steps: int = 50,
+    tolerance: float = 1e-4,
+) -> Climb:
+    """Climb to the maximum of the posterior.
+
+    Parameters
+    ----------
+    start : Parameters
+    otf : OTF
+        Aberrations enter to first order about its state.
+    data : Data
+    free : tuple of int
+        Positions in the parameter vector that vary, ascending.
+    prior : Prior
+    steps : int
+        Evaluations at most, rejected ones included.
+    tolerance : float
+        Length of a step, in standard errors, below which the climb has arrived.
+
+    Returns
+    -------
+    climb : Climb
+    """
+    # as arrays, so that another number of steps is not another program
+    return _climb(start, otf, data, free, prior, jnp.asarray(steps), jnp.asarray(tolerance))
+
+
+@eqx.filter_jit
+def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
+    vector, unravel = to_vector(start)
+    index = np.asarray(free, int)
+
+    def parameters_at(values):
+        return unravel(vector.at[index].set(values))
+
+    def evaluate(values) -> _Point:
+        equations = normal_equations(parameters_at(values), otf, data, free)
+        pull = prior.precision @ (values - prior.mean)
+        objective = equations.deviance + (values - prior.mean) @ pull
+        lawful = _in_domain(parameters_at(values).scene) & jnp.isfinite(objective)
+        objective = jnp.where(lawful, objective, jnp.inf)
+        return _Point(values, objective, equations.score - pull, equations.information)
+
+    def keep_climbing(state: _State):
+        return ~state.converged & (state.iterations < steps)
+
+    def step(state: _State) -> _State:
+        here, damping = state.here, state.damping
+        curvature = here.information + prior.precision
+        move = _damped_step(curvature, here.score, damping)
+        there = evaluate(here.values + move)
+        better = there.objective <= here.objective * (1 + 1e-14)
+        short = move @ curvature @ move < tolerance**2
+        return _State(
+            jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here),
+            jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST),
+            # a short step ends the climb if it was taken, or if damping is not what made it short
+            short & (better | (damping <= _DAMPING_START)),
+            state.iterations + 1,
+        )
+
+    first = evaluate(vector[index])
+    state = _State(first, jnp.asarray(_DAMPING_START), jnp.asarray(False), jnp.asarray(0))
+    state = jax.lax.while_loop(keep_climbing, step, state)
+    last = state.here
+    way = last.values - first.values
+    moved = jnp.sqrt(jnp.abs(way @ (last.information + prior.precision) @ way))
+    return Climb(
+        parameters_at(last.values), last.information, last.objective, moved, state.converged, state.iterations
+    )
+
+
+def _damped_step(curvature, score, damping):
+    scale = jnp.sqrt(jnp.diag(curvature))
+    scale = jnp.where(scale > 0, scale, 1.0)
+    unit = curvature / jnp.outer(scale, scale)
+    return jnp.linalg.solve(unit + damping * jnp.eye(len(scale)), score / scale) / scale
+
+
+def _in_domain(scene):
+    return (scene.flux > 0) & (scene.contrast > 0)

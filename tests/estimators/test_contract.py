@@ -1,0 +1,92 @@
+"""What every kernel estimator must do; a new one is held to it by being in the registry."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.estimators import ESTIMATORS, estimator
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.likelihood import Data
+from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
+from jitterkit.scene import Binary
+
+DRAWS = 60
+_image = eqx.filter_jit(expected_image)
+
+
+@pytest.fixture(scope="module")
+def otf():
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=()), flat_band(530, 640, 3)
+    return expand(pupil, band, grid_for(pupil, band, (48, 48), 0.375, pad=16))
+
+
+def scene(theta=40.0):
+    return Binary(5.0, theta, 0.1, 0.05, 3e6, 3.37)
+
+
+def moments_of(locus):
+    return np.asarray(locus.moments())
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize(
+    "locus", [Stable.of(), Mvn.of(0.08, 0.04, 50.0), Linear.of(0.2, 120.0)], ids=["stable", "mvn", "linear"]
+)
+def test_moments_are_unbiased_and_their_covariance_is_honest(name, locus, otf, rng):
+    template = Parameters(scene(), Stable.of())
+    image = np.asarray(_image(Parameters(scene(), locus), otf))
+    estimates = [
+        ESTIMATORS[name](Data(rng.poisson(image) + rng.normal(0, 3, image.shape), 9.0), template, otf)
+        for _ in range(DRAWS)
+    ]
+    values, errors = np.array([e.moments for e in estimates]), np.mean([e.errors for e in estimates], axis=0)
+    # 4 standard errors of the mean; a fifth of an error is allowed for the normal's shape
+    np.testing.assert_array_less(
+        np.abs(values.mean(0) - moments_of(locus)), errors * (4 / np.sqrt(DRAWS) + 0.2)
+    )
+    # a standard deviation of 60 draws scatters by 1/sqrt(2*59) = 9 %: four times that
+    np.testing.assert_allclose(values.std(0, ddof=1) / errors, 1.0, atol=0.37)
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_turning_the_sky_turns_the_moments(name, otf):
+    found = []
+    for turn in (0.0, 90.0):
+        image = np.asarray(_image(Parameters(scene(40.0 + turn), Mvn.of(0.08, 0.03, 20.0 + turn)), otf))
+        found.append(ESTIMATORS[name](Data(image), Parameters(scene(40.0 + turn), Stable.of()), otf).moments)
+    sxx, sxy, syy = found[0]
+    # the midpoint does not turn with the pair: a hundredth of the moments remains
+    np.testing.assert_allclose(found[1], [syy, -sxy, sxx], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_the_noise_free_frame_gives_the_truth(name, otf):
+    locus = Mvn.of(0.05, 0.02, 70.0)
+    image = np.asarray(_image(Parameters(scene(), locus), otf))
+    estimate = ESTIMATORS[name](Data(image), Parameters(scene(), Stable.of()), otf)
+    # a tenth of the statistical error, the least that anyone would notice; the MTF ratio subtracts the
+    # power of photon noise that is not there, and may be off by half an error
+    allowed = {"mtf": 0.5}.get(name, 0.1)
+    np.testing.assert_array_less(np.abs(estimate.moments - moments_of(locus)), allowed * estimate.errors)
+
+
+def test_the_score_estimator_attains_the_bound_and_the_mtf_ratio_twice_it(otf, rng):
+    image = np.asarray(_image(Parameters(scene(), Stable.of()), otf))
+    data = Data(rng.poisson(image), 0.0)
+    template = Parameters(scene(), Stable.of())
+    score, mtf = (ESTIMATORS[name](data, template, otf).errors for name in ("score", "mtf"))
+    assert np.all(mtf > score)
+    assert np.all(mtf < 3 * score)
+
+
+def test_too_faint_a_frame_is_refused_in_words(otf):
+    faint = Parameters(Binary(5.0, 0.0, 0.0, 0.0, 5.0, 3.37), Stable.of())
+    with pytest.raises(ValueError, match="frequencies rise above the noise"):
+        ESTIMATORS["mtf"](Data(np.zeros(otf.grid.shape), 100.0), faint, otf)
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(ConfigurationError, match="choose from mtf, score"):
+        estimator("cepstrum")

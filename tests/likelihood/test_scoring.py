@@ -1,0 +1,106 @@
+"""Fisher scoring: where it ends, and that nothing on the way spoils it."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
+from jitterkit.likelihood import Data, deviance
+from jitterkit.loci import Mvn, Stable
+from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
+from jitterkit.scene import Binary
+from jitterkit.scoring import Prior, climb
+
+
+@pytest.fixture(scope="module")
+def otf():
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
+    return expand(pupil, band, grid_for(pupil, band, (32, 32), 0.375, pad=8))
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return Parameters(Binary(4.0, 40.0, 0.2, -0.1, 1e6, 2.0), Mvn.of(0.1, 0.05, 30.0), [2.0, -2.0])
+
+
+@pytest.fixture(scope="module")
+def data(truth, otf):
+    return Data(np.random.default_rng(5).poisson(np.asarray(expected_image(truth, otf))), 0.0)
+
+
+def free_of(parameters, otf):
+    return free_parameters(parameters, otf)[1]
+
+
+def test_it_ends_at_the_maximum_that_another_optimiser_finds(truth, otf, data):
+    start = Parameters(Binary(4.2, 43.0, 0.0, 0.0, 9e5, 1.7), Mvn.of(0.05), [0.0, 0.0])
+    free = free_of(start, otf)
+    end = climb(start, otf, data, free, Prior.none(len(free)))
+    assert bool(end.converged)
+    vector, unravel = to_vector(end.parameters)
+    errors = np.sqrt(np.diag(np.linalg.inv(end.information)))
+
+    def cost(offset):
+        return float(deviance(unravel(vector.at[: len(free)].add(offset * errors)), otf, data))
+
+    best = minimize(cost, np.full(len(free), 0.02), method="BFGS", options={"gtol": 1e-3})
+    # BFGS with finite differences stops within about gtol of the optimum, in standard errors
+    np.testing.assert_allclose(best.x, 0, atol=0.02)
+    assert float(end.objective) <= best.fun + 1e-5
+
+
+def test_a_start_at_zero_jitter_is_as_good_as_any(truth, otf, data):
+    ends = []
+    for locus in (Mvn(jnp.zeros(3)), Mvn.of(0.2, 0.2), Mvn.of(0.1, 0.05, 30.0)):
+        start = Parameters(truth.scene, locus, truth.aberrations)
+        free = free_of(start, otf)
+        ends.append(climb(start, otf, data, free, Prior.none(len(free))).parameters.locus.coords)
+    # each climb stops within 1e-4 standard errors (2e-4 arcsec² here); allow ten times that
+    np.testing.assert_allclose(ends, [ends[0]] * 3, atol=1e-3 * 2e-4)
+
+
+def test_a_prior_that_is_certain_decides(truth, otf, data):
+    start = Parameters(truth.scene, truth.locus, truth.aberrations)
+    free = free_of(start, otf)
+    precision = np.zeros((len(free), len(free)))
+    precision[0, 0] = 1e-9**-2
+    end = climb(start, otf, data, free, Prior(jnp.zeros(len(free)).at[0].set(4.01), jnp.asarray(precision)))
+    assert float(end.parameters.scene.separation) == pytest.approx(4.01, abs=1e-8)
+
+
+def test_far_starts_do_not_leave_the_domain(truth, otf, data):
+    start = Parameters(Binary(4.0, 40.0, 0.2, -0.1, 1.0, 500.0), Mvn(jnp.zeros(3)), [0.0, 0.0])
+    free = free_of(start, otf)
+    end = climb(start, otf, data, free, Prior.none(len(free)), steps=200)
+    assert float(end.parameters.scene.flux) > 0
+    assert float(end.parameters.scene.contrast) > 0
+    assert np.isfinite(float(end.objective))
+
+
+def test_held_parameters_do_not_move(truth, otf, data):
+    start = Parameters(Binary(4.1, 40.0, 0.2, -0.1, 1e6, 2.0), Stable.of(), [1.0, 1.0], 0.5)
+    end = climb(start, otf, data, (0, 4), Prior.none(2))
+    before, after = np.asarray(to_vector(start)[0]), np.asarray(to_vector(end.parameters)[0])
+    held = [i for i in range(len(before)) if i not in (0, 4)]
+    np.testing.assert_array_equal(before[held], after[held])
+    assert before[0] != after[0]
+
+
+def test_an_aberration_whose_sign_the_image_cannot_tell_is_not_fitted():
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(4, 5, 7)), flat_band(530, 640, 3)
+    otf = expand(pupil, band, grid_for(pupil, band, (32, 32), 0.375, pad=8))
+    assert otf.blind() == ("noll4", "noll5")
+    focused = Parameters(Binary(4.0, 40.0, 0.2, -0.1, 1e6, 2.0), Stable.of(), [0.0, 0.0, 0.0])
+    names, _ = free_parameters(focused, otf)
+    assert "noll7" in names
+    assert "noll4" not in names
+    # out of focus the sign shows
+    defocused = expand(pupil, band, otf.grid, [20.0, 0.0, 0.0])
+    assert "noll4" not in defocused.blind()
+
+
+def test_holding_what_does_not_exist_is_refused(truth, otf):
+    with pytest.raises(ConfigurationError, match="no parameter 'focus' to hold; there are separation"):
+        free_parameters(truth, otf, hold=("focus",))

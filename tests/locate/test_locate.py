@@ -1,0 +1,80 @@
+"""Finding the pair: any angle, place, distance and contrast, and nothing where there is nothing."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.likelihood import Data
+from jitterkit.locate import find_pairs, locate_binary
+from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.optics import flat_band, grid_for
+from jitterkit.optics.system import OpticalSystem
+from jitterkit.scene import Binary
+
+_image = eqx.filter_jit(expected_image)
+
+
+@pytest.fixture(scope="module")
+def optics(toliman):
+    band = flat_band(530, 640, 13)
+    return OpticalSystem(toliman, band, grid_for(toliman, band, (128, 128), 0.375))
+
+
+def frame(optics, scene, locus, aberrations, rng):
+    otf = optics.otf(aberrations, derivatives=False)
+    image = np.asarray(_image(Parameters(scene, locus, aberrations), otf))
+    return Data(rng.poisson(np.maximum(image, 0)) + rng.normal(0, 2.4, image.shape), 2.4**2)
+
+
+def places(scene):
+    """Offsets of both stars, the brighter first (2, 2)."""
+    half = float(scene.separation) / 2
+    angle = np.radians(float(scene.theta))
+    middle, arm = np.array([scene.x, scene.y]), half * np.array([np.cos(angle), np.sin(angle)])
+    return np.array([middle - arm, middle + arm], float)
+
+
+SCENES = [
+    # separation, theta, x, y, contrast: distances and contrasts at their limits, stars near the edges
+    (2.0, 10.0, 0.0, 0.0, 1.05),
+    (2.0, 250.0, 3.0, -8.0, 30.0),
+    (20.0, 120.0, 5.0, 2.0, 30.0),
+    (10.0, 200.0, -17.0, 15.0, 3.37),
+    (5.0, 330.0, 20.5, -20.5, 10.0),
+]
+
+
+@pytest.mark.parametrize("values", SCENES)
+def test_the_pair_is_found_through_jitter_and_aberrations(values, optics, rng):
+    separation, theta, x, y, contrast = values
+    truth = Binary(separation, theta, x, y, 9.53e6, contrast)
+    data = frame(optics, truth, Linear.of(0.5, 70.0), rng.normal(0, 5, 7), rng)
+    found = locate_binary(data, optics).parameters.scene
+    ordered = places(found) if contrast > 1.2 else sorted(places(found).tolist())
+    expected = places(truth) if contrast > 1.2 else sorted(places(truth).tolist())
+    # a twentieth of a pixel, far inside the half resolution element (0.5 arcsec) that a fit needs
+    np.testing.assert_allclose(ordered, expected, atol=0.02)
+
+
+def test_equal_stars_are_two_stars(optics, rng):
+    truth = Binary(2.0, 45.0, 1.0, 1.0, 9.53e6, 1.0)
+    pairs = find_pairs(frame(optics, truth, Stable.of(), np.zeros(7), rng), optics.nominal)
+    assert float(pairs[0].scene.separation) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 5.0])
+def test_an_empty_frame_has_no_star(noise, optics, rng):
+    empty = Data(rng.normal(0, 1, (128, 128)) * noise + 100.0, noise**2)
+    assert find_pairs(empty, optics.nominal) == []
+    assert locate_binary(empty, optics) is None
+
+
+def test_masked_pixels_do_not_mislead(optics, rng):
+    truth = Binary(10.0, 45.0, 1.0, 1.0, 9.53e6, 3.37)
+    data = frame(optics, truth, Mvn.of(0.1), np.zeros(7), rng)
+    counts, used = np.array(data.electrons), np.ones((128, 128), bool)
+    used[40:50, 60:90] = False
+    counts[~used] = 1e7
+    found = locate_binary(Data(counts, 2.4**2, used), optics).parameters.scene
+    np.testing.assert_allclose(places(found), places(truth), atol=0.02)

@@ -1,0 +1,171 @@
+"""The refit: unbiased, honest about its errors, and not to be fooled by its own start."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.estimators import estimate_score
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.likelihood import Data
+from jitterkit.loci import Linear, Mvn, Shm, Stable
+from jitterkit.optics import flat_band, grid_for, obstructed_circle
+from jitterkit.optics.system import OpticalSystem
+from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_frame, fit_locus, kernel_prior
+from jitterkit.scene import Binary
+
+_image = eqx.filter_jit(expected_image)
+
+
+@pytest.fixture(scope="module")
+def optics():
+    """A plain telescope with coma, small enough for many fits."""
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
+    return OpticalSystem(pupil, band, grid_for(pupil, band, (40, 40), 0.375, pad=16))
+
+
+SCENE = Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0)
+
+
+def draw(optics, truth, rng, read_noise=2.4):
+    image = np.asarray(_image(truth, optics.otf(truth.aberrations)))
+    return Data(rng.poisson(image) + rng.normal(0, read_noise, image.shape), read_noise**2)
+
+
+def near(truth, locus):
+    scene = Binary(*(float(v) for v in (5.1, 141.0, 0.35, -0.15, 2.8e6, 2.8)))
+    return Parameters(scene, locus, np.zeros(2))
+
+
+def test_pulls_of_every_parameter_are_standard(optics, rng):
+    truth = Parameters(SCENE, Mvn.of(0.12, 0.06, 30.0), [4.0, -3.0])
+    expected = {"separation": 5.0, "theta": 140.0, "x": 0.3, "y": -0.2, "flux": 3e6, "contrast": 3.0}
+    expected |= dict(zip(Mvn.names, np.asarray(truth.locus.coords), strict=True)) | {
+        "noll7": 4.0,
+        "noll8": -3.0,
+    }
+    pulls = []
+    for _ in range(60):
+        result = fit_frame(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)))
+        assert result.status is Status.OK
+        fitted = dict(zip(result.names, _values(result), strict=True))
+        pulls.append([(fitted[n] - expected[n]) / result.error(n) for n in result.names])
+    # means of 60 unit normals scatter by 0.13, standard deviations by 0.09; four times that, 11 parameters
+    np.testing.assert_allclose(np.mean(pulls, axis=0), 0, atol=0.52)
+    np.testing.assert_allclose(np.std(pulls, axis=0, ddof=1), 1, atol=0.37)
+
+
+def _values(result):
+    p = result.parameters
+    values = {n: float(getattr(p.scene, n)) for n in ("separation", "theta", "x", "y", "flux", "contrast")}
+    values |= dict(zip(p.locus.names, np.asarray(p.locus.coords), strict=True))
+    values |= {"noll7": float(p.aberrations[0]), "noll8": float(p.aberrations[1])}
+    return [values[n] for n in result.names]
+
+
+@pytest.mark.parametrize(
+    "locus", [Stable.of(), Linear.of(0.5, 20.0), Shm.of(0.5, 20.0), Mvn.of(0.1, 0.05, 20.0)]
+)
+def test_the_expected_image_gives_back_the_truth(locus, optics):
+    truth = Parameters(SCENE, locus, [4.0, -3.0])
+    data = Data(np.asarray(_image(truth, optics.otf(truth.aberrations))), 4.0)
+    result = fit_locus(
+        type(locus).__name__.lower(), data, optics, near(truth, locus), np.asarray(locus.moments()) * 1.2
+    )
+    assert result.status is Status.OK
+    # the aberrations' expansion is renewed until its error is 1e-4 of a standard error
+    assert float(result.parameters.scene.separation) == pytest.approx(
+        5.0, abs=1e-3 * result.error("separation")
+    )
+
+
+def test_without_priors_the_error_is_the_bound(optics, rng):
+    truth = Parameters(SCENE, Mvn.of(0.1), [0.0, 0.0])
+    result = fit_frame(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)))
+    np.testing.assert_allclose(result.crlb, np.sqrt(np.diag(result.covariance)), rtol=1e-9)
+
+
+def test_the_brighter_star_is_a_whatever_the_start_said(optics, rng):
+    truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
+    data = draw(optics, truth, rng)
+    swapped = Parameters(Binary(-5.0, 140.0, 0.3, -0.2, 3e6, 1.0), Stable.of(), [0.0, 0.0])
+    exchanged = Parameters(Binary(5.0, 320.0, 0.3, -0.2, 3e6, 0.4), Stable.of(), [0.0, 0.0])
+    for start in (swapped, exchanged):
+        scene = fit_frame(data, optics, start).parameters.scene
+        assert float(scene.contrast) > 1
+        assert float(scene.separation) > 0
+        assert float(scene.theta) == pytest.approx(140.0, abs=0.1)
+
+
+def test_a_frames_own_kernel_estimate_adds_no_information(optics, rng):
+    truth = Parameters(SCENE, Mvn.of(0.1, 0.05, 20.0), [0.0, 0.0])
+    data, start = draw(optics, truth, rng), near(truth, Mvn.of(0.1))
+    estimate = estimate_score(data, start, optics.nominal)
+    estimate = type(estimate)(estimate.moments, estimate.covariance, estimate.method, source="frame 1")
+    without = fit_frame(data, optics, start)
+    own = fit_frame(data, optics, start, options=FitOptions(priors=kernel_prior(estimate, "frame 1")))
+    np.testing.assert_array_equal(own.covariance, without.covariance)
+    # the same numbers from another frame do sharpen it: by sqrt(2) if they are as good as this frame's
+    other = fit_frame(data, optics, start, options=FitOptions(priors=kernel_prior(estimate, "frame 2")))
+    assert other.error("mvn_xx") == pytest.approx(without.error("mvn_xx") / np.sqrt(2), rel=0.05)
+    np.testing.assert_allclose(other.crlb, without.crlb, rtol=0.01)
+
+
+def test_a_prior_can_be_put_on_anything(optics, rng):
+    truth = Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])
+    data = draw(optics, truth, rng)
+    options = FitOptions(priors=Priors({"contrast": (3.0, 1e-6), "noll7": (4.0, 0.1)}))
+    result = fit_frame(data, optics, near(truth, Mvn.of(0.1)), options=options)
+    assert float(result.parameters.scene.contrast) == pytest.approx(3.0, abs=1e-5)
+    assert result.error("noll7") < 0.1
+
+
+def test_a_prior_on_nothing_is_refused(optics, rng):
+    truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
+    data = draw(optics, truth, rng)
+    with pytest.raises(ConfigurationError, match="no free parameter 'jitter' to put a prior on"):
+        fit_frame(data, optics, truth, options=FitOptions(priors=Priors({"jitter": (0.0, 1.0)})))
+    with pytest.raises(ConfigurationError, match=r"positive sigma, got 0\.0 and -1\.0"):
+        Priors({"x": (0.0, -1.0)})
+
+
+def test_a_frame_without_pixels_is_a_status(optics):
+    empty = Data(np.zeros((40, 40)), 1.0, np.zeros((40, 40), bool))
+    result = fit_frame(empty, optics, near(None, Stable.of()))
+    assert result.status is Status.NO_DATA
+    assert np.isnan(result.chi2_dof)
+
+
+def test_a_wrong_model_is_called_poor(optics, rng):
+    truth = Parameters(SCENE, Mvn.of(0.3), [0.0, 0.0])
+    result = fit_locus("stable", draw(optics, truth, rng), optics, near(truth, Stable.of()), np.zeros(3))
+    assert result.status is Status.POOR_FIT
+    assert "chi²/dof" in result.message
+
+
+def test_sky_is_fitted_when_it_is_let_free(optics, rng):
+    truth = Parameters(SCENE, Stable.of(), [0.0, 0.0], 50.0)
+    data = draw(optics, truth, rng)
+    result = fit_frame(data, optics, near(truth, Stable.of()), options=FitOptions(hold=()))
+    assert result.status is Status.OK
+    assert abs(float(result.parameters.background) - 50.0) < 4 * result.error("background")
+
+
+@pytest.mark.parametrize(
+    ("locus", "chosen"),
+    [(Linear.of(0.9, 30.0), "linear"), (Shm.of(0.9, 30.0), "shm"), (Mvn.of(0.2, 0.1), "mvn")],
+)
+def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, optics, rng):
+    truth = Parameters(SCENE, locus, [0.0, 0.0])
+    result = fit_best_locus(
+        draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)), np.asarray(locus.moments())
+    )
+    assert result.locus == chosen
+    assert sum(c.weight for c in result.candidates) == pytest.approx(1.0)
+
+
+def test_auto_says_when_there_is_no_jitter_to_see(optics, rng):
+    truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
+    result = fit_best_locus(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)), np.zeros(3))
+    assert "jitter_undetected" in result.flags
+    assert result.locus == "mvn"
