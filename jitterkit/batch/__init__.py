@@ -1,0 +1,6 @@
+"""Many frames: each processed on its own, all bound into a table, a summary and a report."""
+
+from jitterkit.batch.frame import Processed, Processor
+from jitterkit.batch.run import Run, process_files
+
+__all__ = ["Processed", "Processor", "Run", "process_files"]

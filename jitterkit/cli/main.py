@@ -1,0 +1,53 @@
+"""``jitterkit``: info, simulate, estimate, process."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from jitterkit.cli.estimate import estimate
+from jitterkit.cli.info import info
+from jitterkit.cli.process import process
+from jitterkit.cli.runtime import set_talk, tells_errors
+from jitterkit.cli.simulate import simulate
+
+__all__ = ["app", "run"]
+
+app = typer.Typer(
+    name="jitterkit",
+    help="Telescope jitter from images: blur kernels, and the binary separation behind them.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+for command in (info, simulate, estimate, process):
+    app.command()(tells_errors(command))
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"jitterkit {version('jitterkit')}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    verbose: Annotated[
+        int, typer.Option("--verbose", "-v", count=True, help="Say more; twice: everything.")
+    ] = 0,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say only what went wrong.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Telescope jitter from images: blur kernels, and the binary separation behind them."""
+    set_talk(-1 if quiet else verbose)
+
+
+def run() -> None:
+    """Entry point of the console script."""
+    app()

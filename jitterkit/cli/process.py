@@ -1,0 +1,84 @@
+"""``jitterkit process``: from frames to separations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jitterkit.cli import options
+from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say, watching
+
+__all__ = ["process"]
+
+
+def process(
+    files: options.Files,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")],
+    instrument: options.InstrumentName = "toliman",
+    locus: Annotated[
+        str, typer.Option(metavar="auto|NAME", help="Jitter locus: auto, stable, linear, shm or mvn.")
+    ] = "auto",
+    estimator: Annotated[
+        str, typer.Option(metavar="NAME", help="Kernel estimator that starts the fit: score or mtf.")
+    ] = "score",
+    background: Annotated[
+        bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")
+    ] = False,
+    gain: options.Gain = None,
+    read_noise: options.ReadNoise = None,
+    bias: options.Bias = None,
+    saturation: options.Saturation = None,
+    plate_scale: options.PlateScale = None,
+    exposure: options.Exposure = None,
+    hdu: options.Hdu = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Fit every frame: kernel estimate, then separation, optics and jitter together.
+
+    Writes results.ecsv (a row a frame), summary.json and report.html. Exit status: 0 if every frame was
+    fitted, 1 if some were not, 2 if the command cannot be carried out.
+    """
+    prepare_jax()
+    from jitterkit.batch import Processor, process_files
+    from jitterkit.frames import find_files
+    from jitterkit.instruments import load_instrument
+    from jitterkit.refit import FitOptions
+
+    processor = Processor(
+        load_instrument(instrument),
+        options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
+        locus=locus,
+        kernel=estimator,
+        options=FitOptions(hold=() if background else ("background",)),
+    )
+    with watching(len(find_files(files)), "files") as advance:
+        seen: set[str] = set()
+
+        def watch(row) -> None:
+            if row["path"] not in seen:
+                seen.add(row["path"])
+                advance(row["file"])
+
+        run = process_files(
+            files, output, processor, hdu=hdu, overwrite=overwrite, watch=watch, command=command_line()
+        )
+    _tell(run)
+    if run.failures:
+        raise typer.Exit(SOME_FAILED)
+
+
+def _tell(run) -> None:
+    """The result on stdout, the rest on stderr."""
+    from jitterkit.report.words import with_error
+
+    for row in run.table[run.table["status"] != "ok"]:
+        say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
+    fitted = len(run.table) - run.failures
+    separation = run.summary["separation"]
+    if fitted:
+        typer.echo(
+            f"separation {with_error(separation['mean'], separation['error'])} arcsec from {fitted} frames"
+        )
+    say(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")

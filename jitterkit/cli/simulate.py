@@ -1,0 +1,144 @@
+"""``jitterkit simulate``: frames whose truth is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jitterkit.cli import options
+from jitterkit.cli.runtime import prepare_jax, say
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    output: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="FITS or TIFF by its ending; of several, each gets a number.",
+            show_default=False,
+        ),
+    ],
+    instrument: options.InstrumentName = "toliman",
+    locus: Annotated[
+        str, typer.Option(metavar="NAME", help="Jitter: stable, linear, shm or mvn.")
+    ] = "stable",
+    length: Annotated[
+        float | None,
+        typer.Option(help="Full length (linear) or peak to peak (shm), arcsec.", show_default=False),
+    ] = None,
+    sigma: Annotated[
+        float | None, typer.Option(help="One sigma along the major axis (mvn), arcsec.", show_default=False)
+    ] = None,
+    shear: Annotated[float, typer.Option(help="1 - sigma_minor/sigma_major (mvn), 0 to 1.")] = 0.0,
+    angle: Annotated[
+        float, typer.Option(help="Axis of the jitter, degrees counter-clockwise from +x.")
+    ] = 0.0,
+    separation: Annotated[float, typer.Option(help="Separation, arcsec.")] = 10.0,
+    theta: Annotated[
+        float, typer.Option(help="Direction from A to B, degrees counter-clockwise from +x.")
+    ] = 180.0,
+    x: Annotated[float, typer.Option(help="Midpoint of the pair, arcsec from the frame's centre.")] = 0.0,
+    y: Annotated[float, typer.Option(help="Likewise, upwards.")] = 0.0,
+    flux: Annotated[
+        float | None,
+        typer.Option(
+            help="Photons detected per frame from both stars; by default the instrument's.",
+            show_default=False,
+        ),
+    ] = None,
+    contrast: Annotated[float, typer.Option(help="Flux of A over flux of B.")] = 3.37,
+    aberrations: Annotated[float, typer.Option(help="Rms of each aberration, drawn anew a frame, nm.")] = 0.0,
+    background: Annotated[float, typer.Option(help="Sky, electrons a pixel.")] = 0.0,
+    scatter: Annotated[
+        bool, typer.Option("--scatter", help="Draw theta, and x and y within 5 arcsec, anew for each frame.")
+    ] = False,
+    frames: Annotated[int, typer.Option(min=1, help="How many frames.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of the generator of every random draw.")] = 0,
+    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Photon and read noise.")] = True,
+    detector: Annotated[
+        bool, typer.Option("--detector/--no-detector", help="Read out in ADU, or leave in electrons.")
+    ] = True,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Simulate frames and write them with their truth in the header."""
+    prepare_jax()
+    import numpy as np
+
+    from jitterkit.frames import write_fits, write_tiff
+    from jitterkit.instruments import load_instrument
+    from jitterkit.scene import Binary
+    from jitterkit.simulate import fits_header, simulate_sequence, tiff_metadata
+
+    telescope = load_instrument(instrument)
+    generator = np.random.default_rng(seed)
+    drawn: dict[str, Any] = {}
+    if scatter:
+        drawn = {
+            "theta": generator.uniform(0, 360, frames),
+            "x": x + generator.uniform(-5, 5, frames),
+            "y": y + generator.uniform(-5, 5, frames),
+        }
+    photons = telescope.flux if flux is None else flux
+    sequence = simulate_sequence(
+        telescope,
+        Binary(separation, theta, x, y, photons, contrast),
+        _locus(locus, length, sigma, shear, angle),
+        frames,
+        aberrations=aberrations * generator.standard_normal((frames, len(telescope.aberrations))),
+        background=background,
+        rng=generator if noise else None,
+        detector=detector,
+        **drawn,
+    )
+    digits = len(str(frames - 1))
+    for index, simulated in enumerate(sequence):
+        path = output if frames == 1 else _numbered(output, index, digits)
+        if path.name.lower().endswith((".tif", ".tiff")):
+            write_tiff(
+                path,
+                _stored(simulated.raw),
+                metadata=tiff_metadata(simulated, seed=seed),
+                overwrite=overwrite,
+            )
+        else:
+            header = fits_header(simulated, telescope, seed=seed)
+            write_fits(path, _stored(simulated.raw), header=header, overwrite=overwrite)
+        say(f"wrote {path}")
+
+
+def _locus(name: str, length: float | None, sigma: float | None, shear: float, angle: float):
+    from jitterkit.errors import ConfigurationError
+    from jitterkit.loci import Linear, Mvn, Shm, Stable, locus_class
+
+    kind = locus_class(name)
+    if kind is Stable:
+        if length is not None or sigma is not None:
+            raise ConfigurationError(
+                "A stable telescope has no --length and no --sigma; choose another --locus."
+            )
+        return Stable.of()
+    if issubclass(kind, Linear | Shm):
+        if length is None or sigma is not None:
+            raise ConfigurationError(f"The locus {name} needs --length, and no --sigma.")
+        return kind.of(length, angle)
+    if sigma is None or length is not None:
+        raise ConfigurationError(f"The locus {name} needs --sigma, and no --length.")
+    return Mvn.sheared(sigma, shear, angle)
+
+
+def _numbered(path: Path, index: int, digits: int) -> Path:
+    suffix = "".join(path.suffixes[-2:]) if path.suffix in (".gz", ".fz") else path.suffix
+    return path.with_name(f"{path.name.removesuffix(suffix)}-{index:0{digits}d}{suffix}")
+
+
+def _stored(raw):
+    """Pixels as a camera would store them: whole ADU in 16 bits."""
+    import numpy as np
+
+    data = raw.data
+    whole = raw.unit == "adu" and np.all((data >= 0) & (data < 65536) & (data == np.round(data)))
+    return data.astype(np.uint16) if whole else data

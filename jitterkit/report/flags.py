@@ -1,0 +1,55 @@
+"""Remarks about a frame as one integer, and back.
+
+A remark does not invalidate a frame's numbers; its status would.  The code travels in the ``flags``
+column, the meanings in the table's metadata, so that a file explains itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+__all__ = ["FLAGS", "decode_flags", "encode_flags", "flag_meanings"]
+
+#: Every remark and its meaning; the bit is the place in the list, so add at the end only.
+FLAGS: dict[str, str] = {
+    "other": "a remark without a bit of its own; the message ends with it",
+    "saturated": "saturated pixels were masked",
+    "jitter_undetected": "the blur does not differ from none",
+    "misfit": "chi-squared is further from its degrees of freedom than chance allows",
+    "degenerate": "the frame does not determine every parameter; some errors are not to be trusted",
+    "gain_assumed": "nobody said the gain, so errors and chi-squared rest on an assumption",
+    "read_noise_assumed": "nobody said the read noise, so errors and chi-squared rest on an assumption",
+    "bias_assumed": "nobody said the bias level, so the background rests on an assumption",
+    "above_adc_range": "a value lies beyond the detector's bits: the frame may come from another detector",
+    "header_odd": "the header says something odd; the frame's metadata warns of it",
+    "masked": "bad or missing pixels were masked",
+    "cut_out": "the region about the stars was cut out of a larger frame",
+    "aberrations_held": "aberrations that the image does not show to first order were not fitted",
+}
+
+
+def encode_flags(words: Iterable[str]) -> int:
+    """Code of some remarks; one that is not in :data:`FLAGS` counts as ``other``.
+
+    >>> encode_flags(["saturated", "misfit"])
+    10
+    """
+    places = {word: bit for bit, word in enumerate(FLAGS)}
+    code = 0
+    for word in words:
+        code |= 1 << places.get(word, 0)
+    return code
+
+
+def decode_flags(code: int) -> tuple[str, ...]:
+    """Words of a code; bits of a later version than this are left out.
+
+    >>> decode_flags(10)
+    ('saturated', 'misfit')
+    """
+    return tuple(word for bit, word in enumerate(FLAGS) if int(code) >> bit & 1)
+
+
+def flag_meanings() -> dict[int, str]:
+    """Meaning of each bit's value, as kept in a table's metadata."""
+    return {1 << bit: f"{word}: {meaning}" for bit, (word, meaning) in enumerate(FLAGS.items())}

@@ -1,0 +1,169 @@
+"""The report: one HTML file that shows a run, with its pictures inside and nothing outside.
+
+The page needs no network, no script and no second file.  Everything that came from a file or a header
+is escaped, and the page's own policy forbids the browser to run or load anything, so a frame named
+``<script>`` is a frame with an odd name.  This is the only module that imports jinja2.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from astropy.table import QTable
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from jitterkit.frames.whole import replacing
+from jitterkit.report.flags import FLAGS, decode_flags
+from jitterkit.report.pictures import FrameReport, Gallery
+from jitterkit.report.plots import plot_separations, png
+from jitterkit.report.row import Row
+from jitterkit.report.table import aberration_names
+from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, printable, with_error
+
+__all__ = ["write_report"]
+
+MAX_ROWS = 1000
+"""Fitted frames listed in full; a longer run is thinned evenly, and the page says so."""
+
+
+def write_report(
+    path: str | Path,
+    entries: Iterable[FrameReport],
+    table: QTable,
+    summary: dict[str, Any],
+    *,
+    max_pictures: int = 24,
+    title: str = "jitterkit report",
+    overwrite: bool = False,
+) -> None:
+    """Write the report of a run.
+
+    Parameters
+    ----------
+    path : str or Path
+    entries : iterable of FrameReport
+        The frames with pictures, consumed one by one; of a long run, what a
+        :class:`~jitterkit.report.pictures.Gallery` chose.
+    table : QTable
+        All frames.
+    summary : dict
+        From :func:`~jitterkit.report.summary.summarise`.
+    max_pictures : int
+        At most so many frames are shown: those that failed and those that fit worst.  Every
+        failure's sentence is given all the same.
+    title : str
+        Heading of the page.
+    overwrite : bool
+        Whether a file of that name may be replaced.
+
+    Raises
+    ------
+    FrameError
+        If the file exists and may not be overwritten, or cannot be written.
+    """
+    gallery = Gallery(max_pictures)
+    for entry in entries:
+        gallery.add(entry)
+    page = _template().render(
+        title=printable(title),
+        style=Markup(_resource("report.css")),
+        table=_Listing(table),
+        summary=summary,
+        plot=png(plot_separations(table, summary=summary)),
+        pictures=gallery.chosen(),
+        provenance=_flattened({k: v for k, v in table.meta.items() if k != "flags"}),
+    )
+    with replacing(Path(path), overwrite) as temporary:
+        temporary.write_text(page, encoding="utf-8", newline="\n")
+
+
+def _resource(name: str) -> str:
+    return files("jitterkit.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _template():
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {
+        "angle_size": angle_size,
+        "base64": lambda data: base64.b64encode(data).decode("ascii"),
+        "number": number,
+        "remarks": _remarks,
+        "status": lambda name: name.replace("_", " "),
+        "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n} {word}s",
+    }
+    environment.globals |= {
+        "aberration_names": aberration_names,
+        "candidates": _candidates,
+        "ellipse_size": ellipse_size,
+        "isfinite": math.isfinite,
+        "NOTHING": NOTHING,
+        "pm": _measured,
+        "with_error": with_error,
+    }
+    return environment.from_string(_resource("report.html.j2"))
+
+
+def _measured(row: Row, name: str) -> str:
+    return with_error(row[name], row[f"{name}_err"])
+
+
+def _remarks(code: int) -> list[tuple[str, str]]:
+    return [(word.replace("_", " "), FLAGS[word]) for word in decode_flags(code)]
+
+
+def _candidates(row: Row) -> list[dict[str, Any]]:
+    """Loci that were tried, with how much worse than the best each fits; a missing number is NaN again."""
+    tried = json.loads(row["candidates"] or "[]")
+    tried = [{key: math.nan if value is None else value for key, value in one.items()} for one in tried]
+    best = min((one["objective"] for one in tried), default=math.nan)
+    return [one | {"excess": one["objective"] - best} for one in tried]
+
+
+def _flattened(nested: Any, prefix: str = "") -> list[tuple[str, str]]:
+    """Nested metadata as lines of a list."""
+    if isinstance(nested, dict):
+        inner = [_flattened(value, f"{prefix} {key}".strip()) for key, value in nested.items()]
+        return [line for lines in inner for line in lines]
+    if isinstance(nested, list):
+        return [(prefix, " ".join(printable(item) for item in nested))]
+    return [(prefix, printable(nested))]
+
+
+class _Listing:
+    """The rows of a table that the page lists, as plain dicts."""
+
+    def __init__(self, table: QTable) -> None:
+        self.length = len(table)
+        self._columns = {name: np.asarray(table[name]) for name in table.colnames}
+        usable = self._columns["status"] == "ok"
+        self.failed = np.flatnonzero(~usable)
+        fitted = np.flatnonzero(usable)
+        self.step = max(1, math.ceil(len(fitted) / MAX_ROWS))
+        self.fitted = fitted[:: self.step]
+        self.usable = len(fitted)
+        paths, counts = np.unique(self._columns["path"], return_counts=True)
+        self._several = set(paths[counts > 1].tolist())
+
+    def rows(self, places: Iterable[int]) -> list[Row]:
+        """Rows at some places, each with its ``place`` from 1 and its ``name``."""
+        return [self._row(int(place)) for place in places]
+
+    def all_rows(self) -> list[Row]:
+        """Every failure, and the fitted frames thinned."""
+        return self.rows(np.union1d(self.failed, self.fitted))
+
+    def _row(self, place: int) -> Row:
+        row = {name: column[place].item() for name, column in self._columns.items()}
+        several = row["frame"] > 0 or row["path"] in self._several
+        name = f"{row['file']}[{row['frame']}]" if several else row["file"]
+        return row | {"place": place + 1, "name": name}

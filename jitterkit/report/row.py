@@ -1,0 +1,163 @@
+"""From a fit to a row: one flat record of plain numbers and text.
+
+Reach for :func:`make_row`.  A row holds what JSON and SQLite hold (text, integers, floats, NaN for
+what was not fitted), so that a ledger can keep it and :mod:`~jitterkit.report.table` can bind it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jitterkit.conventions import axis_angle, direction_angle
+from jitterkit.report.columns import COLUMNS, aberration_column
+from jitterkit.report.flags import FLAGS, encode_flags
+from jitterkit.report.words import printable
+
+if TYPE_CHECKING:  # at run time a table is read without JAX
+    from jitterkit.forward import Parameters
+    from jitterkit.frames.metadata import Metadata
+    from jitterkit.refit.result import Candidate, FitResult
+
+__all__ = ["Row", "make_row"]
+
+Row = dict[str, Any]
+"""Column name to text, integer or float."""
+
+SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
+
+
+def make_row(
+    result: FitResult,
+    path: str | Path | None,
+    frame: int = 0,
+    *,
+    metadata: Metadata | None = None,
+    flags: Iterable[str] = (),
+    pa: float = math.nan,
+    aberrations: Sequence[str] | None = None,
+) -> Row:
+    """Make the row of one frame.
+
+    Parameters
+    ----------
+    result : FitResult
+        Of any status; a frame that could not even be read has one too.
+    path : str, Path or None
+        The file; None for an array.
+    frame : int
+        Place of the frame in the file, from 0.
+    metadata : Metadata, optional
+        Gives the time and the exposure; its warnings raise the flag ``header_odd``.
+    flags : iterable of str
+        Remarks of the frame, to which the fit's own are added.
+    pa : float
+        Position angle of the pair on the sky, north through east [deg], where a WCS gives it.
+    aberrations : sequence of str, optional
+        Names of all aberrations, ``otf.names``; by default those that were free, which is enough
+        unless only some were.
+
+    Returns
+    -------
+    row : dict
+        Every column of :data:`~jitterkit.report.columns.COLUMNS`, and two for each aberration.  All
+        numbers of a frame that was not fitted are NaN.
+    """
+    odd = ["header_odd"] if metadata and metadata.warnings else []
+    words = list(dict.fromkeys([*flags, *result.flags, *odd]))
+    row: Row = {column.name: column.blank for column in COLUMNS}
+    row |= {
+        "file": printable("array" if path is None else Path(path).name),
+        "path": printable("" if path is None else path),
+        "frame": int(frame),
+        "time": printable(metadata.value("time", "")) if metadata else "",
+        "exposure": float(metadata.value("exposure", math.nan)) if metadata else math.nan,
+        "status": result.status.name.lower(),
+        "message": _message(result, words),
+        "flags": encode_flags(words),
+        "locus": result.locus,
+        "chi2_dof": float(result.chi2_dof),
+        "candidates": _candidates(result.candidates),
+        "iterations": int(result.iterations),
+        "seconds": float(result.seconds),
+    }
+    if result.parameters is not None:
+        with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
+            row |= _fitted(result, result.parameters, aberrations)
+        row |= {"pa": float(pa), "pa_err": row["theta_err"] if math.isfinite(pa) else math.nan}
+    return row
+
+
+def _message(result: FitResult, words: Iterable[str]) -> str:
+    strange = [printable(word) for word in words if word not in FLAGS]
+    text = printable(result.message or result.status.value)
+    return f"{text} ({', '.join(strange)})" if strange else text
+
+
+def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str] | None) -> Row:
+    """Columns of what was fitted."""
+    row: Row = {}
+    for name in SCENE:
+        row |= _with_error(name, getattr(parameters.scene, name), result.error(name))
+    row["theta"] = direction_angle(row["theta"])
+    row["separation_crlb"] = _crlb(result, "separation")
+    row |= _with_error("background", parameters.background, result.error("background"))
+    for name, value in zip(_names(result, parameters, aberrations), parameters.aberrations, strict=False):
+        row |= _with_error(aberration_column(name), value, result.error(name))
+    return row | _jitter(result, parameters)
+
+
+def _with_error(column: str, value: Any, error: float) -> Row:
+    return {column: float(value), f"{column}_err": error}
+
+
+def _crlb(result: FitResult, name: str) -> float:
+    known = name in result.names and len(result.crlb) == len(result.names)
+    return float(result.crlb[result.names.index(name)]) if known else math.nan
+
+
+def _names(result: FitResult, parameters: Parameters, aberrations: Sequence[str] | None) -> Sequence[str]:
+    """Names of the aberrations, one for each value or none at all."""
+    known = {*SCENE, *parameters.locus.names, "background"}
+    names = [name for name in result.names if name not in known] if aberrations is None else aberrations
+    return names if len(names) == len(parameters.aberrations) else ()
+
+
+def _jitter(result: FitResult, parameters: Parameters) -> Row:
+    """Second moments, principal axes and the locus's own size."""
+    from jitterkit.loci.base import principal_axes  # JAX: loaded already by whoever holds a FitResult
+
+    moments, covariance = result.moments()
+    free = set(parameters.locus.names) & set(result.names)
+    errors = np.sqrt(np.diag(covariance)) if free else np.full(3, np.nan)
+    row: Row = {}
+    for name, value, error in zip(("sxx", "sxy", "syy"), moments, errors, strict=True):
+        row |= _with_error(name, value, float(error))
+    major, minor, angle = principal_axes(moments)
+    length = float(parameters.locus.describe().get("length", math.nan))
+    tilted = axis_angle(angle) if major > 0 else math.nan
+    row |= {"jitter_major": major, "jitter_minor": minor, "jitter_angle": tilted}
+    return row | {"jitter_length": length}
+
+
+def _candidates(candidates: Iterable[Candidate]) -> str:
+    """Compact JSON, best first; empty where only one locus was tried."""
+    fields = [
+        {
+            "locus": one.locus,
+            "weight": _rounded(one.weight, 6),
+            "objective": _rounded(one.objective, 3),  # differences of a few decide; the rest is constant
+            "separation": _rounded(one.separation, 9),
+        }
+        for one in sorted(candidates, key=lambda one: -one.weight)
+    ]
+    return json.dumps(fields, separators=(",", ":"), allow_nan=False) if fields else ""
+
+
+def _rounded(value: float, decimals: int) -> float | None:
+    return round(float(value), decimals) if math.isfinite(value) else None

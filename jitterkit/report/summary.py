@@ -1,0 +1,146 @@
+"""What all frames say together.
+
+Reach for :func:`summarise`; its answer is what ``summary.json`` holds.  Only frames with status ``ok``
+count.  Means are weighted by the inverse of the squared errors, and the scatter about them is set
+against those errors: ``chi2_dof`` near one says that the errors mean something.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from astropy.table import QTable
+
+from jitterkit.frames.whole import replacing
+
+__all__ = ["summarise", "weighted_mean", "write_summary"]
+
+COMBINED = ("mean", "error", "typical_error", "scatter", "chi2_dof", "error_by_scatter")
+
+
+def weighted_mean(values: np.ndarray, errors: np.ndarray) -> dict[str, Any]:
+    """Combine independent measurements of one number.
+
+    Parameters
+    ----------
+    values, errors : (n,) arrays
+        In one unit; those that are not finite, or have no positive error, are left out.
+
+    Returns
+    -------
+    combined : dict
+        ``n`` used; ``mean`` and its ``error`` from the errors alone; ``typical_error``, their median;
+        ``scatter``, the sample's standard deviation; ``chi2_dof`` of the values about the mean; and
+        ``error_by_scatter``, the mean's error if all errors were off by one factor.  NaN where there
+        are too few.  Equal errors give the plain mean and ``error = errors[0]/sqrt(n)``.
+    """
+    values, errors = np.asarray(values, float), np.asarray(errors, float)
+    used = np.isfinite(values) & np.isfinite(errors) & (errors > 0)
+    values, errors = values[used], errors[used]
+    n = len(values)
+    if n == 0:
+        return {"n": 0} | dict.fromkeys(COMBINED, math.nan)
+    weights = (errors.min() / errors) ** 2
+    mean = values[0] + np.average(values - values[0], weights=weights)  # differences keep the last digits
+    error = errors.min() / np.sqrt(weights.sum())
+    alone = n == 1
+    chi2_dof = math.nan if alone else np.sum(((values - mean) / errors) ** 2) / (n - 1)
+    scatter = math.nan if alone else np.std(values, ddof=1)
+    numbers = (mean, error, np.median(errors), scatter, chi2_dof, error * np.sqrt(chi2_dof))
+    return {"n": n} | {name: float(value) for name, value in zip(COMBINED, numbers, strict=True)}
+
+
+def summarise(table: QTable) -> dict[str, Any]:
+    """Combine the frames of a results table.
+
+    Parameters
+    ----------
+    table : QTable
+        From :func:`~jitterkit.report.table.make_table` or read back.
+
+    Returns
+    -------
+    summary : dict
+        ``frames``; ``status`` and ``locus``, the number of each; ``separation`` [arcsec], ``theta`` and
+        ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``jitter``, the plain mean of
+        the second moments [arcsec²] and its principal axes [arcsec, deg]; ``chi2_dof``, the median over
+        frames; ``seconds``, the total.
+
+    Notes
+    -----
+    *Fails when* errors of frames are correlated: an instrument's fixed pattern averages to nothing
+    here and to something on the sky.  Angles are averaged as offsets from the first, folded into
+    ±180 deg, so north is no special place.
+    """
+    good = table[np.asarray(table["status"]) == "ok"]
+    return {
+        "frames": len(table),
+        "status": _counts(table["status"]),
+        "locus": _counts(good["locus"]),
+        "separation": {"unit": "arcsec", **weighted_mean(*_pair(good, "separation", "arcsec"))},
+        "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},
+        "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
+        "jitter": _mean_jitter(good),
+        "chi2_dof": _median(good["chi2_dof"]),
+        "seconds": float(np.nansum(table["seconds"].to_value("s"))),
+    }
+
+
+def _counts(column: Any) -> dict[str, int]:
+    names, numbers = np.unique(np.asarray(column, str), return_counts=True)
+    ranked = sorted(zip(names.tolist(), numbers.tolist(), strict=True), key=lambda pair: -pair[1])
+    return {name: number for name, number in ranked if name}
+
+
+def _pair(table: QTable, name: str, unit: str) -> tuple[np.ndarray, np.ndarray]:
+    return table[name].to_value(unit), table[f"{name}_err"].to_value(unit)
+
+
+def _mean_direction(angles: np.ndarray, errors: np.ndarray) -> dict[str, Any]:
+    finite = angles[np.isfinite(angles)]
+    reference = finite[0] if len(finite) else 0.0
+    combined = weighted_mean((angles - reference + 180.0) % 360.0 - 180.0, errors)
+    return combined | {"mean": (combined["mean"] + reference) % 360.0}
+
+
+def _mean_jitter(table: QTable) -> dict[str, float]:
+    """Mean of the pointing's covariance: moments of different frames add, lengths and angles do not."""
+    from jitterkit.loci.base import principal_axes  # JAX: only here, so that a table alone needs none
+
+    moments = np.array([table[name].to_value("arcsec2") for name in ("sxx", "sxy", "syy")])
+    moments = moments[:, np.all(np.isfinite(moments), axis=0)]
+    if moments.shape[1] == 0:
+        return dict.fromkeys(("sxx", "sxy", "syy", "major", "minor", "angle"), math.nan)
+    mean = moments.mean(axis=1)
+    major, minor, angle = principal_axes(mean)
+    sizes = {"major": major, "minor": minor, "angle": angle if major > 0 else math.nan}
+    return dict(zip(("sxx", "sxy", "syy"), mean.tolist(), strict=True)) | sizes
+
+
+def _median(column: Any) -> float:
+    values = np.asarray(column, float)
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else math.nan
+
+
+def write_summary(path: str | Path, summary: dict[str, Any], *, overwrite: bool = False) -> None:
+    """Write a summary as JSON, whole or not at all; NaN becomes null.
+
+    Raises
+    ------
+    FrameError
+        If the file exists and may not be overwritten, or cannot be written.
+    """
+    with replacing(Path(path), overwrite) as temporary:
+        text = json.dumps(_without_nan(summary), indent=2, ensure_ascii=False, allow_nan=False)
+        temporary.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,225 @@
+"""A run with everything in it: good frames come out, bad ones are rows with a sentence."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jitterkit.batch import Processor, process_files
+from jitterkit.batch.kernels import estimate_files
+from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.frames import RawFrame, write_fits, write_tiff
+from jitterkit.instruments import load_instrument
+from jitterkit.loci import Linear, Mvn
+from jitterkit.report.table import read_table
+from jitterkit.scene import Binary
+from jitterkit.simulate import fits_header, simulate_frame, tiff_metadata
+
+
+@pytest.fixture(scope="module")
+def telescope():
+    return load_instrument("smallsat")
+
+
+@pytest.fixture(scope="module")
+def processor(telescope):
+    return Processor(telescope)
+
+
+def drawn(telescope, rng, **changes):
+    values = {
+        "separation": 10.0,
+        "theta": 30.0,
+        "x": 1.0,
+        "y": -2.0,
+        "flux": 1.2e5,
+        "contrast": 3.37,
+    } | changes
+    return simulate_frame(telescope, Binary(**values), Mvn.of(0.1, 0.05, 20.0), rng=rng)
+
+
+def write(path, simulated, telescope, **cards):
+    header = fits_header(simulated, telescope) | cards
+    return write_fits(path, simulated.raw.data.astype(np.uint16), header=header)
+
+
+@pytest.fixture(scope="module")
+def spoilt(telescope, tmp_path_factory):
+    """A directory with a good frame and everything that goes wrong."""
+    rng = np.random.default_rng(8)
+    where = tmp_path_factory.mktemp("night")
+    good = drawn(telescope, rng)
+    write(where / "a-good.fits", good, telescope)
+    whole = write(where / "truncated.fits", good, telescope).read_bytes()
+    (where / "truncated.fits").write_bytes(whole[: len(whole) // 2])
+    (where / "text.fits").write_text("dear diary,\n")
+    write_fits(where / "nan.fits", np.full((128, 128), np.nan))
+    write_fits(where / "blank.fits", np.full((128, 128), 30, np.uint16))
+    sky = telescope.detector.expose(np.full((128, 128), 20.0), rng)
+    write_fits(where / "nostar.fits", sky.astype(np.uint16))
+    write(where / "scale.fits", good, telescope, PIXSCALE=0.3)
+    write(where / "absurd.fits", good, telescope, PIXSCALE=37.5)
+    (where / "colour.tif").write_bytes(_colour_tiff(rng))
+    write(where / "z-good.fits", drawn(telescope, rng), telescope)
+    return where
+
+
+def _colour_tiff(rng) -> bytes:
+    """A small RGB TIFF, written by hand: 8 bits, one strip."""
+    import struct
+
+    pixels = rng.integers(0, 255, (16, 16, 3), dtype=np.uint8).tobytes()
+    tags = [
+        (256, 3, 1, 16), (257, 3, 1, 16), (258, 3, 3, 200), (259, 3, 1, 1), (262, 3, 1, 2),
+        (273, 4, 1, 256), (277, 3, 1, 3), (278, 3, 1, 16), (279, 4, 1, len(pixels)), (284, 3, 1, 1),
+    ]  # fmt: skip
+    directory = struct.pack("<H", len(tags))
+    for tag, kind, count, value in tags:
+        packed = struct.pack("<HH", value, 0) if kind == 3 and count == 1 else struct.pack("<I", value)
+        directory += struct.pack("<HHI", tag, kind, count) + packed
+    head = struct.pack("<2sHI", b"II", 42, 8) + directory + struct.pack("<I", 0)
+    return head.ljust(200, b"\0") + struct.pack("<3H", 8, 8, 8).ljust(56, b"\0") + pixels
+
+
+@pytest.fixture(scope="module")
+def run(spoilt, processor, tmp_path_factory):
+    return process_files([spoilt], tmp_path_factory.mktemp("out") / "results", processor)
+
+
+STATUS = {
+    "a-good.fits": ("ok", "chi²/dof"),
+    "truncated.fits": ("unreadable", "truncated"),
+    "text.fits": ("unreadable", "text file"),
+    "nan.fits": ("no_data", "every pixel is masked or not a number"),
+    "blank.fits": ("no_star", "nothing rises above the noise"),
+    "nostar.fits": ("no_star", "nothing rises above the noise"),
+    "scale.fits": ("poor_fit", "plate scale of 0.3 arcsec .header PIXSCALE"),
+    "absurd.fits": ("mismatch", "does not suit this instrument"),
+    "colour.tif": ("unreadable", "colour|channels"),
+    "z-good.fits": ("ok", "chi²/dof"),
+}
+
+
+@pytest.mark.parametrize("name", STATUS)
+def test_each_frame_ends_with_its_own_status_and_sentence(name, run):
+    import re
+
+    (row,) = (row for row in run.table if row["file"] == name)
+    status, sentence = STATUS[name]
+    assert row["status"] == status, row["message"]
+    assert re.search(sentence, row["message"]), row["message"]
+
+
+def test_good_frames_beside_bad_ones_are_unharmed(run, spoilt, processor, tmp_path):
+    alone = process_files([spoilt / "z-good.fits"], tmp_path / "alone", processor).table[0]
+    (beside,) = (row for row in run.table if row["file"] == "z-good.fits")
+    for name in ("separation", "separation_err", "theta", "sxx", "chi2_dof"):
+        assert alone[name] == beside[name], name
+    assert abs(alone["separation"].value - 10.0) < 5 * alone["separation_err"].value
+
+
+def test_the_three_files_hold_the_run(run):
+    table = read_table(run.directory / "results.ecsv")
+    assert len(table) == len(STATUS)
+    assert str(table["separation"].unit) == "arcsec"
+    assert table.meta["instrument"] == "smallsat"
+    summary = json.loads((run.directory / "summary.json").read_text())
+    assert summary["status"]["ok"] == 2
+    assert summary["separation"]["n"] == 2
+    page = (run.directory / "report.html").read_text()
+    assert "dear diary" in page
+    assert "<script" not in page
+
+
+def test_failures_are_counted(run):
+    assert run.failures == len(STATUS) - 2
+
+
+def test_results_are_not_replaced_unasked(run, spoilt, processor):
+    with pytest.raises(ConfigurationError, match=r"results\.ecsv exists; give --overwrite"):
+        process_files([spoilt], run.directory, processor)
+
+
+def test_a_path_that_does_not_exist_is_told_before_any_work(tmp_path, processor):
+    with pytest.raises(FrameError, match="does not exist"):
+        process_files([tmp_path / "nowhere.fits"], tmp_path / "out", processor)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_directory_that_is_a_file_is_refused(spoilt, processor):
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        process_files([spoilt / "a-good.fits"], spoilt / "text.fits", processor)
+
+
+def test_a_tiff_gives_what_its_fits_gives(telescope, processor, tmp_path, rng):
+    simulated = drawn(telescope, rng, theta=75.0)
+    write(tmp_path / "frame.fits", simulated, telescope)
+    write_tiff(
+        tmp_path / "frame.tif", simulated.raw.data.astype(np.uint16), metadata=tiff_metadata(simulated)
+    )
+    table = process_files([tmp_path], tmp_path / "out", processor).table
+    assert list(table["status"]) == ["ok", "ok"]
+    # upside down, theta would be -75
+    assert table["theta"][0] == table["theta"][1]
+    assert abs(table["theta"][0].value - 75.0) < 0.5
+
+
+def test_a_large_frame_is_cut_about_its_stars(telescope, processor, rng):
+    simulated = drawn(telescope, rng)
+    large = rng.normal(30, 0.9, (600, 800)).round()
+    large[300:428, 500:628] = simulated.raw.data
+    large[10, 20] = 4000  # a hot pixel
+    processed = processor.process(RawFrame(large, metadata=simulated.raw.metadata))
+    assert processed.result.status.usable, processed.result.message
+    assert "cut_out" in processed.frame.flags
+    # the midpoint in the large frame is where it was put
+    for axis, offset, first in ((0, 1.0, 500), (1, -2.0, 300)):
+        fitted = float((processed.result.parameters.scene.x, processed.result.parameters.scene.y)[axis])
+        pixel = processed.frame.origin[axis] + 63.5 + fitted / 0.375
+        assert abs(pixel - (first + 63.5 + offset / 0.375)) < 0.1
+
+
+def test_one_star_is_no_pair(telescope, processor, rng):
+    simulated = drawn(telescope, rng, contrast=1e7)
+    result = processor.process(simulated.raw).result
+    assert result.status.name == "NO_PAIR", result.message
+
+
+def test_a_world_coordinate_system_gives_a_position_angle(telescope, processor, tmp_path, rng):
+    simulated = drawn(telescope, rng, theta=90.0)
+    cards = {
+        "CTYPE1": "RA---TAN", "CRPIX1": 64.5, "CRVAL1": 219.9, "CUNIT1": "deg", "CD1_1": -0.375 / 3600,
+        "CTYPE2": "DEC--TAN", "CRPIX2": 64.5, "CRVAL2": -60.8, "CUNIT2": "deg", "CD2_2": 0.375 / 3600,
+        "CD1_2": 0.0, "CD2_1": 0.0,
+    }  # fmt: skip
+    write(tmp_path / "sky.fits", simulated, telescope, **cards)
+    (row,) = process_files([tmp_path / "sky.fits"], tmp_path / "out", processor).table
+    # north is up and east is left: a pair along +y lies at position angle zero
+    angle = (row["pa"].value + 180) % 360 - 180
+    assert abs(angle) < 0.5
+
+
+def test_estimates_come_as_a_table(spoilt, processor):
+    table = estimate_files([spoilt], processor)
+    good = table[table["status"] == "ok"]
+    assert set(good["file"]) >= {"a-good.fits", "z-good.fits"}
+    assert {"no_star", "unreadable", "no_data"} <= set(table["status"])
+    row = good[list(good["file"]).index("a-good.fits")]
+    truth = np.asarray(Mvn.of(0.1, 0.05, 20.0).moments())
+    for name, value in zip(("sxx", "sxy", "syy"), truth, strict=True):
+        assert abs(row[name].value - value) < 5 * row[f"{name}_err"].value
+
+
+def test_a_streak_can_be_asked_for_by_name(telescope, rng):
+    scene = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
+    simulated = simulate_frame(telescope, scene, Linear.of(0.6, 50.0), rng=rng)
+    result = Processor(telescope, locus="linear").process(simulated.raw).result
+    assert result.locus == "linear"
+    assert result.parameters.locus.describe()["length"] == pytest.approx(0.6, abs=0.1)
+    with pytest.raises(ConfigurationError, match="no jitter locus 'zigzag'"):
+        Processor(telescope, locus="zigzag")
+
+
+def test_sample_frames_directory_is_where_the_readme_says():
+    assert (Path(__file__).parents[2] / "sample_frames").is_dir()

@@ -1,0 +1,152 @@
+"""The shell: light to start, data on stdout, talk on stderr, exit statuses as promised."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jitterkit.cli.main import app
+from jitterkit.frames import open_frames, write_fits
+
+runner = CliRunner()
+
+
+@pytest.fixture
+def frame(tmp_path):
+    path = tmp_path / "frame.fits"
+    done = runner.invoke(app, ["simulate", str(path), "-i", "smallsat", "--locus", "mvn", "--sigma", "0.1"])
+    assert done.exit_code == 0, done.output
+    return path
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from jitterkit.cli.main import app\n"
+        "try: app(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'jax', 'numpy', 'scipy', 'astropy', 'matplotlib', 'cv2', 'tifffile'} & set(sys.modules)\n"
+        "print('loaded', sorted(heavy))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("loaded []")
+
+
+def test_every_command_has_help():
+    for command in ("info", "simulate", "estimate", "process"):
+        done = runner.invoke(app, [command, "--help"])
+        assert done.exit_code == 0
+        assert "--help" in done.output
+
+
+def test_the_version_is_the_package_s():
+    from importlib.metadata import version
+
+    assert runner.invoke(app, ["--version"]).output.strip() == f"jitterkit {version('jitterkit')}"
+
+
+def test_info_says_where_each_number_comes_from(frame):
+    done = runner.invoke(app, ["info", str(frame)])
+    assert done.exit_code == 0
+    (gain,) = (line for line in done.stdout.splitlines() if line.split()[:1] == ["gain"])
+    assert "3.7" in gain
+    assert "header EGAIN" in gain
+
+
+def test_info_goes_on_after_a_bad_file(frame, tmp_path):
+    (tmp_path / "bad.fits").write_text("not a frame")
+    done = runner.invoke(app, ["info", str(tmp_path)])
+    assert done.exit_code == 1
+    assert "frame.fits" in done.stdout
+    assert "bad.fits" in done.stderr
+
+
+def test_simulated_truth_stands_in_the_header(frame):
+    from astropy.io import fits
+
+    header = fits.getheader(frame)
+    assert header["TRUSEP"] == 10.0
+    assert header["TRULOCUS"] == "mvn"
+    assert header["BITPIX"] == 16
+
+
+def test_simulated_tiffs_have_their_numbers_beside_them(tmp_path):
+    path = tmp_path / "s.tif"
+    done = runner.invoke(app, ["simulate", str(path), "-i", "smallsat", "--frames", "2", "--scatter"])
+    assert done.exit_code == 0, done.output
+    names = sorted(p.name for p in tmp_path.iterdir())
+    assert names == ["s-0.tif", "s-0.toml", "s-1.tif", "s-1.toml"]
+    truths = [tomllib.loads((tmp_path / f"s-{i}.toml").read_text())["truth"] for i in (0, 1)]
+    assert truths[0]["TRUTHETA"] != truths[1]["TRUTHETA"]
+
+
+def test_one_seed_gives_one_frame(tmp_path):
+    pixels = []
+    for name, seed in (("a", "3"), ("b", "3"), ("c", "4")):
+        path = tmp_path / f"{name}.fits"
+        assert runner.invoke(app, ["simulate", str(path), "-i", "smallsat", "--seed", seed]).exit_code == 0
+        with open_frames(path) as file:
+            pixels.append(file[0].data)
+    np.testing.assert_array_equal(pixels[0], pixels[1])
+    assert np.any(pixels[0] != pixels[2])
+
+
+def test_process_prints_the_separation_and_leaves_three_files(frame, tmp_path):
+    out = tmp_path / "out"
+    done = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "smallsat"])
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("separation ")
+    assert sorted(p.name for p in out.iterdir()) == ["report.html", "results.ecsv", "summary.json"]
+    mean, error = (json.loads((out / "summary.json").read_text())["separation"][k] for k in ("mean", "error"))
+    assert abs(mean - 10.0) < 5 * error
+    again = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "smallsat"])
+    assert again.exit_code == 2
+    assert "--overwrite" in again.stderr
+
+
+def test_some_failed_frames_are_exit_status_one(frame, tmp_path):
+    write_fits(tmp_path / "blank.fits", np.zeros((128, 128), np.uint16))
+    done = runner.invoke(app, ["process", str(tmp_path), "-o", str(tmp_path / "out"), "-i", "smallsat"])
+    assert done.exit_code == 1
+    assert "blank.fits [0] no_star" in done.stderr
+
+
+def test_estimate_prints_a_table(frame):
+    done = runner.invoke(app, ["estimate", str(frame), "-i", "smallsat", "--estimator", "mtf"])
+    assert done.exit_code == 0, done.output
+    assert "arcsec2" in done.stdout
+    assert "frame.fits" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["process", "nowhere.fits", "-o", "out"], "does not exist"),
+        (["process", ".", "-o", "out", "-i", "tolliman"], "did you mean 'toliman'"),
+        (["process", ".", "-o", "out", "-i", "smallsat", "--locus", "zigzag"], "no jitter locus 'zigzag'"),
+        (["process", ".", "-o", "out", "-i", "smallsat", "--estimator", "guess"], "no kernel estimator"),
+        (["simulate", "a.fits", "-i", "smallsat", "--locus", "linear"], "needs --length"),
+        (["simulate", "a.fits", "-i", "smallsat", "--locus", "mvn", "--length", "1"], "needs --sigma"),
+        (["simulate", "a.fits", "-i", "smallsat", "--length", "1"], "stable telescope has no --length"),
+    ],
+)
+def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, sentence, frame, monkeypatch):
+    monkeypatch.chdir(frame.parent)
+    done = runner.invoke(app, arguments)
+    assert done.exit_code == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_closed_pipe_is_not_an_error(frame):
+    read, write = os.pipe()
+    os.close(read)
+    code = f"import sys; sys.argv = ['jitterkit', 'info', {str(frame)!r}]\nfrom jitterkit.cli.main import run; run()"
+    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,130 @@
+import base64
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import FrameError
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.report.html import write_report
+from jitterkit.report.pictures import render_frame
+from jitterkit.report.row import make_row
+from jitterkit.report.summary import summarise
+from jitterkit.report.table import make_table
+
+HOSTILE = '"><script>alert(1)<img src=x onerror=alert(2)>.fits'
+VOID = {"meta", "img", "link", "br", "input"}
+
+
+class Page(HTMLParser):
+    """Tags, attributes and text of a page; its tags must nest."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.attributes, self.open, self.words = [], [], [], []
+        self.feed(text)
+        assert self.open == []
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(rows, entries=(), meta=None, **options):
+        table = make_table(rows, meta)
+        write_report(tmp_path / "report.html", entries, table, summarise(table), overwrite=True, **options)
+        return Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+
+    return write
+
+
+def test_the_page_says_what_came_out(make_fit, write):
+    fits = [make_fit("mvn", seed=seed, path=f"{seed}.fits") for seed in range(9)]
+    rows = [make_row(result, frame.path, pa=263.0) for frame, result in fits]
+    page = write([*rows, make_row(FitResult(Status.NO_STAR, "Nothing shines."), "dark.fits")])
+    mean = np.mean([row["separation"] for row in rows])
+    assert f"Separation {mean:.6f} ± 0.000080 ″" in page.text  # 240 µas / 3
+    assert "Weighted mean of 9 of 10 frames" in page.text
+    assert "the two agree" in page.text
+    assert "Position angle" in page.text
+    assert "Nothing shines." in page.text
+    assert all(f"{seed}.fits" in page.text for seed in range(9))
+
+
+def test_scatter_beyond_the_errors_is_said(make_fit, write):
+    row = make_row(make_fit()[1], "f")
+    page = write([{**row, "separation": 8.1 + 0.01 * k} for k in range(9)])
+    assert "more than chance allows" in page.text
+
+
+def test_a_fitted_frame_is_shown_with_its_numbers(make_fit, write):
+    frame, result = make_fit("shm", path="cube.fits", index=2, several=True)
+    entry = render_frame(frame, result)
+    page = write([entry.row], [entry])
+    source = next(v for t, n, v in page.attributes if t == "img" and n == "src" and len(v) > 1000)
+    assert source.startswith("data:image/png;base64,")
+    pictures = [v.partition(",")[2] for t, n, v in page.attributes if (t, n) == ("img", "src")]
+    assert entry.picture in [base64.b64decode(data) for data in pictures]
+    for text in ("cube.fits[2]", "(3.81100 ± 0.00070) × 10⁷", "shm length 600 mas", "4.000 ± 0.050"):
+        assert text in page.text
+
+
+def test_no_name_or_message_can_run_code(make_fit, write):
+    frame, result = make_fit(path=HOSTILE)
+    entry = render_frame(frame, result, make_row(result, HOSTILE, flags=[HOSTILE]))
+    broken = make_row(FitResult(Status.UNREADABLE, HOSTILE), HOSTILE)
+    page = write([entry.row, broken], [entry], meta={HOSTILE: HOSTILE}, title=HOSTILE)
+    assert "script" not in page.tags
+    assert not [name for _, name, _ in page.attributes if name.startswith("on")]
+    assert page.text.count("<script>alert(1)") >= 6
+
+
+def test_the_page_needs_nothing_from_outside(make_fit, write):
+    frame, result = make_fit()
+    entry = render_frame(frame, result)
+    page = write([entry.row], [entry])
+    assert set(page.tags) & {"script", "link", "iframe", "object"} == set()
+    assert all(value.startswith("data:") for _, name, value in page.attributes if name in ("src", "href"))
+    assert not re.search(r"url\(|@import|https?:", " ".join(page.words))
+    policy = next(value for tag, name, value in page.attributes if tag == "meta" and "default-src" in value)
+    assert policy.startswith("default-src 'none'")
+
+
+def test_a_long_run_stays_readable(make_fit, write):
+    frame, result = make_fit()
+    entry = render_frame(frame, result)
+    lost = make_row(FitResult(Status.NO_STAR, "Nothing shines."), "f")
+    rows = [{**(lost if k % 30 == 0 else entry.row), "frame": k} for k in range(4500)]
+    page = write(rows, [entry] * 40, max_pictures=5)
+    assert page.tags.count("article") == 5
+    assert "5 of 4500 frames: those that failed and those that fit worst" in page.text
+    assert page.text.count("Nothing shines.") == 150
+    assert "One in 5 of the 4350 fitted frames and every failure" in page.text
+    assert page.tags.count("tr") < 1400
+
+
+def test_a_run_in_which_nothing_worked_says_so(write):
+    page = write([make_row(FitResult(Status.UNREADABLE, "It ends too early."), "a.fits")])
+    assert "No frame gave a separation." in page.text
+    assert "It ends too early." in page.text
+    assert "img" not in page.tags
+    assert "No frame gave a separation." in write([]).text
+
+
+def test_a_report_is_replaced_only_when_allowed(tmp_path):
+    table = make_table([])
+    write_report(tmp_path / "report.html", [], table, summarise(table))
+    with pytest.raises(FrameError, match="exists already"):
+        write_report(tmp_path / "report.html", [], table, summarise(table))

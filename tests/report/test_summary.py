@@ -1,0 +1,86 @@
+import json
+import math
+
+import numpy as np
+import pytest
+
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.report.row import make_row
+from jitterkit.report.summary import summarise, weighted_mean, write_summary
+from jitterkit.report.table import make_table
+
+
+def _table(make_fit, separations, errors, theta=None, status="ok"):
+    row = make_row(make_fit()[1], "f")
+    theta = np.full(len(separations), 37.0) if theta is None else theta
+    values = zip(separations, errors, theta, strict=True)
+    return make_table(
+        {**row, "separation": s, "separation_err": e, "theta": t, "status": status} for s, e, t in values
+    )
+
+
+def test_a_precise_frame_counts_by_the_square_of_its_error():
+    combined = weighted_mean([1.0, 2.0], [0.1, 0.2])
+    assert combined["mean"] == pytest.approx((1 * 4 + 2 * 1) / 5)
+    assert combined["error"] == pytest.approx((100 + 25) ** -0.5)
+    assert combined["chi2_dof"] == pytest.approx((0.2 / 0.1) ** 2 + (0.8 / 0.2) ** 2)
+    assert combined["error_by_scatter"] == pytest.approx((100 + 25) ** -0.5 * math.sqrt(20))
+
+
+def test_scatter_matches_honest_errors(rng):
+    n, error = 4000, 2.4e-4
+    combined = weighted_mean(8.1 + error * rng.normal(size=n), np.full(n, error))
+    assert abs(combined["mean"] - 8.1) < 4 * error / math.sqrt(n)
+    assert abs(combined["chi2_dof"] - 1) < 4 * math.sqrt(2 / n)
+    assert combined["error"] == pytest.approx(error / math.sqrt(n))
+    assert combined["typical_error"] == error
+
+
+def test_a_microarcsecond_is_not_lost_to_rounding():
+    assert weighted_mean([8.1 + 1e-12, 8.1 - 1e-12], [1e-6, 1e-6])["mean"] == pytest.approx(8.1, abs=2e-15)
+
+
+def test_what_has_no_error_is_left_out_and_one_frame_has_no_scatter():
+    combined = weighted_mean([8.1, 9.0, np.nan, 7.0, 6.0], [0.1, np.nan, 0.1, 0.0, np.inf])
+    assert (combined["n"], combined["mean"], combined["error"]) == pytest.approx((1, 8.1, 0.1))
+    assert math.isnan(combined["chi2_dof"])
+    assert weighted_mean([], [])["n"] == 0
+
+
+def test_only_good_frames_count(make_fit):
+    good = make_row(make_fit("mvn")[1], "a")
+    bad = {**good, "status": "poor_fit", "separation": 99.0, "locus": "shm"}
+    lost = make_row(FitResult(Status.UNREADABLE, ""), "b")
+    summary = summarise(make_table([good, bad, lost, good]))
+    assert summary["frames"] == 4
+    assert summary["status"] == {"ok": 2, "poor_fit": 1, "unreadable": 1}
+    assert summary["locus"] == {"mvn": 2}
+    assert summary["separation"]["mean"] == pytest.approx(good["separation"], abs=1e-15)
+    assert summary["separation"]["unit"] == "arcsec"
+    assert summary["seconds"] == 0.75
+
+
+def test_directions_are_averaged_across_north(make_fit):
+    summary = summarise(_table(make_fit, [8.1] * 3, [1e-4] * 3, theta=[359.0, 1.0, 3.0]))
+    assert summary["theta"]["mean"] == pytest.approx(1.0)
+    assert summary["theta"]["scatter"] == pytest.approx(2.0)
+
+
+def test_crossed_smears_average_to_a_round_jitter(make_fit):
+    row = make_row(make_fit("linear")[1], "f")
+    crossed = {**row, "sxx": row["syy"], "syy": row["sxx"], "sxy": -row["sxy"]}
+    jitter = summarise(make_table([row, crossed]))["jitter"]
+    each = 0.75 / math.sqrt(12) / math.sqrt(2)
+    assert (jitter["major"], jitter["minor"]) == pytest.approx((each, each))
+
+
+def test_without_a_fit_every_number_is_null(tmp_path):
+    table = make_table([make_row(FitResult(Status.NO_DATA, ""), "f")])
+    write_summary(tmp_path / "summary.json", summarise(table))
+    text = (tmp_path / "summary.json").read_text()
+    summary = json.loads(text)
+    assert "NaN" not in text
+    assert summary["separation"]["n"] == 0
+    assert summary["separation"]["mean"] is None
+    assert summary["jitter"]["major"] is None
+    assert summarise(make_table([]))["frames"] == 0

@@ -1,0 +1,100 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy import units
+from astropy.table import QTable
+
+from jitterkit.errors import FrameError
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.report.columns import COLUMNS, aberration_column
+from jitterkit.report.row import make_row
+from jitterkit.report.table import aberration_names, make_table, read_table, write_table
+
+
+@pytest.fixture(scope="module")
+def rows(make_fit):
+    fits = [make_row(make_fit(locus)[1], f"{locus}.fits") for locus in ("linear", "stable")]
+    odd = make_row(FitResult(Status.UNREADABLE, 'the 2nd, "odd" one\n'), '/a b/"x", <y>--.fits')
+    return [odd, *fits, odd]
+
+
+def test_columns_have_units_and_descriptions(rows):
+    table = make_table(rows)
+    expected = {"separation": units.arcsec, "theta_err": units.deg, "flux": units.electron,
+                "sxy_err": units.arcsec**2, "noll7": units.nm, "jitter_length": units.arcsec}  # fmt: skip
+    assert {name: table[name].unit for name in expected} == expected
+    assert all(table[name].info.description for name in table.colnames)
+    assert table.colnames[:5] == ["file", "frame", "time", "exposure", "status"]
+    place = table.colnames.index
+    assert place("jitter_length") < place("noll4") < place("noll10") < place("background")
+
+
+def test_frames_before_the_first_fit_get_nan_aberrations(rows):
+    noll4 = make_table(rows)["noll4"].to_value("nm")
+    np.testing.assert_array_equal(noll4, [np.nan, 4, 4, np.nan])
+
+
+def test_a_table_comes_back_from_disk_to_the_last_digit(rows, tmp_path):
+    meta = {"versions": {"jax": "0.10"}, "command line": ("jitterkit", "\udcff"), "where": Path("a"), "n": 3}
+    table = make_table(rows, meta)
+    write_table(tmp_path / "results.ecsv", table)
+    again = read_table(tmp_path / "results.ecsv")
+    assert again.colnames == table.colnames
+    for name in table.colnames:
+        assert again[name].unit == table[name].unit
+        assert again[name].info.description == table[name].info.description
+        np.testing.assert_array_equal(np.asarray(again[name]), np.asarray(table[name]))
+    assert again.meta == table.meta
+    assert again.meta["command line"] == ["jitterkit", r"\udcff"]
+    assert again.meta["flags"][2].startswith("saturated")
+
+
+def test_a_null_of_a_ledger_is_what_the_column_has_for_nothing(rows):
+    nulls = dict.fromkeys(rows[0])
+    table = make_table([nulls, rows[1]])
+    assert (table["file"][0], table["flags"][0]) == ("", 0)
+    assert np.isnan(table["separation"][0])
+
+
+def test_a_run_without_frames_has_a_table_all_the_same(tmp_path):
+    write_table(tmp_path / "none.ecsv", make_table([]))
+    again = read_table(tmp_path / "none.ecsv")
+    assert len(again) == 0
+    assert again.colnames == [column.name for column in COLUMNS]
+
+
+def test_a_table_is_replaced_only_when_allowed_and_only_whole(rows, tmp_path, monkeypatch):
+    path = tmp_path / "results.ecsv"
+    write_table(path, make_table(rows))
+    before = path.read_bytes()
+    with pytest.raises(FrameError, match="exists already"):
+        write_table(path, make_table([]))
+
+    def fill_the_disk(self, name, **_):
+        Path(name).write_text("half a ta")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(QTable, "write", fill_the_disk)
+    with pytest.raises(FrameError, match="No space left"):
+        write_table(path, make_table([]), overwrite=True)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_aberration_cannot_take_the_place_of_a_column():
+    assert [aberration_column(name) for name in ("noll4", "x", "separation", "chi2_dof")] == [
+        "noll4", "aberration_x", "aberration_separation", "aberration_chi2_dof",
+    ]  # fmt: skip
+    assert aberration_names(["x", "x_err", "b2", "b2_err", "b10", "b10_err"]) == ["b2", "b10"]
+
+
+def test_reading_a_table_loads_neither_jax_nor_matplotlib():
+    code = (
+        "import sys, jitterkit.report.table, jitterkit.report.summary;"
+        "print(*({'jax', 'matplotlib', 'jinja2'} & set(sys.modules)))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout.strip(), ended.stderr) == (0, "", "")

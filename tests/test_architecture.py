@@ -1,0 +1,128 @@
+"""The house rules, read off the source: who may import what.
+
+Imports inside functions count too; only the shell (``cli``) may be lazy about them.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import jitterkit
+
+ROOT = Path(jitterkit.__file__).parent
+
+FLOORS = [
+    {"errors", "conventions"},
+    {"vision", "loci", "scene"},
+    {"frames"},
+    {"optics", "detectors"},
+    {"forward", "instruments"},
+    {"likelihood", "simulate"},
+    {"scoring", "kernel_estimate"},
+    {"locate", "estimators"},
+    {"refit"},
+    {"report"},
+    {"batch"},
+    {"cli"},
+]
+"""Rooms from the ground up; a room imports from lower floors only, never from its own."""
+
+SAME_FLOOR = {("scene", "loci")}
+ONLY_IN = {
+    "cv2": {"vision.py"},
+    "tifffile": {"frames/tiff.py"},
+    "astropy.io": {"frames/fits.py"},
+    "dLux": set(),
+    "dLuxToliman": {"optics/toliman.py"},
+    "matplotlib": {"report/plots.py"},
+    "jinja2": {"report/html.py"},
+    "rich": {"cli/runtime.py"},
+}
+"""Libraries with sharp edges, each behind one module."""
+
+WITHOUT_JAX = ("frames", "detectors", "vision", "errors", "conventions")
+
+
+def files() -> list[Path]:
+    return sorted(ROOT.rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    """Every module a file imports, absolutely, wherever the statement stands."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            found |= {node.module or ""} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def room(path: Path) -> str:
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def floor(name: str) -> int:
+    return next(i for i, rooms in enumerate(FLOORS) if name in rooms)
+
+
+def test_every_room_has_a_floor():
+    rooms = {room(path) for path in files()} - {"__init__"}
+    assert rooms == set().union(*FLOORS)
+
+
+@pytest.mark.parametrize("path", files(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_go_down_only(path):
+    here = room(path)
+    for name in imports(path):
+        parts = name.split(".")
+        if parts[0] != "jitterkit" or len(parts) < 2 or here == "__init__":
+            continue
+        there = parts[1]
+        allowed = there == here or floor(there) < floor(here) or (here, there) in SAME_FLOOR
+        assert allowed, f"{path.relative_to(ROOT)} imports {name} from the same floor or above"
+
+
+@pytest.mark.parametrize("library", ONLY_IN)
+def test_a_library_with_sharp_edges_stays_behind_one_module(library):
+    users = {
+        str(path.relative_to(ROOT))
+        for path in files()
+        if any(name == library or name.startswith(library + ".") for name in imports(path))
+    }
+    assert users == ONLY_IN[library]
+
+
+def test_no_jax_where_files_are_read():
+    for path in files():
+        if room(path) in WITHOUT_JAX:
+            heavy = {name for name in imports(path) if name.split(".")[0] in ("jax", "equinox", "jaxtyping")}
+            assert not heavy, f"{path.relative_to(ROOT)} imports {heavy}"
+
+
+def test_no_cycles_between_files():
+    modules = {
+        ".".join(("jitterkit", *path.relative_to(ROOT).with_suffix("").parts)): path for path in files()
+    }
+    graph = {name: {i for i in imports(path) if i in modules} for name, path in modules.items()}
+    done: set[str] = set()
+
+    def visit(name: str, trail: tuple[str, ...]) -> None:
+        assert name not in trail, f"a cycle: {' -> '.join((*trail[trail.index(name) :], name))}"
+        if name not in done:
+            for target in graph[name]:
+                visit(target, (*trail, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+def test_nothing_sets_64_bit_at_import():
+    for path in files():
+        if room(path) != "cli":
+            assert "jax_enable_x64" not in path.read_text(encoding="utf-8"), path
