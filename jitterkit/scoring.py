@@ -141,7 +141,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         curvature = here.information + prior.precision
         move = _damped_step(curvature, here.score, damping)
         there = evaluate(here.values + move)
-        better = there.objective <= here.objective * (1 + 1e-14)
+        better = there.objective <= here.objective * (1 + rounding)
         short = move @ curvature @ move < tolerance**2
         return _State(
             jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here),
@@ -151,6 +151,9 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
             state.iterations + 1,
         )
 
+    # what rounding leaves to be decided: of the deviance, and of a step in standard errors
+    rounding = 10 * jnp.finfo(vector.dtype).eps
+    tolerance = jnp.maximum(tolerance, 30 * jnp.sqrt(jnp.finfo(vector.dtype).eps))
     first = evaluate(vector[index])
     state = _State(first, jnp.asarray(_DAMPING_START), jnp.asarray(False), jnp.asarray(0))
     state = jax.lax.while_loop(keep_climbing, step, state)

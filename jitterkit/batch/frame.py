@@ -8,16 +8,19 @@ A frame that cannot be used ends with a status and a sentence at whatever step s
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
+from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle
 from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.estimators import KernelEstimate, estimator
-from jitterkit.frames import Frame, RawFrame, sky_position_angle
+from jitterkit.frames import Frame, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
@@ -43,13 +46,16 @@ class Processed:
     frame : Frame or None
         In electrons, cut to the region that was fitted; None if it never got so far.
     result : FitResult
+    pixel : (float, float)
+        Midpoint of the pair ``(x, y)``, 0-based pixels of the original frame; NaN where none was fitted.
     pa : float
         Direction from A to B on the sky, north through east [deg]; NaN without a WCS.
     """
 
     frame: Frame | None
     result: FitResult
-    pa: float = float("nan")
+    pixel: tuple[float, float] = (math.nan, math.nan)
+    pa: float = math.nan
 
 
 @dataclass
@@ -76,7 +82,12 @@ class Processor:
     _systems: dict[tuple, OpticalSystem | FixedOptics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        """Refuse unknown names before any frame is read."""
+        """Refuse unknown names before any frame is read, and warn of 32 bits."""
+        if jnp.zeros(()).dtype == jnp.float32:
+            log.warning(
+                "JAX computes in 32 bits, which costs accuracy: call "
+                "jax.config.update('jax_enable_x64', True) before anything else."
+            )
         estimator(self.kernel)
         if self.locus != "auto":
             locus_class(self.locus)
@@ -106,7 +117,9 @@ class Processor:
             log.debug("%s", raw.name, exc_info=True)
             result = FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
         result = replace(result, seconds=time.perf_counter() - began)
-        return Processed(frame, result, self._position_angle(frame, result))
+        scale = (frame.plate_scale if frame else None) or self.instrument.plate_scale
+        pixel, pa = midpoint_pixel(frame, result, scale), position_angle(frame, result, scale)
+        return Processed(frame, result, pixel, pa)
 
     def calibrate(self, raw: RawFrame) -> Frame:
         """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons."""
@@ -152,41 +165,4 @@ class Processor:
         data = Data(frame.electrons, frame.read_variance, ~frame.mask)
         common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, self.options)
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
-        return self._judge(frame, replace(result, estimate=estimate))
-
-    def _judge(self, frame: Frame, result: FitResult) -> FitResult:
-        """Add what only the frame and the instrument together can tell."""
-        if result.status is Status.POOR_FIT:
-            return replace(result, message=result.message + self._scale_hint(frame))
-        if result.status in (Status.OK, Status.NOT_CONVERGED) and _is_single(result):
-            message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
-            return replace(result, status=Status.NO_PAIR, message=message)
-        return result
-
-    def _scale_hint(self, frame: Frame) -> str:
-        """A sentence where a frame that does not fit has an unexpected plate scale."""
-        known, expected = frame.metadata.plate_scale, self.instrument.plate_scale
-        if known is None or abs(known.value / expected - 1) < 0.01:
-            return ""
-        return (
-            f" Its plate scale of {known.value:g} arcsec ({known.source}) is not the instrument's "
-            f"{expected:g}: give --plate-scale if it is wrong."
-        )
-
-    def _position_angle(self, frame: Frame | None, result: FitResult) -> float:
-        if frame is None or frame.metadata.wcs is None or result.parameters is None:
-            return float("nan")
-        scene, scale = result.parameters.scene, frame.plate_scale or self.instrument.plate_scale
-        x, y = (
-            first + (n - 1) / 2 + float(offset) / scale
-            for first, n, offset in zip(frame.origin, frame.shape[::-1], (scene.x, scene.y), strict=True)
-        )
-        return sky_position_angle(frame.metadata.wcs, x, y, float(scene.theta))
-
-
-def _is_single(result: FitResult) -> bool:
-    """Whether the fainter star's flux is not five standard errors."""
-    if result.parameters is None:
-        return False
-    contrast, error = float(result.parameters.scene.contrast), result.error("contrast")
-    return not error < 0.2 * (1 + contrast)
+        return judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)

@@ -123,6 +123,7 @@ def _rows(files: Iterable[Path], processor: Processor, hdu: int | None) -> Itera
                         index,
                         metadata=raw.metadata if frame is None else frame.metadata,
                         flags=() if frame is None else frame.flags,
+                        pixel=processed.pixel,
                         pa=processed.pa,
                         aberrations=processor.instrument.aberrations,
                     )

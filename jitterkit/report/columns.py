@@ -53,6 +53,8 @@ COLUMNS: tuple[Column, ...] = (
     *_measured("pa", "position angle from A to B on the sky, north through east", "deg"),
     *_measured("x", "midpoint of the pair, offset from the frame's centre", "arcsec"),
     *_measured("y", "midpoint of the pair, offset from the frame's centre", "arcsec"),
+    Column("x_pixel", "midpoint of the pair in the original frame, from 0", "pix"),
+    Column("y_pixel", "midpoint of the pair in the original frame, from 0", "pix"),
     *_measured("flux", "electrons per frame from both stars, inside the frame or not", "electron"),
     *_measured("contrast", "flux of A over flux of B"),
     *_measured("sxx", "second moment of the pointing", "arcsec2"),

@@ -39,6 +39,7 @@ def make_row(
     *,
     metadata: Metadata | None = None,
     flags: Iterable[str] = (),
+    pixel: tuple[float, float] = (math.nan, math.nan),
     pa: float = math.nan,
     aberrations: Sequence[str] | None = None,
 ) -> Row:
@@ -56,6 +57,8 @@ def make_row(
         Gives the time and the exposure; its warnings raise the flag ``header_odd``.
     flags : iterable of str
         Remarks of the frame, to which the fit's own are added.
+    pixel : (float, float)
+        Midpoint of the pair ``(x, y)``, 0-based pixels of the original frame.
     pa : float
         Position angle of the pair on the sky, north through east [deg], where a WCS gives it.
     aberrations : sequence of str, optional
@@ -89,6 +92,7 @@ def make_row(
     if result.parameters is not None:
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
             row |= _fitted(result, result.parameters, aberrations)
+        row |= {"x_pixel": float(pixel[0]), "y_pixel": float(pixel[1])}
         row |= {"pa": float(pa), "pa_err": row["theta_err"] if math.isfinite(pa) else math.nan}
     return row
 

@@ -174,10 +174,18 @@ def test_a_large_frame_is_cut_about_its_stars(telescope, processor, rng):
     assert processed.result.status.usable, processed.result.message
     assert "cut_out" in processed.frame.flags
     # the midpoint in the large frame is where it was put
-    for axis, offset, first in ((0, 1.0, 500), (1, -2.0, 300)):
-        fitted = float((processed.result.parameters.scene.x, processed.result.parameters.scene.y)[axis])
-        pixel = processed.frame.origin[axis] + 63.5 + fitted / 0.375
-        assert abs(pixel - (first + 63.5 + offset / 0.375)) < 0.1
+    expected = (500 + 63.5 + 1.0 / 0.375, 300 + 63.5 - 2.0 / 0.375)
+    # a tenth of a pixel is fifteen standard errors of the place
+    np.testing.assert_allclose(processed.pixel, expected, atol=0.1)
+
+
+def test_a_frame_spoilt_by_a_hot_pixel_says_which(telescope, processor, rng):
+    simulated = drawn(telescope, rng)
+    simulated.raw.data[100, 20] = 3500.0
+    result = processor.process(simulated.raw).result
+    assert result.status.name == "POOR_FIT"
+    assert "One pixel stands out" in result.message
+    assert "x = 20, y = 100" in result.message
 
 
 def test_one_star_is_no_pair(telescope, processor, rng):

@@ -1,0 +1,94 @@
+"""What only the frame and its fit together can tell: why it does not fit, and where its stars are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from jitterkit.frames import Frame, sky_position_angle
+from jitterkit.refit import FitResult, Status
+
+__all__ = ["judge", "midpoint_pixel", "position_angle"]
+
+_OUTLIER = 8.0
+"""Sigmas: chance makes one pixel in 1e15 stand out so far."""
+
+
+def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
+    """Say why a frame does not fit where that can be told, and call a single star one.
+
+    Parameters
+    ----------
+    frame : Frame
+    result : FitResult
+    expected_scale : float
+        The instrument's plate scale, arcsec.
+    """
+    if result.status is Status.POOR_FIT:
+        hints = _scale_hint(frame, expected_scale), _outlier_hint(frame, result)
+        return replace(result, message=" ".join([result.message, *filter(None, hints)]))
+    if result.status in (Status.OK, Status.NOT_CONVERGED) and _is_single(result):
+        return replace(
+            result,
+            status=Status.NO_PAIR,
+            message=f"{Status.NO_PAIR.value}: a second one is lost in its noise.",
+        )
+    return result
+
+
+def midpoint_pixel(frame: Frame | None, result: FitResult, plate_scale: float) -> tuple[float, float]:
+    """Midpoint of the pair ``(x, y)`` in 0-based pixels of the original frame; NaN where none was fitted."""
+    if frame is None or result.parameters is None:
+        return math.nan, math.nan
+    scene, (ny, nx), (x0, y0) = result.parameters.scene, frame.shape, frame.origin
+    return (
+        x0 + (nx - 1) / 2 + float(scene.x) / plate_scale,
+        y0 + (ny - 1) / 2 + float(scene.y) / plate_scale,
+    )
+
+
+def position_angle(frame: Frame | None, result: FitResult, plate_scale: float) -> float:
+    """Direction from A to B on the sky, north through east [deg]; NaN without a WCS or a fit."""
+    if frame is None or frame.metadata.wcs is None or result.parameters is None:
+        return math.nan
+    x, y = midpoint_pixel(frame, result, plate_scale)
+    return sky_position_angle(frame.metadata.wcs, x, y, float(result.parameters.scene.theta))
+
+
+def _scale_hint(frame: Frame, expected: float) -> str:
+    """A sentence where a frame that does not fit has an unexpected plate scale."""
+    known = frame.metadata.plate_scale
+    if known is None or abs(known.value / expected - 1) < 0.01:
+        return ""
+    return (
+        f"Its plate scale of {known.value:g} arcsec ({known.source}) is not the instrument's {expected:g}: "
+        "give --plate-scale if it is wrong."
+    )
+
+
+def _outlier_hint(frame: Frame, result: FitResult) -> str:
+    """A sentence where a few pixels are all that does not fit."""
+    if result.residual is None:
+        return ""
+    size = np.nan_to_num(np.abs(result.residual))
+    outliers = size > _OUTLIER
+    count, rest = int(outliers.sum()), float((size[~outliers] ** 2).sum())
+    if not 0 < count <= 0.002 * size.size or rest > 1.2 * result.dof:
+        return ""
+    row, column = np.unravel_index(int(size.argmax()), size.shape)
+    place = f"x = {frame.origin[0] + int(column)}, y = {frame.origin[1] + int(row)}"
+    number = "One pixel stands" if count == 1 else f"{count} pixels stand"
+    return (
+        f"{number} out by more than {_OUTLIER:g} sigma (the worst at {place}) and the rest fits: give the "
+        "instrument a map of its hot pixels."
+    )
+
+
+def _is_single(result: FitResult) -> bool:
+    """Whether the fainter star's flux is not five standard errors."""
+    if result.parameters is None:
+        return False
+    contrast, error = float(result.parameters.scene.contrast), result.error("contrast")
+    return not error < 0.2 * (1 + contrast)
