@@ -30,11 +30,8 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
         hints = _scale_hint(frame, expected_scale), _outlier_hint(frame, result)
         return replace(result, message=" ".join([result.message, *filter(None, hints)]))
     if result.status in (Status.OK, Status.NOT_CONVERGED) and _is_single(result):
-        return replace(
-            result,
-            status=Status.NO_PAIR,
-            message=f"{Status.NO_PAIR.value}: a second one is lost in its noise.",
-        )
+        message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
+        return replace(result, status=Status.NO_PAIR, message=message)
     return result
 
 

@@ -119,7 +119,8 @@ def grid_for(
     if width > period:
         raise ConfigurationError(
             f"The padded frame is {width:.4g} arcsec wide but the image of a pupil sampled "
-            f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; sample the pupil more finely, or use less padding."
+            f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; sample the pupil more finely, "
+            "or use less padding."
         )
     return grid
 

@@ -146,7 +146,8 @@ def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, sentence, 
 def test_a_closed_pipe_is_not_an_error(frame):
     read, write = os.pipe()
     os.close(read)
-    code = f"import sys; sys.argv = ['jitterkit', 'info', {str(frame)!r}]\nfrom jitterkit.cli.main import run; run()"
+    code = f"import sys; sys.argv = ['jitterkit', 'info', {str(frame)!r}]\n"
+    code += "from jitterkit.cli.main import run; run()"
     done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
     assert "Traceback" not in done.stderr
