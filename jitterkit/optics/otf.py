@@ -11,8 +11,6 @@ that its fixed point is exact.
 
 from __future__ import annotations
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -163,34 +161,41 @@ def expand(
 
 @eqx.filter_jit
 def _expand(pupil, wavelengths, weights, state, grid, derivatives):
-    intensity = partial(_monochromatic, pupil, state, grid, derivatives)
+    opd = pupil.opd + jnp.tensordot(state, pupil.basis, 1)
+    phases = (2 * jnp.pi / wavelengths)[:, None, None] * opd
+    # Outside the loop, or the compiler evaluates sine and cosine anew for every derivative.
+    fields = pupil.transmission * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)
+    basis = pupil.basis if derivatives else pupil.basis[:0]
 
     def add(total, line):
-        wavelength, weight = line
-        return total + weight * intensity(wavelength), None
+        wavelength, weight, field = line
+        return total + weight * _monochromatic(field, basis, pupil.pitch, grid, wavelength), None
 
-    modes = 1 + (len(pupil.names) if derivatives else 0)
-    start = jnp.zeros((modes, *grid.fine_shape), pupil.transmission.dtype)
-    total, _ = jax.lax.scan(add, start, (wavelengths, weights))
+    start = jnp.zeros((1 + len(basis), *grid.fine_shape), opd.dtype)
+    total, _ = jax.lax.scan(add, start, (wavelengths, weights, fields))
     # The grid of the PSF is symmetric about the axis: remove the phase of its centre.
     fy, fx = grid.frequencies
     cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
     spectrum = jnp.fft.rfft2(total) * (np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx))
+    spectrum = spectrum / jnp.sum(jnp.abs(pupil.transmission) ** 2)
     return spectrum[0], spectrum[1:]
 
 
-def _monochromatic(pupil, state, grid, derivatives, wavelength):
-    """PSF (1 + k, My, Mx) at one wavelength [nm] and its derivatives per nm; a whole plane sums to one."""
+def _monochromatic(field, basis, pupil_pitch, grid, wavelength):
+    """PSF (1 + k, My, Mx) of a pupil field (2, n, n) at one wavelength [nm] and its derivatives per nm.
+
+    A whole plane sums to the light in the pupil.
+    """
     wavenumber = 2 * np.pi / wavelength
-    opd = pupil.opd + jnp.tensordot(state, pupil.basis, 1)
-    field = pupil.transmission * jnp.exp(1j * wavenumber * opd)
-    fields = field[None]
-    if derivatives:
-        fields = jnp.concatenate([fields, 1j * wavenumber * pupil.basis * field])
-    focal_step = grid.pitch * ARCSEC
-    phase_step = wavenumber * 1e9 * pupil.pitch * focal_step
+    real, imaginary = field
+    slope = wavenumber * basis  # the derivative of a field is the field times i slope
+    fields = jnp.stack(
+        [
+            jnp.concatenate([real[None], -slope * imaginary]),
+            jnp.concatenate([imaginary[None], slope * real]),
+        ]
+    )
+    phase_step = wavenumber * 1e9 * pupil_pitch * grid.pitch * ARCSEC
     focal = focal_field(fields, phase_step, grid.fine_shape)
-    norm = (phase_step / (2 * np.pi)) ** 2 / jnp.sum(jnp.abs(pupil.transmission) ** 2)
-    first = jnp.abs(focal[:1]) ** 2
-    rest = 2 * (jnp.conj(focal[:1]) * focal[1:]).real
-    return norm * jnp.concatenate([first, rest])
+    overlap = focal[0, :1] * focal[0] + focal[1, :1] * focal[1]
+    return (phase_step / (2 * np.pi)) ** 2 * jnp.concatenate([overlap[:1], 2 * overlap[1:]])

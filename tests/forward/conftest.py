@@ -92,7 +92,7 @@ def reference_otf(toliman):
     """SCIENCE's reference scene: five lines with both end points.
 
     They are a lamp, not the band from 530 to 640 nm: for the band the error of the separation is
-    465.3 and not 485.2 uas.
+    464.5 and not 485.2 uas.
     """
     return expand(toliman, lines(*np.linspace(530, 640, 5)), Grid((128, 128), 0.375))
 

@@ -4,7 +4,13 @@ import jax
 import numpy as np
 import pytest
 
-from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
+from jitterkit.forward import (
+    Parameters,
+    expected_image,
+    image_and_jacobian,
+    parameter_names,
+    to_vector,
+)
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import Grid, expand, lines, obstructed_circle
 from jitterkit.scene import Binary

@@ -121,7 +121,7 @@ def test_the_first_order_expansion_errs_in_second_order(toliman):
         exact = expand(toliman, spectrum, grid, size * change, derivatives=False).value
         return np.abs(np.asarray(otf.at(size * change) - exact)).max()
 
-    assert error(0.0) == 0
+    assert error(0.0) < 1e-15  # two compiled programs may round differently
     # Halving the step quarters the error, up to the third order, (2 pi 0.5/585) of the second.
     assert error(1.0) / error(0.5) == pytest.approx(4, rel=0.02)
 
@@ -164,3 +164,7 @@ def test_single_precision_agrees_with_double(toliman):
         assert single.dtype == np.float32
     # Phases of up to 2e2 rad rounded to 1e-7 of themselves, in random directions over 65536 samples.
     assert np.asarray(single) == pytest.approx(double, abs=2e-5 * double.max())
+
+
+def test_every_aberration_shows_through_the_diffractive_pupil(toliman):
+    assert expand(toliman, lines(585.0), Grid((64, 64), 0.375, 0)).blind() == ()
