@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["ConfigurationError", "FrameError", "JitterkitError"]
+__all__ = ["ConfigurationError", "FrameError", "JitterkitError", "NoStarError"]
 
 
 class JitterkitError(ValueError):
@@ -44,3 +44,7 @@ class FrameError(JitterkitError):
         self.path = Path(path)
         self.problem = problem
         self.remedy = remedy
+
+
+class NoStarError(FrameError):
+    """A frame in which nothing rises above the noise."""

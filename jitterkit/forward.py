@@ -86,8 +86,13 @@ def free_parameters(
     Raises
     ------
     ConfigurationError
-        If a name to hold names nothing; the message lists the parameters.
+        If a name to hold names nothing, or the optics have other aberrations than the parameters.
     """
+    if len(parameters.aberrations) != len(otf.names):
+        raise ConfigurationError(
+            f"The parameters hold {len(parameters.aberrations)} aberrations but the optics {len(otf.names)}; "
+            "give one value for each."
+        )
     every = parameter_names(parameters, otf.names)
     unknown = [name for name in hold if name not in every]
     if unknown:
@@ -111,6 +116,7 @@ def to_vector(parameters: Parameters):
     return jax.flatten_util.ravel_pytree(parameters)
 
 
+@eqx.filter_jit
 def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     """Expected electrons in every pixel of a frame.
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.optics.otf import OTF
 
-__all__ = ["Data", "NormalEquations", "deviance", "normal_equations", "pearson"]
+__all__ = ["Data", "Misfit", "NormalEquations", "deviance", "normal_equations", "pearson"]
 
 _FLOOR = 1e-6
 """Smallest expected count, as a share of the frame's mean: ringing must not make it negative."""
@@ -86,7 +86,7 @@ def normal_equations(parameters: Parameters, otf: OTF, data: Data, free: tuple[i
     """
     image, jacobian = image_and_jacobian(parameters, otf, free)
     mean = _mean(image, data)
-    weighted = jacobian * jnp.where(data.used, 1 / mean, 0.0)
+    weighted = jacobian * jnp.where(_telling(image, data), 1 / mean, 0.0)
     score = jnp.tensordot(weighted, data.electrons + data.read_variance - mean, 2)
     information = jnp.tensordot(weighted, jacobian, ((1, 2), (1, 2)))
     return NormalEquations(_deviance(mean, data), score, information)
@@ -97,30 +97,59 @@ def deviance(parameters: Parameters, otf: OTF, data: Data) -> Float[Array, ""]:
     return _deviance(_mean(expected_image(parameters, otf), data), data)
 
 
-def pearson(image, data: Data) -> tuple[float, np.ndarray]:
-    """Pearson's chi-squared of an expected image, and the residual in sigmas.
+class Misfit(NamedTuple):
+    """How far a frame is from its expected image.
 
-    Returns
-    -------
+    Attributes
+    ----------
     chi2 : float
-        Its expectation under the model is the number of used pixels, at any flux.
+        Pearson's; its expectation under the model is ``pixels``, at any flux.
+    pixels : int
+        How many count: used, and expected to hold something.
+    spread : float
+        Standard deviation of ``chi2`` under the model: each pixel adds ``2 + μ/(μ+σ²)²`` to its square.
     residual : (ny, nx) array
-        ``(data - image)/sqrt(image + read variance)``; NaN where masked.
+        ``(data - image)/sqrt(image + read variance)``; NaN where a pixel does not count.
     """
-    mean = np.asarray(_mean(jnp.asarray(image), data))
+
+    chi2: float
+    pixels: int
+    spread: float
+    residual: np.ndarray
+
+
+def pearson(image, data: Data) -> Misfit:
+    """Pearson's chi-squared of an expected image (ny, nx), and the residual in sigmas."""
+    image = jnp.asarray(image)
+    counts = np.asarray(_telling(image, data))
+    mean = np.asarray(_mean(image, data))
     difference = np.asarray(data.electrons + data.read_variance) - mean
-    residual = np.where(np.asarray(data.used), difference / np.sqrt(mean), np.nan)
-    return float(np.nansum(residual**2)), residual
+    residual = np.where(counts, difference / np.sqrt(mean), np.nan)
+    variance = (2 + np.clip(np.asarray(image), 0, None) / mean**2)[counts].sum()
+    return Misfit(float(np.nansum(residual**2)), int(counts.sum()), float(np.sqrt(variance)), residual)
+
+
+def _floor(image, data: Data):
+    count = jnp.maximum(jnp.sum(data.used), 1)
+    typical = jnp.sum(jnp.where(data.used, jnp.abs(image + data.read_variance), 0.0)) / count
+    return _FLOOR * typical + jnp.finfo(image.dtype).tiny
 
 
 def _mean(image, data: Data):
-    mean = image + data.read_variance
-    count = jnp.maximum(jnp.sum(data.used), 1)
-    typical = jnp.sum(jnp.where(data.used, jnp.abs(mean), 0.0)) / count
-    return jnp.maximum(mean, _FLOOR * typical + jnp.finfo(mean.dtype).tiny)
+    return jnp.maximum(image + data.read_variance, _floor(image, data))
+
+
+def _telling(image, data: Data):
+    """Pixels that count: used, and not held up by the floor, where the model says nothing."""
+    return data.used & (image + data.read_variance > _floor(image, data))
 
 
 def _deviance(mean, data: Data):
-    count = jnp.maximum(data.electrons + data.read_variance, 0.0)
-    ratio = jnp.where(count > 0, count, mean) / mean
-    return 2 * jnp.sum(jnp.where(data.used, mean - count + count * jnp.log(ratio), 0.0))
+    """Its slope is minus twice the score at every count, negative ones (read noise) included."""
+    count = data.electrons + data.read_variance
+    positive = count > 0
+    ratio = jnp.where(positive, count, mean) / mean
+    below = mean - count * jnp.log(mean)
+    return 2 * jnp.sum(
+        jnp.where(data.used, jnp.where(positive, mean - count + count * jnp.log(ratio), below), 0.0)
+    )

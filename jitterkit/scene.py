@@ -1,4 +1,4 @@
-"""What the telescope looks at: a binary, or a single star."""
+"""What the telescope looks at: a binary."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from jitterkit.forward import Parameters, to_vector
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.optics.otf import OTF
 
-__all__ = ["Climb", "Prior", "climb"]
+__all__ = ["Climb", "Prior", "climb", "invert_information"]
 
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
@@ -53,16 +53,17 @@ class Climb(NamedTuple):
         Of the frame alone, at the end.
     objective : float
         Deviance plus the prior's quadratic form.
-    moved : float
-        Length of the way from start to end, in standard errors.
+    score : (p,) array
+        Slope of the log-posterior at the end: zero at a maximum, not at the tip of a cone.
     converged : bool
+        Whether the step that remains is shorter than the tolerance.
     iterations : int
     """
 
     parameters: Parameters
     information: Float[Array, "p p"]
     objective: Float[Array, ""]
-    moved: Float[Array, ""]
+    score: Float[Array, " p"]
     converged: Bool[Array, ""]
     iterations: Int[Array, ""]
 
@@ -138,18 +139,17 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
 
     def step(state: _State) -> _State:
         here, damping = state.here, state.damping
-        curvature = here.information + prior.precision
-        move = _damped_step(curvature, here.score, damping)
+        move = _damped_step(here.information + prior.precision, here.score, damping)
         there = evaluate(here.values + move)
         better = there.objective <= here.objective * (1 + rounding)
-        short = move @ curvature @ move < tolerance**2
-        return _State(
-            jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here),
-            jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST),
-            # a short step ends the climb if it was taken, or if damping is not what made it short
-            short & (better | (damping <= _DAMPING_START)),
-            state.iterations + 1,
-        )
+        here = jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here)
+        damping = jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST)
+        return _State(here, damping, remains(here) < tolerance, state.iterations + 1)
+
+    def remains(here: _Point):
+        """Length of the undamped step from here, in standard errors."""
+        step = _damped_step(here.information + prior.precision, here.score, _DAMPING_LEAST)
+        return jnp.sqrt(jnp.abs(here.score @ step))
 
     # what rounding leaves to be decided: of the deviance, and of a step in standard errors
     rounding = 10 * jnp.finfo(vector.dtype).eps
@@ -158,10 +158,13 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
     state = _State(first, jnp.asarray(_DAMPING_START), jnp.asarray(False), jnp.asarray(0))
     state = jax.lax.while_loop(keep_climbing, step, state)
     last = state.here
-    way = last.values - first.values
-    moved = jnp.sqrt(jnp.abs(way @ (last.information + prior.precision) @ way))
     return Climb(
-        parameters_at(last.values), last.information, last.objective, moved, state.converged, state.iterations
+        parameters_at(last.values),
+        last.information,
+        last.objective,
+        last.score,
+        state.converged,
+        state.iterations,
     )
 
 
@@ -174,3 +177,31 @@ def _damped_step(curvature, score, damping):
 
 def _in_domain(scene):
     return (scene.flux > 0) & (scene.contrast > 0)
+
+
+def invert_information(information) -> tuple[np.ndarray, bool]:
+    """Invert an information matrix.
+
+    Parameters
+    ----------
+    information : (p, p) array
+        Symmetric; taken in units that make its diagonal one, so that those of the parameters do not
+        matter.
+
+    Returns
+    -------
+    covariance : (p, p) array
+        NaN where the information is singular to rounding.
+    sound : bool
+        Whether it is not.
+    """
+    information = np.asarray(information)
+    scale = np.sqrt(np.diag(information))
+    sound = bool(np.all(np.isfinite(information)) and np.all(scale > 0))
+    if sound and len(scale):
+        unit = information / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(unit)
+        sound = bool(values[0] > len(values) * np.finfo(information.dtype).eps * values[-1])
+    if not sound or not len(scale):
+        return np.full_like(information, np.nan), sound
+    return (vectors / values) @ vectors.T / np.outer(scale, scale), True

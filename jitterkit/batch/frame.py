@@ -17,10 +17,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle
-from jitterkit.errors import FrameError, JitterkitError
+from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle, scale_hint, why_unusable
+from jitterkit.errors import JitterkitError, NoStarError
 from jitterkit.estimators import KernelEstimate, estimator
-from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
@@ -82,13 +82,14 @@ class Processor:
     _systems: dict[tuple, OpticalSystem | FixedOptics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        """Refuse unknown names before any frame is read, and warn of 32 bits."""
+        """Refuse unknown names and impossible numbers before any frame is read, and warn of 32 bits."""
         if jnp.zeros(()).dtype == jnp.float32:
             log.warning(
                 "JAX computes in 32 bits, which costs accuracy: call "
                 "jax.config.update('jax_enable_x64', True) before anything else."
             )
         estimator(self.kernel)
+        Metadata().apply("command line", **self.overrides)
         if self.locus != "auto":
             locus_class(self.locus)
 
@@ -109,10 +110,11 @@ class Processor:
         try:
             frame = self.calibrate(raw)
             result = self._fit(frame)
-        except FrameError as error:
-            result = FitResult(Status.NO_STAR if frame is None else Status.FAILED, str(error))
+        except NoStarError as error:
+            result = FitResult(Status.NO_STAR, str(error))
         except JitterkitError as error:
-            result = FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error}")
+            hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
+            result = FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
         except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
             log.debug("%s", raw.name, exc_info=True)
             result = FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
@@ -136,17 +138,16 @@ class Processor:
         """Find the pair and estimate the kernel, or say why not."""
         data = Data(frame.electrons, frame.read_variance, ~frame.mask)
         if not np.any(np.asarray(data.used)):
-            return FitResult(
-                Status.NO_DATA, f"{Status.NO_DATA.value}: every pixel is masked or not a number."
-            )
+            return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
         if min(frame.shape) < _FEWEST:
             return FitResult(
                 Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a pair."
             )
-        start = locate_binary(data, self.optics(frame))
+        hold = self.options.hold
+        start = locate_binary(data, self.optics(frame), hold)
         if start is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-        estimate = estimator(self.kernel)(data, start.parameters, start.otf)
+        estimate = estimator(self.kernel)(data, start.parameters, start.otf, hold=hold)
         return replace(estimate, source=frame.name), start
 
     def optics(self, frame: Frame) -> OpticalSystem | FixedOptics:

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from jitterkit.frames import Frame, sky_position_angle
+from jitterkit.loci import principal_axes
 from jitterkit.refit import FitResult, Status
 
-__all__ = ["judge", "midpoint_pixel", "position_angle"]
+__all__ = ["judge", "midpoint_pixel", "position_angle", "scale_hint", "why_unusable"]
 
 _OUTLIER = 8.0
 """Sigmas: chance makes one pixel in 1e15 stand out so far."""
@@ -26,12 +27,17 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     expected_scale : float
         The instrument's plate scale, arcsec.
     """
-    if result.status is Status.POOR_FIT:
-        hints = _scale_hint(frame, expected_scale), _outlier_hint(frame, result)
-        return replace(result, message=" ".join([result.message, *filter(None, hints)]))
+    if result.parameters is None:
+        return result
     if result.status in (Status.OK, Status.NOT_CONVERGED) and _is_single(result):
         message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
         return replace(result, status=Status.NO_PAIR, message=message)
+    absurd = _absurd(frame, result, frame.plate_scale or expected_scale)
+    if absurd:
+        return replace(result, status=Status.POOR_FIT, message=f"{Status.POOR_FIT.value}: {absurd}.")
+    if result.status is Status.POOR_FIT or "misfit" in result.flags:
+        hints = scale_hint(frame, expected_scale), _outlier_hint(frame, result), _sky_hint(result)
+        return replace(result, message=" ".join([result.message, *filter(None, hints)]))
     return result
 
 
@@ -54,7 +60,43 @@ def position_angle(frame: Frame | None, result: FitResult, plate_scale: float) -
     return sky_position_angle(frame.metadata.wcs, x, y, float(result.parameters.scene.theta))
 
 
-def _scale_hint(frame: Frame, expected: float) -> str:
+def why_unusable(frame: Frame) -> str:
+    """Why a frame has no usable pixel."""
+    saturation = frame.metadata.saturation
+    if frame.saturated and saturation is not None:
+        return (
+            f"{frame.saturated} of {frame.mask.size} pixels are saturated at {saturation.value:g} ADU "
+            f"({saturation.source}), the rest masked"
+        )
+    return "every pixel is masked or not a number"
+
+
+def _absurd(frame: Frame, result: FitResult, plate_scale: float) -> str:
+    """What no frame can show, or nothing: stars outside it, a blur as wide as it is."""
+    assert result.parameters is not None
+    half = (np.array(frame.shape[::-1]) - 1) / 2 * plate_scale
+    scene = result.parameters.scene
+    middle = np.abs(np.array([float(scene.x), float(scene.y)]))
+    if not np.all(middle <= half) or float(scene.separation) > 2 * np.hypot(*half):
+        return "it puts the stars outside the frame"
+    major, _, _ = principal_axes(result.parameters.locus.moments())
+    if 4 * major > 2 * half.max():
+        return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
+    return ""
+
+
+def _sky_hint(result: FitResult) -> str:
+    """A sentence where the data lie above or below the model everywhere."""
+    if result.residual is None or "background" in result.names:
+        return ""
+    mean, count = float(np.nanmean(result.residual)), int(np.isfinite(result.residual).sum())
+    if abs(mean) * np.sqrt(count) < _OUTLIER:
+        return ""
+    side = "above" if mean > 0 else "below"
+    return f"The frame lies {side} the model all over: free the background (--background) if there is sky."
+
+
+def scale_hint(frame: Frame, expected: float) -> str:
     """A sentence where a frame that does not fit has an unexpected plate scale."""
     known = frame.metadata.plate_scale
     if known is None or abs(known.value / expected - 1) < 0.01:
@@ -85,7 +127,6 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
 
 def _is_single(result: FitResult) -> bool:
     """Whether the fainter star's flux is not five standard errors."""
-    if result.parameters is None:
-        return False
+    assert result.parameters is not None
     contrast, error = float(result.parameters.scene.contrast), result.error("contrast")
     return not error < 0.2 * (1 + contrast)

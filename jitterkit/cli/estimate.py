@@ -23,6 +23,7 @@ def estimate(
             "--output", "-o", metavar="FILE.ecsv", help="Write the table there too.", show_default=False
         ),
     ] = None,
+    background: options.Background = False,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
     bias: options.Bias = None,
@@ -43,10 +44,16 @@ def estimate(
     from jitterkit.batch.kernels import estimate_files
     from jitterkit.frames import find_files
     from jitterkit.instruments import load_instrument
+    from jitterkit.refit import FitOptions
     from jitterkit.report.table import write_table
 
     metadata = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
-    processor = Processor(load_instrument(instrument), metadata, kernel=estimator)
+    processor = Processor(
+        load_instrument(instrument),
+        metadata,
+        kernel=estimator,
+        options=FitOptions(hold=() if background else ("background",)),
+    )
     with watching(len(find_files(files)), "files") as advance:
         table = estimate_files(files, processor, hdu=hdu, watch=advance)
     if output is not None:

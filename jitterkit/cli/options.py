@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 __all__ = [
+    "Background",
     "Bias",
     "Exposure",
     "Files",
@@ -35,6 +36,9 @@ Hdu = Annotated[
     typer.Option(help="HDU to read; by default the first that holds an image.", show_default=False),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
+Background = Annotated[
+    bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")
+]
 Gain = Annotated[float | None, typer.Option(help="Gain, e-/ADU.", show_default=False)]
 ReadNoise = Annotated[float | None, typer.Option(help="Read noise, e-.", show_default=False)]
 Bias = Annotated[float | None, typer.Option(help="Bias level, ADU.", show_default=False)]

@@ -23,9 +23,7 @@ def process(
     estimator: Annotated[
         str, typer.Option(metavar="NAME", help="Kernel estimator that starts the fit: score or mtf.")
     ] = "score",
-    background: Annotated[
-        bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")
-    ] = False,
+    background: options.Background = False,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
     bias: options.Bias = None,

@@ -51,13 +51,15 @@ def simulate(
         ),
     ] = None,
     contrast: Annotated[float, typer.Option(help="Flux of A over flux of B.")] = 3.37,
-    aberrations: Annotated[float, typer.Option(help="Rms of each aberration, drawn anew a frame, nm.")] = 0.0,
+    aberrations: Annotated[
+        float, typer.Option(min=0, help="Rms of each aberration, drawn anew a frame, nm.")
+    ] = 0.0,
     background: Annotated[float, typer.Option(help="Sky, electrons a pixel.")] = 0.0,
     scatter: Annotated[
         bool, typer.Option("--scatter", help="Draw theta, and x and y within 5 arcsec, anew for each frame.")
     ] = False,
     frames: Annotated[int, typer.Option(min=1, help="How many frames.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the generator of every random draw.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the generator of every random draw.")] = 0,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Photon and read noise.")] = True,
     detector: Annotated[
         bool, typer.Option("--detector/--no-detector", help="Read out in ADU, or leave in electrons.")
@@ -73,6 +75,7 @@ def simulate(
     from jitterkit.scene import Binary
     from jitterkit.simulate import fits_header, simulate_sequence, tiff_metadata
 
+    _check_ending(output)
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
     drawn: dict[str, Any] = {}
@@ -110,9 +113,17 @@ def simulate(
         say(f"wrote {path}")
 
 
+def _check_ending(path: Path) -> None:
+    from jitterkit.errors import ConfigurationError
+    from jitterkit.frames.files import EXTENSIONS
+
+    if not path.name.lower().endswith(EXTENSIONS):
+        raise ConfigurationError(f"{path} ends in none of {', '.join(EXTENSIONS)}; give it one of them.")
+
+
 def _locus(name: str, length: float | None, sigma: float | None, shear: float, angle: float):
     from jitterkit.errors import ConfigurationError
-    from jitterkit.loci import Linear, Mvn, Shm, Stable, locus_class
+    from jitterkit.loci import Mvn, Stable, Streak, locus_class
 
     kind = locus_class(name)
     if kind is Stable:
@@ -121,7 +132,7 @@ def _locus(name: str, length: float | None, sigma: float | None, shear: float, a
                 "A stable telescope has no --length and no --sigma; choose another --locus."
             )
         return Stable.of()
-    if issubclass(kind, Linear | Shm):
+    if issubclass(kind, Streak):
         if length is None or sigma is not None:
             raise ConfigurationError(f"The locus {name} needs --length, and no --sigma.")
         return kind.of(length, angle)

@@ -7,6 +7,8 @@ estimator); up to four steps remove what the first leaves at larger ones.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,12 +17,14 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import Prior, climb
+from jitterkit.scoring import Prior, climb, invert_information
 
 __all__ = ["estimate_score"]
 
 
-def estimate_score(data: Data, template: Parameters, otf: OTF, *, steps: int = 4) -> KernelEstimate:
+def estimate_score(
+    data: Data, template: Parameters, otf: OTF, *, steps: int = 4, hold: Collection[str] = ("background",)
+) -> KernelEstimate:
     """Estimate second moments by Fisher scoring from zero jitter.
 
     Parameters
@@ -31,7 +35,9 @@ def estimate_score(data: Data, template: Parameters, otf: OTF, *, steps: int = 4
     otf : OTF
         About the template's aberrations.
     steps : int
-        Scoring steps.
+        Scoring steps, rejected ones included.
+    hold : collection of str
+        Parameters to keep at the template's values.
 
     Returns
     -------
@@ -44,15 +50,10 @@ def estimate_score(data: Data, template: Parameters, otf: OTF, *, steps: int = 4
         If the information is singular: the frame does not determine the parameters.
     """
     start = Parameters(template.scene, Mvn.near(jnp.zeros(3)), template.aberrations, template.background)
-    names, free = free_parameters(start, otf)
+    names, free = free_parameters(start, otf, hold)
     end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps)
     slots = [names.index(name) for name in Mvn.names]
-    covariance = _inverse(np.asarray(end.information))
+    covariance, sound = invert_information(end.information)
+    if not sound:
+        raise ValueError("The frame does not determine its parameters; hold some, or mask less of it.")
     return KernelEstimate(np.asarray(end.parameters.locus.coords), covariance[np.ix_(slots, slots)], "score")
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    scale = np.sqrt(np.diag(information))
-    if not (np.all(np.isfinite(scale)) and np.all(scale > 0)):
-        raise ValueError("The frame says nothing about some of its parameters; hold them, or mask less.")
-    return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)

@@ -21,7 +21,7 @@ from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary
 
-__all__ = ["FoundPair", "find_pairs"]
+__all__ = ["FoundPair", "find_pairs", "resolution"]
 
 Place = tuple[float, float]
 
@@ -39,18 +39,13 @@ class FoundPair:
         Places to about a tenth of a pixel.
     gain : float
         Chi-squared that the two stars explain.
-    companion_gain : float
-        Share of it that the second star adds to the best single star.
     """
 
     scene: Binary
     gain: float
-    companion_gain: float
 
 
-def find_pairs(
-    data: Data, otf: OTF, jitter: Locus | None = None, *, least: float = 1.0, most: int = 4
-) -> list[FoundPair]:
+def find_pairs(data: Data, otf: OTF, jitter: Locus | None = None, *, most: int = 4) -> list[FoundPair]:
     """Candidate star pairs of a frame, the best first.
 
     Parameters
@@ -59,8 +54,6 @@ def find_pairs(
     otf : OTF
     jitter : Locus, optional
         Blur of the template, where it is known.
-    least : float
-        Least separation considered, arcsec.
     most : int
         Number of candidates, at most.
 
@@ -68,7 +61,8 @@ def find_pairs(
     -------
     pairs : list of FoundPair
         Empty where no star rises above the noise by six standard errors (the best of some ten
-        thousand places reaches four by chance).
+        thousand places reaches four by chance).  A star that is alone comes with a companion a
+        hundred times fainter at the resolution limit, for the fit to dismiss.
 
     Notes
     -----
@@ -79,9 +73,17 @@ def find_pairs(
     if not single.max() > 36.0:
         return []
     first = field.peak(single, single.argmax())
+    least = resolution(otf)
     settled = [field.settle(first, second, least) for second in field.companions(first, least, most)]
-    pairs = [field.pair(*places, single.max()) for places in settled]
+    pairs = [field.pair(*places) for places in settled or [(first, (first[0] + least, first[1]))]]
     return sorted(pairs, key=lambda pair: -pair.gain)
+
+
+def resolution(otf: OTF) -> float:
+    """Finest detail the optics pass [arcsec]: one over the highest frequency of a hundredth's contrast."""
+    fy, fx = otf.grid.frequencies
+    passed = np.abs(np.asarray(otf.value)) > 0.01
+    return float(1 / max(np.hypot(fy, fx)[passed].max(), 1 / (otf.grid.plate_scale * max(otf.grid.shape))))
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class _Field:
                 break
         return first, second
 
-    def pair(self, first: Place, second: Place, single_gain: float) -> FoundPair:
+    def pair(self, first: Place, second: Place) -> FoundPair:
         """Describe two places as a binary."""
         ny, nx = self.grid.shape
         row, column = (
@@ -174,6 +176,8 @@ class _Field:
             for v, n in ((second[1], ny), (second[0], nx))
         )
         gain, flux_one, flux_two = (part[row, column] for part in self.beside(first))
+        if min(flux_one, flux_two) <= _FAINTEST * max(flux_one, flux_two):
+            flux_one, flux_two = max(flux_one, flux_two), _FAINTEST * max(flux_one, flux_two)
         if flux_two > flux_one:
             first, second, flux_one, flux_two = second, first, flux_two, flux_one
         dx, dy = second[0] - first[0], second[1] - first[1]
@@ -185,7 +189,7 @@ class _Field:
             flux=flux_one + flux_two,
             contrast=np.clip(flux_one / flux_two, 1.0, 1 / _FAINTEST),
         )
-        return FoundPair(scene, float(gain), float(gain - single_gain))
+        return FoundPair(scene, float(gain))
 
     def peak(self, values: np.ndarray, flat) -> Place:
         """Place ``(x, y)`` [arcsec] of a maximum, by a parabola through its neighbours."""

@@ -8,6 +8,7 @@ search begins anew.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ import numpy as np
 
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.likelihood import Data
-from jitterkit.locate.pair import FoundPair, find_pairs
+from jitterkit.locate.pair import FoundPair, find_pairs, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.otf import OTF
@@ -43,23 +44,24 @@ class Start:
         About aberrations very near theirs.
     deviance_dof : float
         Deviance a pixel; about one if all is well.
-    companion_gain : float
-        Chi-squared that the second star explained when it was found.
     """
 
     parameters: Parameters
     otf: OTF
     deviance_dof: float
-    companion_gain: float
 
 
-def locate_binary(data: Data, optics: OpticalSystem | FixedOptics) -> Start | None:
+def locate_binary(
+    data: Data, optics: OpticalSystem | FixedOptics, hold: Collection[str] = ("background",)
+) -> Start | None:
     """Find a binary anywhere in a frame and starting values for all of its parameters.
 
     Parameters
     ----------
     data : Data
     optics : OpticalSystem or FixedOptics
+    hold : collection of str
+        Parameters that the fit to come will hold: the background, unless there is sky.
 
     Returns
     -------
@@ -70,12 +72,13 @@ def locate_binary(data: Data, optics: OpticalSystem | FixedOptics) -> Start | No
     jitter: Locus | None = None
     best: Start | None = None
     tried: list[Binary] = []
+    near = 0.1 * resolution(otf)
     for _ in range(_ROUNDS):
-        fresh = [pair for pair in find_pairs(data, otf, jitter, most=3) if _is_new(pair.scene, tried)]
+        fresh = [pair for pair in find_pairs(data, otf, jitter, most=3) if _is_new(pair.scene, tried, near)]
         before = np.inf if best is None else best.deviance_dof
         for pair in fresh:
             tried.append(pair.scene)
-            trial = _polish(data, optics, otf, pair, jitter)
+            trial = _polish(data, optics, otf, pair, jitter, hold)
             if best is None or trial.deviance_dof < best.deviance_dof:
                 best = trial
             if best.deviance_dof < _GOOD_ENOUGH:
@@ -86,23 +89,28 @@ def locate_binary(data: Data, optics: OpticalSystem | FixedOptics) -> Start | No
     return best
 
 
-def _is_new(scene: Binary, tried: list[Binary]) -> bool:
-    """Whether a pair lies more than a tenth of an arcsecond from those already tried."""
+def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
+    """Whether a pair lies further [arcsec] from those already tried."""
     here = np.array(scene.sources()[:2])
-    return all(np.abs(here - np.array(other.sources()[:2])).max() > 0.1 for other in tried)
+    return all(np.abs(here - np.array(other.sources()[:2])).max() > near for other in tried)
 
 
 def _polish(
-    data: Data, optics: OpticalSystem | FixedOptics, otf: OTF, pair: FoundPair, jitter: Locus | None
+    data: Data,
+    optics: OpticalSystem | FixedOptics,
+    otf: OTF,
+    pair: FoundPair,
+    jitter: Locus | None,
+    hold: Collection[str],
 ) -> Start:
     """Fit a candidate briefly with everything free, about ``otf`` and then about where that led."""
     locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
     here = Parameters(pair.scene, locus, otf.state)
-    names, free = free_parameters(here, otf)
+    names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
     end = climb(here, otf, data, free, leash, steps=15, tolerance=0.1)
     if otf.names:
         otf = optics.otf(end.parameters.aberrations)
         end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=0.1)
     used = max(int(np.sum(np.asarray(data.used))), 1)
-    return Start(end.parameters, otf, float(end.objective) / used, pair.companion_gain)
+    return Start(end.parameters, otf, float(end.objective) / used)

@@ -7,8 +7,20 @@ from jitterkit.loci.linear import Linear
 from jitterkit.loci.mvn import Mvn
 from jitterkit.loci.shm import Shm
 from jitterkit.loci.stable import Stable
+from jitterkit.loci.streak import Streak
 
-__all__ = ["LOCI", "Linear", "Locus", "Mvn", "Shm", "Stable", "locus_class", "principal_axes", "rasterise"]
+__all__ = [
+    "LOCI",
+    "Linear",
+    "Locus",
+    "Mvn",
+    "Shm",
+    "Stable",
+    "Streak",
+    "locus_class",
+    "principal_axes",
+    "rasterise",
+]
 
 LOCI: dict[str, type[Locus]] = {"stable": Stable, "linear": Linear, "shm": Shm, "mvn": Mvn}
 """Every locus by name, simplest first."""

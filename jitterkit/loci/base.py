@@ -4,8 +4,8 @@ A locus is a probability density of pointing offsets.  The image is blurred by i
 forward model needs is its transfer function ``M(f)``, exact at every frequency; no image is shifted
 and no kernel drawn.
 
-Which one to reach for: :class:`~jitterkit.loci.mvn.Mvn` while the blur is below about 0.2 arcsec on
-TOLIMAN (there an image shows second moments and nothing else), :class:`~jitterkit.loci.linear.Linear`
+Which one to reach for: :class:`~jitterkit.loci.mvn.Mvn` while the blur is small against the resolution
+(there an image shows second moments and nothing else), :class:`~jitterkit.loci.linear.Linear`
 for a drift, :class:`~jitterkit.loci.shm.Shm` for a vibration of many cycles, and
 :class:`~jitterkit.loci.stable.Stable` when there is none.
 
@@ -19,7 +19,6 @@ from abc import abstractmethod
 from typing import ClassVar, Self
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -47,7 +46,7 @@ class Locus(eqx.Module):
 
     @abstractmethod
     def moments(self) -> Float[Array, "3"]:
-        """Second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²; linear or smooth in ``coords``."""
+        """Second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²."""
 
     @abstractmethod
     def describe(self) -> dict[str, float]:
@@ -83,37 +82,3 @@ def principal_axes(moments) -> tuple[float, float, float]:
     mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
     angle = np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2 % 180.0
     return float(np.sqrt(max(mean + half, 0.0))), float(np.sqrt(max(mean - half, 0.0))), float(angle)
-
-
-def along_axis(coords, fx, fy):
-    """``L² (f.n)²`` from the double-angle coordinates ``(L² cos 2phi, L² sin 2phi)``."""
-    size = norm(coords)
-    return 0.5 * (size * (fx**2 + fy**2) + coords[0] * (fx**2 - fy**2) + 2 * coords[1] * fx * fy)
-
-
-def norm(coords):
-    """Length of a two-vector, with derivative zero (not NaN) at the origin."""
-    square = coords[0] ** 2 + coords[1] ** 2
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
-
-
-def streak_coords(length: float, angle: float):
-    """Double-angle coordinates of a streak; singular nowhere, unlike ``(length, angle)`` at zero."""
-    twice = np.radians(2 * angle)
-    return jnp.asarray([length**2 * np.cos(twice), length**2 * np.sin(twice)])
-
-
-def streak_moments(coords, variance: float):
-    """``(Sxx, Sxy, Syy)`` of a streak whose variance along its axis is ``variance * length²``."""
-    size = norm(coords)
-    return 0.5 * variance * jnp.stack([size + coords[0], coords[1], size - coords[0]])
-
-
-def streak_description(coords) -> dict[str, float]:
-    """Length and angle of double-angle coordinates."""
-    c, s = (float(q) for q in coords)
-    return {
-        "length": float(np.sqrt(np.hypot(c, s))),
-        "angle": float(np.degrees(np.arctan2(s, c)) / 2 % 180.0),
-    }

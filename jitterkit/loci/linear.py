@@ -6,52 +6,24 @@ over a small part of a cycle every motion is a straight line.
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
-from jitterkit.loci.base import (
-    Locus,
-    along_axis,
-    principal_axes,
-    streak_coords,
-    streak_description,
-    streak_moments,
-)
 from jitterkit.loci.special import sinc_of_square
+from jitterkit.loci.streak import Streak
 
 __all__ = ["Linear"]
 
 
-class Linear(Locus):
+class Linear(Streak):
     """A uniform streak of full ``length``: ``M = sinc(f.n L)``, variance ``L²/12`` along its axis."""
 
     names: ClassVar[tuple[str, ...]] = ("linear_c", "linear_s")
-
-    @classmethod
-    def of(cls, length: float, angle: float = 0.0) -> Self:
-        """Build from the full length [arcsec] and the angle of its axis [deg]."""
-        if not length >= 0:
-            raise ValueError(f"A smear's length must not be negative, in arcsec; got {length}.")
-        return cls(streak_coords(length, angle))
-
-    @classmethod
-    def near(cls, moments) -> Self:
-        major, _, angle = principal_axes(moments)
-        return cls.of(major * np.sqrt(12.0), angle)
+    variance: ClassVar[float] = 1 / 12
 
     def transfer(self, fx, fy):
-        return sinc_of_square(along_axis(self.coords, fx, fy))
-
-    def moments(self):
-        return streak_moments(self.coords, 1 / 12)
-
-    def describe(self) -> dict[str, float]:
-        """Full ``length`` [arcsec] and ``angle`` [deg]."""
-        return streak_description(self.coords)
+        return sinc_of_square(self.along(fx, fy))
 
     def points(self, n: int) -> np.ndarray:
-        size = self.describe()
-        along = ((np.arange(n) + 0.5) / n - 0.5) * size["length"]
-        angle = np.radians(size["angle"])
-        return along[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        return self._placed((np.arange(n) + 0.5) / n - 0.5)

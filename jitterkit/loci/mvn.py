@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
 
+from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus, principal_axes
 
 __all__ = ["Mvn"]
@@ -35,7 +36,9 @@ class Mvn(Locus):
         """
         sigma_minor = sigma_major if sigma_minor is None else sigma_minor
         if not (sigma_major >= 0 and sigma_minor >= 0):
-            raise ValueError(f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}.")
+            raise ConfigurationError(
+                f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}."
+            )
         c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
         a, b = sigma_major**2, sigma_minor**2
         return cls(jnp.asarray([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c]))
@@ -44,7 +47,7 @@ class Mvn(Locus):
     def sheared(cls, sigma_major: float, shear: float, angle: float = 0.0) -> Self:
         """Build from the shear ``1 - sigma_minor/sigma_major`` in [0, 1], as the paper has it."""
         if not 0 <= shear <= 1:
-            raise ValueError(f"A shear lies between 0 (round) and 1 (a line); got {shear}.")
+            raise ConfigurationError(f"A shear lies between 0 (round) and 1 (a line); got {shear}.")
         return cls.of(sigma_major, sigma_major * (1 - shear), angle)
 
     @classmethod

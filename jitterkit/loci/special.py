@@ -1,8 +1,8 @@
 """The two special functions of the loci, written in the square of their argument.
 
 A transfer function depends on the jitter through ``u²``.  Written in ``u`` its derivative at zero size
-is 0/0; written in ``u²`` it is a smooth function with finite derivatives everywhere, which is what
-lets a fit start from, and end at, no jitter at all.
+is 0/0; written in ``u²`` it is a smooth function with finite derivatives everywhere, so that no
+derivative is NaN without jitter.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ class OTF(eqx.Module):
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""
-        largest = np.abs(np.asarray(self.jacobian)).max(axis=(1, 2), initial=0.0)
+        largest = np.asarray(jnp.max(jnp.abs(self.jacobian), axis=(1, 2), initial=0.0))
         return tuple(name for name, slope in zip(self.names, largest, strict=True) if slope < 1e-9)
 
     def psf(self) -> Float[Array, "my mx"]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, expand
 from jitterkit.optics.pupil import Pupil
@@ -26,6 +28,18 @@ class OpticalSystem:
         """Transfer function without aberrations, computed once."""
         return expand(self.pupil, self.spectrum, self.grid)
 
+    @cached_property
+    def _gram(self) -> np.ndarray:
+        """Mean products (k, k) of the aberration modes over the lit pupil."""
+        light = np.asarray(self.pupil.transmission)
+        basis = np.asarray(self.pupil.basis)
+        return np.einsum("iyx,jyx,yx->ij", basis, basis, light, optimize=True) / light.sum()
+
+    def phase(self, aberrations) -> float:
+        """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""
+        change = np.asarray(aberrations)
+        return float(2 * np.pi / min(self.spectrum.wavelengths) * np.sqrt(change @ self._gram @ change))
+
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted."""
         return expand(self.pupil, self.spectrum, self.grid, aberrations, derivatives=derivatives)
@@ -36,6 +50,10 @@ class FixedOptics:
     """A transfer function that is what it is: an empirical PSF."""
 
     nominal: OTF
+
+    def phase(self, aberrations) -> float:
+        """Zero: there are no aberrations to change."""
+        return 0.0
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """The same whatever is asked for."""

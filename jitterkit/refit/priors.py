@@ -2,7 +2,7 @@
 
 A prior comes from *other* data: telemetry, a catalogue, the other frames of a sequence.  A frame's own
 kernel estimate is none: it is a summary of the very photons that the likelihood will count, and to
-use it again would count them twice.  :func:`kernel_prior` refuses it.
+use it again would count them twice.  :func:`kernel_prior` makes nothing of it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci.mvn import Mvn
+from jitterkit.loci import LOCI, Mvn
 from jitterkit.scoring import Prior
 
 __all__ = ["Priors", "kernel_prior"]
@@ -30,7 +30,8 @@ class Priors:
     terms : mapping of name to (mean, sigma)
         Independent priors, in the parameter's own unit: ``{"noll4": (0.0, 5.0)}``.
     moments : (mean, covariance) or None
-        Joint prior on the second moments of a normal locus, from :func:`kernel_prior`.
+        Joint prior on the second moments of a normal locus, from :func:`kernel_prior`; it says nothing
+        about the other loci, which are then not tried.
     """
 
     terms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -42,6 +43,11 @@ class Priors:
                 raise ConfigurationError(
                     f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}."
                 )
+
+    def on_locus(self) -> bool:
+        """Whether anything is known about the jitter, in the coordinates of one locus."""
+        coordinates = {name for locus in LOCI.values() for name in locus.names}
+        return self.moments is not None or bool(coordinates & set(self.terms))
 
     def over(self, names: tuple[str, ...]) -> Prior:
         """The prior on free parameters of the given names.
@@ -80,7 +86,17 @@ def kernel_prior(estimate: KernelEstimate, frame: str) -> Priors:
     priors : Priors
         Empty if the estimate was made from that very frame: it may start the fit, but it holds no
         information that the frame's photons do not.
+
+    Raises
+    ------
+    ConfigurationError
+        If the estimate does not say what it was made from.
     """
+    if not estimate.source:
+        raise ConfigurationError(
+            "This kernel estimate does not say which data it was made from; set its source before using it "
+            "as a prior, or the frame's photons may be counted twice."
+        )
     if estimate.source == frame:
         return Priors()
     return Priors(moments=(np.asarray(estimate.moments), np.asarray(estimate.covariance)))

@@ -43,7 +43,7 @@ class Candidate:
     objective : float
         Deviance plus the priors' quadratic form at the best fit.
     weight : float
-        Share of the evidence, 0 to 1 (Akaike weights).
+        Akaike weight, 0 to 1: relative support among the loci tried.
     separation : float
         arcsec, as fitted with this locus.
     """

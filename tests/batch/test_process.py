@@ -12,6 +12,7 @@ from jitterkit.errors import ConfigurationError, FrameError
 from jitterkit.frames import RawFrame, write_fits, write_tiff
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Linear, Mvn
+from jitterkit.refit import FitOptions
 from jitterkit.report.table import read_table
 from jitterkit.scene import Binary
 from jitterkit.simulate import fits_header, simulate_frame, tiff_metadata
@@ -231,3 +232,32 @@ def test_a_streak_can_be_asked_for_by_name(telescope, rng):
 
 def test_sample_frames_directory_is_where_the_readme_says():
     assert (Path(__file__).parents[2] / "sample_frames").is_dir()
+
+
+def test_a_bright_star_alone_is_no_pair(telescope, processor, rng):
+    simulated = drawn(telescope, rng, flux=1e5, contrast=1e9)
+    assert processor.process(simulated.raw).result.status.name == "NO_PAIR"
+
+
+def test_sky_spoils_neither_kernel_nor_separation_when_it_is_fitted(telescope, rng):
+    scene, locus = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37), Mvn.of(0.1, 0.05, 20.0)
+    raw = simulate_frame(telescope, scene, locus, background=50.0, rng=rng).raw
+    held, freed = Processor(telescope), Processor(telescope, options=FitOptions(hold=()))
+    assert "--background" in held.process(raw).result.message
+    result = freed.process(raw).result
+    assert result.status.usable, result.message
+    assert abs(float(result.parameters.background) - 50.0) < 5 * result.error("background")
+    pull = (result.estimate.moments - np.asarray(locus.moments())) / result.estimate.errors
+    assert np.all(np.abs(pull) < 4), pull
+
+
+def test_a_frame_saturated_all_over_says_so(telescope, processor):
+    white = RawFrame.from_array(np.full((128, 128), 4095.0), gain=3.7, read_noise=2.4, bias=30.0)
+    result = processor.process(white).result
+    assert result.status.name == "NO_DATA"
+    assert "16384 of 16384 pixels are saturated" in result.message
+
+
+def test_impossible_numbers_are_refused_before_any_frame(telescope):
+    with pytest.raises(ConfigurationError, match="gain"):
+        Processor(telescope, {"gain": -1.0})

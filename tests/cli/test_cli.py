@@ -133,6 +133,13 @@ def test_estimate_prints_a_table(frame):
         (["simulate", "a.fits", "-i", "smallsat", "--locus", "linear"], "needs --length"),
         (["simulate", "a.fits", "-i", "smallsat", "--locus", "mvn", "--length", "1"], "needs --sigma"),
         (["simulate", "a.fits", "-i", "smallsat", "--length", "1"], "stable telescope has no --length"),
+        (["simulate", "a.png", "-i", "smallsat"], "ends in none of"),
+        (["simulate", "a.fits", "-i", "smallsat", "--contrast", "0.5"], "A is the brighter star"),
+        (["simulate", "a.fits", "-i", "smallsat", "--flux", "-3"], "flux = -3 must be positive"),
+        (["simulate", "a.fits", "-i", "smallsat", "--separation", "nan"], "separation = nan"),
+        (["simulate", "a.fits", "-i", "smallsat", "--x", "100"], "leaves the modelled field"),
+        (["simulate", "a.fits", "-i", "smallsat", "--locus", "mvn", "--sigma", "1", "--shear", "2"], "shear"),
+        (["process", ".", "-o", "out", "-i", "smallsat", "--gain", "-1"], "gain = -1"),
     ],
 )
 def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, sentence, frame, monkeypatch):

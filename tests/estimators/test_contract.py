@@ -90,3 +90,14 @@ def test_too_faint_a_frame_is_refused_in_words(otf):
 def test_an_unknown_name_lists_the_known_ones():
     with pytest.raises(ConfigurationError, match="choose from mtf, score"):
         estimator("cepstrum")
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_masked_pixels_are_not_taken_for_a_sharper_image(name, otf):
+    locus = Mvn.of(0.08, 0.04, 50.0)
+    image = np.asarray(expected_image(Parameters(scene(), locus), otf))
+    used = image < np.sort(image.ravel())[-6]  # the brightest pixels, as saturation takes them
+    whole = ESTIMATORS[name](Data(image), Parameters(scene(), Stable.of()), otf)
+    masked = ESTIMATORS[name](Data(image, 0.0, used), Parameters(scene(), Stable.of()), otf)
+    # the fill is the template blurred by the estimate: a tenth of an error is left of it
+    np.testing.assert_array_less(np.abs(masked.moments - whole.moments), 0.5 * whole.errors)

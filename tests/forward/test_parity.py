@@ -15,7 +15,6 @@ import pytest
 from jitterkit.conventions import theta_from_dlux
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.loci import Linear, Stable
-from jitterkit.loci.base import along_axis
 from jitterkit.optics import Grid, expand, lines
 from jitterkit.scene import Binary
 
@@ -31,7 +30,7 @@ class FiveImages(Linear):
     weights: ClassVar[np.ndarray]
 
     def transfer(self, fx, fy):
-        phase = 2 * jnp.pi * jnp.sqrt(jnp.maximum(along_axis(self.coords, fx, fy), 1e-30))
+        phase = 2 * jnp.pi * jnp.sqrt(jnp.maximum(self.along(fx, fy), 1e-30))
         return sum(w * jnp.cos(phase * node) for w, node in zip(self.weights, NODES, strict=True))
 
 

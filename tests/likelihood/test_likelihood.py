@@ -97,8 +97,10 @@ def test_pearson_is_about_the_number_of_used_pixels(truth, otf, rng):
     image = np.asarray(expected_image(truth, otf))
     used = np.ones(image.shape, bool)
     used[:3] = False
-    chi2, residual = pearson(image, Data(rng.poisson(image), 0.0, used))
-    assert abs(chi2 - used.sum()) < 5 * np.sqrt((2 + 1 / image[used]).sum())
+    chi2, pixels, spread, residual = pearson(image, Data(rng.poisson(image), 0.0, used))
+    assert pixels == used.sum()
+    assert spread == pytest.approx(np.sqrt((2 + 1 / image[used]).sum()))
+    assert abs(chi2 - pixels) < 5 * spread
     assert np.isnan(residual[~used]).all()
     assert np.isfinite(residual[used]).all()
 
@@ -109,3 +111,28 @@ def test_a_model_that_goes_negative_stays_finite(otf):
     )
     counts = Data(np.ones(otf.grid.shape))
     assert np.isfinite(float(deviance(dark, otf, counts)))
+
+
+def test_the_score_is_the_slope_where_read_noise_takes_counts_below_zero(otf, free, rng):
+    faint = Parameters(Binary(3.0, 40.0, 0.2, -0.1, 500.0, 2.0), Mvn.of(0.1), [0.0, 0.0])
+    image = np.asarray(expected_image(faint, otf))
+    data = Data(rng.poisson(np.clip(image, 0, None)) + rng.normal(0, 0.6, image.shape), 0.36)
+    assert np.mean(np.asarray(data.electrons) + 0.36 < 0) > 0.05
+    score = np.asarray(normal_equations(faint, otf, data, free).score)
+    ends = []
+    for sign in (1, -1):
+        moved = Binary(3.0, 40.0, 0.2, -0.1, 500.0 + sign * 0.01, 2.0)
+        ends.append(float(deviance(Parameters(moved, faint.locus, faint.aberrations), otf, data)))
+    assert -(ends[0] - ends[1]) / 0.04 == pytest.approx(score[4], rel=1e-5)
+
+
+def test_a_pixel_that_the_model_holds_below_nothing_carries_no_information(otf, free):
+    dark = Parameters(Binary(3.0, 0.0, 0.0, 0.0, 100.0, 1.0), Mvn.of(0.1), [0.0, 0.0], -0.5)
+    image = np.asarray(expected_image(dark, otf))
+    assert (image < 0).any()
+    data = Data(np.ones(otf.grid.shape))
+    kept = Data(np.ones(otf.grid.shape), 0.0, image > 1e-3)
+    bound = normal_equations(dark, otf, data, free).information[0, 0]
+    assert float(bound) == pytest.approx(
+        float(normal_equations(dark, otf, kept, free).information[0, 0]), rel=0.05
+    )

@@ -7,8 +7,9 @@ import pytest
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.locate import find_pairs, locate_binary
+from jitterkit.locate.pair import resolution
 from jitterkit.loci import Linear, Mvn, Stable
-from jitterkit.optics import flat_band, grid_for
+from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.scene import Binary
 
@@ -78,3 +79,13 @@ def test_masked_pixels_do_not_mislead(optics, rng):
     counts[~used] = 1e7
     found = locate_binary(Data(counts, 2.4**2, used), optics).parameters.scene
     np.testing.assert_allclose(places(found), places(truth), atol=0.02)
+
+
+def test_a_large_telescope_finds_a_close_pair(rng):
+    pupil, band = obstructed_circle(1.25, 0.4, samples=64, noll=()), flat_band(530, 640, 3)
+    optics = OpticalSystem(pupil, band, grid_for(pupil, band, (64, 64), 0.04, pad=32))
+    truth = Binary(0.5, 45.0, 0.02, 0.01, 3e6, 3.37)
+    image = np.asarray(expected_image(Parameters(truth, Stable.of()), optics.nominal))
+    start = locate_binary(Data(rng.poisson(image), 1.0), optics)
+    assert float(start.parameters.scene.separation) == pytest.approx(0.5, abs=0.002)
+    assert resolution(optics.nominal) < 0.15

@@ -69,7 +69,7 @@ def test_an_unknown_locus_is_refused_with_the_list_of_those_there_are():
     [
         (lambda: Linear.of(-0.1), "length must not be negative.*got -0.1"),
         (lambda: Linear.of(float("nan")), "length must not be negative.*got nan"),
-        (lambda: Shm.of(-0.2), "peak-to-peak length must not be negative.*got -0.2"),
+        (lambda: Shm.of(-0.2), "streak's length must not be negative.*got -0.2"),
         (lambda: Mvn.of(0.1, -0.1), "Sigmas must not be negative.*0.1 and -0.1"),
         (lambda: Mvn.sheared(0.1, 1.2), "shear lies between 0 .* and 1 .*got 1.2"),
         (lambda: rasterise(Stable.of(), 0.1, (4, 5)), r"sides must be odd.*got \(4, 5\)"),

@@ -169,3 +169,65 @@ def test_auto_says_when_there_is_no_jitter_to_see(optics, rng):
     result = fit_best_locus(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)), np.zeros(3))
     assert "jitter_undetected" in result.flags
     assert result.locus == "mvn"
+
+
+def test_an_estimate_that_does_not_say_what_it_was_made_from_is_no_prior(optics, rng):
+    data = draw(optics, Parameters(SCENE, Mvn.of(0.1), [0.0, 0.0]), rng)
+    with pytest.raises(ConfigurationError, match="does not say which data it was made from"):
+        kernel_prior(estimate_score(data, near(None, Stable.of()), optics.nominal), "frame 1")
+
+
+def test_a_prior_on_the_jitter_keeps_auto_to_the_locus_it_is_about(optics, rng):
+    streak = Linear.of(0.9, 30.0)
+    data = draw(optics, Parameters(SCENE, streak, [0.0, 0.0]), rng)
+    moments = np.asarray(streak.moments())
+    known = FitOptions(priors=Priors(moments=(moments, np.eye(3) * 1e-4)))
+    result = fit_best_locus(data, optics, near(None, Mvn.of(0.1)), moments, options=known)
+    assert [c.locus for c in result.candidates] == ["mvn"]
+
+
+def test_the_candidates_weights_are_akaike_s(optics, rng):
+    streak = Linear.of(0.5, 30.0)
+    data = draw(optics, Parameters(SCENE, streak, [0.0, 0.0]), rng)
+    result = fit_best_locus(data, optics, near(None, Mvn.of(0.1)), np.asarray(streak.moments()))
+    assert {c.locus for c in result.candidates} == {"mvn", "linear", "shm"}
+    free = {"mvn": 3, "linear": 2, "shm": 2}  # parameters of the jitter; the others are common
+    least = min(c.objective for c in result.candidates)
+    odds = {c.locus: np.exp(-(c.objective - least + 2 * free[c.locus]) / 2) for c in result.candidates}
+    for candidate in result.candidates:
+        assert candidate.weight == pytest.approx(odds[candidate.locus] / sum(odds.values()))
+
+
+def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(optics, rng):
+    data = draw(optics, Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
+    plain = fit_frame(data, optics, near(None, Stable.of()))
+    turned = Parameters(Binary(-5.1, 321.0, 0.35, -0.15, 2.8e6, 2.8), Stable.of(), np.zeros(2))
+    other = fit_frame(data, optics, turned)
+    scale = np.sqrt(np.diag(plain.covariance))
+    # correlations agree with their signs; a wrong turn would exchange those of separation and place
+    np.testing.assert_allclose(
+        other.covariance / np.outer(scale, scale), plain.covariance / np.outer(scale, scale), atol=1e-3
+    )
+
+
+@pytest.mark.parametrize("name", ["linear", "shm"])
+def test_a_streak_fitted_to_a_still_frame_ends_at_the_tip_of_its_cone(name, optics, rng):
+    for _ in range(12):
+        data = draw(optics, Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
+        result = fit_locus(name, data, optics, near(None, Stable.of()), np.array([1e-3, 0.0, 1e-4]))
+        assert result.status is Status.OK, result.message
+        assert abs(float(result.parameters.scene.separation) - 5.0) < 5 * result.error("separation")
+
+
+def test_weakly_visible_aberrations_settle_too(rng):
+    # three struts make defocus and astigmatism show, but to second order first
+    pupil = obstructed_circle(0.125, 0.04, strut_width=0.002, struts=3, samples=64)
+    band = flat_band(530, 640, 3)
+    system = OpticalSystem(pupil, band, grid_for(pupil, band, (40, 40), 0.375, pad=16))
+    scene = Binary(5.0, 140.0, 0.3, -0.2, 1.2e5, 3.0)
+    truth = Parameters(scene, Mvn.of(0.1, 0.05, 20.0), np.zeros(7))
+    for _ in range(4):
+        result = fit_frame(draw(system, truth, rng), system, truth)
+        assert result.status is Status.OK, result.message
+        exact = expected_image(result.parameters, system.otf(result.parameters.aberrations))
+        assert np.sum((np.asarray(exact) - result.image) ** 2 / result.image) < 0.1**2

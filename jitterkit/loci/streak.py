@@ -1,0 +1,72 @@
+"""What the straight loci share: a size and an axis, in coordinates of the double angle.
+
+``(L² cos 2phi, L² sin 2phi)`` has no direction to lose at zero length, unlike ``(length, angle)``.
+It is not smooth there all the same: the moments of a streak lie on a cone, of which zero length is
+the tip.  Derivatives at the tip are finite (those of the cone's axis), but a fit that ends there has a
+kink and no slope; the normal locus, whose moments are free, has neither.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci.base import Locus, principal_axes
+
+__all__ = ["Streak"]
+
+
+class Streak(Locus):
+    """A locus along a straight line.
+
+    Attributes
+    ----------
+    variance : float
+        Along the line, in units of the length squared (class attribute).
+    """
+
+    variance: ClassVar[float]
+
+    @classmethod
+    def of(cls, length: float, angle: float = 0.0) -> Self:
+        """Build from the length [arcsec], full or peak to peak, and the angle of the axis [deg]."""
+        if not length >= 0:
+            raise ConfigurationError(f"A streak's length must not be negative, in arcsec; got {length}.")
+        twice = np.radians(2 * angle)
+        return cls(jnp.asarray([length**2 * np.cos(twice), length**2 * np.sin(twice)]))
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        major, _, angle = principal_axes(moments)
+        return cls.of(major / np.sqrt(cls.variance), angle)
+
+    def along(self, fx, fy):
+        """``L² (f.n)²``."""
+        cosine, sine = self.coords
+        return 0.5 * (self._square() * (fx**2 + fy**2) + cosine * (fx**2 - fy**2) + 2 * sine * fx * fy)
+
+    def moments(self):
+        cosine, sine = self.coords
+        size = self._square()
+        return 0.5 * self.variance * jnp.stack([size + cosine, sine, size - cosine])
+
+    def describe(self) -> dict[str, float]:
+        """``length`` [arcsec], full or peak to peak, and ``angle`` [deg]."""
+        cosine, sine = (float(q) for q in self.coords)
+        angle = float(np.degrees(np.arctan2(sine, cosine)) / 2 % 180.0)
+        return {"length": float(np.sqrt(np.hypot(cosine, sine))), "angle": angle}
+
+    def _square(self):
+        """``L²``, with derivative zero (not NaN) at the tip."""
+        square = self.coords[0] ** 2 + self.coords[1] ** 2
+        positive = square > 0
+        return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+    def _placed(self, along: np.ndarray) -> np.ndarray:
+        """Offsets (n, 2) of places along the line, given in lengths from its middle."""
+        size = self.describe()
+        angle = np.radians(size["angle"])
+        return size["length"] * along[:, None] * np.array([np.cos(angle), np.sin(angle)])
