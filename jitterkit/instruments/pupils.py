@@ -41,12 +41,13 @@ def from_file(path: Path, diameter: float | None = None) -> Pupil:
 
 
 def star(path: Path, hdu: int | None = None) -> np.ndarray:
-    """Read a star image ``(ny, nx)``, background subtracted, from a FITS or TIFF file.
+    """Read a star image ``(ny, nx)`` from a FITS or TIFF file, less the bias that its header names.
 
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked.
+        If a pixel of it is masked, or a pedestal is left under the star: its edge would hold a third of
+        all its light.
     FrameError
         If it cannot be read.
     """
@@ -56,4 +57,11 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
         raise ConfigurationError(
             f"{path}: {int(frame.mask.sum())} pixels of the star have no value; interpolate over them first."
         )
-    return frame.data
+    image = frame.data - frame.metadata.value("bias", 0.0)
+    edge = np.median(np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]]))
+    if edge * image.size > image.sum() / 3:
+        raise ConfigurationError(
+            f"{path}: the edge of the star's image stands at {edge:g}, so that a third or more of its sum is "
+            "background; subtract it."
+        )
+    return image

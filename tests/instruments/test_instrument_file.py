@@ -222,3 +222,16 @@ def test_a_missing_file_is_told_from_a_missing_preset(tmp_path):
         load_instrument(tmp_path / "gone.toml")
     with pytest.raises(ConfigurationError, match=r"cannot be read"):
         load_instrument(str(tmp_path))
+
+
+def test_a_star_on_a_pedestal_is_no_psf(tmp_path):
+    from jitterkit.frames import write_fits
+    from jitterkit.instruments.pupils import star
+
+    y, x = np.mgrid[-10:11, -10:11]
+    light = 1e4 * np.exp(-(x**2 + y**2) / 8)
+    write_fits(tmp_path / "raw.fits", light + 300.0)
+    with pytest.raises(ConfigurationError, match="edge of the star's image stands at 300"):
+        star(tmp_path / "raw.fits")
+    write_fits(tmp_path / "biased.fits", light + 300.0, header={"BIASLVL": 300.0})
+    np.testing.assert_allclose(star(tmp_path / "biased.fits"), light, atol=1e-9)
