@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["ConfigurationError", "FrameError", "JitterkitError", "NoStarError"]
+__all__ = ["ConfigurationError", "FrameError", "JitterkitError", "NoStarError", "UndeterminedError"]
 
 
 class JitterkitError(ValueError):
@@ -48,3 +48,10 @@ class FrameError(JitterkitError):
 
 class NoStarError(FrameError):
     """A frame in which nothing rises above the noise."""
+
+
+class UndeterminedError(JitterkitError):
+    """An image that does not hold the answer: the sentence says what is missing from it.
+
+    An estimator that refuses is better than one that guesses; what it refuses is a row like any other.
+    """

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Scene
 
 __all__ = [
     "Parameters",
@@ -38,7 +38,7 @@ class Parameters(eqx.Module):
 
     Attributes
     ----------
-    scene : Binary
+    scene : Scene
     locus : Locus
     aberrations : (k,) array
         nm, in the order of the OTF's names.
@@ -46,21 +46,27 @@ class Parameters(eqx.Module):
         Electrons per pixel.
     """
 
-    scene: Binary
+    scene: Scene
     locus: Locus
     aberrations: Float[Array, " k"]
     background: Float[Array, ""]
 
-    def __init__(self, scene: Binary, locus: Locus, aberrations=(), background=0.0) -> None:
+    def __init__(self, scene: Scene, locus: Locus, aberrations=(), background=0.0) -> None:
         self.scene, self.locus = scene, locus
         self.aberrations = jnp.asarray(aberrations, float)
         self.background = jnp.asarray(background, float)
 
+    @property
+    def binary(self) -> Binary:
+        """The scene, where it is a binary."""
+        if not isinstance(self.scene, Binary):
+            raise TypeError(f"The scene is a {type(self.scene).__name__}, not a binary.")
+        return self.scene
+
 
 def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tuple[str, ...]:
     """Name of each element of :func:`to_vector`."""
-    scene = ("separation", "theta", "x", "y", "flux", "contrast")
-    return (*scene, *parameters.locus.names, *aberrations, "background")
+    return (*parameters.scene.names, *parameters.locus.names, *aberrations, "background")
 
 
 def free_parameters(
@@ -112,8 +118,17 @@ def to_vector(parameters: Parameters):
     vector : (p,) array
         In the order of :func:`parameter_names`.
     unravel : callable
+        Keeps what a locus holds beside its coordinates: a measured trace, say.
     """
-    return jax.flatten_util.ravel_pytree(parameters)
+    locus = parameters.locus
+    varied = (parameters.scene, locus.coords, parameters.aberrations, parameters.background)
+    vector, unravel = jax.flatten_util.ravel_pytree(varied)
+
+    def rebuild(values) -> Parameters:
+        scene, coords, aberrations, background = unravel(values)
+        return Parameters(scene, locus.at(coords), aberrations, background)
+
+    return vector, rebuild
 
 
 @eqx.filter_jit
@@ -163,7 +178,7 @@ def _to_pixels(spectrum, grid):
     return grid.refine**2 * grid.crop(jnp.fft.irfft2(spectrum, s=grid.fine_shape))
 
 
-def _point_sources(scene: Binary, grid):
+def _point_sources(scene: Scene, grid):
     """Spectrum of the stars, about the first fine sample."""
     fy, fx = grid.frequencies
     cy, cx = grid.centre
@@ -191,15 +206,17 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
         Exact where the aberrations are the OTF's state.
     """
     optics, jitter, stars = _factors(parameters, otf)
-    scene = _pushforward(parameters.scene, lambda scene: _point_sources(scene, otf.grid))
-    locus = _pushforward(parameters.locus, lambda locus: locus.transfer(*_fx_fy(otf)))
+    vector, unravel = jax.flatten_util.ravel_pytree(parameters.scene)
+    scene = _pushforward(vector, lambda v: _point_sources(unravel(v), otf.grid))
+    coords = parameters.locus.coords
+    locus = _pushforward(coords, lambda c: parameters.locus.at(c).transfer(*_fx_fy(otf)))
     aberrations = otf.jacobian if otf.names else jnp.zeros((len(parameters.aberrations), *otf.value.shape))
     blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
         (scene, lambda part: optics * jitter * part),
         (locus, lambda part: optics * stars * part),
         (lambda rows: aberrations[rows], lambda part: _pixel(otf) * jitter * stars * part),
     ]
-    sizes = [6, len(parameters.locus.names), len(parameters.aberrations)]
+    sizes = [len(vector), len(coords), len(parameters.aberrations)]
     spectra, first = [], 0
     for (derivative, complete), size in zip(blocks, sizes, strict=True):
         rows = np.array([i - first for i in free if first <= i < first + size], int)
@@ -213,8 +230,7 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     return image + parameters.background, jnp.concatenate(jacobian)
 
 
-def _pushforward(part, function):
+def _pushforward(vector, function):
     """Derivatives of a function of one part of the parameters, for chosen elements of it."""
-    vector, unravel = to_vector(part)
-    _, push = jax.linearize(lambda v: function(unravel(v)), vector)
+    _, push = jax.linearize(function, vector)
     return lambda rows: jax.vmap(push)(jnp.eye(vector.size, dtype=vector.dtype)[rows])

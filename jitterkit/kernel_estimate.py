@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.loci.base import principal_axes
+from jitterkit.loci.base import Locus, principal_axes
 
 __all__ = ["KernelEstimate"]
 
@@ -31,7 +31,14 @@ class KernelEstimate:
     shape_err : float
         Its standard error.
     kernel : (ny, nx) array or None
-        Kernel on the frame's pixels, where the method gives one.
+        Kernel on the frame's pixels, where the method gives one: odd sides, its centre the middle one.
+    locus : Locus or None
+        The locus itself, where the method fits or assumes one.
+
+    Notes
+    -----
+    Where an image has no known plate scale, one pixel stands for one arcsec: whoever made the estimate
+    knows, and labels its table accordingly.
     """
 
     moments: np.ndarray
@@ -41,6 +48,7 @@ class KernelEstimate:
     shape: float = float("nan")
     shape_err: float = float("nan")
     kernel: np.ndarray | None = None
+    locus: Locus | None = None
 
     @property
     def errors(self) -> np.ndarray:

@@ -1,15 +1,49 @@
-"""What the telescope looks at: a binary."""
+"""What the telescope looks at: a binary, or one star."""
 
-from __future__ import annotations
+from abc import abstractmethod
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-__all__ = ["Binary"]
+from jitterkit.conventions import direction_angle
+
+__all__ = ["Binary", "Scene", "Star"]
 
 
-class Binary(eqx.Module):
+class Scene(eqx.Module):
+    """Point sources with one spectrum.
+
+    Attributes
+    ----------
+    x, y : float
+        Its place: offset from the frame's centre, arcsec.
+    flux : float
+        Electrons per frame from all sources, inside the frame or not.
+    names : tuple of str
+        Of the parameters, in their order (class attribute).
+    """
+
+    x: eqx.AbstractVar[Float[Array, ""]]
+    y: eqx.AbstractVar[Float[Array, ""]]
+    flux: eqx.AbstractVar[Float[Array, ""]]
+    names: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def sources(self) -> tuple[Float[Array, " s"], Float[Array, " s"], Float[Array, " s"]]:
+        """Offsets x and y from the frame's centre [arcsec] and fluxes [electrons] of every source."""
+
+    @abstractmethod
+    def lawful(self) -> Bool[Array, ""]:
+        """Whether such a scene can be: a fit must not step where it cannot."""
+
+    def tidied(self) -> Self:
+        """The same sources by the parameters a person would give."""
+        return self
+
+
+class Binary(Scene):
     """Two point sources: the brighter, A, and the fainter, B.
 
     Attributes
@@ -32,6 +66,7 @@ class Binary(eqx.Module):
     y: Float[Array, ""]
     flux: Float[Array, ""]
     contrast: Float[Array, ""]
+    names: ClassVar[tuple[str, ...]] = ("separation", "theta", "x", "y", "flux", "contrast")
 
     def __init__(self, separation, theta, x, y, flux, contrast) -> None:
         self.separation, self.theta = jnp.asarray(separation, float), jnp.asarray(theta, float)
@@ -45,3 +80,49 @@ class Binary(eqx.Module):
         share = self.contrast / (1 + self.contrast)
         fluxes = self.flux * jnp.stack([share, 1 - share])
         return self.x + side * jnp.cos(angle), self.y + side * jnp.sin(angle), fluxes
+
+    def lawful(self) -> Bool[Array, ""]:
+        """Light comes from both stars."""
+        return (self.flux > 0) & (self.contrast > 0)
+
+    def tidied(self) -> Self:
+        """A the brighter, a positive separation, its direction in [0, 360)."""
+        contrast, separation = float(self.contrast), float(self.separation)
+        turn = 180.0 * ((contrast < 1) != (separation < 0))
+        return type(self)(
+            abs(separation),
+            direction_angle(float(self.theta) + turn),
+            self.x,
+            self.y,
+            self.flux,
+            contrast if contrast >= 1 else 1 / contrast,
+        )
+
+
+class Star(Scene):
+    """One point source.
+
+    Attributes
+    ----------
+    x, y : float
+        Offset from the frame's centre, arcsec.
+    flux : float
+        Electrons per frame, inside the frame or not.
+    """
+
+    x: Float[Array, ""]
+    y: Float[Array, ""]
+    flux: Float[Array, ""]
+    names: ClassVar[tuple[str, ...]] = ("x", "y", "flux")
+
+    def __init__(self, x, y, flux) -> None:
+        self.x, self.y = jnp.asarray(x, float), jnp.asarray(y, float)
+        self.flux = jnp.asarray(flux, float)
+
+    def sources(self) -> tuple[Float[Array, "1"], Float[Array, "1"], Float[Array, "1"]]:
+        """Offsets x and y [arcsec] and flux of the star."""
+        return self.x[None], self.y[None], self.flux[None]
+
+    def lawful(self) -> Bool[Array, ""]:
+        """It shines."""
+        return self.flux > 0

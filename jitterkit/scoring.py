@@ -130,7 +130,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         equations = normal_equations(parameters_at(values), otf, data, free)
         pull = prior.precision @ (values - prior.mean)
         objective = equations.deviance + (values - prior.mean) @ pull
-        lawful = _in_domain(parameters_at(values).scene) & jnp.isfinite(objective)
+        lawful = parameters_at(values).scene.lawful() & jnp.isfinite(objective)
         objective = jnp.where(lawful, objective, jnp.inf)
         return _Point(values, objective, equations.score - pull, equations.information)
 
@@ -173,10 +173,6 @@ def _damped_step(curvature, score, damping):
     scale = jnp.where(scale > 0, scale, 1.0)
     unit = curvature / jnp.outer(scale, scale)
     return jnp.linalg.solve(unit + damping * jnp.eye(len(scale)), score / scale) / scale
-
-
-def _in_domain(scene):
-    return (scene.flux > 0) & (scene.contrast > 0)
 
 
 def invert_information(information) -> tuple[np.ndarray, bool]:

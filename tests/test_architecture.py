@@ -22,7 +22,7 @@ FLOORS = [
     {"forward", "instruments"},
     {"likelihood", "simulate"},
     {"scoring", "kernel_estimate"},
-    {"locate", "estimators"},
+    {"locate", "estimators", "extended", "starfield", "kernels"},
     {"refit"},
     {"report"},
     {"batch"},

@@ -57,7 +57,7 @@ def position_angle(frame: Frame | None, result: FitResult, plate_scale: float) -
     if frame is None or frame.metadata.wcs is None or result.parameters is None:
         return math.nan
     x, y = midpoint_pixel(frame, result, plate_scale)
-    return sky_position_angle(frame.metadata.wcs, x, y, float(result.parameters.scene.theta))
+    return sky_position_angle(frame.metadata.wcs, x, y, float(result.parameters.binary.theta))
 
 
 def why_unusable(frame: Frame) -> str:
@@ -75,7 +75,7 @@ def _absurd(frame: Frame, result: FitResult, plate_scale: float) -> str:
     """What no frame can show, or nothing: stars outside it, a blur as wide as it is."""
     assert result.parameters is not None
     half = (np.array(frame.shape[::-1]) - 1) / 2 * plate_scale
-    scene = result.parameters.scene
+    scene = result.parameters.binary
     middle = np.abs(np.array([float(scene.x), float(scene.y)]))
     if not np.all(middle <= half) or float(scene.separation) > 2 * np.hypot(*half):
         return "it puts the stars outside the frame"
@@ -128,5 +128,5 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
 def _is_single(result: FitResult) -> bool:
     """Whether the fainter star's flux is not five standard errors."""
     assert result.parameters is not None
-    contrast, error = float(result.parameters.scene.contrast), result.error("contrast")
+    contrast, error = float(result.parameters.binary.contrast), result.error("contrast")
     return not error < 0.2 * (1 + contrast)

@@ -5,6 +5,7 @@ from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.kernel import rasterise
 from jitterkit.loci.linear import Linear
 from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.product import Product
 from jitterkit.loci.shm import Shm
 from jitterkit.loci.stable import Stable
 from jitterkit.loci.streak import Streak
@@ -14,6 +15,7 @@ __all__ = [
     "Linear",
     "Locus",
     "Mvn",
+    "Product",
     "Shm",
     "Stable",
     "Streak",

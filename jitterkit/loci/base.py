@@ -2,12 +2,14 @@
 
 A locus is a probability density of pointing offsets.  The image is blurred by it, so all the
 forward model needs is its transfer function ``M(f)``, exact at every frequency; no image is shifted
-and no kernel drawn.
+and no kernel drawn.  Every locus is centred: its mean offset is zero, so that the position of the
+scene is the mean pointing, whatever the path.  ``M`` is real where the path is its own mirror image.
 
 Which one to reach for: :class:`~jitterkit.loci.mvn.Mvn` while the blur is small against the resolution
 (there an image shows second moments and nothing else), :class:`~jitterkit.loci.linear.Linear`
 for a drift, :class:`~jitterkit.loci.shm.Shm` for a vibration of many cycles, and
-:class:`~jitterkit.loci.stable.Stable` when there is none.
+:class:`~jitterkit.loci.stable.Stable` when there is none.  Independent motions multiply:
+``Product(Linear.of(0.3), Mvn.of(0.05))`` is a locus too.
 
 To add a locus, write one file with one class of this kind and add one line to the registry in
 ``jitterkit/loci/__init__.py``; the contract test in ``tests/loci`` then holds it to the laws.
@@ -22,7 +24,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["Locus", "principal_axes"]
+__all__ = ["Locus", "principal_axes", "turned"]
 
 
 class Locus(eqx.Module):
@@ -31,18 +33,22 @@ class Locus(eqx.Module):
     Attributes
     ----------
     coords : (k,) array
-        What a fit varies, in arcsec²; all zero means no jitter.  Build a locus from lengths and
-        angles with its ``of`` constructor instead.
+        What a fit varies; all sizes zero means no jitter.  Build a locus from lengths and angles with
+        its ``of`` constructor instead.
     names : tuple of str
-        One a coordinate (class attribute).
+        One a coordinate.
     """
 
     coords: Float[Array, " k"]
     names: ClassVar[tuple[str, ...]]
 
+    def at(self, coords: Float[Array, " k"]) -> Self:
+        """The same kind of locus at other coordinates."""
+        return eqx.tree_at(lambda locus: locus.coords, self, coords)
+
     @abstractmethod
     def transfer(self, fx, fy):
-        """Transfer function ``M(f)`` at frequencies in cycles/arcsec; 1 at zero."""
+        """Transfer function ``M(f)`` at frequencies in cycles/arcsec; 1 at zero, complex if lopsided."""
 
     @abstractmethod
     def moments(self) -> Float[Array, "3"]:
@@ -60,6 +66,13 @@ class Locus(eqx.Module):
     @abstractmethod
     def points(self, n: int) -> np.ndarray:
         """About ``n`` equally probable pointing offsets ``(m, 2)`` in arcsec, columns x and y."""
+
+    @abstractmethod
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Pointing ``(n, 2)`` in arcsec at ``n`` equal steps through one exposure, in order of time.
+
+        Its distribution over the exposure is the locus; where the motion is random, it is one draw.
+        """
 
 
 def principal_axes(moments) -> tuple[float, float, float]:
@@ -82,3 +95,9 @@ def principal_axes(moments) -> tuple[float, float, float]:
     mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
     angle = np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2 % 180.0
     return float(np.sqrt(max(mean + half, 0.0))), float(np.sqrt(max(mean - half, 0.0))), float(angle)
+
+
+def turned(along, across, angle: float) -> np.ndarray:
+    """Offsets ``(n, 2)`` from components along and across an axis at ``angle`` degrees."""
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    return np.stack([along * c - across * s, along * s + across * c], axis=-1)

@@ -27,3 +27,6 @@ class Linear(Streak):
 
     def points(self, n: int) -> np.ndarray:
         return self._placed((np.arange(n) + 0.5) / n - 0.5)
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return self.points(n)

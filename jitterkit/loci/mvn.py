@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci.base import Locus, principal_axes, turned
 
 __all__ = ["Mvn"]
 
@@ -73,5 +73,8 @@ class Mvn(Locus):
         normal /= normal.std()
         major, minor, angle = principal_axes(self.coords)
         along, across = (g.ravel() for g in np.meshgrid(major * normal, minor * normal))
-        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-        return np.stack([along * c - across * s, along * s + across * c], axis=-1)
+        return turned(along, across, angle)
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        major, minor, angle = principal_axes(self.coords)
+        return turned(major * rng.standard_normal(n), minor * rng.standard_normal(n), angle)

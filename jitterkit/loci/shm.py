@@ -27,3 +27,8 @@ class Shm(Streak):
 
     def points(self, n: int) -> np.ndarray:
         return self._placed(0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n))
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Whole cycles, about one in sixteen steps, from a random phase."""
+        cycles, start = max(1, n // 16), rng.uniform(0, 2 * np.pi)
+        return self._placed(0.5 * np.cos(2 * np.pi * cycles * (np.arange(n) + 0.5) / n + start))

@@ -37,3 +37,6 @@ class Stable(Locus):
 
     def points(self, n: int) -> np.ndarray:
         return np.zeros((1, 2))
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros((n, 2))

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci.base import Locus, principal_axes, turned
 
 __all__ = ["Streak"]
 
@@ -68,5 +68,4 @@ class Streak(Locus):
     def _placed(self, along: np.ndarray) -> np.ndarray:
         """Offsets (n, 2) of places along the line, given in lengths from its middle."""
         size = self.describe()
-        angle = np.radians(size["angle"])
-        return size["length"] * along[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        return turned(size["length"] * along, 0 * along, size["angle"])

@@ -118,6 +118,6 @@ def _weigh(tried: list[FitResult]) -> tuple[Candidate, ...]:
     cost = np.array([fit.objective + 2 * len(fit.names) for fit, _ in fits])
     weights = np.exp(-0.5 * (cost - cost.min()))
     return tuple(
-        Candidate(fit.locus, fit.objective, float(w), float(parameters.scene.separation))
+        Candidate(fit.locus, fit.objective, float(w), float(parameters.binary.separation))
         for (fit, parameters), w in zip(fits, weights / weights.sum(), strict=True)
     )

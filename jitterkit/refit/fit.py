@@ -15,7 +15,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.conventions import direction_angle
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.loci import Streak
@@ -23,7 +22,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.scene import Binary
 from jitterkit.scoring import Climb, climb, invert_information
 
 __all__ = ["FitOptions", "fit_frame"]
@@ -88,8 +86,9 @@ def fit_frame(
         return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: fewer than the {len(free)} parameters.")
     prior = options.priors.over(names)
     end, otf, iterations = _climb_and_expand(data, optics, start, otf, free, prior)
-    if not _is_tidy(end.parameters.scene):  # the covariance must be that of the tidy parameters
-        tidied = eqx.tree_at(lambda p: p.scene, end.parameters, _tidy(end.parameters.scene))
+    tidy = end.parameters.scene.tidied()
+    if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
+        tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
         end, otf, more = _climb_and_expand(data, optics, tidied, otf, free, prior)
         iterations += more
     return _conclude(data, otf, end, names, prior, iterations, time.perf_counter() - began)
@@ -125,24 +124,6 @@ def _linearisation_error(optics, parameters: Parameters, otf: OTF) -> float:
         return 0.0
     phase = optics.phase(np.asarray(parameters.aberrations - otf.state))
     return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2
-
-
-def _is_tidy(scene: Binary) -> bool:
-    return float(scene.contrast) >= 1 and float(scene.separation) >= 0 and 0 <= float(scene.theta) < 360
-
-
-def _tidy(scene: Binary) -> Binary:
-    """The same pair: A the brighter, a positive separation, its direction in [0, 360)."""
-    contrast, separation = float(scene.contrast), float(scene.separation)
-    turn = 180.0 * ((contrast < 1) != (separation < 0))
-    return Binary(
-        abs(separation),
-        direction_angle(float(scene.theta) + turn),
-        scene.x,
-        scene.y,
-        scene.flux,
-        contrast if contrast >= 1 else 1 / contrast,
-    )
 
 
 def _conclude(data, otf, end: Climb, names, prior, iterations, seconds) -> FitResult:

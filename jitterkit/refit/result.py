@@ -127,5 +127,5 @@ class FitResult:
         slots = [self.names.index(n) for n in locus.names if n in self.names]
         if len(slots) < len(locus.names) or not slots:
             return np.asarray(locus.moments()), np.zeros((3, 3))
-        slope = np.asarray(jax.jacfwd(lambda c: type(locus)(c).moments())(locus.coords))
+        slope = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))
         return np.asarray(locus.moments()), slope @ self.covariance[np.ix_(slots, slots)] @ slope.T

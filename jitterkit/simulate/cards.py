@@ -61,7 +61,7 @@ def truth_cards(simulated: Simulated, seed: int | None = None) -> Cards:
         Keyword to ``(value, comment)``; keywords of at most 8 characters but for Roman's two.
     """
     truth = simulated.truth
-    cards = {**_scene_cards(truth.scene), **_jitter_cards(truth.locus)}
+    cards = {**_scene_cards(truth.binary), **_jitter_cards(truth.locus)}
     for k, (name, value) in enumerate(zip(simulated.aberrations, np.asarray(truth.aberrations), strict=True)):
         keyword = f"TRUN{name[4:]}" if name.startswith("noll") else f"TRUA{k}"
         cards[keyword] = (float(value), f"[nm] true {name}")
