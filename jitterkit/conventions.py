@@ -8,9 +8,9 @@
 * A transfer function is ``T(f) = integral of t(r) exp(-2 pi i f.r) dr`` with f in cycles/arcsec, so
   a star displaced by r multiplies the spectrum by ``exp(-2 pi i f.r)``.
 
-Two foreign conventions meet us and are converted here and nowhere else: dLux's position angle
-(from +y towards +x, pointing from B to A) and the rows of a TIFF (the first is the top one;
-see :mod:`jitterkit.frames`).
+Three foreign conventions meet us, each converted at one place: dLux's position angle (from +y towards
++x, pointing from B to A) here, the rows of a TIFF (the first is the top one) in :mod:`jitterkit.frames`, and
+Roman's angle of the jitter (from +y towards +x) in :mod:`jitterkit.loci.cards`.
 """
 
 from __future__ import annotations

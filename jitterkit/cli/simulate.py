@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
+from jitterkit.cli.loci import build_locus, parse_sizes, trace_of
 from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["simulate"]
@@ -24,19 +25,44 @@ def simulate(
     ],
     instrument: options.InstrumentName = "toliman",
     locus: Annotated[
-        str, typer.Option(metavar="NAME", help="Jitter: stable, linear, shm or mvn.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Jitter: stable, linear, shm, mvn, ellipse, lissajous, tones, partial, smear, shaped, path.",
+        ),
     ] = "stable",
     length: Annotated[
         float | None,
-        typer.Option(help="Full length (linear) or peak to peak (shm), arcsec.", show_default=False),
+        typer.Option(help="Full length, or peak to peak of a vibration, arcsec.", show_default=False),
     ] = None,
     sigma: Annotated[
-        float | None, typer.Option(help="One sigma along the major axis (mvn), arcsec.", show_default=False)
+        float | None, typer.Option(help="One sigma along the major axis, arcsec.", show_default=False)
     ] = None,
-    shear: Annotated[float, typer.Option(help="1 - sigma_minor/sigma_major (mvn), 0 to 1.")] = 0.0,
+    shear: Annotated[
+        float | None, typer.Option(help="1 - sigma_minor/sigma_major (mvn), 0 to 1.", show_default=False)
+    ] = None,
     angle: Annotated[
-        float, typer.Option(help="Axis of the jitter, degrees counter-clockwise from +x.")
-    ] = 0.0,
+        float | None,
+        typer.Option(help="Axis of the jitter, degrees counter-clockwise from +x.", show_default=False),
+    ] = None,
+    sizes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="SIZE=VALUE",
+            help="Any other size of the locus: --set cycles=0.7 --set phase=30; of a path, --set "
+            "knots=0:0,0.2:0.1,0.3:0.3 in arcsec.",
+            show_default=False,
+        ),
+    ] = None,
+    trace: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="A measured pointing in place of a locus: columns t,x,y in s and arcsec.",
+            show_default=False,
+        ),
+    ] = None,
     separation: Annotated[float, typer.Option(help="Separation, arcsec.")] = 10.0,
     theta: Annotated[
         float, typer.Option(help="Direction from A to B, degrees counter-clockwise from +x.")
@@ -78,6 +104,9 @@ def simulate(
     _check_ending(output)
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
+    given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
+    given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
+    jitter = build_locus(locus, given) if trace is None else trace_of(trace, telescope.exposure, locus, given)
     drawn: dict[str, Any] = {}
     if scatter:
         drawn = {
@@ -89,7 +118,7 @@ def simulate(
     sequence = simulate_sequence(
         telescope,
         Binary(separation, theta, x, y, photons, contrast),
-        _locus(locus, length, sigma, shear, angle),
+        jitter,
         frames,
         aberrations=aberrations * generator.standard_normal((frames, len(telescope.aberrations))),
         background=background,
@@ -119,26 +148,6 @@ def _check_ending(path: Path) -> None:
 
     if not path.name.lower().endswith(EXTENSIONS):
         raise ConfigurationError(f"{path} ends in none of {', '.join(EXTENSIONS)}; give it one of them.")
-
-
-def _locus(name: str, length: float | None, sigma: float | None, shear: float, angle: float):
-    from jitterkit.errors import ConfigurationError
-    from jitterkit.loci import Mvn, Stable, Streak, locus_class
-
-    kind = locus_class(name)
-    if kind is Stable:
-        if length is not None or sigma is not None:
-            raise ConfigurationError(
-                "A stable telescope has no --length and no --sigma; choose another --locus."
-            )
-        return Stable.of()
-    if issubclass(kind, Streak):
-        if length is None or sigma is not None:
-            raise ConfigurationError(f"The locus {name} needs --length, and no --sigma.")
-        return kind.of(length, angle)
-    if sigma is None or length is not None:
-        raise ConfigurationError(f"The locus {name} needs --sigma, and no --length.")
-    return Mvn.sheared(sigma, shear, angle)
 
 
 def _numbered(path: Path, index: int, digits: int) -> Path:

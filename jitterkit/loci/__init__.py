@@ -2,30 +2,62 @@
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci.cards import jitter_cards
+from jitterkit.loci.ellipse import Ellipse
 from jitterkit.loci.kernel import rasterise
 from jitterkit.loci.linear import Linear
+from jitterkit.loci.lissajous import Lissajous
 from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.partial import PartialShm
+from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product
+from jitterkit.loci.shaped import Shaped
 from jitterkit.loci.shm import Shm
+from jitterkit.loci.smear import Smear
 from jitterkit.loci.stable import Stable
 from jitterkit.loci.streak import Streak
+from jitterkit.loci.tones import Tones
+from jitterkit.loci.trace_locus import Trace, read_trace
 
 __all__ = [
     "LOCI",
+    "Ellipse",
     "Linear",
+    "Lissajous",
     "Locus",
     "Mvn",
+    "PartialShm",
+    "Path",
     "Product",
+    "Shaped",
     "Shm",
+    "Smear",
     "Stable",
     "Streak",
+    "Tones",
+    "Trace",
+    "jitter_cards",
     "locus_class",
+    "locus_name",
     "principal_axes",
     "rasterise",
+    "read_trace",
 ]
 
-LOCI: dict[str, type[Locus]] = {"stable": Stable, "linear": Linear, "shm": Shm, "mvn": Mvn}
-"""Every locus by name, simplest first."""
+LOCI: dict[str, type[Locus]] = {
+    "stable": Stable,
+    "linear": Linear,
+    "shm": Shm,
+    "mvn": Mvn,
+    "ellipse": Ellipse,
+    "lissajous": Lissajous,
+    "tones": Tones,
+    "partial": PartialShm,
+    "smear": Smear,
+    "shaped": Shaped,
+    "path": Path,
+}
+"""Every locus by name; a trace and a product are built, not named."""
 
 
 def locus_class(name: str) -> type[Locus]:
@@ -42,3 +74,15 @@ def locus_class(name: str) -> type[Locus]:
         raise ConfigurationError(
             f"There is no jitter locus {name!r}; choose from {', '.join(LOCI)}."
         ) from None
+
+
+def locus_name(locus: Locus) -> str:
+    """The name of a locus: that of the registry, where it is in it.
+
+    >>> locus_name(PartialShm.of(0.3)), locus_name(Product(Linear.of(0.3), Mvn.of(0.1)))
+    ('partial', 'linear*mvn')
+    """
+    if type(locus) is Product:
+        return "*".join(locus_name(part) for part in locus.parts)
+    names = {kind: name for name, kind in LOCI.items()}
+    return names.get(type(locus), type(locus).__name__.lower())

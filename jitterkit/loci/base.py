@@ -5,11 +5,17 @@ forward model needs is its transfer function ``M(f)``, exact at every frequency;
 and no kernel drawn.  Every locus is centred: its mean offset is zero, so that the position of the
 scene is the mean pointing, whatever the path.  ``M`` is real where the path is its own mirror image.
 
-Which one to reach for: :class:`~jitterkit.loci.mvn.Mvn` while the blur is small against the resolution
-(there an image shows second moments and nothing else), :class:`~jitterkit.loci.linear.Linear`
-for a drift, :class:`~jitterkit.loci.shm.Shm` for a vibration of many cycles, and
-:class:`~jitterkit.loci.stable.Stable` when there is none.  Independent motions multiply:
-``Product(Linear.of(0.3), Mvn.of(0.05))`` is a locus too.
+Which one to reach for:
+
+* small against the resolution, or random and fast: :class:`~jitterkit.loci.mvn.Mvn` (there an image shows
+  second moments and nothing else); next, with one number for its shape, ``Shaped``;
+* slow: :class:`~jitterkit.loci.linear.Linear`; with a bend, ``Path``; measured, ``Trace``;
+* a vibration of many cycles: :class:`~jitterkit.loci.shm.Shm` in one plane, ``Ellipse`` (or, in other words,
+  ``Lissajous``) in two, ``Tones`` at two frequencies; of about one cycle, ``PartialShm``;
+* a drift under random motion: ``Smear``;
+* none: :class:`~jitterkit.loci.stable.Stable`.
+
+Independent motions multiply: ``Product(Linear.of(0.3), Mvn.of(0.05))`` is a locus too.
 
 To add a locus, write one file with one class of this kind and add one line to the registry in
 ``jitterkit/loci/__init__.py``; the contract test in ``tests/loci`` then holds it to the laws.
@@ -24,7 +30,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["Locus", "principal_axes", "turned"]
+from jitterkit.conventions import axis_angle
+
+__all__ = ["Locus", "principal_axes", "turned", "whole_cycles"]
 
 
 class Locus(eqx.Module):
@@ -93,11 +101,21 @@ def principal_axes(moments) -> tuple[float, float, float]:
     """
     sxx, sxy, syy = (float(s) for s in moments)
     mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
-    angle = np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2 % 180.0
-    return float(np.sqrt(max(mean + half, 0.0))), float(np.sqrt(max(mean - half, 0.0))), float(angle)
+    angle = axis_angle(np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2)
+    return float(np.sqrt(max(mean + half, 0.0))), float(np.sqrt(max(mean - half, 0.0))), angle
 
 
 def turned(along, across, angle: float) -> np.ndarray:
     """Offsets ``(n, 2)`` from components along and across an axis at ``angle`` degrees."""
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.stack([along * c - across * s, along * s + across * c], axis=-1)
+
+
+def whole_cycles(n: int, rng: np.random.Generator) -> np.ndarray:
+    """Phases (n,) of a vibration through one exposure, in radians.
+
+    Whole cycles from a random phase; how many, so that each has 16 to 32 steps, is drawn too, and two
+    vibrations at once are unrelated.
+    """
+    cycles = rng.integers(max(1, n // 32), max(1, n // 16), endpoint=True)
+    return 2 * np.pi * cycles * (np.arange(n) + 0.5) / n + rng.uniform(0, 2 * np.pi)

@@ -14,17 +14,14 @@ import numpy as np
 from scipy.special import ndtri
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci.base import Locus, principal_axes, turned
+from jitterkit.loci.base import principal_axes
+from jitterkit.loci.elliptic import Elliptic, covariance
 
 __all__ = ["Mvn"]
 
 
-class Mvn(Locus):
-    """A normal density with covariance Σ: ``M = exp(-2 pi² f'Σf)``.
-
-    The coordinates are ``(Sxx, Sxy, Syy)`` themselves, with their signs.  In a fit Σ may become
-    indefinite (noise about no jitter); clipping it would bias the separation.
-    """
+class Mvn(Elliptic):
+    """A normal density with covariance Σ: ``M = exp(-2 pi² f'Σf)``."""
 
     names: ClassVar[tuple[str, ...]] = ("mvn_xx", "mvn_xy", "mvn_yy")
 
@@ -34,14 +31,7 @@ class Mvn(Locus):
 
         ``sigma_minor`` defaults to ``sigma_major``: a round blur.
         """
-        sigma_minor = sigma_major if sigma_minor is None else sigma_minor
-        if not (sigma_major >= 0 and sigma_minor >= 0):
-            raise ConfigurationError(
-                f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}."
-            )
-        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-        a, b = sigma_major**2, sigma_minor**2
-        return cls(jnp.asarray([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c]))
+        return cls(covariance(sigma_major, sigma_major if sigma_minor is None else sigma_minor, angle))
 
     @classmethod
     def sheared(cls, sigma_major: float, shear: float, angle: float = 0.0) -> Self:
@@ -50,16 +40,8 @@ class Mvn(Locus):
             raise ConfigurationError(f"A shear lies between 0 (round) and 1 (a line); got {shear}.")
         return cls.of(sigma_major, sigma_major * (1 - shear), angle)
 
-    @classmethod
-    def near(cls, moments) -> Self:
-        return cls(jnp.asarray(moments, float))
-
     def transfer(self, fx, fy):
-        sxx, sxy, syy = self.coords
-        return jnp.exp(-2 * jnp.pi**2 * (sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2))
-
-    def moments(self):
-        return self.coords
+        return jnp.exp(-2 * jnp.pi**2 * self.variance_along(fx, fy))
 
     def describe(self) -> dict[str, float]:
         """``sigma_major``, ``sigma_minor`` [arcsec], ``shear`` and ``angle`` [deg]."""
@@ -71,10 +53,8 @@ class Mvn(Locus):
         side = max(2, int(np.ceil(np.sqrt(n))))
         normal = ndtri((np.arange(side) + 0.5) / side)
         normal /= normal.std()
-        major, minor, angle = principal_axes(self.coords)
-        along, across = (g.ravel() for g in np.meshgrid(major * normal, minor * normal))
-        return turned(along, across, angle)
+        along, across = (g.ravel() for g in np.meshgrid(normal, normal))
+        return self._placed(along, across)
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        major, minor, angle = principal_axes(self.coords)
-        return turned(major * rng.standard_normal(n), minor * rng.standard_normal(n), angle)
+        return self._placed(rng.standard_normal(n), rng.standard_normal(n))

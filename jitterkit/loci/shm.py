@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from jitterkit.loci.base import whole_cycles
 from jitterkit.loci.special import j0_of_square
 from jitterkit.loci.streak import Streak
 
@@ -29,6 +30,4 @@ class Shm(Streak):
         return self._placed(0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n))
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Whole cycles, about one in sixteen steps, from a random phase."""
-        cycles, start = max(1, n // 16), rng.uniform(0, 2 * np.pi)
-        return self._placed(0.5 * np.cos(2 * np.pi * cycles * (np.arange(n) + 0.5) / n + start))
+        return self._placed(0.5 * np.cos(whole_cycles(n, rng)))

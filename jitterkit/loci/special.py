@@ -1,4 +1,4 @@
-"""The two special functions of the loci, written in the square of their argument.
+"""The special functions of the loci, written in the square of their argument.
 
 A transfer function depends on the jitter through ``u²``.  Written in ``u`` its derivative at zero size
 is 0/0; written in ``u²`` it is a smooth function with finite derivatives everywhere, so that no
@@ -13,7 +13,7 @@ import math
 import jax.numpy as jnp
 import scipy.special
 
-__all__ = ["j0_of_square", "sinc_of_square"]
+__all__ = ["j0_of_square", "log1p_over", "sinc_of_square"]
 
 _LARGE = 25.0  # where Hankel's expansion takes over: its ten terms are then below 1e-16
 
@@ -28,12 +28,15 @@ def sinc_of_square(w):
 
 
 def j0_of_square(w):
-    """``J0(sqrt(w))`` for w >= 0, to about 1e-14, with all derivatives at zero.
+    """``J0(sqrt(w))``, to about 1e-14, with all derivatives at zero.
+
+    Where a fit makes a covariance indefinite, w is negative and this is ``I0(sqrt(-w))``, to 1e-13 of
+    itself down to w = -100 (where it is 2816) and finite beyond.
 
     Notes
     -----
     ``J0(sqrt(w))`` is entire in w: a Chebyshev series up to w = 625 and Hankel's asymptotic
-    expansion beyond (Abramowitz & Stegun 9.2.5).
+    expansion beyond (Abramowitz & Stegun 9.2.5).  Below zero the terms of that series all have one sign.
     """
     small = w < _LARGE**2
     t = jnp.where(small, w, 0.0) * (2 / _LARGE**2) - 1
@@ -42,6 +45,14 @@ def j0_of_square(w):
     phase = z - math.pi / 4
     far = jnp.sqrt(2 / (math.pi * z)) * (p * jnp.cos(phase) - q * jnp.sin(phase))
     return jnp.where(small, _clenshaw(_chebyshev_coefficients(), t), far)
+
+
+def log1p_over(z):
+    """``ln(1 + z)/z`` for z > -1, to rounding, with finite derivatives at zero."""
+    small = jnp.abs(z) < 0.01
+    series = _horner([(-1) ** k / (k + 1) for k in range(9)], jnp.where(small, z, 0.0))
+    far = jnp.where(small, 1.0, z)
+    return jnp.where(small, series, jnp.log1p(far) / far)
 
 
 @functools.cache

@@ -13,6 +13,7 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 import numpy as np
 
+from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus, principal_axes, turned
 
@@ -56,7 +57,7 @@ class Streak(Locus):
     def describe(self) -> dict[str, float]:
         """``length`` [arcsec], full or peak to peak, and ``angle`` [deg]."""
         cosine, sine = (float(q) for q in self.coords)
-        angle = float(np.degrees(np.arctan2(sine, cosine)) / 2 % 180.0)
+        angle = axis_angle(np.degrees(np.arctan2(sine, cosine)) / 2)
         return {"length": float(np.sqrt(np.hypot(cosine, sine))), "angle": angle}
 
     def _square(self):

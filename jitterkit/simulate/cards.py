@@ -1,19 +1,20 @@
 """The truth about simulated frames, as cards of a FITS header or a table of a TIFF's TOML.
 
-Truth begins with ``TRU``.  The jitter is also written as ``JITRTYPE`` and ``JITRSIGM``, which stpsf and
-poppy use, and as ``JITTER_MAJOR`` and ``JITTER_MINOR`` [mas], the names of Roman's schema.
+Truth begins with ``TRU``; sizes of a jitter that have no keyword of their own (the knots of a path, the
+parts of a product) are numbered, ``TRUJ1`` and on, with their names as comments.  The jitter is also
+written as ``JITRTYPE`` and ``JITRSIGM``, which stpsf and poppy use, and as ``JITTER_MAJOR`` and
+``JITTER_MINOR`` [mas], the names of Roman's schema.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
 from jitterkit.scene import Binary
 from jitterkit.simulate.frames import Simulated
 
@@ -35,6 +36,18 @@ _SIZES = {
     "sigma_major": ("TRUSMAJ", "[arcsec] 1 sigma, major axis"),
     "sigma_minor": ("TRUSMIN", "[arcsec] 1 sigma, minor axis"),
     "shear": ("TRUSHEAR", "1 - sigma_minor/sigma_major"),
+    "sigma_angle": ("TRUSANG", "[deg] major axis of the normal, ccw from +x"),
+    "semi_major": ("TRUAMAJ", "[arcsec] semi-axis, major"),
+    "semi_minor": ("TRUAMIN", "[arcsec] semi-axis, minor"),
+    "amplitude_x": ("TRUAMPX", "[arcsec] amplitude along x, zero to peak"),
+    "amplitude_y": ("TRUAMPY", "[arcsec] amplitude along y, zero to peak"),
+    "phase": ("TRUPHASE", "[deg] phase of the jitter"),
+    "cycles": ("TRUCYCLE", "cycles of the jitter in the exposure"),
+    "kurtosis": ("TRUKURT", "excess kurtosis of the jitter"),
+    "length1": ("TRULEN1", "[arcsec] peak to peak, first tone"),
+    "angle1": ("TRUANG1", "[deg] axis of the first tone, ccw from +x"),
+    "length2": ("TRULEN2", "[arcsec] peak to peak, second tone"),
+    "angle2": ("TRUANG2", "[deg] axis of the second tone, ccw from +x"),
 }
 _NUMBERS = {
     "exposure": ("EXPTIME", "[s] exposure"),
@@ -149,20 +162,18 @@ def _scene_cards(scene: Binary) -> Cards:
 
 
 def _jitter_cards(locus: Locus) -> Cards:
-    name = type(locus).__name__.lower()
+    name = locus_name(locus)
     cards: Cards = {"TRULOCUS": (name, "true jitter locus")}
-    for size, value in locus.describe().items():
-        keyword, comment = _SIZES.get(size, (f"TRU{size[:5].upper()}", f"true {size}"))
+    sizes = locus.describe()
+    others = [size for size in sizes if size not in _SIZES]
+    numbered = {size: (f"TRUJ{k}", f"true {size}") for k, size in enumerate(others, start=1)}
+    for size, value in sizes.items():
+        keyword, comment = {**_SIZES, **numbered}[size]
         cards[keyword] = (float(value), comment)
     moments = [float(value) for value in np.asarray(locus.moments())]
     for axis, value in zip(("XX", "XY", "YY"), moments, strict=True):
         cards[f"TRUS{axis}"] = (value, "[arcsec2] true second moment of the pointing")
-    major, minor, _ = principal_axes(moments)
-    cards["JITRTYPE"] = ("Gaussian convolution" if name == "mvn" else name, "type of jitter")
-    cards["JITRSIGM"] = (math.hypot(major, minor) / math.sqrt(2), "[arcsec] rms of the jitter per axis")
-    cards["JITTER_MAJOR"] = (1e3 * major, "[mas] 1 sigma, major axis")
-    cards["JITTER_MINOR"] = (1e3 * minor, "[mas] 1 sigma, minor axis")
-    return cards
+    return cards | jitter_cards(moments, normal=isinstance(locus, Mvn))
 
 
 def _merged(tables: list[Mapping[str, tuple[Any, str]]]) -> Cards:

@@ -18,20 +18,47 @@ def path_nodes(locus, **size):
     """Offsets (m, 2) of the pointing [arcsec] and the share of the time at each."""
     if locus == "stable":
         return np.zeros((1, 2)), np.ones(1)
+    if locus == "path":  # the parabola through three knots, its mean (k0 + 4 k1 + k2)/6 taken off
+        t, weights = np.polynomial.legendre.leggauss(10)
+        k0, k1, k2 = np.asarray(size["knots"])[:, None]
+        places = k1 + (k2 - k0) / 2 * t[:, None] + (k0 + k2 - 2 * k1) / 2 * t[:, None] ** 2
+        return places - (k0 + 4 * k1 + k2) / 6, weights / 2
+    if locus == "tones":  # every phase of one with every phase of the other
+        streaks = [streak_nodes("shm", size[f"length{k}"], 5) for k in (1, 2)]
+        (first, w1), (second, w2) = streaks
+        one, two = (turned(v, 0 * v, size[f"angle{k}"]) for k, v in ((1, first), (2, second)))
+        return (one[:, None] + two[None]).reshape(-1, 2), np.outer(w1, w2).ravel()
     if locus == "mvn":  # Gauss-Hermite along both axes
         (t, wt), (u, wu) = (np.polynomial.hermite_e.hermegauss(n) for n in (7, 5))
         along, across = np.meshgrid(size["sigma_major"] * t, size["sigma_minor"] * u)
         weights = np.outer(wu, wt).ravel() / (2 * np.pi)
+    elif locus == "ellipse":
+        phase, weights = 2 * np.pi * np.arange(12) / 12, np.full(12, 1 / 12)
+        along, across = size["semi_major"] * np.cos(phase), size["semi_minor"] * np.sin(phase)
+    elif locus == "partial":  # time runs from -1/2 to 1/2; the mean is taken off
+        t, weights = np.polynomial.legendre.leggauss(14)
+        weights = weights / 2
+        phase = np.pi * size["cycles"] * t + np.radians(size["phase"])
+        along = size["length"] / 2 * (np.sin(phase) - np.sin(phase) @ weights)
+        across = 0 * along
     else:
-        if locus == "linear":  # uniform speed: Gauss-Legendre in time
-            t, weights = np.polynomial.legendre.leggauss(8)
-            weights = weights / 2
-        else:  # a sinusoid: equal steps of its phase, Gauss-Chebyshev in position
-            t, weights = np.cos((2 * np.arange(8) + 1) * np.pi / 16), np.full(8, 1 / 8)
-        along, across = size["length"] / 2 * t, np.zeros(8)
-    c, s = np.cos(np.radians(size["angle"])), np.sin(np.radians(size["angle"]))
-    along, across = along.ravel(), across.ravel()
-    return np.stack([c * along - s * across, s * along + c * across], axis=1), weights
+        along, weights = streak_nodes(locus, size["length"], 8)
+        across = 0 * along
+    return turned(along.ravel(), across.ravel(), size["angle"]), weights
+
+
+def streak_nodes(locus, length, n):
+    """Places along a straight line, and the share of the time at each."""
+    if locus == "linear":  # uniform speed: Gauss-Legendre in time
+        t, weights = np.polynomial.legendre.leggauss(n)
+        return length / 2 * t, weights / 2
+    # a sinusoid: equal steps of its phase, Gauss-Chebyshev in position
+    return length / 2 * np.cos((2 * np.arange(n) + 1) * np.pi / (2 * n)), np.full(n, 1 / n)
+
+
+def turned(along, across, angle):
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    return np.stack([c * along - s * across, s * along + c * across], axis=1)
 
 
 def pixel_nodes(n, scale, order):

@@ -14,7 +14,13 @@ SIZES = {
     "linear": {"length": 0.75, "angle": 25.0},
     "shm": {"length": 0.75, "angle": 115.0},
     "mvn": {"sigma_major": 0.2, "sigma_minor": 0.1, "angle": 70.0},
+    "ellipse": {"semi_major": 0.3, "semi_minor": 0.15, "angle": 40.0},
+    "partial": {"length": 0.6, "angle": 150.0, "cycles": 0.7, "phase": 50.0},
+    "path": {"knots": [[-0.3, 0.1], [0.1, 0.3], [0.2, -0.2]]},
+    "tones": {"length1": 0.3, "angle1": 20.0, "length2": 0.2, "angle2": 80.0},
 }
+"""One of each kind of transfer function; a lissajous is an ellipse, and the rest are products of these or
+held to scipy's Bessel functions with the loci."""
 ABERRATIONS = np.array([20.0, -10.0, 5.0, 15.0, 0.0, -20.0, 10.0])
 
 
@@ -25,7 +31,7 @@ def chi_squared(toliman, spectrum, truth, locus, pad):
     return np.sum((np.asarray(image) - truth) ** 2 / truth)
 
 
-@pytest.mark.parametrize("locus", list(LOCI))
+@pytest.mark.parametrize("locus", list(SIZES))
 @pytest.mark.parametrize(
     "spectrum",
     [lines(530.0, 585.0, 640.0), pytest.param(flat_band(530, 640), marks=pytest.mark.slow)],

@@ -1,0 +1,104 @@
+"""A jitter locus from what stands on the command line: its name and its sizes.
+
+Every locus is built by its ``of``; its signature says what it needs and what it may have, and so do the
+sentences here.
+"""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+__all__ = ["build_locus", "parse_sizes", "trace_of"]
+
+_OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
+"""Sizes with an option of their own; the others go by ``--set``."""
+
+
+def parse_sizes(settings: list[str]) -> dict[str, Any]:
+    """Sizes by name from ``name=value``, or ``name=x:y,x:y,...`` for places.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is neither.
+    """
+    from jitterkit.errors import ConfigurationError
+
+    sizes: dict[str, Any] = {}
+    for setting in settings:
+        name, _, value = setting.partition("=")
+        try:
+            sizes[name.strip()] = _places(value) if ":" in value else float(value)
+        except ValueError:
+            raise ConfigurationError(
+                f"--set {setting} is not understood; write a number, --set cycles=0.7, or places in arcsec, "
+                "--set knots=0:0,0.2:0.1."
+            ) from None
+    return sizes
+
+
+def build_locus(name: str, sizes: dict[str, Any]):
+    """The locus of a name with given sizes.
+
+    Raises
+    ------
+    ConfigurationError
+        If it needs a size that is not given, or takes none of that name; the message lists what it does.
+    """
+    from jitterkit.errors import ConfigurationError
+    from jitterkit.loci import Mvn, locus_class
+
+    kind = locus_class(name)
+    build = Mvn.sheared if kind is Mvn and "shear" in sizes else kind.of  # type: ignore[attr-defined]
+    taken = inspect.signature(build).parameters
+    if not taken and sizes:
+        extra = _option(next(iter(sizes)))
+        raise ConfigurationError(f"A stable telescope has no {extra}; choose another --locus.")
+    needed = [size for size, parameter in taken.items() if parameter.default is parameter.empty]
+    foreign, missing = [s for s in sizes if s not in taken], [s for s in needed if s not in sizes]
+    wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
+    if not (foreign or missing or wrong):
+        return build(**sizes)
+    known = inspect.signature(kind.of).parameters  # type: ignore[attr-defined]
+    may = [size for size in known if size not in needed] + (["shear"] if kind is Mvn else [])
+    problem = f"takes no {_option(foreign[0])}; it " if foreign else ""
+    problem += f"needs {_listed(needed)}"
+    problem += f" and may have {_listed(may)}" if may else ""
+    raise ConfigurationError(f"The locus {name} {problem}.")
+
+
+def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, Any]):
+    """The measured pointing in a file, from its start (or ``start``) over one exposure, where that is known.
+
+    Raises
+    ------
+    ConfigurationError
+        If another locus or its sizes are given too, or the record does not serve.
+    """
+    from jitterkit.errors import ConfigurationError
+    from jitterkit.loci import Trace, read_trace
+
+    others = [_option(size) for size in sizes if size != "start"]
+    others += ["--locus"] if locus != "stable" else []
+    if others:
+        raise ConfigurationError(f"A --trace takes the place of a locus; leave out {others[0]}.")
+    try:
+        return Trace.of(*read_trace(path), start=sizes.get("start"), exposure=exposure)
+    except ConfigurationError as error:
+        told = str(error)
+        raise ConfigurationError(told if told.startswith(str(path)) else f"{path}: {told}") from None
+
+
+def _places(text: str) -> list[list[float]]:
+    pairs = (place.split(":") for place in text.split(","))
+    return [[float(x), float(y)] for x, y in pairs]
+
+
+def _option(size: str) -> str:
+    return _OPTIONS.get(size, f"--set {size}")
+
+
+def _listed(sizes: list[str]) -> str:
+    return ", ".join(_option(size) for size in sizes)

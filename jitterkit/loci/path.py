@@ -1,0 +1,131 @@
+"""A free path: a smooth curve through a few places that the pointing passes at equal times.
+
+Nature makes it when the pointing moves slowly but not straight: a settling slew, a slow loop, a drift with
+a bend or a kick.  It is the locus that assumes least of a motion below the frame rate.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import CubicSpline
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci.base import Locus, principal_axes, turned
+from jitterkit.loci.phasor import gauss_legendre, mean_phasor
+
+__all__ = ["Path"]
+
+_KNOTS = 4
+_NODES = 16
+
+_BEND = 0.1
+"""Of the length, that a fit starts bent by: a straight line is its own mirror image."""
+
+
+def _names(knots: int) -> tuple[str, ...]:
+    return tuple(f"path_{axis}{k}" for axis in "xy" for k in range(1, knots))
+
+
+class Path(Locus):
+    """A cubic spline through K knots, equally spaced over the exposure.
+
+    Attributes
+    ----------
+    coords : (2 (K - 1),) array
+        Steps from knot to knot, arcsec: first all in x, then all in y.  The mean offset is taken off, so
+        that K - 1 steps are all there is to know.
+
+    Notes
+    -----
+    With four knots or fewer the spline is the one polynomial through them (not-a-knot at both ends); with
+    two, a straight line at constant speed.  Run backwards it leaves the same image, so an image gives the
+    path but not its direction; a path that is its own reversal (there and back) is degenerate in a fit.
+
+    The integral over time has 16 nodes between two knots, exact to rounding while a step turns the phase
+    by less than 8 rad at ``f`` (1.1 arcsec at TOLIMAN's cutoff).
+    """
+
+    coords: Float[Array, " k"]
+    names: tuple[str, ...] = eqx.field(static=True, default=_names(_KNOTS))  # type: ignore[misc]
+
+    def __init__(self, coords) -> None:
+        self.coords = jnp.asarray(coords, float)
+        self.names = _names(len(self.coords) // 2 + 1)
+
+    @classmethod
+    def of(cls, knots) -> Self:
+        """Build from the places passed.
+
+        Parameters
+        ----------
+        knots : (K, 2) array
+            Offsets x and y in arcsec, at equal times from the start of the exposure to its end, K at
+            least 2; their common offset does not matter.
+        """
+        knots = np.asarray(knots, float)
+        if knots.ndim != 2 or len(knots) < 2 or knots.shape[1] != 2 or not np.all(np.isfinite(knots)):
+            raise ConfigurationError(
+                f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
+            )
+        return cls(np.diff(knots, axis=0).T.ravel())
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        """A straight line of the greater moment, slightly bent."""
+        major, _, angle = principal_axes(moments)
+        length, s = np.sqrt(12) * major, np.linspace(-0.5, 0.5, _KNOTS)
+        return cls.of(turned(length * s, _BEND * length * (4 * s**2 - 1), angle))
+
+    def transfer(self, fx, fy):
+        x, y = self._at_nodes()
+        return mean_phasor(x, y, jnp.asarray(_quadrature(self._knots)[1]), fx, fy)
+
+    def moments(self):
+        x, y = self._at_nodes()
+        return jnp.stack([x * x, x * y, y * y]) @ _quadrature(self._knots)[1]
+
+    def describe(self) -> dict[str, float]:
+        """``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
+        places = self._at(np.linspace(-0.5, 0.5, self._knots))
+        return {
+            f"{axis}{k}": float(v) for k, xy in enumerate(places, 1) for axis, v in zip("xy", xy, strict=True)
+        }
+
+    def points(self, n: int) -> np.ndarray:
+        offsets = self._at((np.arange(n) + 0.5) / n - 0.5)
+        return offsets - offsets.mean(axis=0)
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return self.points(n)
+
+    @property
+    def _knots(self) -> int:
+        return len(self.names) // 2 + 1
+
+    def _at_nodes(self):
+        return self.coords.reshape(2, -1) @ _quadrature(self._knots)[0].T
+
+    def _at(self, times: np.ndarray) -> np.ndarray:
+        """Offsets (n, 2) from the mean at times from -1/2 to 1/2."""
+        nodes, weights = gauss_legendre(_NODES, self._knots - 1)
+        mean = weights @ _spline(self._knots, nodes)
+        return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
+
+
+@functools.cache
+def _quadrature(knots: int) -> tuple[np.ndarray, np.ndarray]:
+    """What takes steps to offsets from the mean at the nodes (n, knots - 1), and the nodes' weights (n,)."""
+    times, weights = gauss_legendre(_NODES, knots - 1)
+    matrix = _spline(knots, times)
+    return matrix - weights @ matrix, weights
+
+
+def _spline(knots: int, times: np.ndarray) -> np.ndarray:
+    """What takes the steps to offsets from the first knot at given times."""
+    return CubicSpline(np.linspace(-0.5, 0.5, knots), np.tri(knots, knots - 1, -1))(times)

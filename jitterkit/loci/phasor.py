@@ -1,0 +1,48 @@
+"""The transfer function of a path given in steps of time: the mean of its phasors.
+
+``M(f) = sum_k w_k exp(-2 pi i (fx x_k + fy y_k))`` is the definition itself; every path without a
+formula of its own comes through here, with the nodes and weights of a quadrature in time.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+
+__all__ = ["gauss_legendre", "mean_phasor"]
+
+
+def mean_phasor(x, y, weights, fx, fy):
+    """Mean phasor of weighted offsets.
+
+    Parameters
+    ----------
+    x, y : (n,) array
+        arcsec.
+    weights : (n,) array
+        Shares of the time; they sum to one.
+    fx, fy : array
+        cycles/arcsec, of shapes that broadcast.
+
+    Returns
+    -------
+    mean : complex array of their common shape
+        On an open grid, ``fx`` (1, nx) and ``fy`` (ny, 1), the phasors factor into one of each axis and
+        the sum is a product of matrices: the same terms, without an exponential for each.
+    """
+    fx, fy = jnp.asarray(fx), jnp.asarray(fy)
+    if fx.ndim == fy.ndim == 2 and fx.shape[0] == fy.shape[1] == 1:
+        along_x = jnp.exp(-2j * jnp.pi * x[:, None] * fx[0])
+        along_y = jnp.exp(-2j * jnp.pi * y[:, None] * fy[:, 0])
+        return (weights[:, None] * along_y).T @ along_x
+    return jnp.exp(-2j * jnp.pi * (fx[..., None] * x + fy[..., None] * y)) @ weights.astype(complex)
+
+
+@functools.cache
+def gauss_legendre(nodes: int, panels: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Times in (-1/2, 1/2) and weights that sum to one; ``nodes`` in each of equal panels."""
+    t, w = np.polynomial.legendre.leggauss(nodes)
+    starts = np.arange(panels)[:, None] - panels / 2
+    return ((starts + (t + 1) / 2) / panels).ravel(), np.tile(w / (2 * panels), panels)
