@@ -2,7 +2,9 @@
 
 Each takes the frame's :class:`~jitterkit.likelihood.Data`, a template (scene and aberrations) and an
 OTF, and returns a :class:`~jitterkit.kernel_estimate.KernelEstimate`.  Reach for ``score``: it is
-efficient and knows about aberrations.  ``mtf`` is the quick look that needs no iteration.
+efficient, knows about aberrations, and tests the shape.  ``mtf`` is the quick look that needs no starting
+value.  ``nnls`` and ``richardson-lucy`` know no model of the motion: for blurs wider than the optics'
+resolution, and for a kernel to look at.  ``moments`` is a second opinion.
 
 To add an estimator, write one file with one function and add one line to the registry.
 """
@@ -10,13 +12,31 @@ To add an estimator, write one file with one function and add one line to the re
 from collections.abc import Callable
 
 from jitterkit.errors import ConfigurationError
+from jitterkit.estimators.moments import estimate_moments
 from jitterkit.estimators.mtf_ratio import estimate_mtf_ratio
+from jitterkit.estimators.nnls import estimate_nnls
+from jitterkit.estimators.richardson_lucy import estimate_richardson_lucy
 from jitterkit.estimators.score import estimate_score
 from jitterkit.kernel_estimate import KernelEstimate
 
-__all__ = ["ESTIMATORS", "KernelEstimate", "estimate_mtf_ratio", "estimate_score", "estimator"]
+__all__ = [
+    "ESTIMATORS",
+    "KernelEstimate",
+    "estimate_moments",
+    "estimate_mtf_ratio",
+    "estimate_nnls",
+    "estimate_richardson_lucy",
+    "estimate_score",
+    "estimator",
+]
 
-ESTIMATORS: dict[str, Callable[..., KernelEstimate]] = {"mtf": estimate_mtf_ratio, "score": estimate_score}
+ESTIMATORS: dict[str, Callable[..., KernelEstimate]] = {
+    "mtf": estimate_mtf_ratio,
+    "score": estimate_score,
+    "moments": estimate_moments,
+    "richardson-lucy": estimate_richardson_lucy,
+    "nnls": estimate_nnls,
+}
 """Every estimator by name."""
 
 
