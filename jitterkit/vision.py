@@ -68,14 +68,19 @@ def median_filter(image: np.ndarray, size: int) -> np.ndarray:
     return cv2.medianBlur(array if array.dtype in (np.uint8, np.uint16) else array.astype(np.float32), size)
 
 
-def box_mean(image: np.ndarray, size: int) -> np.ndarray:
-    """Return the running mean over a square of ``size`` pixels; the image is mirrored at its borders.
+def box_mean(image: np.ndarray, size: int | tuple[int, int]) -> np.ndarray:
+    """Return the running mean over a box; the image is mirrored at its borders.
 
-    The pixel with index ``size // 2`` of the square is the one that gets the mean.  Integers are
-    averaged as float64.
+    Parameters
+    ----------
+    image : (ny, nx) array
+        Integers are averaged as float64.
+    size : int or (int, int)
+        Side of a square, or height and width [pixels]; the pixel with index ``size // 2`` gets the mean.
     """
     array = native(image)
-    return cv2.blur(array if array.dtype.kind == "f" else array.astype(np.float64), (size, size))
+    height, width = (size, size) if isinstance(size, int) else size
+    return cv2.blur(array if array.dtype.kind == "f" else array.astype(np.float64), (width, height))
 
 
 def bin_mean(image: np.ndarray, factor: int) -> np.ndarray:

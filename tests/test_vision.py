@@ -72,6 +72,12 @@ def test_the_box_mean_is_the_mean_of_the_box(size, dtype):
     assert means[y, x] == pytest.approx(box.mean(), abs=1e-9)
 
 
+def test_a_box_may_be_taller_than_it_is_wide():
+    means, image = box_mean(IMAGE.astype(float), (7, 3)), IMAGE.astype(float)
+    # rounding of a running sum, as above
+    assert means[20, 11] == pytest.approx(image[17:24, 10:13].mean(), abs=1e-9)
+
+
 def test_bins_are_means_of_blocks_and_the_rest_is_left_out():
     binned = bin_mean(IMAGE.astype(">i4"), 4)
     assert binned.shape == (10, 7)

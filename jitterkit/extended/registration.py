@@ -1,0 +1,154 @@
+"""How far a scene has moved from one frame to the next.
+
+:func:`register` compares two frames, :func:`drifts` a sequence with its first.  scikit-image finds the
+shift to the pixel (without its default normalisation, which is wrong on star fields by up to two pixels);
+least squares on the transforms' difference, each frequency by what noise leaves of it, does the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.signal.windows import tukey
+from skimage.registration import phase_cross_correlation
+
+from jitterkit.errors import ConfigurationError, UndeterminedError
+
+__all__ = ["Drift", "drifts", "register"]
+
+_STEPS = 20
+"""Of the least squares, at most; each divides what is left by ten or more."""
+
+_BAND = 0.4
+"""Cycles/pixel: beyond, undersampled frames alias, and aliases move the wrong way."""
+
+_LEAST_ORDER = 3.0
+"""Cycles in the frame: below, the window, which does not move with the scene, is part of what is seen."""
+
+_TAPER = 0.5
+"""Share of each side that the window tapers."""
+
+_WINDOW_ERROR = 0.003
+"""Pixels: what scenes that run out of the frame leave, measured on noise-free photographs."""
+
+_LEAST_CORRELATION = 0.3
+"""Of the two frames once aligned: between different scenes, or noise, it stays below 0.1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """A shift of the scene: its place in the image less its place in the reference.
+
+    Attributes
+    ----------
+    x, y : float
+        Arcsec (pixels without a plate scale); +x towards larger columns, +y towards larger rows.
+    covariance : (2, 2) array
+        Of ``(x, y)``.
+    """
+
+    x: float
+    y: float
+    covariance: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Standard errors of ``(x, y)``."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def register(reference: np.ndarray, image: np.ndarray, *, plate_scale: float = 1.0) -> Drift:
+    """Measure the shift between two frames of the same scene.
+
+    Parameters
+    ----------
+    reference, image : (ny, nx) arrays
+        In the same unit up to a factor; the noise is taken from what the frames do not share.
+    plate_scale : float
+        Arcsec/pixel; without one, a pixel counts as an arcsec.
+
+    Returns
+    -------
+    drift : Drift
+
+    Raises
+    ------
+    ConfigurationError
+        If the frames are not two images of one shape with finite values.
+    UndeterminedError
+        If the frames have no scene in common.
+
+    Notes
+    -----
+    *Assumes* a pure shift of less than half the frame.  *Fails when* the frames are blurred differently and
+    the blur is lopsided: that moves the scene.
+    """
+    pair = [np.asarray(frame, dtype=float) for frame in (reference, image)]
+    if pair[0].shape != pair[1].shape or pair[0].ndim != 2 or not all(np.isfinite(f).all() for f in pair):
+        raise ConfigurationError(
+            f"Frames to register are images of one shape with finite values; got {pair[0].shape} and "
+            f"{pair[1].shape}."
+        )
+    if min(frame.std() for frame in pair) == 0:
+        raise UndeterminedError("One of the frames is constant: there is nothing to register.")
+    window = _window(pair[0].shape)
+    whole = -phase_cross_correlation(*(_windowed(f, window) for f in pair), normalization=None)[0].astype(int)
+    one, two = _overlap(pair[0], pair[1], whole)
+    (y, x), covariance = _refine(one, two)
+    shift = np.array([x + whole[1], y + whole[0]]) * plate_scale
+    return Drift(float(shift[0]), float(shift[1]), covariance * plate_scale**2)
+
+
+def drifts(frames: Iterable[np.ndarray], *, plate_scale: float = 1.0) -> list[Drift]:
+    """Measure the shifts of a sequence of frames against its first, which is not in the list."""
+    first, *others = frames
+    return [register(first, frame, plate_scale=plate_scale) for frame in others]
+
+
+def _windowed(frame: np.ndarray, window: np.ndarray) -> np.ndarray:
+    return (frame - np.average(frame, weights=window)) * window
+
+
+def _overlap(one: np.ndarray, two: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The parts of two frames that show the same scene, the second moved by whole pixels (y, x)."""
+    cuts = [
+        [slice(max(0, s), n + min(0, s)) for s, n in zip(sign * shift, one.shape, strict=True)]
+        for sign in (-1, 1)
+    ]
+    return one[tuple(cuts[0])], two[tuple(cuts[1])]
+
+
+def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray]:
+    """Sub-pixel shift (y, x) of the second, and the covariance of (x, y), pixels."""
+    if min(one.shape) < 16:
+        raise UndeterminedError("The frames overlap by less than 16 pixels: too little to register them by.")
+    window = _window(one.shape)
+    fy, fx = np.meshgrid(fft.fftfreq(one.shape[0]), fft.rfftfreq(one.shape[1]), indexing="ij")
+    band = (np.hypot(fx, fy) < _BAND) & (np.hypot(fy * one.shape[0], fx * one.shape[1]) > _LEAST_ORDER)
+    band &= (fx > 0) | (fy > 0)  # of a frequency and its negative, one
+    a, b = (fft.rfft2(_windowed(frame, window))[band] for frame in (one, two))
+    axes, shift = 2 * np.pi * np.stack([fy[band], fx[band]]), np.zeros(2)
+    for _ in range(_STEPS):
+        cross = b * np.exp(1j * shift @ axes) * a.conj()
+        # the frames' noises are independent: the cross power is free of their bias
+        gain = np.linalg.inv((axes * cross.real) @ axes.T)
+        step = -gain @ axes @ cross.imag
+        shift += step
+        if np.all(np.abs(step) < 1e-6):
+            break
+    correlation = cross.real.sum() / np.sqrt((abs(a) ** 2).sum() * (abs(b) ** 2).sum())
+    if not correlation > _LEAST_CORRELATION or np.abs(shift).max() > 2:
+        raise UndeterminedError(
+            f"The frames have too little in common to register them (correlation {correlation:.2f})."
+        )
+    ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
+    covariance = ties * gain @ ((axes * cross.imag**2) @ axes.T) @ gain
+    covariance += np.eye(2) * _WINDOW_ERROR**2
+    return (float(shift[0]), float(shift[1])), covariance[::-1, ::-1]
+
+
+def _window(shape: tuple[int, ...]) -> np.ndarray:
+    return np.outer(*(tukey(n + 2, _TAPER)[1:-1] for n in shape))

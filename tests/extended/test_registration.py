@@ -1,0 +1,72 @@
+"""Shifts between frames, against exact ones."""
+
+import numpy as np
+import pytest
+from scipy import fft
+from skimage.registration import phase_cross_correlation
+
+from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.extended import drifts, register
+
+
+def shifted(scene, x, y, decibels=40.0, seed=0):
+    """The scene behind a PSF of one pixel, moved exactly; mirrored borders are cut off."""
+    padded = np.pad(scene, 64, mode="symmetric")
+    fy, fx = fft.fftfreq(padded.shape[0])[:, None], fft.rfftfreq(padded.shape[1])
+    move = np.exp(-2j * np.pi * (fx * x + fy * y) - 2 * np.pi**2 * (fx**2 + fy**2))
+    image = fft.irfft2(fft.rfft2(padded) * move, padded.shape)[80:-80, 80:-80]
+    return image + np.random.default_rng(seed).normal(0, image.std() * 10 ** (-decibels / 20), image.shape)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.31, -0.44), (5.7, 2.2), (-3.5, 11.25)])
+def test_positive_shifts_go_to_larger_columns_and_rows(x, y, gravel):
+    drift = register(shifted(gravel, 0, 0), shifted(gravel, x, y, seed=1), plate_scale=0.5)
+    assert drift.x == pytest.approx(0.5 * x, abs=5 * drift.errors[0])
+    assert drift.y == pytest.approx(0.5 * y, abs=5 * drift.errors[1])
+    assert drift.errors.max() < 0.005
+
+
+def test_errors_are_those_of_the_bound(gravel):
+    # at 20 dB the floor of 0.003 pixels, which is for the window, is a part of the errors only
+    one = shifted(gravel, 0, 0, 300.0)
+    slopes = np.stack([np.gradient(one, axis=1).ravel(), np.gradient(one, axis=0).ravel()])
+    noise = 0.3 * one.std()
+    bound = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)) * 2) * noise
+    found = []
+    for seed in range(12):
+        frames = [
+            shifted(gravel, *s, -20 * np.log10(0.3), 2 * seed + k) for k, s in enumerate([(0, 0), (1.3, 0.6)])
+        ]
+        drift = register(*frames)
+        found.append([drift.x - 1.3, drift.y - 0.6, *drift.errors])
+    off, errors = np.array(found)[:, :2], np.array(found)[:, 2:]
+    # of twelve, a standard deviation scatters by a fifth; the window costs another third
+    assert np.all(np.sqrt(np.mean(off**2, axis=0)) < 2.5 * bound)
+    assert 0.5 < np.sqrt(np.mean((off / errors) ** 2)) < 1.6
+
+
+def test_it_is_ten_times_closer_than_phase_correlation(gravel):
+    one, two = shifted(gravel, 0, 0), shifted(gravel, 2.37, -1.61, seed=1)
+    drift = register(one, two)
+    theirs = -phase_cross_correlation(one, two, normalization=None, upsample_factor=100)[0]
+    ours = np.hypot(drift.x - 2.37, drift.y + 1.61)
+    assert ours < 0.1 * np.hypot(theirs[1] - 2.37, theirs[0] + 1.61) + 0.002
+
+
+def test_a_sequence_is_measured_against_its_first(gravel):
+    path = [(0.0, 0.0), (0.4, 0.1), (0.9, -0.3)]
+    found = drifts(shifted(gravel, x, y, seed=k) for k, (x, y) in enumerate(path))
+    np.testing.assert_allclose([(d.x, d.y) for d in found], path[1:], atol=0.01)
+
+
+def test_frames_without_a_common_scene_are_refused(gravel):
+    rng = np.random.default_rng(0)
+    with pytest.raises(UndeterminedError, match="too little"):
+        register(rng.normal(size=(128, 128)), rng.normal(size=(128, 128)))
+    with pytest.raises(UndeterminedError, match="constant"):
+        register(gravel, np.ones_like(gravel))
+
+
+def test_frames_of_two_shapes_are_refused(gravel):
+    with pytest.raises(ConfigurationError, match="one shape"):
+        register(gravel, gravel[1:])
