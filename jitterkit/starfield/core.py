@@ -1,0 +1,107 @@
+"""A round core under a uniform line: what a trailed star says about its trail without a sharp one.
+
+The moments of one image cannot tell a long core from a trail.  If the core is round, the cross
+section tells its profile (Moffat's, here), and the length along the axis is the line's.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.special import gamma, kv
+
+from jitterkit.loci import Linear, principal_axes
+from jitterkit.optics.grid import Grid
+from jitterkit.starfield.psf import Psf
+
+__all__ = ["RoundCore", "fit_round_core", "moffat_transfer"]
+
+_PAD = 16
+_BETA = (1.2, 30.0)
+"""Moffat's exponents that are tried: the lower spreads without end, the upper is a normal."""
+
+
+class RoundCore(NamedTuple):
+    """A Moffat star drawn along a line.
+
+    Attributes
+    ----------
+    line : Linear
+        In pixels.
+    fwhm, beta : float
+        Of the core, before the pixel [pixels].
+    chi2_dof : float
+        Of the fit to the mean star, noise alone.
+    """
+
+    line: Linear
+    fwhm: float
+    beta: float
+    chi2_dof: float
+
+
+def moffat_transfer(f: np.ndarray, fwhm: float, beta: float) -> np.ndarray:
+    """Transfer function of Moffat's profile ``(1 + r²/a²)^-beta`` at frequencies f, in 1/unit of the FWHM.
+
+    ``2 u^(b-1) K_(b-1)(2u) / Gamma(b-1)`` with ``u = pi a f``: Hankel's transform of a power
+    (Gradshteyn & Ryzhik 6.565.4).
+
+    >>> moffat_transfer(np.array([0.0]), 3.0, 2.5)
+    array([1.])
+    """
+    u = np.pi * f * fwhm / (2 * np.sqrt(2 ** (1 / beta) - 1))
+    u = np.maximum(u, 1e-9)
+    order = beta - 1
+    with np.errstate(under="ignore"):
+        return 2 * u**order * kv(order, 2 * u) / gamma(order)
+
+
+def fit_round_core(psf: Psf, moments: np.ndarray) -> RoundCore:
+    """Fit a round core drawn along a line to a mean star.
+
+    Parameters
+    ----------
+    psf : Psf
+        The trailed stars' own mean.
+    moments : (3,) array
+        Their adaptive moments [pixels²]: where the fit starts.
+
+    Returns
+    -------
+    core : RoundCore
+
+    Notes
+    -----
+    *Assumes* a round core of Moffat's profile, and a line.  On Moffat stars of FWHM 3 pixels drawn
+    over 4, the length comes out to 0.2 %; moments, taken for variances, say 13 % more.  *Fails when*
+    the core is not round: then it is the length of the line that would make it so.
+    """
+    grid = Grid(psf.stamp.shape, 1.0, _PAD)
+    fy, fx = grid.frequencies
+    radius = np.hypot(fx, fy)
+    cy, cx = grid.centre
+    pixel = np.sinc(fx) * np.sinc(fy)
+    error = np.hypot(psf.error, 1e-9 * psf.stamp.max())
+
+    def image(p):
+        flux, sky, x, y, log_fwhm, log_beta, *coords = p
+        line = np.asarray(Linear(jnp.asarray(coords)).transfer(fx, fy))
+        spectrum = flux * moffat_transfer(radius, np.exp(log_fwhm), np.exp(log_beta)) * pixel * line
+        shift = np.exp(-2j * np.pi * (fx * (x + cx) + fy * (y + cy)))
+        return grid.crop(np.fft.irfft2(spectrum * shift, s=grid.fine_shape)) + sky
+
+    major, minor, angle = principal_axes(moments)
+    length = np.sqrt(12 * max(major**2 - minor**2, 1e-3))
+    coords = np.asarray(Linear.of(length, angle).coords)
+    start = [1.0, 0.0, 0.0, 0.0, np.log(2.2 * minor), np.log(3.5), *coords]
+    lower, upper = np.full(8, -np.inf), np.full(8, np.inf)
+    lower[4:6], upper[4:6] = np.log([0.3, _BETA[0]]), np.log([100.0, _BETA[1]])
+    fit = least_squares(
+        lambda p: ((image(p) - psf.stamp) / error).ravel(), start, bounds=(lower, upper), x_scale="jac"
+    )
+    line = Linear(jnp.asarray(fit.x[6:]))
+    dof = psf.stamp.size - len(start)
+    return RoundCore(line, float(np.exp(fit.x[4])), float(np.exp(fit.x[5])), 2 * fit.cost / dof)

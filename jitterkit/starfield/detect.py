@@ -1,0 +1,222 @@
+"""Stars that stand alone: found, cut out, and given a noise.
+
+Reach for :func:`find_stars`.  A trailed star is no point source, so stars are found as connected
+regions above the sky, not as peaks; what is blended, clipped, saturated or far longer than the rest is
+left out, because one blend says more about itself than about the telescope.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from astropy.stats import SigmaClip
+from photutils.background import Background2D, MedianBackground
+from photutils.segmentation import SourceCatalog, deblend_sources, detect_sources
+from photutils.utils.exceptions import NoDetectionsWarning
+from scipy import ndimage
+
+from jitterkit.errors import UndeterminedError
+from jitterkit.frames import Frame
+from jitterkit.vision import median_filter
+
+__all__ = ["Stars", "find_stars"]
+
+_BOX = 64
+"""Side of a box of the background [pixels]: some ten trailed stars wide."""
+
+_SMOOTHING = 1.0
+"""Sigma of the filter before detection [pixels]; it lowers white noise 3.5 times."""
+
+_THRESHOLD = 1.5
+"""Of the smoothed image in units of the unsmoothed noise: five sigma."""
+
+_LEAST_AREA, _LEAST_PEAK = 7, 3
+"""Pixels of the smallest region that may be a star, and of the smallest peak within one."""
+
+_CONTRAST = 0.02
+"""Share of a region's light that makes a peak of it a star of its own; less splits noise on a trail."""
+
+_LEAST_SNR = 25.0
+"""Of the light in a region; fainter stars have moments with errors beyond a tenth and biased by noise."""
+
+_BAD, _SHARP = 6.0, 1.5
+"""A pixel is bad that differs from the median of its neighbours by so many sigma, and by so many times
+the height of that median: no star wider than 1.8 pixels FWHM does."""
+
+_LONGER = 2.5
+"""Region longer than so many times the median one: a streak, a galaxy."""
+
+_CORE = 3.0
+"""Radius, in sigmas of the typical star, within which nothing else may lie."""
+
+_HALVES = (8, 12, 16, 20, 24, 32, 48)
+"""Half widths of a stamp [pixels]: few, so that few programs are compiled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stars:
+    """Isolated stars of one frame, each in a stamp of its own.
+
+    Attributes
+    ----------
+    x, y : (n,) array
+        Centres in the frame, pixels; centroids, good to a tenth.
+    electrons : (n, s, s) array
+        Background subtracted; s is odd, and the stamp's middle pixel the one nearest to the centre.
+    sky_variance : (n, s, s) array
+        Of sky and read-out [electrons²]; a star's own photon noise comes on top.
+    used : (n, s, s) bool array
+        False for pixels that are bad, beyond the frame or part of another star.
+    frame_shape : (int, int)
+        ``(ny, nx)`` of the frame.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    electrons: np.ndarray
+    sky_variance: np.ndarray
+    used: np.ndarray
+    frame_shape: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Middle pixel ``(n, 2)`` of each stamp, columns x and y."""
+        return np.stack([np.rint(self.x), np.rint(self.y)], axis=1).astype(int)
+
+    def chosen(self, which: np.ndarray) -> Stars:
+        """Some of the stars, by index or boolean array."""
+        return Stars(
+            self.x[which],
+            self.y[which],
+            self.electrons[which],
+            self.sky_variance[which],
+            self.used[which],
+            self.frame_shape,
+        )
+
+
+def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
+    """Find stars that stand alone and cut them out.
+
+    Parameters
+    ----------
+    frame : Frame
+        In electrons, sky included or not; masked pixels (saturated ones are) spoil the star they lie in.
+    half : int, optional
+        Half width of a stamp [pixels]; from the size of the stars if omitted.
+
+    Returns
+    -------
+    stars : Stars
+        Brightest first.
+
+    Raises
+    ------
+    UndeterminedError
+        If no star stands alone above the noise.
+
+    Notes
+    -----
+    Background and noise are measured in boxes of 64 pixels.  Isolated pixels that stick out by
+    more than any star could (cosmic rays, dead pixels) are treated as masked.  Left out are stars
+    that hang together with another above the noise, lie within three sigma of another star, a bad pixel
+    or the edge, or are 2.5 times longer than the median star: satellites, and moving objects.
+
+    *Fails when* the field is so crowded that hardly a star stands alone.
+    """
+    image, noise, bad = _flattened(frame)
+    regions, whole = _regions(image, noise)
+    catalog = SourceCatalog(image, regions, mask=bad)
+    x, y = np.asarray(catalog.centroid).T
+    long = np.sqrt(np.linalg.eigvalsh(np.asarray(catalog.covariance))[:, -1])
+    flux, area = np.asarray(catalog.segment_flux), np.asarray(catalog.area)
+    bright = flux > _LEAST_SNR * np.sqrt(area * np.median(noise) ** 2 + np.clip(flux, 0, None))
+    bright &= np.isfinite(x + y + long)
+    if not bright.any():
+        raise UndeterminedError("No star rises above the noise of the frame; expose longer or stack frames.")
+    typical = float(np.median(long[bright]))
+    good = bright & ~_blended(regions.data, whole) & (long < _LONGER * typical)
+    half = _half_width(typical) if half is None else half
+    order = np.argsort(-flux[good])
+    x, y, own = (a[good][order] for a in (x, y, np.asarray(catalog.labels)))
+    stars = _cut(image, noise**2, bad, regions.data, x, y, own, half)
+    alone = _alone(stars, _CORE * typical)
+    if not alone.any():
+        raise UndeterminedError(
+            "No star of the frame stands alone, clear of bad pixels and of the edge; "
+            "choose a less crowded part of it."
+        )
+    return stars.chosen(alone)
+
+
+def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image without background, noise of each pixel, and bad pixels, which are filled."""
+    box = tuple(min(_BOX, n) for n in frame.shape)
+    background = Background2D(
+        frame.electrons,
+        box,
+        mask=frame.mask,
+        sigma_clip=SigmaClip(3.0),
+        bkg_estimator=MedianBackground(),
+        exclude_percentile=90.0,
+    )
+    image = frame.electrons - background.background
+    noise = np.maximum(background.background_rms, np.sqrt(frame.read_variance))
+    noise = np.maximum(noise, np.finfo(np.float32).tiny)
+    smooth = median_filter(np.where(frame.mask, 0.0, image), 3).astype(float)
+    reach = _BAD * np.hypot(noise, np.sqrt(np.clip(smooth, 0, None)))
+    bad = frame.mask | (np.abs(image - smooth) > reach + _SHARP * np.clip(smooth, 0, None))
+    return np.where(bad, smooth, image), noise, bad
+
+
+def _regions(image: np.ndarray, noise: np.ndarray):
+    """Regions above the sky, split where they hold several stars, and their labels before that."""
+    smooth = ndimage.gaussian_filter(image, _SMOOTHING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NoDetectionsWarning)
+        whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
+    if whole is None:
+        raise UndeterminedError("No star rises above the noise of the frame; expose longer or stack frames.")
+    split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
+    return split, whole.data
+
+
+def _blended(labels: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Which regions were part of a larger one."""
+    _, first = np.unique(labels, return_index=True)
+    parents = whole.ravel()[first[labels.ravel()[first] > 0]]
+    return np.bincount(parents)[parents] > 1
+
+
+def _half_width(sigma: float) -> int:
+    """Half a stamp for stars of a size: seven sigmas of what is seen above the sky."""
+    return next((h for h in _HALVES if h >= 7 * sigma), _HALVES[-1])
+
+
+def _cut(image, variance, bad, labels, x, y, own, half: int) -> Stars:
+    """Stamps about stars; what lies beyond the frame is not used."""
+    shape = image.shape
+    image, variance = (np.pad(a, half) for a in (image, variance))
+    bad = np.pad(bad, half, constant_values=True)
+    labels = np.pad(labels, half)
+    grid = np.arange(2 * half + 1)
+    rows = np.rint(y).astype(int)[:, None, None] + grid[:, None]
+    columns = np.rint(x).astype(int)[:, None, None] + grid
+    stamps = labels[rows, columns]
+    others = (stamps > 0) & (stamps != own[:, None, None])
+    others = ndimage.binary_dilation(others, np.ones((1, 3, 3), bool), iterations=2)
+    used = ~bad[rows, columns] & ~others
+    return Stars(x, y, image[rows, columns], variance[rows, columns], used, shape)
+
+
+def _alone(stars: Stars, radius: float) -> np.ndarray:
+    """Which stars have every pixel within a radius [pixels]."""
+    half = stars.used.shape[-1] // 2
+    grid = np.arange(-half, half + 1)
+    core = np.hypot(*np.meshgrid(grid, grid)) < max(radius, 2.0)
+    return np.all(stars.used | ~core, axis=(1, 2))

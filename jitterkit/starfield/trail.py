@@ -1,0 +1,211 @@
+"""The trail that all stars share: measured against a sharp PSF, or inferred from the stars alone.
+
+:func:`trail_against` fits a line to every star at once.  :func:`trail_alone` has only the stars' own shapes,
+and must assume what they would be without the trail: round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.loci import Linear, Locus, Mvn, principal_axes
+from jitterkit.optics import OTF, empirical_otf
+from jitterkit.starfield.common import Common
+from jitterkit.starfield.core import fit_round_core
+from jitterkit.starfield.detect import Stars
+from jitterkit.starfield.joint import JointFit, fit_joint
+from jitterkit.starfield.moments import Moments
+from jitterkit.starfield.psf import Psf, stack_psf
+
+__all__ = ["Trail", "axes", "trail_against", "trail_alone"]
+
+_PAD = 12
+"""Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""
+
+_WIDER = 5.0
+"""Sigma of the variance across a trail from which a change of seeing is believed."""
+
+_POOR_CORE = 1.5
+"""Chi-squared a pixel from which the round core is not the truth, and its length carries the doubt."""
+
+_CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would tell."
+
+
+@dataclass(frozen=True, eq=False)
+class Trail:
+    """A trail, in pixels.
+
+    Attributes
+    ----------
+    locus : Locus
+        The line, or the normal where that fits better.
+    moments, covariance : (3,) and (3, 3) array
+        Of the pointing [pixels², pixels⁴].
+    length, length_err, angle, angle_err : float
+        Of the line [pixels, deg].
+    used : (n,) bool array
+        Stars that it rests on.
+    variation : (float, int)
+        Chi-squared and degrees of freedom of one blur for all of them.
+    remarks : tuple of str
+    """
+
+    locus: Locus
+    moments: np.ndarray
+    covariance: np.ndarray
+    length: float
+    length_err: float
+    angle: float
+    angle_err: float
+    used: np.ndarray
+    variation: tuple[float, int]
+    remarks: tuple[str, ...]
+
+
+def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
+    """Infer the trail on the condition that the core is round.
+
+    Parameters
+    ----------
+    stars : Stars
+    moments : Moments
+        Theirs.
+    common : Common
+        What these have in common: their axis is the trail's.
+
+    Returns
+    -------
+    trail : Trail
+
+    Notes
+    -----
+    The length is that of :func:`~jitterkit.starfield.core.fit_round_core` on the mean star, its error that
+    of the common moments; where the fit is poor, half its distance to the length by moments is added.
+    """
+    psf = stack_psf(stars, moments)
+    core = fit_round_core(psf, common.moments)
+    major, minor, axis = axes(common.moments)
+    noise = _along(common.covariance, axis)
+    length = core.line.describe()["length"]
+    doubt = 0.0
+    remarks: tuple[str, ...] = (_CONDITION,)
+    if core.chi2_dof > _POOR_CORE:
+        doubt = abs(np.sqrt(12 * (major - minor)) - length) / 2
+        remarks += (
+            f"A round Moffat core under a line leaves chi²/dof {core.chi2_dof:.1f}; half the difference to "
+            "the length by moments is in the error.",
+        )
+    line = Linear.of(length, axis)
+    return Trail(
+        line,
+        np.asarray(line.moments()),
+        common.covariance,
+        length,
+        float(np.hypot(_root_error(length**2, 12 * noise[0]), doubt)),
+        axis,
+        _axis_error(major - minor, noise[1]),
+        common.used,
+        (common.chi2, common.dof),
+        remarks,
+    )
+
+
+def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> Trail:
+    """Measure the trail that makes a sharp PSF into these stars.
+
+    Parameters
+    ----------
+    psf : Psf
+        On the same pixels.
+    stars : Stars
+    moments : Moments
+        Theirs: where the fit starts.
+    common : Common
+        What these have in common; stars that disagree are left out.
+
+    Returns
+    -------
+    trail : Trail
+        Errors contain those of the PSF's own moments.
+    """
+    which = np.flatnonzero(common.used)
+    some, theirs = stars.chosen(which), moments.chosen(which)
+    pad = max(_PAD, some.electrons.shape[-1] // 4)
+    middle = (psf.stamp.shape[1] - 1) / 2, (psf.stamp.shape[0] - 1) / 2
+    otf = empirical_otf(psf.stamp, 1.0, some.electrons.shape[1:], centre=middle, pad=pad)
+    excess = common.moments - psf.moments
+    normal = fit_joint(some, theirs, otf, Mvn.near(excess))
+    line, remarks = _line(some, theirs, otf, normal, psf)
+    size = line.locus.describe()
+    length, axis = size["length"], size["angle"]
+    to_line = np.array([[12.0, 0.0, -12.0], [0.0, 24.0, 0.0]])
+    covariance = line.covariance + to_line @ psf.covariance @ to_line.T
+    c, s = np.cos(np.radians(2 * axis)), np.sin(np.radians(2 * axis))
+    along, across = (np.sqrt(v @ covariance @ v) for v in (np.array([c, s]), np.array([-s, c])))
+    best = min((line, normal), key=lambda fit: fit.deviance / fit.pixels)
+    used = np.zeros(len(stars), bool)
+    used[which[best.used]] = True
+    return Trail(
+        best.locus,
+        np.asarray(best.locus.moments()),
+        normal.covariance + psf.covariance,
+        length,
+        _root_error(length**2, along),
+        axis,
+        _axis_error(length**2, across),
+        used,
+        (best.chi2, best.dof),
+        remarks,
+    )
+
+
+def _line(
+    stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf
+) -> tuple[JointFit, tuple[str, ...]]:
+    """Fit a line; where the stars are wider across it than the PSF, after that has been widened."""
+    blur = np.asarray(normal.locus.moments())
+    line = fit_joint(stars, moments, otf, Linear.near(blur))
+    _, minor, axis = axes(blur)
+    c, s = np.cos(np.radians(axis)), np.sin(np.radians(axis))
+    across = np.array([s * s, -2 * s * c, c * c])
+    error = float(np.sqrt(across @ (normal.covariance + psf.covariance) @ across))
+    if abs(minor) < _WIDER * error:
+        return line, ()
+    fy, fx = otf.grid.frequencies
+    widened = otf.value * jnp.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
+    other = fit_joint(stars, moments, eqx.tree_at(lambda o: o.value, otf, widened), Linear.near(blur))
+    if other.deviance / other.pixels > line.deviance / line.pixels:
+        return line, ()  # a normal locus is narrower across than the long line it stands for
+    how = "wider" if minor > 0 else "narrower"
+    return other, (
+        f"The stars are {how} than the reference's across the trail too, by {abs(minor):.3f} pixel² of "
+        "variance; seeing or focus changed, and the length holds if they did so all round.",
+    )
+
+
+def axes(moments: np.ndarray) -> tuple[float, float, float]:
+    """Variances along the principal axes, signed, and the angle of the major one."""
+    sxx, sxy, syy = (float(s) for s in moments)
+    mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
+    return mean + half, mean - half, principal_axes(moments)[2]
+
+
+def _along(covariance: np.ndarray, axis: float) -> tuple[float, float]:
+    """Errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
+    c, s = np.cos(np.radians(2 * axis)), np.sin(np.radians(2 * axis))
+    along, across = np.array([c, 2 * s, -c]), np.array([-s, 2 * c, s])
+    return float(np.sqrt(along @ covariance @ along)), float(np.sqrt(across @ covariance @ across))
+
+
+def _root_error(square: float, error: float) -> float:
+    """Error of a root, finite at zero: that of the square over twice the root far from it."""
+    return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0))) / 2
+
+
+def _axis_error(size: float, across: float) -> float:
+    """Error of an axis [deg] from that of the elongation at 45 degrees to it; at most that of a guess."""
+    return float(min(np.degrees(across / max(size, 1e-300)) / 2, 90 / np.sqrt(3)))

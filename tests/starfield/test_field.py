@@ -1,0 +1,144 @@
+"""The blur of a field, end to end, on stars drawn by direct quadrature."""
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.forward import Parameters
+from jitterkit.frames import Frame
+from jitterkit.likelihood import Data
+from jitterkit.loci import Linear
+from jitterkit.optics import empirical_otf
+from jitterkit.scene import Star
+from jitterkit.scoring import Prior, climb, invert_information
+from jitterkit.starfield import estimate_field, field_psf, roundest
+from jitterkit.starfield.detect import find_stars
+from jitterkit.starfield.joint import fit_joint
+from jitterkit.starfield.moments import adaptive_moments
+
+
+def apart(a, b):
+    """Angle between two axes, degrees."""
+    return abs((a - b + 90) % 180 - 90)
+
+
+@pytest.mark.parametrize(("length", "angle", "seed"), [(2.0, 162.0, 1), (6.0, 75.0, 2)])
+def test_with_a_sharp_reference_length_and_angle_are_right(field, trail, sharp, length, angle, seed):
+    frame, _ = field(np.random.default_rng(seed), trail(length, angle))
+    estimate = estimate_field(frame, reference=sharp[0])
+    assert estimate.length == pytest.approx(length, rel=0.05)
+    assert apart(estimate.angle, angle) < 2
+    # and within four of the errors that are stated, which are a hundred times smaller than that
+    assert estimate.length == pytest.approx(length, abs=4 * estimate.length_err)
+    assert apart(estimate.angle, angle) < 4 * estimate.angle_err
+    assert estimate.length_err < 0.02
+    assert not estimate.conditional
+    assert estimate.verdict.kind == "smear"
+    assert estimate.kernel.axes[0] == pytest.approx(length / np.sqrt(12), rel=0.02)
+    chi2, dof = estimate.variation
+    assert chi2 == pytest.approx(dof, abs=5 * np.sqrt(2 * dof))
+    assert not estimate.remarks
+
+
+@pytest.fixture(scope="module")
+def alone(trailed):
+    return estimate_field(trailed[0])
+
+
+def test_without_a_reference_moments_and_axis_are_within_their_errors(alone, trailed, star):
+    estimate = alone
+    u = 4 * np.cos(np.radians(30)), 4 * np.sin(np.radians(30))
+    phases = np.random.default_rng(4).uniform(-0.5, 0.5, (40, 2))
+    images = np.array([star(*p, *u, half=16) for p in phases])
+    stars = find_stars(trailed[0]).chosen(np.arange(40))
+    exact = adaptive_moments(
+        type(stars)(stars.x, stars.y, 1e6 * images, 1 + 0 * images, images > -1, (680, 680))
+    ).moments.mean(0)
+    errors = np.sqrt(np.diag(estimate.common_covariance))
+    # four errors; half of one is left for the background under the wings
+    np.testing.assert_array_less(np.abs(estimate.common - exact), 4.5 * errors)
+    assert np.all(errors < 0.01)
+    assert apart(estimate.angle, 30) < 4 * estimate.angle_err
+    assert estimate.moments.shape == estimate.errors.shape == (len(estimate.x), 3)
+    assert estimate.used.sum() > 0.95 * len(estimate.x)
+    assert estimate.conditional
+    assert "if stars are round without the trail" in estimate.remarks[0]
+    assert estimate.length == pytest.approx(4, abs=4 * estimate.length_err)
+    # the weight follows the star, so that moments overstate a line: 13 % at this length
+    assert estimate.moment_length == pytest.approx(4.53, abs=0.05)
+
+
+def test_the_plate_scale_only_changes_units(alone, trailed):
+    pixels, scaled = alone, estimate_field(trailed[0], plate_scale=2.5)
+    assert scaled.length == pytest.approx(2.5 * pixels.length)
+    assert scaled.angle == pixels.angle
+    np.testing.assert_allclose(scaled.moments, 6.25 * pixels.moments)
+    np.testing.assert_allclose(scaled.kernel.moments, 6.25 * pixels.kernel.moments)
+    np.testing.assert_allclose(scaled.kernel.covariance, 6.25**2 * pixels.kernel.covariance)
+    assert scaled.kernel.locus.describe()["length"] == pytest.approx(scaled.length)
+
+
+def test_turning_the_frame_turns_the_axis(alone, trailed):
+    turned = Frame(np.rot90(trailed[0].electrons, -1).copy(), 25.0)  # rows grow upwards: by +90 degrees
+    first, second = alone, estimate_field(turned)
+    assert apart(second.angle, first.angle + 90) < 0.05
+    assert second.length == pytest.approx(first.length, rel=2e-3)
+
+
+def test_optics_are_not_taken_for_tracking(field, trail, rng):
+    frame, _ = field(rng, lambda x, y: (x * 3 / 480, y * 3 / 480), stars=120)
+    verdict = estimate_field(frame).verdict
+    assert verdict.kind == "radial"
+    assert "the optics" in verdict.sentence
+
+
+def test_a_change_of_seeing_is_told_and_leaves_the_length(field, trail, sharp):
+    frame, _ = field(np.random.default_rng(9), trail(4.0, 120.0), stars=120, fwhm=3.3)
+    estimate = estimate_field(frame, reference=field_psf(sharp[0]))
+    assert estimate.length == pytest.approx(4.0, rel=0.05)
+    assert apart(estimate.angle, 120) < 2
+    assert "wider than the reference's across the trail" in estimate.remarks[0]
+
+
+def test_the_joint_fit_is_the_weighted_mean_of_single_ones(trailed, sharp):
+    stars = find_stars(trailed[0]).chosen(np.arange(20, 28))
+    moments = adaptive_moments(stars)
+    psf = field_psf(sharp[0])
+    otf = empirical_otf(psf.stamp, 1.0, stars.electrons.shape[1:], centre=(16, 16), pad=12)
+    joint = fit_joint(stars, moments, otf, Linear.of(3.0, 20.0))
+    total, weighted = np.zeros((2, 2)), np.zeros(2)
+    for i in range(len(stars)):
+        start = Parameters(Star(*moments.centre[i], moments.flux[i]), Linear.of(3.5, 25.0))
+        data = Data(stars.electrons[i], stars.sky_variance[i], stars.used[i])
+        end = climb(start, otf, data, tuple(range(6)), Prior.none(6))
+        weight = np.linalg.inv(invert_information(end.information)[0][3:5, 3:5])
+        total, weighted = total + weight, weighted + weight @ np.asarray(end.parameters.locus.coords)
+    mean, covariance = np.linalg.solve(total, weighted), np.linalg.inv(total)
+    # single stars lean on their own information, taken at their own noisy answer: a third of an error
+    np.testing.assert_array_less(
+        np.abs(np.asarray(joint.locus.coords) - mean), 0.33 * np.sqrt(np.diag(covariance))
+    )
+    assert joint.dof == 14
+    # the scatter of the stars may widen the errors, not narrow them
+    assert np.trace(np.linalg.solve(covariance, joint.covariance)) > 1.9
+
+
+def test_the_sharpest_frame_of_a_set_is_found(field, trail, trailed, sharp, rng):
+    soft, _ = field(rng, trail(0.0, 0.0), stars=30, side=300, fwhm=4.5)
+    empty = Frame(rng.normal(100, 10, (128, 128)), 0.0)
+    assert roundest([trailed[0], empty, sharp[0], soft]) == 2
+    with pytest.raises(UndeterminedError, match="None of 1 frames shows an isolated star"):
+        roundest([empty])
+
+
+def test_an_impossible_plate_scale_is_refused(trailed):
+    with pytest.raises(ConfigurationError, match="must be positive, in arcsec per pixel; got -1"):
+        estimate_field(trailed[0], plate_scale=-1.0)
+
+
+def test_a_reference_on_other_pixels_is_refused(trailed, sharp):
+    frame, reference = (
+        Frame(f.electrons, 25.0, plate_scale=p) for f, p in ((trailed[0], 3.0), (sharp[0], 1.5))
+    )
+    with pytest.raises(ConfigurationError, match=r"The reference has 1.5 arcsec per pixel and the frame 3.0"):
+        estimate_field(frame, reference=reference)
