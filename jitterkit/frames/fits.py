@@ -25,7 +25,7 @@ from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.wcs import celestial_wcs
 
-__all__ = ["FitsFile", "open", "read_extensions", "write"]
+__all__ = ["FitsFile", "open", "read_extensions", "read_image", "write"]
 
 BLOCK = 2880
 #: A header longer than this many blocks (72,000 cards) is taken to have no END.
@@ -283,3 +283,31 @@ def read_extensions(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any
         named = {hdu.name.upper(): hdu for hdu in hdus[1:] if hdu.name and hdu.is_image}
         images = {name: np.asarray(hdu.data, dtype=float) for name, hdu in named.items()}
         return images, PlainHeader(hdus[0].header)
+
+
+def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
+    """Read the first image of a file as one array, which need not be a frame: a kernel, say.
+
+    Parameters
+    ----------
+    path : Path
+        Plain, gzipped or tile-compressed.
+
+    Returns
+    -------
+    image : (..., ny, nx) array
+        float64, scaled; blank pixels are NaN.
+    header : PlainHeader
+        Of the same HDU.
+
+    Raises
+    ------
+    FrameError
+        If there is no image, or the file cannot be read.
+    """
+    _refuse_endless_header(path)
+    with translated(path), fits.open(path, mode="readonly", memmap=False) as hdus:
+        number = _first_image(path, hdus)
+        _refuse_missing_data(path, number, hdus[number])
+        header = PlainHeader(hdus[number].header)
+        return np.asarray(hdus[number].data, dtype=float), header

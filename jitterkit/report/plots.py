@@ -2,9 +2,9 @@
 
 Every function takes ``ax=None`` and returns the axes it drew on; their ``figure`` is a plain
 matplotlib figure that no global state knows, so nothing needs closing and threads may draw at once.
-This is the only module that imports matplotlib.  The colours survive print in grey and the common
-kinds of colour blindness: *viridis* and *cividis* rise steadily in brightness, and the two ends of the
-residual's red and blue also differ in place and sign on the colour bar.
+Only this module and :mod:`~jitterkit.report.kernel_plots` import matplotlib.  The colours survive print
+in grey and the common kinds of colour blindness: *viridis* and *cividis* rise steadily in brightness, and
+the two ends of the residual's red and blue also differ in place and sign on the colour bar.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ __all__ = [
     "plot_stars",
     "png",
     "stretch",
+    "three_panels",
 ]
 
 BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
@@ -139,7 +140,12 @@ def plot_stars(x: Any, y: Any, ax: Axes) -> Axes:
 
 
 def plot_kernel(
-    locus: Locus, ax: Axes | None = None, *, plate_scale: float | None = None, title: str = ""
+    locus: Locus,
+    ax: Axes | None = None,
+    *,
+    plate_scale: float | None = None,
+    title: str = "",
+    unit: str = "arcsec",
 ) -> Axes:
     """Draw where the pointing was during the exposure.
 
@@ -150,6 +156,8 @@ def plot_kernel(
     plate_scale : float, optional
         arcsec per pixel; then a dotted square shows one pixel, where it fits in.
     title : str
+    unit : str
+        Of the locus's sizes: "pixel" where the image's scale is unknown.
 
     Returns
     -------
@@ -176,17 +184,18 @@ def plot_kernel(
     if plate_scale is not None and plate_scale < 1.9 * half:
         corner = (-plate_scale / 2, -plate_scale / 2)
         ax.add_patch(Rectangle(corner, plate_scale, plate_scale, fill=False, ec="white", lw=0.9, ls=":"))
-    _scale_bar(ax, half)
+    _scale_bar(ax, half, unit)
     return ax
 
 
-def _scale_bar(ax: Axes, half: float) -> None:
+def _scale_bar(ax: Axes, half: float, unit: str) -> None:
     """A bar of a round length, at most two fifths of the width."""
     decade = 10.0 ** math.floor(math.log10(half))
     length = max(m * decade for m in (0.1, 0.2, 0.5, 1, 2, 5) if m * decade <= 0.8 * half)
     left, low = -0.92 * half, -0.9 * half
     ax.plot([left, left + length], [low, low], color="white", lw=2.2, solid_capstyle="butt")
-    ax.text(left, low + 0.04 * half, angle_size(length, 1), color="white", fontsize=8, va="bottom")
+    size = angle_size(length, 1) if unit == "arcsec" else f"{length:g} {unit}"
+    ax.text(left, low + 0.04 * half, size, color="white", fontsize=8, va="bottom")
 
 
 def plot_separations(table: QTable, ax: Axes | None = None, summary: dict[str, Any] | None = None) -> Axes:
@@ -278,3 +287,9 @@ def four_panels() -> list[Axes]:
     """Four axes in a row: three images with their colour bars and a kernel."""
     figure = Figure(figsize=(11.4, 2.75), layout="constrained")
     return list(figure.subplots(1, 4, width_ratios=(1, 1, 1, 0.95)))
+
+
+def three_panels() -> list[Axes]:
+    """Three axes in a row: a kernel, what it was read from, and what is left."""
+    figure = Figure(figsize=(11.4, 3.4), layout="constrained")
+    return list(figure.subplots(1, 3, width_ratios=(0.9, 1.1, 1.1)))
