@@ -7,6 +7,7 @@ of the parameters, and the loop is a single compiled program: no Python between 
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import NamedTuple
 
 import equinox as eqx
@@ -25,17 +26,24 @@ _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
 
 class Prior(eqx.Module):
-    """A normal prior on the free parameters.
+    """A normal prior on the free parameters, and one on what the jitter amounts to.
 
     Attributes
     ----------
     mean : (p,) array
     precision : (p, p) array
         Inverse covariance; zero rows for parameters without a prior.
+    moments : (3,) array
+        Mean of the prior on the second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²: the same
+        for every locus, whatever its coordinates.
+    moments_precision : (3, 3) array
+        Inverse covariance, arcsec⁻⁴; zero where nothing is known.
     """
 
     mean: Float[Array, " p"]
     precision: Float[Array, "p p"]
+    moments: Float[Array, "3"] = field(default_factory=lambda: jnp.zeros(3))
+    moments_precision: Float[Array, "3 3"] = field(default_factory=lambda: jnp.zeros((3, 3)))
 
     @classmethod
     def none(cls, size: int) -> Prior:
@@ -51,8 +59,10 @@ class Climb(NamedTuple):
     parameters : Parameters
     information : (p, p) array
         Of the frame alone, at the end.
+    curvature : (p, p) array
+        Of the posterior: the information plus the prior's.
     objective : float
-        Deviance plus the prior's quadratic form.
+        Deviance plus the prior's quadratic forms.
     score : (p,) array
         Slope of the log-posterior at the end: zero at a maximum, not at the tip of a cone.
     converged : bool
@@ -62,6 +72,7 @@ class Climb(NamedTuple):
 
     parameters: Parameters
     information: Float[Array, "p p"]
+    curvature: Float[Array, "p p"]
     objective: Float[Array, ""]
     score: Float[Array, " p"]
     converged: Bool[Array, ""]
@@ -75,6 +86,7 @@ class _Point(NamedTuple):
     objective: Array
     score: Array
     information: Array
+    curvature: Array
 
 
 class _State(NamedTuple):
@@ -126,20 +138,27 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
     def parameters_at(values):
         return unravel(vector.at[index].set(values))
 
+    def moments_at(values):
+        return parameters_at(values).locus.moments()
+
     def evaluate(values) -> _Point:
         equations = normal_equations(parameters_at(values), otf, data, free)
-        pull = prior.precision @ (values - prior.mean)
-        objective = equations.deviance + (values - prior.mean) @ pull
+        pull, slope = prior.precision @ (values - prior.mean), jax.jacfwd(moments_at)(values)
+        off = moments_at(values) - prior.moments
+        objective = equations.deviance + (values - prior.mean) @ pull + off @ prior.moments_precision @ off
+        pull = pull + slope.T @ prior.moments_precision @ off
+        stiffness = prior.precision + slope.T @ prior.moments_precision @ slope
         lawful = parameters_at(values).scene.lawful() & jnp.isfinite(objective)
         objective = jnp.where(lawful, objective, jnp.inf)
-        return _Point(values, objective, equations.score - pull, equations.information)
+        information = equations.information
+        return _Point(values, objective, equations.score - pull, information, information + stiffness)
 
     def keep_climbing(state: _State):
         return ~state.converged & (state.iterations < steps)
 
     def step(state: _State) -> _State:
         here, damping = state.here, state.damping
-        move = _damped_step(here.information + prior.precision, here.score, damping)
+        move = _damped_step(here.curvature, here.score, damping)
         there = evaluate(here.values + move)
         better = there.objective <= here.objective * (1 + rounding)
         here = jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here)
@@ -148,7 +167,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
 
     def remains(here: _Point):
         """Length of the undamped step from here, in standard errors."""
-        step = _damped_step(here.information + prior.precision, here.score, _DAMPING_LEAST)
+        step = _damped_step(here.curvature, here.score, _DAMPING_LEAST)
         return jnp.sqrt(jnp.abs(here.score @ step))
 
     # what rounding leaves to be decided: of the deviance, and of a step in standard errors
@@ -161,6 +180,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
     return Climb(
         parameters_at(last.values),
         last.information,
+        last.curvature,
         last.objective,
         last.score,
         state.converged,

@@ -27,7 +27,7 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import locus_class
 from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit import FitOptions, FitResult, Status, fit_best_locus, fit_locus
+from jitterkit.refit import FitOptions, FitResult, KernelPrior, Status, fit_best_locus, fit_locus
 
 __all__ = ["Processed", "Processor"]
 
@@ -72,6 +72,8 @@ class Processor:
     kernel : str
         Name of the estimator that starts the fit.
     options : FitOptions
+    prior : KernelPrior or None
+        What other data say about the jitter: of each frame, whatever was not made of that frame itself.
     """
 
     instrument: Instrument
@@ -79,6 +81,7 @@ class Processor:
     locus: str = "auto"
     kernel: str = "score"
     options: FitOptions = field(default_factory=FitOptions)
+    prior: KernelPrior | None = None
     _systems: dict[tuple, OpticalSystem | FixedOptics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -158,12 +161,20 @@ class Processor:
             self._systems[key] = self.instrument.system(shape=frame.shape, plate_scale=scale)
         return self._systems[key]
 
+    def _options(self, frame: Frame) -> FitOptions:
+        """The options, and what is known of this frame's jitter."""
+        if self.prior is None:
+            return self.options
+        terms, known = self.options.priors.terms, self.prior.of(frame.name)
+        return replace(self.options, priors=replace(known, terms=terms))
+
     def _fit(self, frame: Frame) -> FitResult:
         estimated = self.estimate(frame)
         if isinstance(estimated, FitResult):
             return estimated
         estimate, start = estimated
         data = Data(frame.electrons, frame.read_variance, ~frame.mask)
-        common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, self.options)
+        options = self._options(frame)
+        common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, options)
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
         return judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)

@@ -12,17 +12,29 @@ from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say, w
 
 __all__ = ["process"]
 
+_LOCUS = (
+    "Jitter locus: auto (the simplest that the frame supports), stable, linear, shm, mvn, ellipse, "
+    "lissajous, tones, partial, smear, shaped or path."
+)
+
 
 def process(
     files: options.Files,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")],
     instrument: options.InstrumentName = "toliman",
-    locus: Annotated[
-        str, typer.Option(metavar="auto|NAME", help="Jitter locus: auto, stable, linear, shm or mvn.")
-    ] = "auto",
+    locus: Annotated[str, typer.Option(metavar="auto|NAME", help=_LOCUS)] = "auto",
     estimator: Annotated[
         str, typer.Option(metavar="NAME", help="Kernel estimator that starts the fit: score or mtf.")
     ] = "score",
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="What other data say about the jitter: a table of 'estimate -o' (.ecsv; a frame's own row "
+            "is left out), or a trace t,x,y (.csv, s and arcsec, good to 10 % of its rms).",
+            show_default=False,
+        ),
+    ] = None,
     background: options.Background = False,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
@@ -42,14 +54,17 @@ def process(
     from jitterkit.batch import Processor, process_files
     from jitterkit.frames import find_files
     from jitterkit.instruments import load_instrument
-    from jitterkit.refit import FitOptions
+    from jitterkit.refit import FitOptions, read_kernel_prior
 
+    telescope = load_instrument(instrument)
+    known = None if prior is None else read_kernel_prior(prior, exposure=exposure or telescope.exposure)
     processor = Processor(
-        load_instrument(instrument),
+        telescope,
         options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
         locus=locus,
         kernel=estimator,
         options=FitOptions(hold=() if background else ("background",)),
+        prior=known,
     )
     with watching(len(find_files(files)), "files") as advance:
         seen: set[str] = set()

@@ -1,22 +1,28 @@
 """The refit: from starting values to parameters, errors and a verdict.
 
 Reach for :func:`fit_best_locus` first; :func:`fit_locus` fits a locus of your choice, and
-:func:`fit_frame` is what both call.
+:func:`fit_frame` is what both call.  What is known beforehand goes into :class:`Priors`.
 """
 
 from jitterkit.refit.choose import fit_best_locus, fit_locus
 from jitterkit.refit.fit import FitOptions, fit_frame
-from jitterkit.refit.priors import Priors, kernel_prior
+from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
+from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
 from jitterkit.refit.result import Candidate, FitResult, Status
 
 __all__ = [
     "Candidate",
     "FitOptions",
     "FitResult",
+    "KernelPrior",
     "Priors",
     "Status",
     "fit_best_locus",
     "fit_frame",
     "fit_locus",
     "kernel_prior",
+    "moments_prior",
+    "read_kernel_prior",
+    "sequence_prior",
+    "trace_prior",
 ]

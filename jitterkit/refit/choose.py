@@ -1,10 +1,16 @@
 """Choose the locus of a frame's jitter, no finer than the frame can tell.
 
-A normal density is fitted first: its signed moments are regular at zero jitter, and while a blur is
-small against the resolution its moments are all that an image shows.  A streak replaces it only where
-the data ask for one.  Between the two lies a range where a streak is no longer a normal but a single
-frame cannot tell: on TOLIMAN the separation is then off by 0.7 µas (linear) or 2.0 µas (SHM) at 0.2
-arcsec and by 9 or 27 µas at 0.375 arcsec, the same way in every frame.
+1. A normal density is fitted: its signed moments are regular at zero jitter, and while a blur is
+   small against the resolution they are all that an image shows.  Chi-squared of the three moments
+   tests for any jitter at all.
+2. One scoring step from there measures the excess kurtosis, and how much the separation would
+   change with it.  Where neither can be seen, the normal is the answer.
+3. Otherwise the simple loci are fitted, ``linear``, ``shm`` and ``ellipse``, and weighed by their evidence.
+4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, loci with
+   more freedom are tried, and a free path last of all.
+
+The best-weighed locus is the frame's; the others stay with it as candidates, and where no weight is above
+95 % the message says between which loci the frame is undecided and by how much the separation differs.
 
 ``stable`` is never chosen: free moments cost next to nothing (0.02 % of the error on TOLIMAN), whereas
 leaving jitter out that is merely undetected biases the separation of every frame the same way.
@@ -12,29 +18,58 @@ leaving jitter out that is merely undetected biases the separation of every fram
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
+import scipy.stats
 
 from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
-from jitterkit.loci import LOCI, Locus, locus_class
+from jitterkit.loci import locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit.fit import FitOptions, fit_frame
-from jitterkit.refit.result import Candidate, FitResult
+from jitterkit.refit.evidence import log_evidence, minor_variance
+from jitterkit.refit.fit import FitOptions, fit_and_expand
+from jitterkit.refit.result import Candidate, FitResult, Status
+from jitterkit.refit.shape import LackOfFit, Shape, lack_of_fit, measure_shape
+from jitterkit.refit.starts import starting_point
 
 __all__ = ["fit_best_locus", "fit_locus"]
 
-_DECISIVE = 4.0
-"""Deviance by which a streak, with a parameter less, must beat the normal."""
+FALSE_ALARM = 0.01
+"""Share of frames without jitter that are said to have some."""
 
-_THIN = 9.0
-"""Chi-squared of the minor axis's variance below which a streak is thought of."""
+_DETECTED = float(scipy.stats.chi2.isf(FALSE_ALARM, 3))
 
-_DETECTED = 11.34
-"""99 % point of chi-squared with three degrees of freedom: jitter is there at all."""
+_UNSEEN = 0.002
+"""Share of the separation's error below which its change with the shape does not matter: at 3.8e7 photons
+half a microarcsecond, which 250,000 frames would show."""
+
+_KURTOSES = 1.5
+"""The most by which the simple loci differ in excess kurtosis: SHM from a normal."""
+
+_SHAPED = 3.0
+"""Standard errors from which a kurtosis is looked into however little it matters."""
+
+_MISFIT = 1e-3
+"""Chance of its higher cumulants below which a locus does not fit."""
+
+_SHARE = 0.05
+"""Of chi-squared's excess, that a step in the cumulants must explain: it was 0.1 to 1 where part of a cycle,
+or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci."""
+
+_CERTAIN = 0.95
+"""Weight above which a frame has decided."""
+
+_LADDER = (("linear", "shm", "ellipse"), ("shaped", "partial", "tones", "smear"), ("path",))
+"""By freedom: two or three numbers, four or five, six."""
+
+_STRAIGHT, _ROUND = {"linear", "shm", "partial"}, {"tones"}
+"""Loci that make no blur across their axis, and those that do; the others may or may not."""
+
+_THIN = (6.0, 0.05)
+"""A blur may be straight whose minor variance is within so many errors of none, or below that share of the
+major: a straight locus fitted to a wider one has e^-18 of its evidence."""
 
 
 def fit_locus(
@@ -56,10 +91,13 @@ def fit_locus(
         As for :func:`jitterkit.refit.fit.fit_frame`; the start's own locus is replaced.
     moments : (3,) array
         ``(Sxx, Sxy, Syy)`` to start from, arcsec²: those of a kernel estimate.
+
+    Notes
+    -----
+    What a small blur does not show of a locus is held by the weak priors of
+    :func:`jitterkit.refit.priors.leashes`.
     """
-    locus: Locus = locus_class(name).near(jnp.asarray(moments))
-    start = Parameters(start.scene, locus, start.aberrations, start.background)
-    return replace(fit_frame(data, optics, start, otf, options), locus=name)
+    return _fit(_Frame(data, optics, options or FitOptions()), name, start, moments, otf)[0]
 
 
 def fit_best_locus(
@@ -80,23 +118,49 @@ def fit_best_locus(
     Returns
     -------
     result : FitResult
-        With the candidates tried and their weights, and the flag ``jitter_undetected`` where the
-        frame shows no jitter.  A prior on the jitter is one on a normal: no streak is then tried.
+        With the candidates compared and their weights, the measured shape, and the flag
+        ``jitter_undetected`` where the frame shows no jitter.  A prior in the coordinates of one locus
+        says nothing about the others, which are then not tried.
     """
-    normal = fit_locus("mvn", data, optics, start, moments, otf, options)
+    frame = _Frame(data, optics, options or FitOptions())
+    normal, otf = _fit(frame, "mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
-    tried = [normal]
-    told = options is not None and options.priors.on_locus()
-    if _detected(normal) and _is_thin(normal) and not told:
-        tried += [
-            fit_locus(name, data, optics, normal.parameters, normal.moments()[0], otf, options)
-            for name in LOCI
-            if name not in ("stable", "mvn")
-        ]
-    best = min(tried, key=lambda fit: fit.objective + (_DECISIVE if fit is not normal else 0.0))
-    best = replace(best, candidates=_weigh(tried), seconds=sum(fit.seconds for fit in tried))
-    return best if _detected(normal) else replace(best, flags=(*best.flags, "jitter_undetected"))
+    if _one_star(normal):
+        return _conclude([normal])
+    if not _detected(normal):
+        return _conclude([normal], ("jitter_undetected",))
+    shape = measure_shape(normal, otf, data)
+    normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
+    if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
+        return _conclude([normal])
+    return _climb_ladder(frame, normal, otf)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What every fit of one frame shares."""
+
+    data: Data
+    optics: OpticalSystem | FixedOptics
+    options: FitOptions
+
+
+def _fit(frame: _Frame, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
+    otf = frame.optics.otf(start.aberrations) if otf is None else otf
+    options = frame.options
+    place = starting_point(locus_class(name), moments, start, otf, frame.data, options.hold, options.priors)
+    fit, otf = fit_and_expand(frame.data, frame.optics, place, otf, options)
+    return replace(fit, locus=name), otf
+
+
+def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
+    """Fit a candidate; one that breaks down takes nothing with it."""
+    assert normal.parameters is not None
+    try:
+        return _fit(frame, name, normal.parameters, normal.moments()[0], otf)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        return FitResult(Status.FAILED, str(error), locus=name), otf
 
 
 def _detected(normal: FitResult) -> bool:
@@ -104,20 +168,102 @@ def _detected(normal: FitResult) -> bool:
     return bool(moments @ np.linalg.solve(covariance, moments) > _DETECTED)
 
 
-def _is_thin(normal: FitResult) -> bool:
-    """Whether the minor axis's variance is compatible with none."""
+def _one_star(normal: FitResult) -> bool:
+    """Whether a second star is lost in the noise, where it would mend what is wrong with a locus."""
+    return bool(normal.error("contrast") > 0.2 * (1 + _of_scene(normal, "contrast")))
+
+
+def _of_scene(fit: FitResult, name: str) -> float:
+    """A number of the fitted scene; NaN where it has none."""
+    return float("nan") if fit.parameters is None else float(getattr(fit.parameters.scene, name, np.nan))
+
+
+def _matters(shape: Shape, error: float) -> bool:
+    """Whether the shape of the blur can be seen, or would change the separation."""
+    seen = abs(shape.kurtosis) > _SHAPED * shape.error
+    return seen or _KURTOSES * abs(shape.response) > _UNSEEN * error
+
+
+def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF) -> FitResult:
+    """Fit the loci rung by rung until one fits; what is known of the normal starts them all."""
+    tried, expanded = [normal], {"mvn": otf}
+    out_of_question = _ROUND if _may_be_straight(normal) else _STRAIGHT
+    for rung in _LADDER:
+        for name in (name for name in rung if name not in out_of_question):
+            fit, expanded[name] = _try(frame, name, normal, otf)
+            tried.append(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
+        best = max(tried, key=_evidence)
+        if not _wants_more(best, lack_of_fit(best, expanded[best.locus], frame.data)):
+            break
+    return _conclude(tried)
+
+
+def _wants_more(fit: FitResult, lack: LackOfFit) -> bool:
+    """Whether the shape of the blur is what does not fit, and not pixels, sky or scale."""
+    return lack.chance < _MISFIT and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
+
+
+def _may_be_straight(normal: FitResult) -> bool:
     moments, covariance = normal.moments()
-    angle = 0.5 * np.arctan2(2 * moments[1], moments[0] - moments[2])
-    across = np.array([np.sin(angle) ** 2, -2 * np.sin(angle) * np.cos(angle), np.cos(angle) ** 2])
-    return bool((across @ moments) ** 2 < _THIN * (across @ covariance @ across) or across @ moments < 0)
+    minor, error = minor_variance(moments, covariance)
+    return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
+
+
+def _conclude(tried: list[FitResult], flags: tuple[str, ...] = ()) -> FitResult:
+    """The best of the fits, with all of them as candidates; the normal where none describes the frame."""
+    tried = tried if any(fit.status is Status.OK for fit in tried) else tried[:1]
+    best = max(tried, key=_evidence)
+    candidates = _weigh(tried)
+    return replace(
+        best,
+        message=" ".join(filter(None, [best.message, _undecided(candidates)])),
+        flags=(*best.flags, *flags),
+        candidates=candidates,
+        seconds=sum(fit.seconds for fit in tried),
+    )
+
+
+def _evidence(fit: FitResult) -> float:
+    """Nothing speaks for a locus whose fit did not settle."""
+    return log_evidence(fit) if fit.status in (Status.OK, Status.POOR_FIT) else -np.inf
 
 
 def _weigh(tried: list[FitResult]) -> tuple[Candidate, ...]:
-    """Akaike weights of the candidates that could be fitted."""
-    fits = [(fit, fit.parameters) for fit in tried if fit.parameters is not None]
-    cost = np.array([fit.objective + 2 * len(fit.names) for fit, _ in fits])
-    weights = np.exp(-0.5 * (cost - cost.min()))
-    return tuple(
-        Candidate(fit.locus, fit.objective, float(w), float(parameters.binary.separation))
-        for (fit, parameters), w in zip(fits, weights / weights.sum(), strict=True)
-    )
+    """Candidates, best first; where nothing speaks for any of them the normal has all the weight."""
+    evidence = np.array([_evidence(fit) for fit in tried])
+    known = np.where(np.isfinite(evidence), evidence, -np.inf)
+    odds = np.exp(known - known.max()) if np.any(np.isfinite(known)) else np.eye(len(tried))[0]
+    candidates = [
+        Candidate(
+            fit.locus,
+            fit.objective,
+            float(weight),
+            _of_scene(fit, "separation"),
+            fit.error("separation"),
+            float(value),
+        )
+        for fit, weight, value in zip(tried, odds / odds.sum(), evidence, strict=True)
+    ]
+    return tuple(sorted(candidates, key=lambda one: -one.weight))
+
+
+def _undecided(candidates: tuple[Candidate, ...]) -> str:
+    """A sentence where the least number of loci that hold 95 % of the weight is more than one."""
+    held = np.cumsum([one.weight for one in candidates])
+    likely = candidates[: int(np.searchsorted(held, _CERTAIN)) + 1]
+    if len(likely) < 2:
+        return ""
+    names = [one.locus for one in likely]
+    separations = [one.separation for one in likely]
+    loci = f"{', '.join(names[:-1])} and {names[-1]}"
+    difference = _microarcsec(max(separations) - min(separations))
+    return f"Undecided between {loci}; the separation differs by {difference}."
+
+
+def _microarcsec(angle: float) -> str:
+    """In the unit that suits it.
+
+    >>> _microarcsec(3.1e-7), _microarcsec(2.04e-3)
+    ('0.3 µas', '2.0 mas')
+    """
+    return f"{angle * 1e6:.1f} µas" if angle < 1e-3 else f"{angle * 1e3:.1f} mas"

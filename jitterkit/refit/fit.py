@@ -20,16 +20,20 @@ from jitterkit.likelihood import Data, pearson
 from jitterkit.loci import Streak
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit.priors import Priors
+from jitterkit.refit.priors import Priors, leashes
 from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.tip import at_the_tip
 from jitterkit.scoring import Climb, climb, invert_information
 
-__all__ = ["FitOptions", "fit_frame"]
+__all__ = ["FitOptions", "fit_and_expand", "fit_frame"]
 
 _POOR = 1.5  # chi-squared a degree of freedom beyond which the numbers mean nothing
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _EXPANSIONS = 10
 _SETTLED = 0.1  # sigmas of the whole image that the linearised optics may be off by
+_PATIENCE, _SLACK = 100, 0.03
+"""Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
+way, in standard errors, lies along the valley and moves the separation by less than 0.01 of its error."""
 
 
 @dataclass(frozen=True)
@@ -78,20 +82,32 @@ def fit_frame(
         If an option names a parameter that there is not.  A frame that cannot be fitted does not
         raise: its result says so.
     """
+    return fit_and_expand(data, optics, start, otf, options)[0]
+
+
+def fit_and_expand(
+    data: Data,
+    optics: OpticalSystem | FixedOptics,
+    start: Parameters,
+    otf: OTF | None = None,
+    options: FitOptions | None = None,
+) -> tuple[FitResult, OTF]:
+    """Fit a frame, and return the optics expanded where the fit ended too: the next locus starts there."""
     began = time.perf_counter()
     options = FitOptions() if options is None else options
     otf = optics.otf(start.aberrations) if otf is None else otf
     names, free = free_parameters(start, otf, options.hold)
     if int(np.sum(np.asarray(data.used))) <= len(free):
-        return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: fewer than the {len(free)} parameters.")
-    prior = options.priors.over(names)
+        few = f"{Status.NO_DATA.value}: fewer than the {len(free)} parameters."
+        return FitResult(Status.NO_DATA, few), otf
+    prior = options.priors.over(names, start.locus)
     end, otf, iterations = _climb_and_expand(data, optics, start, otf, free, prior)
     tidy = end.parameters.scene.tidied()
     if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
         end, otf, more = _climb_and_expand(data, optics, tidied, otf, free, prior)
         iterations += more
-    return _conclude(data, otf, end, names, prior, iterations, time.perf_counter() - began)
+    return _conclude(data, otf, end, names, iterations, time.perf_counter() - began), otf
 
 
 def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF, int]:
@@ -101,8 +117,9 @@ def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF
     successive climbs overshoot each other; shorter steps settle them.
     """
     iterations, share, before = 0, 1.0, np.inf
+    steps, tolerance = (_PATIENCE, _SLACK) if leashes(start.locus) else (50, 1e-4)
     for _ in range(_EXPANSIONS):
-        end = climb(start, otf, data, free, prior)
+        end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
         iterations += int(end.iterations)
         start = end.parameters
         error = _linearisation_error(optics, start, otf)
@@ -126,20 +143,22 @@ def _linearisation_error(optics, parameters: Parameters, otf: OTF) -> float:
     return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2
 
 
-def _conclude(data, otf, end: Climb, names, prior, iterations, seconds) -> FitResult:
+def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     image = np.asarray(expected_image(end.parameters, otf))
     misfit = pearson(image, data)
     dof = misfit.pixels - len(names)
-    information = np.asarray(end.information)
-    covariance, sound = invert_information(information + np.asarray(prior.precision))
-    crlb, _ = invert_information(information)
-    at_tip = sound and not bool(end.converged) and _at_the_tip(end, names, covariance)
+    covariance, sound = invert_information(end.curvature)
+    crlb, _ = invert_information(end.information)
+    locus = end.parameters.locus
+    tips = at_the_tip(locus, names, covariance) if sound and not bool(end.converged) else set()
+    free = tips | set(leashes(locus))  # what need not come to rest
+    settled = bool(end.converged) or (sound and bool(free) and _arrived(end, names, free))
     flags = [] if abs(misfit.chi2 - dof) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
-    flags += ["jitter_undetected"] if at_tip else []
+    flags += ["jitter_undetected"] if settled and tips and isinstance(locus, Streak) else []
     flags += ["aberrations_held"] if not set(otf.names) <= set(names) else []
     chi2_dof = misfit.chi2 / dof if dof > 0 else np.nan
-    status, message = _verdict(bool(end.converged) or at_tip, chi2_dof, sound)
+    status, message = _verdict(settled, chi2_dof, sound)
     return FitResult(
         status,
         message,
@@ -158,19 +177,11 @@ def _conclude(data, otf, end: Climb, names, prior, iterations, seconds) -> FitRe
     )
 
 
-def _at_the_tip(end: Climb, names: tuple[str, ...], covariance: np.ndarray) -> bool:
-    """Whether a streak has shrunk to the tip of its cone, where the likelihood has a kink and no slope.
-
-    True where its length cannot be told from zero and everything else has arrived.
-    """
-    if not isinstance(end.parameters.locus, Streak):
-        return False
-    slots = [names.index(name) for name in end.parameters.locus.names if name in names]
-    others = [i for i in range(len(names)) if i not in slots]
-    largest = 9 * np.max(np.diag(covariance)[slots], initial=0.0)
-    score, information = np.asarray(end.score)[others], np.asarray(end.information)[np.ix_(others, others)]
-    remains = score @ np.linalg.solve(information, score)
-    return bool(np.sum(np.asarray(end.parameters.locus.coords) ** 2) < largest and remains < 1e-2**2)
+def _arrived(end: Climb, names: tuple[str, ...], free: set[str]) -> bool:
+    """Whether everything has come to rest but streaks at their tips and what is on a leash."""
+    others = [i for i, name in enumerate(names) if name not in free]
+    score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
+    return bool(score @ np.linalg.solve(curvature, score) < 1e-2**2)
 
 
 def _verdict(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, str]:

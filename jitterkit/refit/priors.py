@@ -2,12 +2,15 @@
 
 A prior comes from *other* data: telemetry, a catalogue, the other frames of a sequence.  A frame's own
 kernel estimate is none: it is a summary of the very photons that the likelihood will count, and to
-use it again would count them twice.  :func:`kernel_prior` makes nothing of it.
+use it again would count them twice.  :func:`kernel_prior` and :func:`sequence_prior` make nothing of it.
+
+Reach for :func:`sequence_prior` with the other frames of a run, :func:`trace_prior` with telemetry,
+:func:`kernel_prior` with one estimate; :mod:`jitterkit.refit.prior_file` reads any of them from a file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -15,23 +18,26 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import LOCI, Mvn
+from jitterkit.loci import LOCI, Locus, PartialShm, Path, Shaped, Trace
 from jitterkit.scoring import Prior
 
-__all__ = ["Priors", "kernel_prior"]
+__all__ = ["Priors", "kernel_prior", "leashes", "moments_prior", "sequence_prior", "trace_prior"]
+
+OTHERS = 6
+"""Frames that a scatter of three moments can be learnt from: with fewer its variance is infinite."""
 
 
 @dataclass(frozen=True)
 class Priors:
-    """Normal priors by parameter name.
+    """Normal priors.
 
     Attributes
     ----------
     terms : mapping of name to (mean, sigma)
         Independent priors, in the parameter's own unit: ``{"noll4": (0.0, 5.0)}``.
     moments : (mean, covariance) or None
-        Joint prior on the second moments of a normal locus, from :func:`kernel_prior`; it says nothing
-        about the other loci, which are then not tried.
+        Joint prior on the second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec² and arcsec⁴.  It holds
+        for every locus, by the moments that the locus has.
     """
 
     terms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -44,13 +50,19 @@ class Priors:
                     f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}."
                 )
 
-    def on_locus(self) -> bool:
-        """Whether anything is known about the jitter, in the coordinates of one locus."""
-        coordinates = {name for locus in LOCI.values() for name in locus.names}
-        return self.moments is not None or bool(coordinates & set(self.terms))
+    def on_coordinates(self) -> bool:
+        """Whether anything is known about the jitter in the coordinates of one locus, and so of no other."""
+        coordinates = {name for kind in LOCI.values() for name in getattr(kind, "names", ())}
+        return bool(coordinates & set(self.terms))
 
-    def over(self, names: tuple[str, ...]) -> Prior:
+    def over(self, names: tuple[str, ...], locus: Locus | None = None) -> Prior:
         """The prior on free parameters of the given names.
+
+        Parameters
+        ----------
+        names : tuple of str
+        locus : Locus, optional
+            What the fit starts from: its :func:`leashes` are added, where no term says better.
 
         Raises
         ------
@@ -58,28 +70,78 @@ class Priors:
             If a term names no parameter at all; the message lists those there are.
         """
         mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        for name, (centre, sigma) in self.terms.items():
+        leashed = {} if locus is None else leashes(locus)
+        known = {name: term for name, term in leashed.items() if name in names} | dict(self.terms)
+        for name, (centre, sigma) in known.items():
             if name not in names:
                 raise ConfigurationError(
                     f"There is no free parameter {name!r} to put a prior on; there are {', '.join(names)}."
                 )
             i = names.index(name)
             mean[i], precision[i, i] = centre, sigma**-2
-        if self.moments is not None and set(Mvn.names) <= set(names):
-            slots = [names.index(name) for name in Mvn.names]
-            mean[slots] = self.moments[0]
-            precision[np.ix_(slots, slots)] += np.linalg.inv(self.moments[1])
-        return Prior(jnp.asarray(mean), jnp.asarray(precision))
+        moments, covariance = (np.zeros(3), None) if self.moments is None else self.moments
+        told = np.zeros((3, 3)) if covariance is None else np.linalg.inv(covariance)
+        return Prior(*(jnp.asarray(array) for array in (mean, precision, moments, told)))
+
+
+def leashes(locus: Locus) -> dict[str, tuple[float, float]]:
+    """Weak priors, mean and sigma by name, on what a small blur does not show of a locus.
+
+    Without them a fit would run off along a direction in which the image does not change.
+
+    Parameters
+    ----------
+    locus : Locus
+        Where the fit starts.
+
+    Returns
+    -------
+    leashes : dict
+        For a partial vibration the square of its cycles, 1 ± 2, and its even share, 0 ± 0.6; for a shaped
+        blur its kurtosis, 0 ± 2; for a path its steps, 0 ± 1.5 times the rms of the whole.  Empty for all
+        other loci.
+    """
+    if isinstance(locus, Path):
+        sxx, _, syy = np.asarray(locus.moments())
+        return dict.fromkeys(locus.names, (0.0, 1.5 * float(np.sqrt(sxx + syy))))
+    if isinstance(locus, PartialShm):
+        return dict(zip(locus.names[2:], ((1.0, 2.0), (0.0, 0.6)), strict=True))
+    return {locus.names[3]: (0.0, 2.0)} if isinstance(locus, Shaped) else {}
+
+
+def moments_prior(mean, covariance) -> Priors:
+    """A prior on the second moments of the pointing.
+
+    Parameters
+    ----------
+    mean : (3,) array
+        ``(Sxx, Sxy, Syy)``, arcsec².
+    covariance : (3, 3) array
+        arcsec⁴.
+
+    Raises
+    ------
+    ConfigurationError
+        If the covariance is not positive definite, or anything is not finite.
+    """
+    mean, covariance = np.asarray(mean, float), np.asarray(covariance, float)
+    finite = bool(np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance)))
+    if not (finite and np.linalg.eigvalsh(covariance)[0] > 0):
+        raise ConfigurationError(
+            f"A prior on the jitter needs finite moments and a positive definite covariance; got "
+            f"{mean.tolist()} and {covariance.tolist()}."
+        )
+    return Priors(moments=(mean, covariance))
 
 
 def kernel_prior(estimate: KernelEstimate, frame: str) -> Priors:
-    """A prior on the jitter from an estimate made of other data.
+    """A prior on the jitter from one estimate made of other data.
 
     Parameters
     ----------
     estimate : KernelEstimate
     frame : str
-        Source of the frame to be fitted.
+        Source of the frame to be fitted: ``Frame.name``.
 
     Returns
     -------
@@ -91,12 +153,105 @@ def kernel_prior(estimate: KernelEstimate, frame: str) -> Priors:
     ------
     ConfigurationError
         If the estimate does not say what it was made from.
+
+    Notes
+    -----
+    *Assumes* that the frame has the same jitter as the estimate's data.
     """
+    _say_source(estimate)
+    return Priors() if _same(estimate.source, frame) else moments_prior(estimate.moments, estimate.covariance)
+
+
+def sequence_prior(estimates: Sequence[KernelEstimate], frame: str) -> Priors:
+    """A prior on a frame's jitter from the other frames of its sequence.
+
+    Parameters
+    ----------
+    estimates : sequence of KernelEstimate
+        One a frame; the frame's own may be among them and is left out.
+    frame : str
+        Source of the frame to be fitted: ``Frame.name``.
+
+    Returns
+    -------
+    priors : Priors
+        About the mean of the others, weighted by the inverse of their covariances; as wide as they
+        scatter from frame to frame, estimation included, and the error of the mean.  Of n others the
+        scatter is ``(n - 1)/(n - 5)`` times the sample covariance, as the predictive t law has it.
+
+    Raises
+    ------
+    ConfigurationError
+        If an estimate does not say what it was made from, or fewer than six are of other frames.
+
+    Notes
+    -----
+    *Assumes* that jitter comes and goes from frame to frame but its law stays.  Fits with such priors share
+    photons: their errors are no longer independent, if only through the jitter.
+    """
+    for estimate in estimates:
+        _say_source(estimate)
+    others = [estimate for estimate in estimates if not _same(estimate.source, frame)]
+    n = len(others)
+    if n < OTHERS:
+        raise ConfigurationError(
+            f"A prior from a sequence needs the estimates of {OTHERS} other frames or more, got {n}; "
+            "fit without."
+        )
+    weights = np.array([np.linalg.inv(estimate.covariance) for estimate in others])
+    moments = np.array([estimate.moments for estimate in others])
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, moments))
+    off = moments - mean
+    return moments_prior(mean, off.T @ off / (n - 5) + np.linalg.inv(weights.sum(axis=0)))
+
+
+def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None) -> Priors:
+    """A prior on the jitter from telemetry: the moments of a pointing trace.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Seconds, ascending.
+    x, y : (n,) array
+        Pointing, arcsec.
+    uncertainty : float
+        Relative error of the trace's rms: what the sensor misses, and how it is calibrated.
+    exposure : float, optional
+        Seconds.  A trace as long as two exposures or more is cut into pieces of one: their mean is
+        the prior's, and their scatter adds to its width.
+
+    Raises
+    ------
+    ConfigurationError
+        If the trace does not move, has fewer than two samples in an exposure, or the uncertainty is not
+        positive.
+
+    Notes
+    -----
+    The width is the same in every direction, ``2 u T`` in any variance for a trace with ``T = Sxx + Syy``, so
+    that a straight trace does not forbid a round blur.
+    """
+    if not uncertainty > 0:
+        raise ConfigurationError(f"The uncertainty of a trace must be positive, got {uncertainty}.")
+    t = np.asarray(t, float)
+    pieces = 1 if exposure is None else max(1, int((t[-1] - t[0]) / exposure * (1 + 1e-9)))
+    length = None if pieces == 1 else exposure
+    starts = [None] if length is None else [t[0] + k * length for k in range(pieces)]
+    every = np.array([Trace.of(t, x, y, start, length).moments() for start in starts])
+    mean = every.mean(axis=0)
+    width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
+    return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))
+
+
+def _say_source(estimate: KernelEstimate) -> None:
     if not estimate.source:
         raise ConfigurationError(
             "This kernel estimate does not say which data it was made from; set its source before using it "
             "as a prior, or the frame's photons may be counted twice."
         )
-    if estimate.source == frame:
-        return Priors()
-    return Priors(moments=(np.asarray(estimate.moments), np.asarray(estimate.covariance)))
+
+
+def _same(source: str, frame: str) -> bool:
+    """Whether two names are of one frame: the only one of a file is its first."""
+    first, second = (name if name.endswith("]") else f"{name}[0]" for name in (source, frame))
+    return first == second

@@ -43,15 +43,21 @@ class Candidate:
     objective : float
         Deviance plus the priors' quadratic form at the best fit.
     weight : float
-        Akaike weight, 0 to 1: relative support among the loci tried.
-    separation : float
+        Probability, 0 to 1, if the loci tried are all there are and none is favoured beforehand; zero
+        for one that could not be fitted or does not fit.
+    separation, separation_err : float
         arcsec, as fitted with this locus.
+    evidence : float
+        Logarithm of the evidence (:mod:`jitterkit.refit.evidence`), up to a constant common to the loci of a
+        frame; differences add up over frames.
     """
 
     locus: str
     objective: float
     weight: float
     separation: float
+    separation_err: float = float("nan")
+    evidence: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,10 @@ class FitResult:
     estimate : KernelEstimate or None
         The image-domain estimate the fit started from.
     candidates : tuple of Candidate
+        The loci compared, best first; one alone where nothing more than moments can be told.
+    shape, shape_err : float
+        Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal; NaN
+        where no jitter was detected or the locus was not to be chosen.
     iterations : int
     seconds : float
     """
@@ -104,6 +114,8 @@ class FitResult:
     residual: np.ndarray | None = None
     estimate: KernelEstimate | None = None
     candidates: tuple[Candidate, ...] = ()
+    shape: float = float("nan")
+    shape_err: float = float("nan")
     iterations: int = 0
     seconds: float = 0.0
 
@@ -118,6 +130,26 @@ class FitResult:
     def chi2_dof(self) -> float:
         """Chi-squared per degree of freedom; NaN where nothing was fitted."""
         return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    @property
+    def locus_weight(self) -> float:
+        """Weight of the locus fitted among those compared; NaN where none was compared."""
+        several = len(self.candidates) > 1
+        return next((c.weight for c in self.candidates if several and c.locus == self.locus), float("nan"))
+
+    @property
+    def separation_spread(self) -> float:
+        """Weighted rms of the separation over the candidates [arcsec]: what not knowing the locus adds.
+
+        The same way in every frame of a sequence, so it does not average out.  NaN where none was compared.
+        """
+        if len(self.candidates) < 2:
+            return float("nan")
+        weights = np.array([c.weight for c in self.candidates])
+        separations = np.array([c.separation for c in self.candidates]) - self.candidates[0].separation
+        separations = np.where(weights > 0, separations, 0.0)
+        mean = weights @ separations
+        return float(np.sqrt(weights @ (separations - mean) ** 2))
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the fitted locus and their covariance."""

@@ -47,8 +47,14 @@ COLUMNS: tuple[Column, ...] = (
     Column("message", "the status in a sentence", kind=str),
     Column("flags", "sum of the remarks whose values the table's metadata explains", kind=int),
     Column("locus", "jitter locus that was fitted", kind=str),
+    Column(
+        "locus_weight", "weight of that locus among the candidates, 0 to 1; below 0.95 the frame is undecided"
+    ),
     *_measured("separation", "angular distance from A, the brighter star, to B", "arcsec"),
     Column("separation_crlb", "Cramer-Rao bound of separation from this frame alone, 1 sigma", "arcsec"),
+    Column(
+        "separation_spread", "weighted rms of separation over the candidates: does not average out", "arcsec"
+    ),
     *_measured("theta", "direction from A to B, counter-clockwise from +x", "deg"),
     *_measured("pa", "position angle from A to B on the sky, north through east", "deg"),
     *_measured("x", "midpoint of the pair, offset from the frame's centre", "arcsec"),
@@ -64,14 +70,19 @@ COLUMNS: tuple[Column, ...] = (
     Column("jitter_minor", "1 sigma of the pointing along its minor axis", "arcsec"),
     Column("jitter_angle", "major axis, counter-clockwise from +x, 0 to 180", "deg"),
     Column("jitter_length", "full length of a linear smear, peak to peak of an oscillation", "arcsec"),
+    *_measured("shape", "excess kurtosis of the blur: normal 0, linear -1.2, oscillation -1.5"),
     *_measured("background", "electrons per pixel", "electron"),
     Column("chi2_dof", "Pearson's chi-squared per degree of freedom"),
-    Column("candidates", "loci tried, best first, as JSON; objective is deviance and priors", kind=str),
+    Column(
+        "candidates",
+        "loci tried, best first, as JSON; objective is deviance and priors, evidence a logarithm",
+        kind=str,
+    ),
     Column("iterations", "steps of the fit", kind=int),
     Column("seconds", "time the frame took", "s"),
     Column("path", "the file as it was given", kind=str),
 )
-"""In the order of the table; the aberrations, whose names the telescope gives, follow ``jitter_length``."""
+"""In the order of the table; the aberrations, whose names the telescope gives, follow ``shape_err``."""
 
 _NAMES = frozenset(column.name for column in COLUMNS)
 

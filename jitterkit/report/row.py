@@ -84,6 +84,7 @@ def make_row(
         "message": _message(result, words),
         "flags": encode_flags(words),
         "locus": result.locus,
+        "locus_weight": float(result.locus_weight),
         "chi2_dof": float(result.chi2_dof),
         "candidates": _candidates(result.candidates),
         "iterations": int(result.iterations),
@@ -109,7 +110,8 @@ def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str
     for name in SCENE:
         row |= _with_error(name, getattr(parameters.scene, name), result.error(name))
     row["theta"] = direction_angle(row["theta"])
-    row["separation_crlb"] = _crlb(result, "separation")
+    row |= {"separation_crlb": _crlb(result, "separation"), "separation_spread": result.separation_spread}
+    row |= _with_error("shape", result.shape, result.shape_err)
     row |= _with_error("background", parameters.background, result.error("background"))
     for name, value in zip(_names(result, parameters, aberrations), parameters.aberrations, strict=False):
         row |= _with_error(aberration_column(name), value, result.error(name))
@@ -157,6 +159,8 @@ def _candidates(candidates: Iterable[Candidate]) -> str:
             "weight": _rounded(one.weight, 6),
             "objective": _rounded(one.objective, 3),  # differences of a few decide; the rest is constant
             "separation": _rounded(one.separation, 9),
+            "separation_err": _rounded(one.separation_err, 9),
+            "evidence": _rounded(one.evidence, 3),
         }
         for one in sorted(candidates, key=lambda one: -one.weight)
     ]

@@ -16,42 +16,10 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
+from jitterkit.report.means import weighted_mean
+from jitterkit.report.sequence import compare_loci
 
-__all__ = ["summarise", "weighted_mean", "write_summary"]
-
-COMBINED = ("mean", "error", "typical_error", "scatter", "chi2_dof", "error_by_scatter")
-
-
-def weighted_mean(values: np.ndarray, errors: np.ndarray) -> dict[str, Any]:
-    """Combine independent measurements of one number.
-
-    Parameters
-    ----------
-    values, errors : (n,) arrays
-        In one unit; those that are not finite, or have no positive error, are left out.
-
-    Returns
-    -------
-    combined : dict
-        ``n`` used; ``mean`` and its ``error`` from the errors alone; ``typical_error``, their median;
-        ``scatter``, the sample's standard deviation; ``chi2_dof`` of the values about the mean; and
-        ``error_by_scatter``, the mean's error if all errors were off by one factor.  NaN where there
-        are too few.  Equal errors give the plain mean and ``error = errors[0]/sqrt(n)``.
-    """
-    values, errors = np.asarray(values, float), np.asarray(errors, float)
-    used = np.isfinite(values) & np.isfinite(errors) & (errors > 0)
-    values, errors = values[used], errors[used]
-    n = len(values)
-    if n == 0:
-        return {"n": 0} | dict.fromkeys(COMBINED, math.nan)
-    weights = (errors.min() / errors) ** 2
-    mean = values[0] + np.average(values - values[0], weights=weights)  # differences keep the last digits
-    error = errors.min() / np.sqrt(weights.sum())
-    alone = n == 1
-    chi2_dof = math.nan if alone else np.sum(((values - mean) / errors) ** 2) / (n - 1)
-    scatter = math.nan if alone else np.std(values, ddof=1)
-    numbers = (mean, error, np.median(errors), scatter, chi2_dof, error * np.sqrt(chi2_dof))
-    return {"n": n} | {name: float(value) for name, value in zip(COMBINED, numbers, strict=True)}
+__all__ = ["summarise", "write_summary"]
 
 
 def summarise(table: QTable) -> dict[str, Any]:
@@ -67,8 +35,10 @@ def summarise(table: QTable) -> dict[str, Any]:
     summary : dict
         ``frames``; ``status`` and ``locus``, the number of each; ``separation`` [arcsec], ``theta`` and
         ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``jitter``, the plain mean of
-        the second moments [arcsec²] and its principal axes [arcsec, deg]; ``chi2_dof``, the median over
-        frames; ``seconds``, the total.
+        the second moments [arcsec²] and its principal axes [arcsec, deg]; ``shape``, the excess kurtosis as
+        :func:`weighted_mean` has it; ``loci``, what the frames say together, from
+        :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
+        ``seconds``, the total.
 
     Notes
     -----
@@ -85,6 +55,8 @@ def summarise(table: QTable) -> dict[str, Any]:
         "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
         "jitter": _mean_jitter(good),
+        "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
+        "loci": compare_loci(good["candidates"]),
         "chi2_dof": _median(good["chi2_dof"]),
         "seconds": float(np.nansum(table["seconds"].to_value("s"))),
     }

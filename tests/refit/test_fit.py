@@ -1,43 +1,21 @@
 """The refit: unbiased, honest about its errors, and not to be fooled by its own start."""
 
-import equinox as eqx
 import numpy as np
 import pytest
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.estimators import estimate_score
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
-from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_frame, fit_locus, kernel_prior
+from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
 from jitterkit.scene import Binary
-
-_image = eqx.filter_jit(expected_image)
-
-
-@pytest.fixture(scope="module")
-def optics():
-    """A plain telescope with coma, small enough for many fits."""
-    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
-    return OpticalSystem(pupil, band, grid_for(pupil, band, (40, 40), 0.375, pad=16))
-
 
 SCENE = Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0)
 
 
-def draw(optics, truth, rng, read_noise=2.4):
-    image = np.asarray(_image(truth, optics.otf(truth.aberrations)))
-    return Data(rng.poisson(image) + rng.normal(0, read_noise, image.shape), read_noise**2)
-
-
-def near(truth, locus):
-    scene = Binary(*(float(v) for v in (5.1, 141.0, 0.35, -0.15, 2.8e6, 2.8)))
-    return Parameters(scene, locus, np.zeros(2))
-
-
-def test_pulls_of_every_parameter_are_standard(optics, rng):
+def test_pulls_of_every_parameter_are_standard(bench, optics, rng):
     truth = Parameters(SCENE, Mvn.of(0.12, 0.06, 30.0), [4.0, -3.0])
     expected = {"separation": 5.0, "theta": 140.0, "x": 0.3, "y": -0.2, "flux": 3e6, "contrast": 3.0}
     expected |= dict(zip(Mvn.names, np.asarray(truth.locus.coords), strict=True)) | {
@@ -46,7 +24,7 @@ def test_pulls_of_every_parameter_are_standard(optics, rng):
     }
     pulls = []
     for _ in range(60):
-        result = fit_frame(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)))
+        result = fit_frame(bench.draw(truth, rng), optics, bench.near(Mvn.of(0.1)))
         assert result.status is Status.OK
         fitted = dict(zip(result.names, _values(result), strict=True))
         pulls.append([(fitted[n] - expected[n]) / result.error(n) for n in result.names])
@@ -66,11 +44,11 @@ def _values(result):
 @pytest.mark.parametrize(
     "locus", [Stable.of(), Linear.of(0.5, 20.0), Shm.of(0.5, 20.0), Mvn.of(0.1, 0.05, 20.0)]
 )
-def test_the_expected_image_gives_back_the_truth(locus, optics):
+def test_the_expected_image_gives_back_the_truth(bench, locus, optics):
     truth = Parameters(SCENE, locus, [4.0, -3.0])
-    data = Data(np.asarray(_image(truth, optics.otf(truth.aberrations))), 4.0)
+    data = Data(bench.image(truth), 4.0)
     result = fit_locus(
-        type(locus).__name__.lower(), data, optics, near(truth, locus), np.asarray(locus.moments()) * 1.2
+        type(locus).__name__.lower(), data, optics, bench.near(locus), np.asarray(locus.moments()) * 1.2
     )
     assert result.status is Status.OK
     # the aberrations' expansion is renewed until its error is 1e-4 of a standard error
@@ -79,15 +57,15 @@ def test_the_expected_image_gives_back_the_truth(locus, optics):
     )
 
 
-def test_without_priors_the_error_is_the_bound(optics, rng):
+def test_without_priors_the_error_is_the_bound(bench, optics, rng):
     truth = Parameters(SCENE, Mvn.of(0.1), [0.0, 0.0])
-    result = fit_frame(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)))
+    result = fit_frame(bench.draw(truth, rng), optics, bench.near(Mvn.of(0.1)))
     np.testing.assert_allclose(result.crlb, np.sqrt(np.diag(result.covariance)), rtol=1e-9)
 
 
-def test_the_brighter_star_is_a_whatever_the_start_said(optics, rng):
+def test_the_brighter_star_is_a_whatever_the_start_said(bench, optics, rng):
     truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
-    data = draw(optics, truth, rng)
+    data = bench.draw(truth, rng)
     swapped = Parameters(Binary(-5.0, 140.0, 0.3, -0.2, 3e6, 1.0), Stable.of(), [0.0, 0.0])
     exchanged = Parameters(Binary(5.0, 320.0, 0.3, -0.2, 3e6, 0.4), Stable.of(), [0.0, 0.0])
     for start in (swapped, exchanged):
@@ -97,110 +75,49 @@ def test_the_brighter_star_is_a_whatever_the_start_said(optics, rng):
         assert float(scene.theta) == pytest.approx(140.0, abs=0.1)
 
 
-def test_a_frames_own_kernel_estimate_adds_no_information(optics, rng):
-    truth = Parameters(SCENE, Mvn.of(0.1, 0.05, 20.0), [0.0, 0.0])
-    data, start = draw(optics, truth, rng), near(truth, Mvn.of(0.1))
-    estimate = estimate_score(data, start, optics.nominal)
-    estimate = type(estimate)(estimate.moments, estimate.covariance, estimate.method, source="frame 1")
-    without = fit_frame(data, optics, start)
-    own = fit_frame(data, optics, start, options=FitOptions(priors=kernel_prior(estimate, "frame 1")))
-    np.testing.assert_array_equal(own.covariance, without.covariance)
-    # the same numbers from another frame do sharpen it: by sqrt(2) if they are as good as this frame's
-    other = fit_frame(data, optics, start, options=FitOptions(priors=kernel_prior(estimate, "frame 2")))
-    assert other.error("mvn_xx") == pytest.approx(without.error("mvn_xx") / np.sqrt(2), rel=0.05)
-    np.testing.assert_allclose(other.crlb, without.crlb, rtol=0.01)
-
-
-def test_a_prior_can_be_put_on_anything(optics, rng):
+def test_a_prior_can_be_put_on_anything(bench, optics, rng):
     truth = Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])
-    data = draw(optics, truth, rng)
+    data = bench.draw(truth, rng)
     options = FitOptions(priors=Priors({"contrast": (3.0, 1e-6), "noll7": (4.0, 0.1)}))
-    result = fit_frame(data, optics, near(truth, Mvn.of(0.1)), options=options)
+    result = fit_frame(data, optics, bench.near(Mvn.of(0.1)), options=options)
     assert float(result.parameters.scene.contrast) == pytest.approx(3.0, abs=1e-5)
     assert result.error("noll7") < 0.1
 
 
-def test_a_prior_on_nothing_is_refused(optics, rng):
+def test_a_prior_on_nothing_is_refused(bench, optics, rng):
     truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
-    data = draw(optics, truth, rng)
+    data = bench.draw(truth, rng)
     with pytest.raises(ConfigurationError, match="no free parameter 'jitter' to put a prior on"):
         fit_frame(data, optics, truth, options=FitOptions(priors=Priors({"jitter": (0.0, 1.0)})))
     with pytest.raises(ConfigurationError, match=r"positive sigma, got 0\.0 and -1\.0"):
         Priors({"x": (0.0, -1.0)})
 
 
-def test_a_frame_without_pixels_is_a_status(optics):
+def test_a_frame_without_pixels_is_a_status(bench, optics):
     empty = Data(np.zeros((40, 40)), 1.0, np.zeros((40, 40), bool))
-    result = fit_frame(empty, optics, near(None, Stable.of()))
+    result = fit_frame(empty, optics, bench.near(Stable.of()))
     assert result.status is Status.NO_DATA
     assert np.isnan(result.chi2_dof)
 
 
-def test_a_wrong_model_is_called_poor(optics, rng):
+def test_a_wrong_model_is_called_poor(bench, optics, rng):
     truth = Parameters(SCENE, Mvn.of(0.3), [0.0, 0.0])
-    result = fit_locus("stable", draw(optics, truth, rng), optics, near(truth, Stable.of()), np.zeros(3))
+    result = fit_locus("stable", bench.draw(truth, rng), optics, bench.near(Stable.of()), np.zeros(3))
     assert result.status is Status.POOR_FIT
     assert "chi²/dof" in result.message
 
 
-def test_sky_is_fitted_when_it_is_let_free(optics, rng):
+def test_sky_is_fitted_when_it_is_let_free(bench, optics, rng):
     truth = Parameters(SCENE, Stable.of(), [0.0, 0.0], 50.0)
-    data = draw(optics, truth, rng)
-    result = fit_frame(data, optics, near(truth, Stable.of()), options=FitOptions(hold=()))
+    data = bench.draw(truth, rng)
+    result = fit_frame(data, optics, bench.near(Stable.of()), options=FitOptions(hold=()))
     assert result.status is Status.OK
     assert abs(float(result.parameters.background) - 50.0) < 4 * result.error("background")
 
 
-@pytest.mark.parametrize(
-    ("locus", "chosen"),
-    [(Linear.of(0.9, 30.0), "linear"), (Shm.of(0.9, 30.0), "shm"), (Mvn.of(0.2, 0.1), "mvn")],
-)
-def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, optics, rng):
-    truth = Parameters(SCENE, locus, [0.0, 0.0])
-    result = fit_best_locus(
-        draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)), np.asarray(locus.moments())
-    )
-    assert result.locus == chosen
-    assert sum(c.weight for c in result.candidates) == pytest.approx(1.0)
-
-
-def test_auto_says_when_there_is_no_jitter_to_see(optics, rng):
-    truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
-    result = fit_best_locus(draw(optics, truth, rng), optics, near(truth, Mvn.of(0.1)), np.zeros(3))
-    assert "jitter_undetected" in result.flags
-    assert result.locus == "mvn"
-
-
-def test_an_estimate_that_does_not_say_what_it_was_made_from_is_no_prior(optics, rng):
-    data = draw(optics, Parameters(SCENE, Mvn.of(0.1), [0.0, 0.0]), rng)
-    with pytest.raises(ConfigurationError, match="does not say which data it was made from"):
-        kernel_prior(estimate_score(data, near(None, Stable.of()), optics.nominal), "frame 1")
-
-
-def test_a_prior_on_the_jitter_keeps_auto_to_the_locus_it_is_about(optics, rng):
-    streak = Linear.of(0.9, 30.0)
-    data = draw(optics, Parameters(SCENE, streak, [0.0, 0.0]), rng)
-    moments = np.asarray(streak.moments())
-    known = FitOptions(priors=Priors(moments=(moments, np.eye(3) * 1e-4)))
-    result = fit_best_locus(data, optics, near(None, Mvn.of(0.1)), moments, options=known)
-    assert [c.locus for c in result.candidates] == ["mvn"]
-
-
-def test_the_candidates_weights_are_akaike_s(optics, rng):
-    streak = Linear.of(0.5, 30.0)
-    data = draw(optics, Parameters(SCENE, streak, [0.0, 0.0]), rng)
-    result = fit_best_locus(data, optics, near(None, Mvn.of(0.1)), np.asarray(streak.moments()))
-    assert {c.locus for c in result.candidates} == {"mvn", "linear", "shm"}
-    free = {"mvn": 3, "linear": 2, "shm": 2}  # parameters of the jitter; the others are common
-    least = min(c.objective for c in result.candidates)
-    odds = {c.locus: np.exp(-(c.objective - least + 2 * free[c.locus]) / 2) for c in result.candidates}
-    for candidate in result.candidates:
-        assert candidate.weight == pytest.approx(odds[candidate.locus] / sum(odds.values()))
-
-
-def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(optics, rng):
-    data = draw(optics, Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
-    plain = fit_frame(data, optics, near(None, Stable.of()))
+def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(bench, optics, rng):
+    data = bench.draw(Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
+    plain = fit_frame(data, optics, bench.near(Stable.of()))
     turned = Parameters(Binary(-5.1, 321.0, 0.35, -0.15, 2.8e6, 2.8), Stable.of(), np.zeros(2))
     other = fit_frame(data, optics, turned)
     scale = np.sqrt(np.diag(plain.covariance))
@@ -211,15 +128,15 @@ def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(optics, rng)
 
 
 @pytest.mark.parametrize("name", ["linear", "shm"])
-def test_a_streak_fitted_to_a_still_frame_ends_at_the_tip_of_its_cone(name, optics, rng):
+def test_a_streak_fitted_to_a_still_frame_ends_at_the_tip_of_its_cone(bench, name, optics, rng):
     for _ in range(12):
-        data = draw(optics, Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
-        result = fit_locus(name, data, optics, near(None, Stable.of()), np.array([1e-3, 0.0, 1e-4]))
+        data = bench.draw(Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
+        result = fit_locus(name, data, optics, bench.near(Stable.of()), np.array([1e-3, 0.0, 1e-4]))
         assert result.status is Status.OK, result.message
         assert abs(float(result.parameters.scene.separation) - 5.0) < 5 * result.error("separation")
 
 
-def test_weakly_visible_aberrations_settle_too(rng):
+def test_weakly_visible_aberrations_settle_too(bench, rng):
     # three struts make defocus and astigmatism show, but to second order first
     pupil = obstructed_circle(0.125, 0.04, strut_width=0.002, struts=3, samples=64)
     band = flat_band(530, 640, 3)
@@ -227,7 +144,7 @@ def test_weakly_visible_aberrations_settle_too(rng):
     scene = Binary(5.0, 140.0, 0.3, -0.2, 1.2e5, 3.0)
     truth = Parameters(scene, Mvn.of(0.1, 0.05, 20.0), np.zeros(7))
     for _ in range(4):
-        result = fit_frame(draw(system, truth, rng), system, truth)
+        result = fit_frame(type(bench)(system).draw(truth, rng), system, truth)
         assert result.status is Status.OK, result.message
         exact = expected_image(result.parameters, system.otf(result.parameters.aberrations))
         assert np.sum((np.asarray(exact) - result.image) ** 2 / result.image) < 0.1**2

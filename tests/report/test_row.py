@@ -65,11 +65,16 @@ def test_remarks_of_frame_fit_and_header_become_one_number_and_strange_ones_a_wo
 
 
 def test_candidates_are_json_with_the_best_first():
-    tried = (Candidate("shm", 12.3456789, 0.25, 8.1), Candidate("linear", float("nan"), 0.75, float("nan")))
+    tried = (
+        Candidate("shm", 12.3456789, 0.25, 8.1, 2.4e-4, -7.1234),
+        Candidate("linear", float("nan"), 0.75, float("nan")),
+    )
     row = make_row(FitResult(Status.OK, "", candidates=tried), "f")
     best, second = json.loads(row["candidates"])
-    assert best == {"locus": "linear", "weight": 0.75, "objective": None, "separation": None}
+    assert (best["locus"], best["weight"]) == ("linear", 0.75)
+    assert {best[name] for name in ("objective", "separation", "separation_err", "evidence")} == {None}
     assert (second["locus"], second["objective"]) == ("shm", 12.346)
+    assert (second["separation_err"], second["evidence"]) == (2.4e-4, -7.123)
 
 
 def test_theta_is_a_direction_and_a_variance_below_zero_no_error(make_fit):
@@ -95,3 +100,20 @@ def test_a_file_name_cannot_break_a_table(make_fit):
     row = make_row(make_fit()[1], "/n\n1/a\tb\udcff.fits")
     assert row["file"] == r"a\tb\udcff.fits"
     assert row["path"] == r"/n\n1/a\tb\udcff.fits"
+
+
+def test_the_spread_over_candidates_is_weighted_and_leaves_out_what_has_no_weight(make_fit):
+    linear, shm = Candidate("linear", 10.0, 0.8, 8.1), Candidate("shm", 12.0, 0.2, 8.1 + 5e-6)
+    lost = Candidate("ellipse", np.nan, 0.0, np.nan)
+    row = make_row(replace(make_fit("linear")[1], candidates=(linear, shm, lost)), "f")
+    # two points of weights w and 1 - w a distance d apart scatter by d sqrt(w (1 - w))
+    assert row["separation_spread"] == pytest.approx(5e-6 * np.sqrt(0.8 * 0.2), rel=1e-6)
+    assert row["locus_weight"] == 0.8
+    alone = make_row(replace(make_fit("linear")[1], candidates=(linear,)), "f")
+    assert np.isnan([alone["separation_spread"], alone["locus_weight"]]).all()
+
+
+def test_a_measured_shape_has_its_error(make_fit):
+    row = make_row(replace(make_fit()[1], shape=-1.3, shape_err=0.4), "f")
+    assert (row["shape"], row["shape_err"]) == (-1.3, 0.4)
+    assert np.isnan(make_row(make_fit()[1], "f")["shape"])

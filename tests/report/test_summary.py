@@ -1,12 +1,14 @@
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.result import Candidate, FitResult, Status
+from jitterkit.report.means import weighted_mean
 from jitterkit.report.row import make_row
-from jitterkit.report.summary import summarise, weighted_mean, write_summary
+from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table
 
 
@@ -84,3 +86,44 @@ def test_without_a_fit_every_number_is_null(tmp_path):
     assert summary["separation"]["mean"] is None
     assert summary["jitter"]["major"] is None
     assert summarise(make_table([]))["frames"] == 0
+
+
+def _compared(make_fit, *evidences, separation=8.1):
+    """A table of frames with candidates of these log-evidences, a dictionary each."""
+    rows = []
+    for k, values in enumerate(evidences):
+        tried = [
+            Candidate(name, -2 * value, 0.5, separation + (name == "shm") * 3e-6 + k * 1e-4, 2e-4, value)
+            for name, value in values.items()
+        ]
+        rows.append(make_row(replace(make_fit("linear")[1], candidates=tuple(tried)), f"{k}"))
+    return make_table(rows)
+
+
+def test_the_evidence_of_frames_adds_up(make_fit):
+    undecided = {"linear": -100.0, "shm": -100.3, "mvn": -104.0}
+    loci = summarise(_compared(make_fit, *[undecided] * 30))["loci"]
+    assert (loci["frames"], loci["left_out"], loci["best"]) == (30, 0, "linear")
+    assert loci["evidence"]["shm"] == pytest.approx(-9.0)  # 30 times 0.3
+    assert loci["weights"]["shm"] == pytest.approx(math.exp(-9) / (1 + math.exp(-9) + math.exp(-120)))
+    assert sum(loci["weights"].values()) == pytest.approx(1.0)
+    separations = loci["separation"]
+    assert separations["shm"]["mean"] - separations["linear"]["mean"] == pytest.approx(3e-6, abs=1e-9)
+    assert separations["shm"]["error"] == pytest.approx(2e-4 / math.sqrt(30))
+
+
+def test_only_frames_that_tried_the_same_loci_are_compared(make_fit):
+    usual, odd = {"linear": -1.0, "shm": -2.0}, {"linear": -9.0, "shm": -1.0, "path": -0.5}
+    broken, plain = {"linear": -1.0, "shm": -math.inf}, {"mvn": -1.0}
+    loci = summarise(_compared(make_fit, usual, usual, odd, broken, plain))["loci"]
+    # the path was tried once, one frame has no evidence for SHM and one has nothing to compare
+    assert (loci["frames"], loci["left_out"]) == (3, 1)
+    assert set(loci["weights"]) == {"linear", "shm"}
+    assert loci["evidence"]["linear"] == pytest.approx(-6.0)
+    assert summarise(_compared(make_fit, plain))["loci"] == {"frames": 0, "left_out": 0}
+
+
+def test_the_shape_is_averaged_by_its_errors(make_fit):
+    fit = make_fit()[1]
+    rows = [make_row(replace(fit, shape=s, shape_err=e), "f") for s, e in ((-1.0, 0.1), (-2.0, 0.2))]
+    assert summarise(make_table(rows))["shape"]["mean"] == pytest.approx((-1 * 4 - 2) / 5)

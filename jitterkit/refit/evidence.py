@@ -1,0 +1,148 @@
+"""How well a locus explains a frame, its freedom counted: Laplace's approximation of the evidence.
+
+    ln Z = -objective/2 + ln sqrt(det 2 pi C) + ln (prior density of the jitter's coordinates)
+
+over all free parameters, with covariance C at the best fit.  Scene and optics have the same flat priors
+under every locus, which cancel; the jitter's are proper and stated here.  Every locus has the same prior
+on its size, flat in the logarithm of ``T = Sxx + Syy``, whose range cancels too; directions are
+equally probable; what else a locus has is spread over all it can be.
+
+*Assumes* that jitter has been detected: at no size Laplace's approximation fails, and so does this prior.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from jitterkit.loci import Linear, Locus, Shm
+from jitterkit.refit.priors import leashes
+from jitterkit.refit.result import FitResult
+from jitterkit.refit.tip import at_the_tip
+
+__all__ = ["log_evidence", "minor_variance"]
+
+_LEAST = 1e-12
+"""arcsec²: floor of a variance inside a logarithm, a millionth of an arcsec squared."""
+
+
+def log_evidence(fit: FitResult) -> float:
+    """Logarithm of the evidence for the locus of a fit, up to a constant common to all loci.
+
+    Parameters
+    ----------
+    fit : FitResult
+
+    Returns
+    -------
+    evidence : float
+        Minus infinity for a fit that broke down, or a locus without a stated prior.
+
+    Notes
+    -----
+    Elliptical loci (``mvn``, ``ellipse``, ``shaped``): the anisotropy ``(Sxx - Syy, 2 Sxy)/T`` is uniform in
+    the unit disc; what part of the posterior lies outside it, at negative variances, counts for nothing.
+    A normal is as likely to be a straight line as not, so that random motion in one plane is not taken
+    for a vibration because it is straight.  A locus of several parts of which one cannot be told from nothing
+    has no evidence: a simpler one is the same.
+    """
+    prior = _PRIORS.get(fit.locus)
+    if fit.parameters is None or prior is None or not np.all(np.isfinite(fit.covariance)):
+        return -math.inf
+    if at_the_tip(fit.parameters.locus, fit.names, fit.covariance):
+        return -math.inf
+    sign, size = np.linalg.slogdet(2 * np.pi * fit.covariance)
+    density = prior(fit, fit.parameters.locus)
+    return float(-fit.objective / 2 + size / 2 + density) if sign > 0 else -math.inf
+
+
+def minor_variance(moments, covariance) -> tuple[float, float]:
+    """Variance along the minor axis of second moments and its error, arcsec²; noise may make it negative."""
+    sxx, sxy, syy = np.asarray(moments)
+    angle = 0.5 * np.arctan2(2 * sxy, sxx - syy)
+    across = np.array([np.sin(angle) ** 2, -2 * np.sin(angle) * np.cos(angle), np.cos(angle) ** 2])
+    return float(across @ moments), float(np.sqrt(across @ covariance @ across))
+
+
+def _total(locus: Locus) -> float:
+    sxx, _, syy = np.asarray(locus.moments())
+    return max(float(sxx + syy), _LEAST)
+
+
+def _streak(variance: float) -> Callable[[FitResult, Locus], float]:
+    """``T = v L²``, and the double angle uniform: ``v²/(2 pi T²)``."""
+    return lambda fit, locus: math.log(variance**2 / (2 * math.pi)) - 2 * math.log(_total(locus))
+
+
+def _elliptic(fit: FitResult, locus: Locus) -> float:
+    """``4/(pi T³)`` inside the disc of anisotropies."""
+    minor, error = minor_variance(*fit.moments())
+    return math.log(4 / math.pi) - 3 * math.log(_total(locus)) + float(log_ndtr(minor / error))
+
+
+def _normal(fit: FitResult, locus: Locus) -> float:
+    """Half of it elliptical, half of it straight: the posterior cut at no minor variance, with a prior
+    ``1/(pi T)`` in T and angle.
+    """
+    minor, error = minor_variance(*fit.moments())
+    total = _total(locus)
+    free = _elliptic(fit, locus)
+    line = math.log(4 / math.pi) - 3 * math.log(total) - 0.5 * (minor / error) ** 2
+    line += math.log(total / (4 * math.sqrt(2 * math.pi) * error))
+    return float(np.logaddexp(free, line)) - math.log(2)
+
+
+def _shaped(fit: FitResult, locus: Locus) -> float:
+    return _elliptic(fit, locus) + _leashes(locus)
+
+
+def _partial(fit: FitResult, locus: Locus) -> float:
+    """The rms as a vector: ``1/(pi T)``; two sets of coordinates are the same motion."""
+    return math.log(2 / math.pi) - math.log(_total(locus)) + _leashes(locus)
+
+
+def _path(fit: FitResult, locus: Locus) -> float:
+    """Two sets of coordinates are the same image: a path and the same run backwards."""
+    return math.log(2) + _leashes(locus)
+
+
+def _tones(fit: FitResult, locus: Locus) -> float:
+    """The share of the first uniform, both directions free; which is the first does not matter."""
+    first, second = (_total(part) for part in locus.factors())  # type: ignore[attr-defined]
+    total = first + second
+    density = 2 * Shm.variance**4 / ((2 * math.pi) ** 2 * first * second)
+    return math.log(density) - 2 * math.log(total)
+
+
+def _smear(fit: FitResult, locus: Locus) -> float:
+    """The smear's share uniform, its direction free; the rest, if there is one, as an elliptical locus."""
+    smear, rest = locus.factors()  # type: ignore[attr-defined]
+    slots = [fit.names.index(name) for name in locus.names[2:]]
+    covariance = fit.covariance[np.ix_(slots, slots)]
+    error = math.sqrt(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2])
+    if _total(rest) < 3 * error:
+        return -math.inf
+    density = 4 * Linear.variance**2 / (2 * math.pi**2 * _total(smear) * _total(rest) ** 2)
+    minor, spread = minor_variance(rest.moments(), covariance)
+    return math.log(density) - 2 * math.log(_total(smear) + _total(rest)) + float(log_ndtr(minor / spread))
+
+
+def _leashes(locus: Locus) -> float:
+    """Norm of the leashes, whose quadratic forms are in the objective."""
+    return sum(-0.5 * math.log(2 * math.pi * sigma**2) for _, sigma in leashes(locus).values())
+
+
+_PRIORS: dict[str, Callable[[FitResult, Locus], float]] = {
+    "linear": _streak(Linear.variance),
+    "shm": _streak(Shm.variance),
+    "mvn": _normal,
+    "ellipse": _elliptic,
+    "shaped": _shaped,
+    "partial": _partial,
+    "tones": _tones,
+    "smear": _smear,
+    "path": _path,
+}

@@ -1,0 +1,70 @@
+"""Where the fit of a locus starts: from second moments, at several places if there are several hills."""
+
+from __future__ import annotations
+
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.forward import Parameters, free_parameters
+from jitterkit.likelihood import Data
+from jitterkit.loci import Locus, PartialShm, Path, principal_axes
+from jitterkit.optics.otf import OTF
+from jitterkit.refit.priors import Priors
+from jitterkit.scoring import climb
+
+__all__ = ["starting_point"]
+
+_CYCLES, _PHASES = (0.5, 1.2), (-40.0, 40.0)
+"""Of a partial vibration: before and after its first whole cycle, lopsided either way."""
+
+_TRIAL = 4
+"""Steps after which the hills are told apart."""
+
+
+def starting_point(
+    kind: type[Locus], moments, start: Parameters, otf: OTF, data: Data, hold, priors: Priors
+) -> Parameters:
+    """The best place to start a locus from.
+
+    Parameters
+    ----------
+    kind : type
+    moments : (3,) array
+        Second moments ``(Sxx, Sxy, Syy)`` to start from, arcsec².
+    start : Parameters
+        Its scene, aberrations and background are kept.
+    otf, data, hold, priors
+        As for the fit to come.
+
+    Returns
+    -------
+    start : Parameters
+        Of several starts the one that a few steps lead highest.
+    """
+    starts = [
+        Parameters(start.scene, locus, start.aberrations, start.background) for locus in _loci(kind, moments)
+    ]
+    if len(starts) == 1:
+        return starts[0]
+    names, free = free_parameters(starts[0], otf, hold)
+    ends = [climb(s, otf, data, free, priors.over(names, s.locus), steps=_TRIAL) for s in starts]
+    heights = [float(end.objective) for end in ends]
+    return starts[int(np.nanargmin(heights))] if np.any(np.isfinite(heights)) else starts[0]
+
+
+def _loci(kind: type[Locus], moments) -> list[Locus]:
+    """Starts of a kind; a path is told from its mirror image by which way it bends."""
+    if kind is PartialShm:
+        return [_partial(moments, cycles, phase) for cycles, phase in itertools.product(_CYCLES, _PHASES)]
+    first = kind.near(jnp.asarray(moments))
+    return [first, first.at(-first.coords)] if kind is Path else [first]
+
+
+def _partial(moments, cycles: float, phase: float) -> Locus:
+    """A partial vibration as long as the moments say."""
+    major, _, angle = principal_axes(moments)
+    unit = PartialShm.of(1.0, angle, cycles, phase)
+    size = principal_axes(unit.moments())[0]
+    return PartialShm.of(major / size, angle, cycles, phase)

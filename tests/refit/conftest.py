@@ -1,0 +1,50 @@
+"""A plain telescope with coma, small enough for many fits, and frames of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.likelihood import Data
+from jitterkit.loci import Mvn
+from jitterkit.optics import flat_band, grid_for, obstructed_circle
+from jitterkit.optics.system import OpticalSystem
+from jitterkit.scene import Binary
+
+_image = eqx.filter_jit(expected_image)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Frames whose truth is known, and a start that is off."""
+
+    optics: OpticalSystem
+
+    def truth(self, locus, aberrations=(0.0, 0.0), flux=3e6, background=0.0):
+        return Parameters(Binary(5.0, 140.0, 0.3, -0.2, flux, 3.0), locus, aberrations, background)
+
+    def image(self, truth):
+        return np.asarray(_image(truth, self.optics.otf(truth.aberrations)))
+
+    def draw(self, truth, rng, read_noise=2.4):
+        image = self.image(truth)
+        return Data(rng.poisson(image) + rng.normal(0, read_noise, image.shape), read_noise**2)
+
+    def near(self, locus=None):
+        locus = Mvn.of(0.1) if locus is None else locus
+        return Parameters(Binary(5.1, 141.0, 0.35, -0.15, 2.8e6, 2.8), locus, np.zeros(2))
+
+
+@pytest.fixture(scope="session")
+def bench():
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
+    return Bench(OpticalSystem(pupil, band, grid_for(pupil, band, (40, 40), 0.375, pad=16)))
+
+
+@pytest.fixture(scope="session")
+def optics(bench):
+    return bench.optics

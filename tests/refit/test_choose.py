@@ -1,0 +1,120 @@
+"""The choice of the locus: as fine as the frame can tell, and no finer."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.likelihood import Data
+from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Shm, Stable
+from jitterkit.refit import FitOptions, Priors, Status, choose, fit_best_locus, fit_locus, moments_prior
+
+
+def choose_for(bench, data, moments, **options):
+    return fit_best_locus(data, bench.optics, bench.near(), np.asarray(moments), **options)
+
+
+@pytest.mark.parametrize(
+    ("locus", "chosen"),
+    [
+        (Linear.of(0.9, 30.0), "linear"),
+        (Shm.of(0.9, 30.0), "shm"),
+        (Mvn.of(0.2, 0.1), "mvn"),
+        (Ellipse.of(0.5, 0.35, 30.0), "ellipse"),
+        (PartialShm.of(0.9, 30.0, 0.7, 50.0), "partial"),
+    ],
+)
+def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, bench, rng):
+    # no noise, so that what is chosen does not hang on a draw; at 3e7 electrons the loci differ by 10 in ln Z
+    data = Data(bench.image(bench.truth(locus, flux=3e7)), 1.0)
+    result = choose_for(bench, data, locus.moments())
+    assert result.locus == chosen
+    assert result.locus_weight > 0.95
+    assert sum(c.weight for c in result.candidates) == pytest.approx(1.0)
+    assert "Undecided" not in result.message
+    # a fit on a leash stops within 0.03 errors of its end, and the leash pulls
+    off = float(result.parameters.binary.separation) - 5.0
+    assert abs(off) < 0.05 * result.error("separation")
+
+
+def test_jitter_is_said_to_be_there_as_often_as_the_test_says(bench, rng):
+    chi2, flags = [], 0
+    for _ in range(60):
+        data = bench.draw(bench.truth(Stable.of()), rng)
+        result = choose_for(bench, data, np.zeros(3))
+        moments, covariance = fit_locus("mvn", data, bench.optics, bench.near(), np.zeros(3)).moments()
+        chi2.append(moments @ np.linalg.solve(covariance, moments))
+        flags += "jitter_undetected" in result.flags
+        assert result.locus == "mvn" or chi2[-1] > choose._DETECTED
+    # chi-squared with 3 degrees of freedom: mean 3, variance 6; 0.6 of 60 lie above its 99 % point, and
+    # more than 5 once in 3e4 times
+    assert abs(np.mean(chi2) - 3) < 4 * np.sqrt(6 / 60)
+    assert flags >= 60 - 5
+    assert pytest.approx(0.01) == choose.FALSE_ALARM
+    assert pytest.approx(11.3449, abs=1e-4) == choose._DETECTED  # from a table of chi-squared
+
+
+def test_a_frame_between_two_loci_says_which_and_what_hangs_on_it(bench):
+    streak = Shm.of(0.4, 30.0)
+    data = Data(bench.image(bench.truth(streak)), 1.0)
+    result = choose_for(bench, data, streak.moments())
+    found = re.search(
+        r"Undecided between shm and linear; the separation differs by ([\d.]+) µas\.", result.message
+    )
+    assert found, result.message
+    by_name = {c.locus: c for c in result.candidates}
+    difference = abs(by_name["shm"].separation - by_name["linear"].separation)
+    assert float(found[1]) == pytest.approx(difference * 1e6, abs=0.06)
+    assert 0.5 < result.locus_weight < 0.95
+    assert 0 < result.separation_spread < difference
+    # both streaks have the same prior but for v² of the length: equal weights up to deviance and widths
+    log_odds = by_name["shm"].evidence - by_name["linear"].evidence
+    assert by_name["shm"].weight / by_name["linear"].weight == pytest.approx(np.exp(log_odds))
+    assert log_odds == pytest.approx((by_name["linear"].objective - by_name["shm"].objective) / 2, abs=0.2)
+
+
+def test_what_a_small_blur_does_not_show_is_not_asked(bench, rng):
+    blur = Mvn.of(0.05, 0.04)
+    result = choose_for(bench, bench.draw(bench.truth(blur), rng), blur.moments())
+    assert "jitter_undetected" not in result.flags
+    assert [c.locus for c in result.candidates] == ["mvn"]
+    assert result.shape_err > 5
+    assert np.isnan(result.separation_spread)
+
+
+def test_a_candidate_that_breaks_down_takes_nothing_with_it(bench, rng, monkeypatch):
+    streak = Shm.of(0.9, 30.0)
+    data = bench.draw(bench.truth(streak), rng)
+    whole = choose.fit_and_expand
+
+    def fragile(data, optics, start, otf, options):
+        if isinstance(start.locus, Ellipse):
+            raise np.linalg.LinAlgError("Singular matrix")
+        fit, otf = whole(data, optics, start, otf, options)
+        unsettled = isinstance(start.locus, Linear)
+        return (replace(fit, status=Status.NOT_CONVERGED) if unsettled else fit), otf
+
+    monkeypatch.setattr(choose, "fit_and_expand", fragile)
+    result = choose_for(bench, data, streak.moments())
+    assert result.status is Status.OK
+    weights = {c.locus: c.weight for c in result.candidates}
+    assert weights["ellipse"] == weights["linear"] == 0.0
+    assert result.locus == "shm"
+    assert np.isfinite(result.separation_spread)
+
+
+def test_a_locus_across_its_axis_is_not_tried_on_a_round_blur(bench, rng):
+    blur = Mvn.of(0.2, 0.15)
+    result = choose_for(bench, bench.draw(bench.truth(blur), rng), blur.moments())
+    assert {c.locus for c in result.candidates} == {"mvn", "ellipse"}
+
+
+def test_a_prior_on_moments_leaves_the_choice_and_one_on_a_coordinate_does_not(bench):
+    streak = Shm.of(0.9, 30.0)
+    data = Data(bench.image(bench.truth(streak)), 1.0)
+    moments = np.asarray(streak.moments())
+    told = FitOptions(priors=moments_prior(moments, np.eye(3) * 1e-6))
+    assert choose_for(bench, data, moments, options=told).locus == "shm"
+    normal = FitOptions(priors=Priors({"mvn_xx": (moments[0], 0.1)}))
+    assert [c.locus for c in choose_for(bench, data, moments, options=normal).candidates] == ["mvn"]

@@ -1,0 +1,229 @@
+"""Priors: what other data say counts, and what the frame itself says is not counted twice."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.estimators import estimate_score
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Linear, Mvn
+from jitterkit.refit import (
+    FitOptions,
+    Priors,
+    fit_frame,
+    fit_locus,
+    kernel_prior,
+    moments_prior,
+    read_kernel_prior,
+    sequence_prior,
+    trace_prior,
+)
+
+
+def estimates(rng, n, scatter=3e-3, error=1e-3):
+    moments = np.array([0.02, 0.004, 0.01]) + np.hypot(scatter, error) * rng.normal(size=(n, 3))
+    covariance = np.eye(3) * error**2
+    return [KernelEstimate(m, covariance, "score", f"night.fits[{k}]") for k, m in enumerate(moments)]
+
+
+def write_table(path, found):
+    from astropy import units
+    from astropy.table import QTable
+
+    table = QTable()
+    table["file"], table["frame"] = ["night.fits"] * len(found), list(range(len(found)))
+    table["status"], table["estimator"] = ["ok"] * len(found), ["score"] * len(found)
+    for i, name in enumerate(("sxx", "sxy", "syy")):
+        table[name] = [e.moments[i] for e in found] * units.arcsec**2
+        table[f"{name}_err"] = [e.errors[i] for e in found] * units.arcsec**2
+    table.write(path, format="ascii.ecsv")
+    return path
+
+
+def same(one: Priors, other: Priors) -> bool:
+    if one.moments is None or other.moments is None:
+        return one.moments is other.moments
+    return all(np.array_equal(a, b) for a, b in zip(one.moments, other.moments, strict=True))
+
+
+def test_a_frames_own_kernel_estimate_adds_no_information(bench, rng, tmp_path):
+    data, start = bench.draw(bench.truth(Mvn.of(0.1, 0.05, 20.0)), rng), bench.near()
+    own = replace(estimate_score(data, start, bench.optics.nominal), source="night.fits[0]")
+    without = fit_frame(data, bench.optics, start)
+    file = read_kernel_prior(write_table(tmp_path / "own.ecsv", [own]))
+    for priors in (kernel_prior(own, "night.fits"), file.of("night.fits"), file.of("night.fits[0]")):
+        assert priors.moments is None
+        result = fit_frame(data, bench.optics, start, options=FitOptions(priors=priors))
+        np.testing.assert_array_equal(result.covariance, without.covariance)
+    # the same numbers from another frame do sharpen it, by their own information and no more
+    other = fit_frame(
+        data, bench.optics, start, options=FitOptions(priors=kernel_prior(own, "night.fits[1]"))
+    )
+    slots = [without.names.index(name) for name in Mvn.names]
+    told = np.linalg.inv(without.covariance)
+    told[np.ix_(slots, slots)] += np.linalg.inv(own.covariance)
+    expected = np.sqrt(np.diag(np.linalg.inv(told)))
+    # the information moves with the fit, by less than a tenth of an error of the moments
+    np.testing.assert_allclose(np.sqrt(np.diag(other.covariance)), expected, rtol=0.02)
+    np.testing.assert_allclose(other.crlb, without.crlb, rtol=0.02)
+
+
+def test_a_sequence_says_the_same_with_and_without_the_frames_own_estimate(rng, tmp_path):
+    found = estimates(rng, 8)
+    others = found[:3] + found[4:]
+    assert same(sequence_prior(found, "night.fits[3]"), sequence_prior(others, "night.fits[3]"))
+    assert not same(sequence_prior(found, "day.fits"), sequence_prior(others, "day.fits"))
+    # however often and by whatever method the frame was estimated
+    again = [*found, replace(found[3], method="mtf", moments=np.ones(3))]
+    assert same(sequence_prior(again, "night.fits[3]"), sequence_prior(others, "night.fits[3]"))
+    file = read_kernel_prior(write_table(tmp_path / "night.ecsv", found))
+    ours = file.of("night.fits[3]").moments
+    for read, made in zip(ours, sequence_prior(others, "night.fits[3]").moments, strict=True):
+        np.testing.assert_allclose(read, made, rtol=1e-12)
+
+
+def test_a_sequence_is_as_wide_as_its_next_frame_scatters(rng):
+    # the predictive law of a normal sample: chi-squared of the next draw is 3 on average
+    squares = []
+    for _ in range(400):
+        found = estimates(rng, 13)
+        mean, covariance = sequence_prior(found, "night.fits[12]").moments
+        off = found[12].moments - mean
+        squares.append(off @ np.linalg.solve(covariance, off))
+    # T² of 12 draws has mean 3 and standard deviation about 4 here: 4 * 4/sqrt(400) = 0.8, skewness aside
+    assert abs(np.mean(squares) - 3) < 0.8
+
+
+def test_the_mean_of_a_sequence_is_weighted_by_information(rng):
+    found = estimates(rng, 7, scatter=0)
+    sharp = replace(found[0], covariance=found[0].covariance * 1e-6)
+    mean, _ = sequence_prior([sharp, *found[1:]], "other.fits").moments
+    np.testing.assert_allclose(mean, sharp.moments, atol=1e-5 * np.abs(found[0].errors).max() * 10)
+
+
+def test_too_few_frames_do_not_show_a_scatter(rng, tmp_path):
+    with pytest.raises(ConfigurationError, match="6 other frames or more, got 5"):
+        sequence_prior(estimates(rng, 6), "night.fits[2]")
+    with pytest.raises(ConfigurationError, match="holds estimates of 3 frames; give one, or 6"):
+        read_kernel_prior(write_table(tmp_path / "few.ecsv", estimates(rng, 3)))
+
+
+def test_an_estimate_that_does_not_say_what_it_was_made_from_is_no_prior(rng):
+    found = estimates(rng, 8)
+    nameless = replace(found[0], source="")
+    with pytest.raises(ConfigurationError, match="does not say which data it was made from"):
+        kernel_prior(nameless, "night.fits")
+    with pytest.raises(ConfigurationError, match="does not say which data it was made from"):
+        sequence_prior([*found, nameless], "night.fits")
+
+
+def test_a_trace_has_the_moments_of_its_motion():
+    t = np.linspace(0, 1, 4001)
+    along = 0.2 * np.sin(2 * np.pi * 20 * t)  # an amplitude A has variance A²/2
+    mean, covariance = trace_prior(t, along * np.cos(0.5), along * np.sin(0.5), 0.1).moments
+    c, s = np.cos(0.5), np.sin(0.5)
+    np.testing.assert_allclose(mean, 0.02 * np.array([c * c, c * s, s * s]), rtol=1e-3)
+    # ten per cent of the rms are twenty of the variance, in any direction: also across
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(0.2 * 0.02, rel=1e-3)
+    turn = np.array([s * s, -2 * s * c, c * c])
+    assert np.sqrt(turn @ covariance @ turn) == pytest.approx(0.2 * 0.02, rel=1e-3)
+
+
+def test_a_long_trace_tells_what_one_exposure_sees():
+    t = np.arange(0, 10.0001, 0.01)
+    drift = trace_prior(t, 0.3 * t, 0 * t, 0.1, exposure=1.0).moments
+    assert drift[0][0] == pytest.approx(0.3**2 / 12, rel=1e-3)  # not (3 arcsec)²/12
+    assert trace_prior(t, 0.3 * t, 0 * t, 0.1).moments[0][0] == pytest.approx(3.0**2 / 12, rel=1e-3)
+    # where exposures differ, their scatter is in the width
+    gusty = 0.3 * t * (t > 5)
+    assert trace_prior(t, gusty, 0 * t, 0.1, exposure=1.0).moments[1][0, 0] > 1.5 * drift[1][0, 0]
+
+
+def test_a_trace_that_stands_still_or_is_certain_is_refused():
+    t = np.linspace(0, 1, 50)
+    with pytest.raises(ConfigurationError, match="positive definite"):
+        trace_prior(t, 0 * t, 0 * t)
+    with pytest.raises(ConfigurationError, match=r"uncertainty of a trace must be positive, got 0\.0"):
+        trace_prior(t, t, t, 0.0)
+
+
+def test_a_prior_on_moments_holds_for_every_locus(bench, rng):
+    streak = Linear.of(0.5, 30.0)
+    data, moments = bench.draw(bench.truth(streak), rng), np.asarray(streak.moments())
+    covariance = np.diag([1e-4, 2e-4, 1e-4]) ** 2
+    plain = fit_locus("linear", data, bench.optics, bench.near(), moments)
+    options = FitOptions(priors=moments_prior(moments, covariance))
+    result = fit_locus("linear", data, bench.optics, bench.near(), moments, options=options)
+    # the information adds, turned into the streak's coordinates: S = (q + c, s, q - c)/24 with q² = c² + s²
+    c, s = np.asarray(result.parameters.locus.coords)
+    q = np.hypot(c, s)
+    slope = np.array([[c / q + 1, s / q], [0, 1], [c / q - 1, s / q]]) / 24
+    told = np.linalg.inv(plain.covariance)
+    slots = [plain.names.index(name) for name in Linear.names]
+    told[np.ix_(slots, slots)] += slope.T @ np.linalg.solve(covariance, slope)
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(told))), _errors(result), rtol=0.02)
+    assert result.error("linear_c") < 0.9 * plain.error("linear_c")
+    assert result.crlb[slots[0]] == pytest.approx(plain.crlb[slots[0]], rel=0.02)
+
+
+def _errors(result):
+    return np.sqrt(np.diag(result.covariance))
+
+
+def test_a_prior_pulls_by_its_information(bench):
+    from jitterkit.likelihood import Data
+
+    locus = Mvn.of(0.1, 0.1)
+    data, truth = Data(bench.image(bench.truth(locus)), 1.0), np.asarray(locus.moments())
+    plain = fit_locus("mvn", data, bench.optics, bench.near(), truth)
+    off, covariance = np.array([3e-5, 0, 0]), plain.moments()[1]
+    options = FitOptions(priors=moments_prior(truth + off, covariance))
+    result = fit_locus("mvn", data, bench.optics, bench.near(), truth, options=options)
+    # of two equally good opinions the mean; the information changes by under a per cent over so small a step
+    np.testing.assert_allclose(result.moments()[0] - truth, off / 2, atol=0.02 * 3e-5)
+
+
+def test_files_that_hold_no_prior_are_refused(tmp_path, rng):
+    text = tmp_path / "notes.ecsv"
+    text.write_text("a letter\n")
+    with pytest.raises(ConfigurationError, match="cannot be read as a table"):
+        read_kernel_prior(text)
+    with pytest.raises(ConfigurationError, match="cannot be read"):
+        read_kernel_prior(tmp_path / "missing.ecsv")
+    from astropy.table import QTable
+
+    path = write_table(tmp_path / "k.ecsv", estimates(rng, 8))
+    table = QTable.read(path, format="ascii.ecsv")
+    bare = table.copy()
+    bare.remove_column("sxy_err")
+    bare.write(tmp_path / "bare.ecsv", format="ascii.ecsv")
+    with pytest.raises(ConfigurationError, match="no column 'sxy_err'"):
+        read_kernel_prior(tmp_path / "bare.ecsv")
+    table["status"] = ["no_star"] * 8
+    table.write(tmp_path / "dark.ecsv", format="ascii.ecsv")
+    with pytest.raises(ConfigurationError, match="holds no kernel estimate; none of its 8 frames is ok"):
+        read_kernel_prior(tmp_path / "dark.ecsv")
+    pixels = QTable.read(path, format="ascii.ecsv")
+    pixels["sxx"] = pixels["sxx"].value
+    pixels.write(tmp_path / "pixels.ecsv", format="ascii.ecsv")
+    with pytest.raises(ConfigurationError, match="'sxx' is not in arcsec2"):
+        read_kernel_prior(tmp_path / "pixels.ecsv")
+
+
+def test_a_trace_in_a_file_is_a_prior_for_every_frame(tmp_path):
+    t = np.linspace(0, 0.1, 101)
+    path = tmp_path / "gyro.csv"
+    lines = [f"{a},{b},0.0" for a, b in zip(t.tolist(), (3.0 * t).tolist(), strict=True)]
+    path.write_text("\n".join(["t,x,y", *lines]) + "\n")
+    prior = read_kernel_prior(path, exposure=0.1)
+    assert prior.of("a.fits").moments[0][0] == pytest.approx(0.3**2 / 12, rel=1e-3)
+    assert same(prior.of("a.fits"), prior.of("b.fits"))
+
+
+def test_an_impossible_prior_is_refused():
+    with pytest.raises(ConfigurationError, match="positive definite"):
+        moments_prior(np.zeros(3), -np.eye(3))
+    with pytest.raises(ConfigurationError, match="finite moments"):
+        moments_prior(np.full(3, np.nan), np.eye(3))
