@@ -10,7 +10,10 @@ the light passes through them:
 ``loci``          the paths a pointing draws, as exact transfer functions
 ``forward``       scene, jitter and optics to an expected image, and its derivatives
 ``locate``        the star pair in a frame
-``estimators``    frame to kernel estimate
+``estimators``    frame to kernel estimate, with known optics
+``starfield``     the blur of a field of stars, and whether it is tracking or optics
+``extended``      the blur of scenes without stars, and the drift between frames
+``kernels``       kernels as files for other tools, their quality, deblurring
 ``refit``         frame and estimate to separation, with errors
 ``simulate``      frames whose truth is known
 ``batch``         many frames

@@ -35,9 +35,10 @@ ONLY_IN = {
     "cv2": {"vision.py"},
     "tifffile": {"frames/tiff.py"},
     "astropy.io": {"frames/fits.py"},
+    "photutils": {"starfield/detect.py"},
     "dLux": set(),
     "dLuxToliman": {"optics/toliman.py"},
-    "matplotlib": {"report/plots.py"},
+    "matplotlib": {"report/kernel_plots.py", "report/plots.py"},
     "jinja2": {"report/html.py"},
     "rich": {"cli/runtime.py"},
 }

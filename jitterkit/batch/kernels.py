@@ -2,39 +2,96 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from astropy.table import QTable
 from astropy.units import Unit
 
 from jitterkit.batch.frame import Processor
-from jitterkit.errors import FrameError, JitterkitError
-from jitterkit.frames import find_files, open_frames
+from jitterkit.batch.measured import Measured
+from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
+from jitterkit.frames import RawFrame, find_files, open_frames
 from jitterkit.refit import FitResult, Status
+from jitterkit.report.estimate_pictures import plot_estimate, template_images
 
-__all__ = ["estimate_files"]
+__all__ = ["BinaryMeasurer", "Measurer", "estimate_files"]
 
-_UNITS = {
-    "sxx": "arcsec2",
-    "sxy": "arcsec2",
-    "syy": "arcsec2",
-    "major": "arcsec",
-    "minor": "arcsec",
-    "angle": "deg",
-}
-_UNITS |= {f"{name}_err": "arcsec2" for name in ("sxx", "sxy", "syy")}
-_NUMBERS = ("sxx", "sxx_err", "sxy", "sxy_err", "syy", "syy_err", "major", "minor", "angle", "significance")
+_MOMENTS = ("sxx", "sxy", "syy")
+_POWERS = dict.fromkeys((*_MOMENTS, *(f"{name}_err" for name in _MOMENTS)), 2)
+_POWERS |= dict.fromkeys(("major", "minor", "length", "length_err"), 1)
+"""Columns that are powers of a length."""
+
+_NUMBERS = (
+    *(f"{name}{end}" for name in _MOMENTS for end in ("", "_err")),
+    *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
+)
+_FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
+
+
+class Measurer(Protocol):
+    """What measures the blur of a frame.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    def measure(self, raw: RawFrame) -> Measured | FitResult:
+        """Measure one frame, or say in a status why not; a JitterkitError says so too."""
+        ...
+
+
+class BinaryMeasurer:
+    """Measures the blur of a binary's frames, with the optics of an instrument for a template.
+
+    Parameters
+    ----------
+    processor : Processor
+        Its ``kernel`` names the estimator.
+    """
+
+    def __init__(self, processor: Processor) -> None:
+        self.processor = processor
+
+    @property
+    def name(self) -> str:
+        """Of the estimator."""
+        return self.processor.kernel
+
+    def measure(self, raw: RawFrame) -> Measured | FitResult:
+        """Measure one frame, or say in a status why not."""
+        frame = self.processor.calibrate(raw)
+        estimated = self.processor.estimate(frame)
+        if isinstance(estimated, FitResult):
+            return estimated
+        estimate, start = estimated
+        scale = frame.plate_scale or self.processor.instrument.plate_scale
+
+        def draw() -> list[Any]:
+            sharp, blurred = template_images(estimate, start.parameters, start.otf)
+            variance, mask = blurred.clip(0) + frame.read_variance, frame.mask
+            return plot_estimate(
+                estimate, frame.electrons, sharp, blurred, scale, variance=variance, mask=mask
+            )
+
+        return Measured.of(frame, estimate, scale, draw)
 
 
 def estimate_files(
     paths: Sequence[str | Path],
-    processor: Processor,
+    measurer: Measurer,
     *,
     hdu: int | None = None,
     watch: Callable[[str], None] | None = None,
+    keep: Callable[[Measured], None] | None = None,
 ) -> QTable:
     """Estimate the kernel of every frame.
 
@@ -42,58 +99,86 @@ def estimate_files(
     ----------
     paths : sequence of str or Path
         Files, or directories of them.
-    processor : Processor
-        Its ``kernel`` names the estimator.
+    measurer : Measurer
     hdu : int, optional
     watch : callable, optional
         Called with the name of each file when it is done.
+    keep : callable, optional
+        Called with each frame that could be measured: to draw it, say.
 
     Returns
     -------
     table : QTable
-        A row a frame: file, frame, status, estimator, moments with errors, axes, significance, message.
+        A row a frame: file, frame, status, estimator, moments with errors, axes, length and shape where
+        the estimator knows them, significance, message.  In arcsec; in pixels if a frame has no scale.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     for path in find_files(paths):
-        rows += list(_estimates(path, processor, hdu))
+        rows += list(_estimates(path, measurer, hdu, keep))
         if watch is not None:
             watch(path.name)
+    return _table(rows)
+
+
+def _table(rows: list[dict[str, Any]]) -> QTable:
+    scaled = all(math.isfinite(row["scale"]) for row in rows if row["status"] == "ok")
     table = QTable()
     for name in ("file", "frame", "status", "estimator", *_NUMBERS, "message"):
-        table[name] = np.array([row[name] for row in rows])
-        if name in _UNITS:
-            table[name] = table[name] << Unit(_UNITS[name])
+        power = _POWERS.get(name, 0)
+        values = [row[name] if scaled or not power else _in_pixels(row, name, power) for row in rows]
+        table[name] = np.array(values)
+        if power:
+            table[name] = table[name] << Unit("arcsec" if scaled else "pix") ** power
             table[name].info.format = ".3g"
-    table["angle"].info.format = ".1f"
-    table["significance"].info.format = ".1f"
+    for name in ("angle", "angle_err"):
+        table[name] = table[name] << Unit("deg")
+    for name, how in _FORMATS.items():
+        table[name].info.format = how
     return table
 
 
-def _estimates(path: Path, processor: Processor, hdu: int | None) -> Iterator[dict[str, Any]]:
+def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
+    return row[name] / (row["scale"] if math.isfinite(row["scale"]) else 1.0) ** power
+
+
+def _estimates(path: Path, measurer: Measurer, hdu: int | None, keep) -> Iterator[dict[str, Any]]:
     index = 0
     try:
         with open_frames(path, hdu=hdu) as file:
             for index in range(len(file)):
-                yield _row(path, index, processor, file[index])
+                yield _row(path, index, measurer, file[index], keep)
     except FrameError as error:
-        yield _blank(path, index, processor, Status.UNREADABLE, str(error))
+        yield _blank(path, index, measurer, Status.UNREADABLE.name, str(error))
 
 
-def _row(path: Path, index: int, processor: Processor, raw) -> dict[str, Any]:
+def _row(path: Path, index: int, measurer: Measurer, raw: RawFrame, keep) -> dict[str, Any]:
     try:
-        estimated = processor.estimate(processor.calibrate(raw))
-    except (JitterkitError, ValueError) as error:
-        return _blank(path, index, processor, Status.FAILED, str(error))
-    if isinstance(estimated, FitResult):
-        return _blank(path, index, processor, estimated.status, estimated.message)
-    estimate, _ = estimated
-    row = _blank(path, index, processor, Status.OK, "")
-    for name, value, spread in zip(("sxx", "sxy", "syy"), estimate.moments, estimate.errors, strict=True):
+        measured = measurer.measure(raw)
+    except NoStarError as error:
+        return _blank(path, index, measurer, Status.NO_STAR.name, str(error))
+    except UndeterminedError as error:
+        return _blank(path, index, measurer, "undetermined", str(error))
+    except (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        return _blank(path, index, measurer, Status.FAILED.name, str(error))
+    if isinstance(measured, FitResult):
+        return _blank(path, index, measurer, measured.status.name, measured.message)
+    estimate, message = measured.estimate, measured.message
+    if keep is not None:
+        try:
+            keep(measured)
+        except JitterkitError as error:  # the estimate stands all the same
+            message = f"{message} {error}".lstrip()
+    row = _blank(path, index, measurer, Status.OK.name, message) | {
+        "scale": math.nan if measured.plate_scale is None else measured.plate_scale
+    }
+    for name, value, spread in zip(_MOMENTS, estimate.moments, estimate.errors, strict=True):
         row |= {name: value, f"{name}_err": spread}
-    major, minor, angle = estimate.axes
-    return row | {"major": major, "minor": minor, "angle": angle, "significance": estimate.significance}
+    row |= dict(zip(("major", "minor", "angle"), estimate.axes, strict=True))
+    row |= {name: getattr(measured, name) for name in ("length", "length_err", "angle_err")}
+    row |= {name: getattr(estimate, name) for name in ("shape", "shape_err", "significance")}
+    return row
 
 
-def _blank(path: Path, index: int, processor: Processor, status: Status, message: str) -> dict[str, Any]:
-    row = {"file": path.name, "frame": index, "status": status.name.lower(), "estimator": processor.kernel}
-    return row | dict.fromkeys(_NUMBERS, float("nan")) | {"message": message}
+def _blank(path: Path, index: int, measurer: Measurer, status: str, message: str) -> dict[str, Any]:
+    row = {"file": path.name, "frame": index, "status": status.lower(), "estimator": measurer.name}
+    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": math.nan, "message": message}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jitterkit.batch import Processor, process_files
-from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
 from jitterkit.errors import ConfigurationError, FrameError
 from jitterkit.frames import RawFrame, write_fits, write_tiff
 from jitterkit.instruments import load_instrument
@@ -210,7 +210,7 @@ def test_a_world_coordinate_system_gives_a_position_angle(telescope, processor, 
 
 
 def test_estimates_come_as_a_table(spoilt, processor):
-    table = estimate_files([spoilt], processor)
+    table = estimate_files([spoilt], BinaryMeasurer(processor))
     good = table[table["status"] == "ok"]
     assert set(good["file"]) >= {"a-good.fits", "z-good.fits"}
     assert {"no_star", "unreadable", "no_data"} <= set(table["status"])

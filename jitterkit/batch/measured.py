@@ -1,0 +1,76 @@
+"""A frame whose blur has been measured: the one record from which tables, pictures and kernels are made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jitterkit.frames import Frame
+from jitterkit.kernel_estimate import KernelEstimate
+
+__all__ = ["Measured"]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What the image of one frame says about its blur.
+
+    Attributes
+    ----------
+    frame : Frame
+        In electrons, as far as its gain is known.
+    estimate : KernelEstimate
+        Lengths in arcsec where ``plate_scale`` is known, else in pixels.
+    plate_scale : float or None
+        arcsec per pixel.
+    draw : callable
+        Returns the three axes of its picture.
+    length, length_err : float
+        Of a streak; NaN where the estimate is not one.
+    angle_err : float
+        Of the major axis, degrees.
+    message : str
+        Verdict and conditions, in sentences.
+    """
+
+    frame: Frame
+    estimate: KernelEstimate
+    plate_scale: float | None
+    draw: Callable[[], list[Any]]
+    length: float = math.nan
+    length_err: float = math.nan
+    angle_err: float = math.nan
+    message: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        frame: Frame,
+        estimate: KernelEstimate,
+        plate_scale: float | None,
+        draw: Callable[[], list[Any]],
+        message: str = "",
+    ) -> Measured:
+        """With the length of the estimate's locus, and the errors that its covariance gives them."""
+        sizes = {} if estimate.locus is None else estimate.locus.describe()
+        length = sizes.get("length", math.nan)
+        across, along = _errors(estimate)
+        major, minor, _ = estimate.axes
+        spread = max(major**2 - minor**2, np.finfo(float).tiny)
+        # of a streak the variance is proportional to the square of the length
+        length_err = 0.5 * length * along / major**2 if major > 0 else math.nan
+        angle_err = min(math.degrees(across / spread), 90 / math.sqrt(3))  # at most that of a guess
+        return cls(frame, estimate, plate_scale, draw, length, length_err, angle_err, message)
+
+
+def _errors(estimate: KernelEstimate) -> tuple[float, float]:
+    """Errors of the moments' off-diagonal term and of the variance, in the frame of the major axis."""
+    angle = math.radians(estimate.axes[2])
+    c, s = math.cos(angle), math.sin(angle)
+    rows = np.array([[-s * c, c * c - s * s, s * c], [c * c, 2 * s * c, s * s]])
+    across, along = np.sqrt(np.einsum("ri,ij,rj->r", rows, estimate.covariance, rows))
+    return float(across), float(along)

@@ -1,0 +1,147 @@
+"""The blur of frames for which there is no optical model: star fields, and scenes without stars.
+
+Reach for :class:`SceneMeasurer`.  A sharp frame beside the blurred one is worth more than any method:
+of a star field it gives the PSF, of any other scene the scene itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from jitterkit.batch.measured import Measured
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
+from jitterkit.frames import Frame, RawFrame
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernels import deblur, fill_masked, kernel_image
+from jitterkit.report.estimate_pictures import plot_extended, plot_field
+from jitterkit.starfield import estimate_field, field_psf
+
+__all__ = ["METHODS", "SceneMeasurer"]
+
+METHODS = {**BLIND, "trail": estimate_trail}
+"""What needs nothing but the image, by name; the last where points of light have drawn lines."""
+
+
+@dataclass(frozen=True)
+class SceneMeasurer:
+    """Measures the blur of frames without an optical model.
+
+    Attributes
+    ----------
+    reference : RawFrame, optional
+        A sharp frame: of the same telescope for stars, of the same scene for anything else.
+    stars : bool, optional
+        Whether the frames show a field of stars; by default the reference decides: it does where three
+        isolated stars are found in it.
+    method : str
+        A name in :data:`METHODS`, for scenes without stars and without a reference.
+    overrides : mapping
+        Metadata from the command line, by field.
+    """
+
+    reference: RawFrame | None = None
+    stars: bool | None = None
+    method: str = "blind"
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ConfigurationError(
+                f"There is no blind estimator {self.method!r}; choose from {', '.join(METHODS)}."
+            )
+
+    @property
+    def name(self) -> str:
+        """Of the estimator."""
+        if self.reference is None:
+            return "starfield" if self.stars else self.method
+        return "reference"
+
+    def measure(self, raw: RawFrame) -> Measured:
+        """Measure one frame.
+
+        Raises
+        ------
+        UndeterminedError
+            If the image does not hold the answer.
+        ConfigurationError
+            If the reference is of another shape than a scene without stars.
+        """
+        frame = self.calibrate(raw)
+        return self._field(frame) if self._shows_stars else self._extended(frame)
+
+    def calibrate(self, raw: RawFrame) -> Frame:
+        """A frame in electrons, by what its header and the command line say."""
+        metadata = raw.metadata.apply("command line", **self.overrides)
+        return Detector().calibrate(replace(raw, metadata=metadata))
+
+    @cached_property
+    def _sharp(self) -> Frame | None:
+        """The reference, calibrated."""
+        return None if self.reference is None else self.calibrate(self.reference)
+
+    @cached_property
+    def _shows_stars(self) -> bool:
+        """What the user says, or what the reference shows."""
+        if self.stars is not None or self._sharp is None:
+            return bool(self.stars)
+        try:
+            field_psf(self._sharp)
+        except UndeterminedError:
+            return False
+        return True
+
+    def _field(self, frame: Frame) -> Measured:
+        found, scale = estimate_field(frame, reference=self._sharp), frame.plate_scale
+
+        def draw() -> list[Any]:
+            x, y, moments = (values[found.used] for values in (found.x, found.y, found.moments))
+            return plot_field(found.kernel, x, y, moments, frame.shape, plate_scale=scale)
+
+        message = " ".join([found.verdict.sentence, *found.remarks])
+        return Measured(
+            frame,
+            found.kernel,
+            scale,
+            draw,
+            found.length,
+            found.length_err,
+            found.angle_err,
+            message,
+        )
+
+    def _extended(self, frame: Frame) -> Measured:
+        scale = frame.plate_scale
+        image = _filled(frame)
+        estimate = self._estimate(image, frame, scale or 1.0)
+
+        def draw() -> list[Any]:
+            sharp = deblur(image, kernel_image(estimate, scale or 1.0))
+            return plot_extended(estimate, image, sharp, plate_scale=scale)
+
+        return Measured.of(frame, estimate, scale, draw)
+
+    def _estimate(self, image: np.ndarray, frame: Frame, scale: float) -> KernelEstimate:
+        sharp = self._sharp
+        if sharp is None:
+            return METHODS[self.method](image, plate_scale=scale)
+        if sharp.shape != frame.shape:
+            raise ConfigurationError(
+                f"The reference {sharp.name} has {sharp.shape[1]} x {sharp.shape[0]} pixels, {frame.name} "
+                f"{frame.shape[1]} x {frame.shape[0]}; give a sharp frame of the same view."
+            )
+        return estimate_from_reference(_filled(sharp), image, plate_scale=scale)
+
+
+def _filled(frame: Frame) -> np.ndarray:
+    """The image, masked pixels taken from their neighbours."""
+    if frame.mask.all():
+        raise UndeterminedError(f"{frame.name} has no usable pixel.")
+    return fill_masked(frame.electrons, ~frame.mask)

@@ -1,0 +1,126 @@
+"""Blur of frames from file to table, pictures and kernels: binaries, star fields, scenes without stars."""
+
+import numpy as np
+import pytest
+import skimage.data
+from scipy.ndimage import map_coordinates
+from scipy.special import erf
+
+from jitterkit.batch import Processor
+from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
+from jitterkit.batch.products import Products
+from jitterkit.batch.scenes import SceneMeasurer
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import RawFrame, open_frames, write_fits
+from jitterkit.instruments import load_instrument
+from jitterkit.kernels import read_kernel
+
+LENGTH, SIGMA = 5.0, 1.5
+
+
+def stars(rng, length, n=40, size=256):
+    """Gaussian stars trailed along +x: a Gaussian across, a difference of error functions along."""
+    y, x = np.indices((size, size))
+    image = np.zeros((size, size))
+    for x0, y0, flux in zip(*rng.uniform(20, size - 20, (2, n)), rng.uniform(2e4, 1e5, n), strict=True):
+        across = np.exp(-((y - y0) ** 2) / (2 * SIGMA**2)) / (SIGMA * np.sqrt(2 * np.pi))
+        ends = [(x - x0 + s * length / 2) / (SIGMA * np.sqrt(2)) for s in (1, -1)]
+        along = (erf(ends[0]) - erf(ends[1])) / (2 * length)
+        image += flux * across * along
+    return rng.poisson(image + 50.0) + rng.normal(0, 3.0, image.shape)
+
+
+def view(rng, length, angle=0.0):
+    """A photograph smeared by averaging shifted copies, interpolated by cubic splines."""
+    photograph = skimage.data.camera().astype(float)
+    y, x = np.indices((400, 400)) + 56.0
+    steps = length * ((np.arange(64) + 0.5) / 64 - 0.5)
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    smeared = np.mean([map_coordinates(photograph, [y - t * s, x - t * c]) for t in steps], axis=0)
+    return smeared + rng.normal(0, photograph.std() / 100, smeared.shape)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    rng = np.random.default_rng(5)
+    folder = tmp_path_factory.mktemp("scenes")
+    unit = {"BUNIT": "electron"}
+    write_fits(folder / "field.fits", stars(rng, LENGTH), header={**unit, "PIXSCALE": 0.5})
+    write_fits(folder / "sharpfield.fits", stars(rng, 1e-3), header={**unit, "PIXSCALE": 0.5})
+    write_fits(folder / "view.fits", view(rng, 17.3, 30.0).astype(np.float32))
+    write_fits(folder / "sharpview.fits", view(rng, 0.0).astype(np.float32))
+    return folder
+
+
+def first(path) -> RawFrame:
+    with open_frames(path) as file:
+        return file[0]
+
+
+def test_a_star_field_alone_gives_a_conditional_length_in_arcsec(folder):
+    (row,) = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True))
+    assert row["status"] == "ok"
+    assert row["length"].to_value("arcsec") == pytest.approx(LENGTH * 0.5, rel=0.05)
+    # 40 stars: an axis to a degree, four times its error allowed
+    assert abs((row["angle"].to_value("deg") + 90) % 180 - 90) < 4 * row["angle_err"].to_value("deg") < 4
+    assert "smear: one direction" in row["message"]
+    assert "holds if stars are round" in row["message"]
+
+
+def test_a_reference_that_shows_stars_is_taken_for_a_star_field(folder):
+    measurer = SceneMeasurer(reference=first(folder / "sharpfield.fits"))
+    (row,) = estimate_files([folder / "field.fits"], measurer)
+    assert row["length"].to_value("arcsec") == pytest.approx(LENGTH * 0.5, rel=0.05)
+    assert "holds if stars are round" not in row["message"]
+
+
+@pytest.mark.parametrize("with_reference", [True, False])
+def test_a_view_gives_its_smear_in_pixels_with_and_without_a_sharp_one(folder, with_reference):
+    reference = first(folder / "sharpview.fits") if with_reference else None
+    (row,) = estimate_files([folder / "view.fits"], SceneMeasurer(reference=reference))
+    assert row["status"] == "ok", row["message"]
+    assert row["length"].to_value("pix") == pytest.approx(17.3, abs=0.5)
+    assert row["angle"].to_value("deg") == pytest.approx(30.0, abs=1.0)
+
+
+def test_what_an_image_does_not_hold_is_a_row_that_says_so_and_harms_no_other(folder):
+    table = estimate_files([folder / "sharpview.fits", folder / "view.fits"], SceneMeasurer())
+    assert list(table["status"]) == ["undetermined", "ok"]
+    assert "too small" in table["message"][0] or "no" in table["message"][0]
+
+
+def test_a_sharp_view_of_another_size_is_refused_in_words(folder):
+    measurer = SceneMeasurer(reference=RawFrame.from_array(np.ones((100, 120))), stars=False)
+    (row,) = estimate_files([folder / "view.fits"], measurer)
+    assert row["status"] == "failed"
+    assert "120 x 100 pixels" in row["message"]
+    assert "sharp frame of the same view" in row["message"]
+
+
+def test_an_unknown_method_lists_the_known_ones():
+    with pytest.raises(ConfigurationError, match="no blind estimator 'guess'; choose from blind"):
+        SceneMeasurer(method="guess")
+
+
+def test_pictures_kernels_and_deblurred_images_are_named_after_the_frame(folder, tmp_path):
+    products = Products(tmp_path / "a", tmp_path / "b", tmp_path / "c")
+    table = estimate_files([folder / "view.fits"], SceneMeasurer(), keep=products.write)
+    assert (tmp_path / "a/view.png").read_bytes().startswith(b"\x89PNG")
+    kernel = read_kernel(tmp_path / "b/view.kernel.fits").kernel
+    x = np.arange(kernel.shape[1]) - kernel.shape[1] // 2
+    spread = kernel.sum(axis=0) @ x**2
+    assert spread == pytest.approx(table["sxx"][0].value, rel=1e-6)  # the table's unit is pixels
+    paths = folder / "sharpview.fits", folder / "view.fits", tmp_path / "c/view.deblurred.fits"
+    sharp, before, after = (first(path).data[50:-50, 50:-50] for path in paths)
+    # a kernel drawn upside down leaves twice the blurred image's distance from the sharp one
+    assert np.std(after - sharp) < 0.8 * np.std(before - sharp)
+    with pytest.raises(ConfigurationError, match=r"view\.png exists; give --overwrite"):
+        Products(tmp_path / "a")
+
+
+def test_a_frame_without_a_pair_is_a_row_with_a_status(tmp_path):
+    write_fits(tmp_path / "dark.fits", np.random.default_rng(1).normal(100.0, 3.0, (64, 64)))
+    measurer = BinaryMeasurer(Processor(load_instrument("smallsat")))
+    (row,) = estimate_files([tmp_path / "dark.fits"], measurer)
+    assert row["status"] == "no_star"
+    assert np.isnan(row["sxx"].value)
