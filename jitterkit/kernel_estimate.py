@@ -8,7 +8,7 @@ import numpy as np
 
 from jitterkit.loci.base import Locus, principal_axes
 
-__all__ = ["KernelEstimate"]
+__all__ = ["KernelEstimate", "significance"]
 
 
 @dataclass(frozen=True)
@@ -62,5 +62,27 @@ class KernelEstimate:
 
     @property
     def significance(self) -> float:
-        """Chi-squared (3 degrees of freedom) of the moments against no jitter at all."""
-        return float(self.moments @ np.linalg.solve(self.covariance, self.moments))
+        """Chi-squared (3 degrees of freedom) against no jitter at all; NaN where that cannot be said."""
+        return significance(self.moments, self.covariance)
+
+
+def significance(moments: np.ndarray, covariance: np.ndarray) -> float:
+    """Chi-squared (3 degrees of freedom) of second moments against no jitter at all.
+
+    Parameters
+    ----------
+    moments : (3,) array
+    covariance : (3, 3) array
+
+    Returns
+    -------
+    chi2 : float
+        NaN where the covariance is singular to rounding: it then says nothing about some direction.
+    """
+    scale = np.sqrt(np.diag(covariance))
+    if not np.all(scale > 0) or not np.all(np.isfinite(covariance)):
+        return float("nan")
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    if values[0] < 1e-9 * values[-1]:
+        return float("nan")
+    return float(np.sum((vectors.T @ (moments / scale)) ** 2 / values))

@@ -15,6 +15,13 @@ def pytest_configure(config):
         os.environ.setdefault("JITTERKIT_CACHE", str(config.cache.mkdir("jitterkit")))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _forget_compiled_programs():
+    """Compiled programs of all modules together fill 6 GB; hardly one serves two modules."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(20261)

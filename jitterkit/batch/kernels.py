@@ -29,6 +29,9 @@ _NUMBERS = (
     *(f"{name}{end}" for name in _MOMENTS for end in ("", "_err")),
     *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
 )
+_BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""What one frame may raise without harm to the others."""
+
 _FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
 
 
@@ -153,20 +156,25 @@ def _estimates(path: Path, measurer: Measurer, hdu: int | None, keep) -> Iterato
 
 def _row(path: Path, index: int, measurer: Measurer, raw: RawFrame, keep) -> dict[str, Any]:
     try:
-        measured = measurer.measure(raw)
+        return _measured_row(path, index, measurer, measurer.measure(raw), keep)
     except NoStarError as error:
         return _blank(path, index, measurer, Status.NO_STAR.name, str(error))
     except UndeterminedError as error:
         return _blank(path, index, measurer, "undetermined", str(error))
-    except (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+    except _BREAKDOWNS as error:
         return _blank(path, index, measurer, Status.FAILED.name, str(error))
+
+
+def _measured_row(
+    path: Path, index: int, measurer: Measurer, measured: Measured | FitResult, keep
+) -> dict[str, Any]:
     if isinstance(measured, FitResult):
         return _blank(path, index, measurer, measured.status.name, measured.message)
     estimate, message = measured.estimate, measured.message
     if keep is not None:
         try:
             keep(measured)
-        except JitterkitError as error:  # the estimate stands all the same
+        except _BREAKDOWNS as error:  # the estimate stands all the same
             message = f"{message} {error}".lstrip()
     row = _blank(path, index, measurer, Status.OK.name, message) | {
         "scale": math.nan if measured.plate_scale is None else measured.plate_scale

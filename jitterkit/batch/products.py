@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from jitterkit.batch.measured import Measured
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.whole import replacing
 from jitterkit.kernels import deblur, kernel_image, write_kernel
@@ -42,6 +42,7 @@ class Products:
     kernels: Path | None = None
     images: Path | None = None
     overwrite: bool = False
+    _written: set[str] = field(default_factory=set, repr=False)
 
     def __post_init__(self) -> None:
         for directory, end in zip((self.pictures, self.kernels, self.images), _ENDS, strict=True):
@@ -65,11 +66,18 @@ class Products:
         Raises
         ------
         FrameError
-            If a file cannot be written.
+            If a file cannot be written, or is that of another frame of this run.
         UndeterminedError
             If there is no blur to draw.
         """
         stem = _stem(measured)
+        if stem in self._written:
+            raise FrameError(
+                measured.frame.name,
+                f"would replace the products of another frame of the name {stem}",
+                "process its directory on its own",
+            )
+        self._written.add(stem)
         if self.pictures is not None:
             picture = png(measured.draw()[0])
             with replacing(self.pictures / f"{stem}{_ENDS[0]}", overwrite=True) as temporary:

@@ -163,6 +163,7 @@ def _provenance(processor: Processor, command: str) -> dict[str, Any]:
         "instrument": processor.instrument.name,
         "locus": processor.locus,
         "estimator": processor.kernel,
+        "prior": None if processor.prior is None else processor.prior.source,
         "overrides": {k: v for k, v in processor.overrides.items() if v is not None},
         "versions": versions,
     }

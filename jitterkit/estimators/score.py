@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -26,6 +27,8 @@ from jitterkit.optics.otf import OTF
 from jitterkit.scoring import Prior, climb, invert_information
 
 __all__ = ["estimate_score"]
+
+_equations = eqx.filter_jit(normal_equations)
 
 
 def estimate_score(
@@ -100,7 +103,7 @@ def _climb(start: Parameters, otf: OTF, data: Data, hold, steps: int) -> tuple[P
 def _test_shape(normal: Parameters, otf: OTF, data: Data, hold) -> tuple[float, float]:
     """Excess kurtosis and its error: one scoring step from the normal that fits, all parameters free."""
     names, free = free_parameters(normal, otf, hold)
-    equations = normal_equations(normal, otf, data, free)
+    equations = _equations(normal, otf, data, free)
     covariance, _ = invert_information(equations.information)
     slot = names.index(Shaped.names[-1])
     return float(covariance[slot] @ np.asarray(equations.score)), float(np.sqrt(covariance[slot, slot]))

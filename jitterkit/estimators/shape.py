@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from jitterkit.kernel_estimate import significance
+
 __all__ = ["is_decisive", "is_detected"]
 
 _DETECTED = 16.27
@@ -21,7 +23,7 @@ held at a normal's is what their variance grows by with the shape free, and beyo
 
 def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:
     """Whether moments (3,) with their covariance (3, 3) are beyond what no jitter would give."""
-    return bool(moments @ np.linalg.solve(covariance, moments) > _DETECTED)
+    return significance(moments, covariance) > _DETECTED
 
 
 def is_decisive(shape_err: float) -> bool:

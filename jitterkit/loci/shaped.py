@@ -120,11 +120,14 @@ def _lightened(w, k):
     series has no cancellation near the normal, and no pole at any negative k.
     """
     k, w = jnp.where(k > 0, 0.0, k), jnp.minimum(w, _FAR)
-    coefficients = [jnp.ones_like(k), jnp.zeros_like(k)]
-    for n in range(1, _TERMS):
-        before, last = coefficients[-2:]
-        coefficients.append(k * (before / 4 - n * last) / ((n + 1) * (3 + k - n * k)))
-    total, _ = jax.lax.scan(
-        lambda s, c: (s * w + c, None), jnp.zeros_like(w * k), jnp.stack(coefficients), reverse=True
-    )
+
+    def grow(pair, n):  # a loop, because a hundred terms written out take half a minute to compile
+        before, last = pair
+        c = k * (before / 4 - n * last) / ((n + 1) * (3 + k - n * k))
+        return (last, c), c
+
+    first = jnp.ones_like(k), jnp.zeros_like(k)
+    _, rest = jax.lax.scan(grow, first, jnp.arange(1.0, _TERMS, dtype=k.dtype))
+    coefficients = jnp.concatenate([jnp.stack(first), rest])
+    total, _ = jax.lax.scan(lambda s, c: (s * w + c, None), jnp.zeros_like(w * k), coefficients, reverse=True)
     return total

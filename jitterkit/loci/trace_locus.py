@@ -79,11 +79,13 @@ class Trace(Locus):
                 f"Fewer than two samples of the trace lie in the exposure from {begin:g} to {end:g} s; "
                 f"the trace runs from {t[0]:g} to {t[-1]:g} s."
             )
-        if begin < t[0] or end > t[-1]:
+        slack = 1e-9 * (end - begin)  # an exposure may end with the record, to rounding
+        if begin < t[0] - slack or end > t[-1] + slack:
             raise ConfigurationError(
                 f"The trace runs from {t[0]:g} to {t[-1]:g} s and does not cover the exposure from {begin:g} "
                 f"to {end:g} s; shorten the exposure or give a longer trace."
             )
+        begin, end = max(begin, t[0]), min(end, t[-1])
         times = np.concatenate([[begin], t[inside], [end]])
         places = np.stack([np.interp(times, t, x), np.interp(times, t, y)], axis=1)
         times = (times - begin) / (end - begin)

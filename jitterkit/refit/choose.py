@@ -24,6 +24,7 @@ import numpy as np
 import scipy.stats
 
 from jitterkit.forward import Parameters
+from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.loci import locus_class
 from jitterkit.optics.otf import OTF
@@ -31,7 +32,7 @@ from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit.evidence import log_evidence, minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
 from jitterkit.refit.result import Candidate, FitResult, Status
-from jitterkit.refit.shape import LackOfFit, Shape, lack_of_fit, measure_shape
+from jitterkit.refit.shape import Shape, lack_of_fit, measure_shape
 from jitterkit.refit.starts import starting_point
 
 __all__ = ["fit_best_locus", "fit_locus"]
@@ -123,6 +124,14 @@ def fit_best_locus(
         says nothing about the others, which are then not tried.
     """
     frame = _Frame(data, optics, options or FitOptions())
+    best = _choose(frame, start, moments, otf)
+    if frame.options.priors.moments is None:
+        return best
+    # an evidence that holds a prior must not be added up over frames: the prior would count in each
+    return replace(best, candidates=tuple(replace(one, evidence=np.nan) for one in best.candidates))
+
+
+def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitResult:
     normal, otf = _fit(frame, "mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
@@ -130,7 +139,7 @@ def fit_best_locus(
         return _conclude([normal])
     if not _detected(normal):
         return _conclude([normal], ("jitter_undetected",))
-    shape = measure_shape(normal, otf, data)
+    shape = measure_shape(normal, otf, frame.data)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
         return _conclude([normal])
@@ -165,7 +174,7 @@ def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF) -> tuple[FitResu
 
 def _detected(normal: FitResult) -> bool:
     moments, covariance = normal.moments()
-    return bool(moments @ np.linalg.solve(covariance, moments) > _DETECTED)
+    return significance(moments, covariance) > _DETECTED
 
 
 def _one_star(normal: FitResult) -> bool:
@@ -193,13 +202,17 @@ def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF) -> FitResult:
             fit, expanded[name] = _try(frame, name, normal, otf)
             tried.append(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
         best = max(tried, key=_evidence)
-        if not _wants_more(best, lack_of_fit(best, expanded[best.locus], frame.data)):
+        if not _wants_more(best, expanded[best.locus], frame.data):
             break
     return _conclude(tried)
 
 
-def _wants_more(fit: FitResult, lack: LackOfFit) -> bool:
+def _wants_more(fit: FitResult, otf: OTF, data: Data) -> bool:
     """Whether the shape of the blur is what does not fit, and not pixels, sky or scale."""
+    try:
+        lack = lack_of_fit(fit, otf, data)
+    except np.linalg.LinAlgError:  # no answer: the fit stands as it is
+        return False
     return lack.chance < _MISFIT and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
 
 

@@ -34,6 +34,9 @@ _SETTLED = 0.1  # sigmas of the whole image that the linearised optics may be of
 _PATIENCE, _SLACK = 100, 0.03
 """Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
 way, in standard errors, lies along the valley and moves the separation by less than 0.01 of its error."""
+_AT_REST, _NEAR = 0.01, 0.1
+"""Standard errors that everything else may have to go: where a streak is at its tip, and in a valley where
+the steps ran out (one frame in a hundred)."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +154,12 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
     tips = at_the_tip(locus, names, covariance) if sound and not bool(end.converged) else set()
-    free = tips | set(leashes(locus))  # what need not come to rest
-    settled = bool(end.converged) or (sound and bool(free) and _arrived(end, names, free))
+    leashed = set(leashes(locus))
+    free, tolerance = (
+        tips | leashed,
+        _NEAR if leashed else _AT_REST,
+    )  # what need not come to rest, and what must
+    settled = bool(end.converged) or (sound and bool(free) and _arrived(end, names, free, tolerance))
     flags = [] if abs(misfit.chi2 - dof) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
     flags += ["jitter_undetected"] if settled and tips and isinstance(locus, Streak) else []
@@ -177,11 +184,11 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     )
 
 
-def _arrived(end: Climb, names: tuple[str, ...], free: set[str]) -> bool:
+def _arrived(end: Climb, names: tuple[str, ...], free: set[str], tolerance: float) -> bool:
     """Whether everything has come to rest but streaks at their tips and what is on a leash."""
     others = [i for i, name in enumerate(names) if name not in free]
     score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
-    return bool(score @ np.linalg.solve(curvature, score) < 1e-2**2)
+    return bool(score @ np.linalg.solve(curvature, score) < tolerance**2)
 
 
 def _verdict(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, str]:

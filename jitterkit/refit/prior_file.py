@@ -85,13 +85,13 @@ def read_kernel_prior(
     if path.suffix.lower() == ".csv":
         return KernelPrior(str(path), telemetry=trace_prior(*read_trace(path), uncertainty, exposure))
     table = _read(path)
-    good = table[np.asarray(table["status"]) == "ok"]
+    good = table[(np.asarray(table["status"]) == "ok") & _is_sound(table)]
     if not len(good):
         raise ConfigurationError(f"{path} holds no kernel estimate; none of its {len(table)} frames is ok.")
-    if 1 < len(good) < OTHERS:
+    if 1 < len(good) <= OTHERS:  # of each frame its own is left out
         raise ConfigurationError(
-            f"{path} holds estimates of {len(good)} frames; give one, or {OTHERS} or more: fewer do not show "
-            "how jitter scatters."
+            f"{path} holds estimates of {len(good)} frames; give one, or {OTHERS + 1} or more: fewer do not "
+            "show how jitter scatters."
         )
     return KernelPrior(str(path), tuple(_estimate(row) for row in good))
 
@@ -114,6 +114,13 @@ def _read(path: Path) -> QTable:
         if getattr(table[name], "unit", None) != "arcsec2":
             raise ConfigurationError(f"{path}: the column {name!r} is not in arcsec2; estimate it anew.")
     return table
+
+
+def _is_sound(table: QTable) -> np.ndarray:
+    """Rows whose moments are numbers, with errors."""
+    errors = np.array([table[f"{name}_err"].value for name in _MOMENTS])
+    moments = np.array([table[name].value for name in _MOMENTS])
+    return np.all(np.isfinite(moments) & np.isfinite(errors) & (errors > 0), axis=0)
 
 
 def _first_line(error: Exception) -> str:

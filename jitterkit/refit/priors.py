@@ -175,9 +175,9 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str) -> Priors:
     Returns
     -------
     priors : Priors
-        About the mean of the others, weighted by the inverse of their covariances; as wide as they
-        scatter from frame to frame, estimation included, and the error of the mean.  Of n others the
-        scatter is ``(n - 1)/(n - 5)`` times the sample covariance, as the predictive t law has it.
+        About the mean of the others, weighted by the inverse of their covariances; as wide as one more
+        of them would scatter about it, estimation included: of n others ``(n² - 1)/(n (n - 5))`` times the
+        sample covariance, as the predictive t law has it.
 
     Raises
     ------
@@ -202,7 +202,7 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str) -> Priors:
     moments = np.array([estimate.moments for estimate in others])
     mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, moments))
     off = moments - mean
-    return moments_prior(mean, off.T @ off / (n - 5) + np.linalg.inv(weights.sum(axis=0)))
+    return moments_prior(mean, off.T @ off * (1 + 1 / n) / (n - 5))
 
 
 def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None) -> Priors:
@@ -217,14 +217,14 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     uncertainty : float
         Relative error of the trace's rms: what the sensor misses, and how it is calibrated.
     exposure : float, optional
-        Seconds.  A trace as long as two exposures or more is cut into pieces of one: their mean is
-        the prior's, and their scatter adds to its width.
+        Seconds.  A trace of two exposures or more is cut into pieces of one: their mean is the prior's,
+        and their scatter adds to its width.  By default the whole trace is one.
 
     Raises
     ------
     ConfigurationError
-        If the trace does not move, has fewer than two samples in an exposure, or the uncertainty is not
-        positive.
+        If the trace does not move, is shorter than an exposure, has fewer than two samples in one, or the
+        uncertainty is not positive.
 
     Notes
     -----
@@ -235,9 +235,8 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
         raise ConfigurationError(f"The uncertainty of a trace must be positive, got {uncertainty}.")
     t = np.asarray(t, float)
     pieces = 1 if exposure is None else max(1, int((t[-1] - t[0]) / exposure * (1 + 1e-9)))
-    length = None if pieces == 1 else exposure
-    starts = [None] if length is None else [t[0] + k * length for k in range(pieces)]
-    every = np.array([Trace.of(t, x, y, start, length).moments() for start in starts])
+    starts = [t[0] + k * (exposure or 0.0) for k in range(pieces)]
+    every = np.array([Trace.of(t, x, y, start, exposure).moments() for start in starts])
     mean = every.mean(axis=0)
     width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
     return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))
@@ -252,6 +251,7 @@ def _say_source(estimate: KernelEstimate) -> None:
 
 
 def _same(source: str, frame: str) -> bool:
-    """Whether two names are of one frame: the only one of a file is its first."""
-    first, second = (name if name.endswith("]") else f"{name}[0]" for name in (source, frame))
+    """Whether two names are of one frame: the only one of a file is its first, packed or not."""
+    plain = (name.replace(".gz", "").replace(".fz", "") for name in (source, frame))
+    first, second = (name if name.endswith("]") else f"{name}[0]" for name in plain)
     return first == second

@@ -17,6 +17,9 @@ from jitterkit.report.means import weighted_mean
 
 __all__ = ["compare_loci"]
 
+_NEARLY_ALL = 0.95
+"""Share of the frames that a locus must have been fitted to."""
+
 
 def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
     """Add up the evidence of frames.
@@ -35,13 +38,15 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
 
     Notes
     -----
-    Loci count that at least half of the frames tried, and frames in which all those were fitted.
+    Loci count that nearly all frames were fitted with, and frames that were fitted with all of those.  To
+    leave out frames in which a locus had no evidence, or was not tried, would be to choose frames by
+    their noise: a locus tried where the others failed would always win.
     *Assumes* one kind of locus for the whole run, with sizes and directions of its own in each frame.
     """
     frames = [{one["locus"]: one for one in json.loads(text)} for text in candidates if text]
     frames = [frame for frame in frames if len(frame) > 1]
-    times = Counter(name for frame in frames for name in frame)
-    loci = [name for name, n in times.items() if 2 * n >= len(frames)]
+    times = Counter(name for frame in frames for name in frame if _fitted(frame[name]))
+    loci = [name for name, n in times.items() if n >= _NEARLY_ALL * len(frames)]
     whole = [frame for frame in frames if all(_fitted(frame.get(name)) for name in loci)]
     if not whole or len(loci) < 2:
         return {"frames": 0, "left_out": len(frames)}

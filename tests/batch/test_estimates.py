@@ -1,5 +1,7 @@
 """Blur of frames from file to table, pictures and kernels: binaries, star fields, scenes without stars."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skimage.data
@@ -124,3 +126,50 @@ def test_a_frame_without_a_pair_is_a_row_with_a_status(tmp_path):
     (row,) = estimate_files([tmp_path / "dark.fits"], measurer)
     assert row["status"] == "no_star"
     assert np.isnan(row["sxx"].value)
+
+
+class _Same:
+    """A measurer that has the same to say of every frame."""
+
+    name = "same"
+
+    def __init__(self, measured):
+        self.measured = measured
+
+    def measure(self, raw):
+        return self.measured(raw)
+
+
+@pytest.mark.parametrize("breakage", ["estimate", "picture"])
+def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, breakage):
+    scenes = SceneMeasurer(stars=True)
+
+    def measured(raw):
+        found = scenes.measure(raw)
+        odd = replace(found.estimate, covariance=np.zeros((3, 3)))
+        return replace(found, estimate=odd) if breakage == "estimate" else found
+
+    def keep(one):
+        if breakage == "picture":
+            raise np.linalg.LinAlgError("Singular matrix")
+
+    files = [folder / "field.fits", folder / "sharpfield.fits"]
+    table = estimate_files(files, _Same(measured), keep=keep)
+    assert list(table["status"]) == ["ok", "ok"]
+    if breakage == "picture":
+        assert table["message"][0].endswith("Singular matrix")
+    else:
+        assert np.all(np.isnan(table["significance"]))
+
+
+def test_two_frames_of_one_name_do_not_replace_each_others_products(folder, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "field.fits").write_bytes((folder / "field.fits").read_bytes())
+    products = Products(kernels=tmp_path / "kernels")
+    table = estimate_files(
+        [folder / "field.fits", other / "field.fits"], SceneMeasurer(stars=True), keep=products.write
+    )
+    assert list(table["status"]) == ["ok", "ok"]
+    assert "another frame of the name field" in table["message"][1]
+    assert "another frame" not in table["message"][0]

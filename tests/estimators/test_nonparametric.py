@@ -7,6 +7,7 @@ import pytest
 from jitterkit.errors import UndeterminedError
 from jitterkit.estimators import ESTIMATORS
 from jitterkit.forward import Parameters, expected_image
+from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Shm, Stable
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
@@ -78,3 +79,10 @@ def test_flux_need_not_be_known(name, otf):
 def test_a_kernel_without_room_is_refused_in_words(name, otf):
     with pytest.raises(UndeterminedError, match="No kernel within 4 pixels"):
         ESTIMATORS[name](frame(Linear.of(6.0, 0.0), otf), Parameters(scene(), Stable.of()), otf)
+
+
+def test_a_covariance_that_knows_nothing_of_a_direction_has_no_significance():
+    moments = np.array([1.0, 0.0, 1.0])
+    assert significance(moments, np.diag([1.0, 4.0, 0.25])) == pytest.approx(1 + 4)  # 1²/1 + 1²/0.25
+    for covariance in (np.zeros((3, 3)), np.ones((3, 3)), np.full((3, 3), np.nan)):
+        assert np.isnan(significance(moments, covariance))

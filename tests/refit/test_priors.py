@@ -106,7 +106,7 @@ def test_the_mean_of_a_sequence_is_weighted_by_information(rng):
 def test_too_few_frames_do_not_show_a_scatter(rng, tmp_path):
     with pytest.raises(ConfigurationError, match="6 other frames or more, got 5"):
         sequence_prior(estimates(rng, 6), "night.fits[2]")
-    with pytest.raises(ConfigurationError, match="holds estimates of 3 frames; give one, or 6"):
+    with pytest.raises(ConfigurationError, match="holds estimates of 3 frames; give one, or 7"):
         read_kernel_prior(write_table(tmp_path / "few.ecsv", estimates(rng, 3)))
 
 
@@ -227,3 +227,26 @@ def test_an_impossible_prior_is_refused():
         moments_prior(np.zeros(3), -np.eye(3))
     with pytest.raises(ConfigurationError, match="finite moments"):
         moments_prior(np.full(3, np.nan), np.eye(3))
+
+
+def test_a_trace_of_whole_exposures_is_cut_whatever_rounding_does():
+    # a drift of 1 arcsec/s: in an exposure of e seconds a variance of e²/12, however long the trace
+    for start in (0.0, 5.3, 1e4 + 0.1):
+        for exposure in (0.1, 0.3, 0.7):
+            for pieces in (1, 3, 7):
+                t = start + np.linspace(0, pieces * exposure, pieces * 50 + 1)
+                mean, _ = trace_prior(t, t - start, 0 * t, exposure=exposure).moments
+                assert mean[0] == pytest.approx(exposure**2 / 12, rel=1e-6)
+
+
+def test_a_trace_longer_than_one_exposure_is_not_taken_for_one():
+    t = np.linspace(0, 1.95, 400)
+    mean, _ = trace_prior(t, t, 0 * t, exposure=1.0).moments
+    assert mean[0] == pytest.approx(1 / 12, rel=1e-4)
+    with pytest.raises(ConfigurationError, match="does not cover the exposure from 0 to 4 s"):
+        trace_prior(t, t, 0 * t, exposure=4.0)
+
+
+def test_a_packed_file_holds_the_same_frame(rng):
+    (found,) = estimates(rng, 1)
+    assert kernel_prior(replace(found, source="night.fits.gz[0]"), "night.fits").moments is None

@@ -115,12 +115,21 @@ def test_the_evidence_of_frames_adds_up(make_fit):
 def test_only_frames_that_tried_the_same_loci_are_compared(make_fit):
     usual, odd = {"linear": -1.0, "shm": -2.0}, {"linear": -9.0, "shm": -1.0, "path": -0.5}
     broken, plain = {"linear": -1.0, "shm": -math.inf}, {"mvn": -1.0}
-    loci = summarise(_compared(make_fit, usual, usual, odd, broken, plain))["loci"]
+    loci = summarise(_compared(make_fit, *[usual] * 30, odd, broken, plain))["loci"]
     # the path was tried once, one frame has no evidence for SHM and one has nothing to compare
-    assert (loci["frames"], loci["left_out"]) == (3, 1)
+    assert (loci["frames"], loci["left_out"]) == (31, 1)
     assert set(loci["weights"]) == {"linear", "shm"}
-    assert loci["evidence"]["linear"] == pytest.approx(-6.0)
+    assert loci["evidence"]["shm"] == pytest.approx(8.0 - 30.0)
     assert summarise(_compared(make_fit, plain))["loci"] == {"frames": 0, "left_out": 0}
+
+
+def test_a_locus_with_an_evidence_only_where_noise_favours_it_does_not_win(make_fit):
+    # smear is on average 2 worse than linear, with a scatter of 3; below none it has no evidence at all
+    odds = np.random.default_rng(4).normal(-2.0, 3.0, 60)
+    frames = [{"linear": 0.0, "shm": -0.5, "smear": x if x > 0 else -math.inf} for x in odds]
+    loci = summarise(_compared(make_fit, *frames))["loci"]
+    assert (loci["best"], loci["frames"]) == ("linear", 60)
+    assert "smear" not in loci["weights"]
 
 
 def test_the_shape_is_averaged_by_its_errors(make_fit):
