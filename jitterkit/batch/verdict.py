@@ -9,7 +9,7 @@ import numpy as np
 
 from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.loci import principal_axes
-from jitterkit.refit import FitResult, Status
+from jitterkit.refit import FitResult, Status, single_star
 
 __all__ = ["judge", "midpoint_pixel", "position_angle", "scale_hint", "why_unusable"]
 
@@ -29,7 +29,7 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     """
     if result.parameters is None:
         return result
-    if result.status in (Status.OK, Status.NOT_CONVERGED) and _is_single(result):
+    if result.status in (Status.OK, Status.NOT_CONVERGED) and single_star(result):
         message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
         return replace(result, status=Status.NO_PAIR, message=message)
     absurd = _absurd(frame, result, frame.plate_scale or expected_scale)
@@ -123,10 +123,3 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
         f"{number} out by more than {_OUTLIER:g} sigma (the worst at {place}) and the rest fits: give the "
         "instrument a map of its hot pixels."
     )
-
-
-def _is_single(result: FitResult) -> bool:
-    """Whether the fainter star's flux is not five standard errors."""
-    assert result.parameters is not None
-    contrast, error = float(result.parameters.binary.contrast), result.error("contrast")
-    return not error < 0.2 * (1 + contrast)

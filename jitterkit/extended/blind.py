@@ -106,7 +106,7 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak]) -> None
     """Refuse what is too short, and what the image's nulls do not bear out."""
     if best.length < _GATE:
         raise UndeterminedError(
-            f"The blur, some {best.length:.1f} pixels long, is too small for its nulls to be told from the "
+            f"The blur, some {best.length:.2f} pixels long, is too small for its nulls to be told from the "
             f"scene's own (it takes {_GATE:g})."
         )
     agreement = _agreement(spectrum, best)

@@ -37,6 +37,10 @@ _SAMPLE = 3000
 _STARTS = 0.05, 0.3, 1.0
 """Moments to start from, in units of the widest normal that the data show: nulls make local minima."""
 
+_LENGTHS, _CLIMBS = np.geomspace(0.3, 150.0, 60), 3
+"""Streaks [pixels] that are compared, a tenth apart, and how many of the best are climbed from: every
+null of the transfer function makes a hill of its own, and a tenth is less than half the way between two."""
+
 
 def estimate_from_reference(
     sharp: np.ndarray,
@@ -134,9 +138,11 @@ def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, 
     head = [np.log(max(share, 1e-6)) / 2, drift.x, drift.y]
     wide = 1 / (2 * np.pi**2 * np.average(fx**2 + fy**2, weights=np.abs(one) ** 2))
     best = fitted(normal, [[*head, s * wide, 0, s * wide] for s in _STARTS])
-    major, _, angle = principal_axes(best.x[3:])
-    end = np.sqrt(12) * max(major, 0.1) * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
-    line = fitted(streak, [[*best.x[:3], *(s * end)] for s in (0.8, 1.0, 1.25)])
+    angle = np.radians(principal_axes(best.x[3:])[2])
+    axis = np.array([np.cos(angle), np.sin(angle)])
+    ladder = [[*best.x[:3], *(length * axis)] for length in _LENGTHS]
+    ladder.sort(key=lambda p: float(np.sum(residuals(p, streak, one, two, fx, fy) ** 2)))
+    line = fitted(streak, ladder[:_CLIMBS])
     if line.cost < best.cost - 2:
         x, y = line.x[3:]
         slopes = np.array([[2 * x, y, 0], [0, x, 2 * y]]) / 12

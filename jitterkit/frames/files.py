@@ -108,7 +108,7 @@ def _first_bytes(path: Path) -> bytes:
     if not path.exists():
         raise FrameError(path, "does not exist", "check the name")
     if path.is_dir():
-        raise FrameError(path, "is a directory", "name a file in it, or expand it with find_files")
+        raise FrameError(path, "is a directory", "name a file in it")
     if not path.is_file():
         raise FrameError(path, "is not a regular file", REMEDY)
     try:

@@ -4,7 +4,7 @@ Reach for :func:`fit_best_locus` first; :func:`fit_locus` fits a locus of your c
 :func:`fit_frame` is what both call.  What is known beforehand goes into :class:`Priors`.
 """
 
-from jitterkit.refit.choose import fit_best_locus, fit_locus
+from jitterkit.refit.choose import fit_best_locus, fit_locus, single_star
 from jitterkit.refit.fit import FitOptions, fit_frame
 from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
 from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
@@ -24,5 +24,6 @@ __all__ = [
     "moments_prior",
     "read_kernel_prior",
     "sequence_prior",
+    "single_star",
     "trace_prior",
 ]

@@ -35,7 +35,7 @@ from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.refit.shape import Shape, lack_of_fit, measure_shape
 from jitterkit.refit.starts import starting_point
 
-__all__ = ["fit_best_locus", "fit_locus"]
+__all__ = ["fit_best_locus", "fit_locus", "single_star"]
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -135,7 +135,7 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
     normal, otf = _fit(frame, "mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
-    if _one_star(normal):
+    if single_star(normal):
         return _conclude([normal])
     if not _detected(normal):
         return _conclude([normal], ("jitter_undetected",))
@@ -177,9 +177,12 @@ def _detected(normal: FitResult) -> bool:
     return significance(moments, covariance) > _DETECTED
 
 
-def _one_star(normal: FitResult) -> bool:
-    """Whether a second star is lost in the noise, where it would mend what is wrong with a locus."""
-    return bool(normal.error("contrast") > 0.2 * (1 + _of_scene(normal, "contrast")))
+def single_star(fit: FitResult) -> bool:
+    """Whether a second star is lost in the noise: its flux, if it was fitted, is not five standard errors.
+
+    It would then mend what is wrong with a locus.
+    """
+    return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + _of_scene(fit, "contrast"))
 
 
 def _of_scene(fit: FitResult, name: str) -> float:

@@ -158,7 +158,7 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     free, tolerance = (
         tips | leashed,
         _NEAR if leashed else _AT_REST,
-    )  # what need not come to rest, and what must
+    )  # what need not come to rest, and how far
     settled = bool(end.converged) or (sound and bool(free) and _arrived(end, names, free, tolerance))
     flags = [] if abs(misfit.chi2 - dof) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]

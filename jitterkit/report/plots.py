@@ -167,7 +167,7 @@ def plot_kernel(
     """
     ax = _axes(ax, (3.4, 3.6))
     ax.set(xticks=[], yticks=[], title=title, aspect="equal")
-    points = np.asarray(locus.points(4096))
+    points = np.asarray(locus.points(65536))
     if not np.all(np.isfinite(points)):
         ax.text(0.5, 0.5, "not finite", transform=ax.transAxes, ha="center", va="center")
         return ax

@@ -156,6 +156,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
 
 def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Image without background, noise of each pixel, and bad pixels, which are filled."""
+    if frame.mask.all():
+        raise UndeterminedError(f"{frame.name} has no usable pixel.")
     box = tuple(min(_BOX, n) for n in frame.shape)
     background = Background2D(
         frame.electrons,

@@ -38,6 +38,14 @@ def test_moments_of_a_normal_blur(coins):
     np.testing.assert_allclose(estimate.moments, [0.64, 0.0, 2.25], atol=0.045)
 
 
+@pytest.mark.parametrize("length", [20.0, 45.0])
+def test_a_long_streak_is_not_taken_for_one_of_its_nulls(blur, coins, length):
+    estimate = estimate_from_reference(*pair(blur, coins, length, 30.0))
+    size = estimate.locus.describe()
+    assert size["length"] == pytest.approx(length, rel=0.02)  # the borders, as above
+    assert size["angle"] == pytest.approx(30.0, abs=0.5)
+
+
 def test_no_blur_is_found_to_be_none(blur, coins):
     estimate = estimate_from_reference(*pair(blur, coins, 0.0, 0.0))
     assert np.abs(estimate.moments / estimate.errors).max() < 5

@@ -89,3 +89,8 @@ def test_an_empty_frame_is_refused_in_words(rng):
 def test_a_frame_of_blends_is_refused_in_words(star):
     with pytest.raises(UndeterminedError, match="No star of the frame stands alone"):
         find_stars(Frame(placed(star, [(100, 100), (107, 100)]), 0.0))
+
+
+def test_a_frame_without_a_usable_pixel_is_refused_by_name():
+    with pytest.raises(UndeterminedError, match="array has no usable pixel"):
+        find_stars(Frame(np.full((64, 64), np.nan), 0.0))
