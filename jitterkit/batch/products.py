@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,13 @@ def _write_deblurred(path: Path, kernel: np.ndarray, measured: Measured) -> None
     frame, scale = measured.frame, measured.plate_scale
     known = "gain_assumed" not in frame.flags  # else the noise is taken from the image itself
     sharp = deblur(frame.electrons, kernel, variance=frame.variance if known else None, mask=frame.mask)
-    cards = {} if scale is None else {"PIXSCALE": (scale, "[arcsec/pixel]")}
+    cards: dict[str, tuple[Any, str]] = {
+        "SOURCE": (frame.name, "frame that was deblurred"),
+        "METHOD": (measured.estimate.method, "estimator of the kernel"),
+        "DEBLUR": ("richardson-lucy", "to look at, not to measure"),
+    }
+    if scale is not None:
+        cards["PIXSCALE"] = (scale, "[arcsec/pixel]")
     write_fits(path, sharp.astype(np.float32), header=cards, overwrite=True)
 
 

@@ -84,9 +84,14 @@ def estimate(
     prepare_jax()
     from jitterkit.batch.kernels import estimate_files
     from jitterkit.batch.products import Products
+    from jitterkit.errors import ConfigurationError
     from jitterkit.frames import find_files
     from jitterkit.report.table import write_table
 
+    if output is not None and not output.parent.is_dir():
+        raise ConfigurationError(
+            f"{output.parent} is not a directory; make it, or write {output.name} elsewhere."
+        )
     metadata = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
     if reference is not None or stars or blind:
         measurer = _scene_measurer(reference, stars, blind, estimator, metadata)

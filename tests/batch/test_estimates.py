@@ -14,6 +14,7 @@ from jitterkit.batch.products import Products
 from jitterkit.batch.scenes import SceneMeasurer
 from jitterkit.errors import ConfigurationError
 from jitterkit.frames import RawFrame, open_frames, write_fits
+from jitterkit.frames.fits import read_image
 from jitterkit.instruments import load_instrument
 from jitterkit.kernels import read_kernel
 
@@ -112,6 +113,7 @@ def test_pictures_kernels_and_deblurred_images_are_named_after_the_frame(folder,
     x = np.arange(kernel.shape[1]) - kernel.shape[1] // 2
     spread = kernel.sum(axis=0) @ x**2
     assert spread == pytest.approx(table["sxx"][0].value, rel=1e-6)  # the table's unit is pixels
+    assert read_image(tmp_path / "c/view.deblurred.fits")[1]["SOURCE"] == "view.fits"
     paths = folder / "sharpview.fits", folder / "view.fits", tmp_path / "c/view.deblurred.fits"
     sharp, before, after = (first(path).data[50:-50, 50:-50] for path in paths)
     # a kernel drawn upside down leaves twice the blurred image's distance from the sharp one

@@ -140,6 +140,11 @@ def test_estimate_prints_a_table(frame):
         (["simulate", "a.fits", "-i", "smallsat", "--x", "100"], "leaves the modelled field"),
         (["simulate", "a.fits", "-i", "smallsat", "--locus", "mvn", "--sigma", "1", "--shear", "2"], "shear"),
         (["process", ".", "-o", "out", "-i", "smallsat", "--gain", "-1"], "gain = -1"),
+        (["estimate", ".", "-o", "nowhere/table.ecsv"], "nowhere is not a directory"),
+        (["estimate", ".", "--blind", "--stars"], "--blind is for scenes without stars"),
+        (["estimate", ".", "--stars", "--estimator", "mtf"], "--estimator chooses among methods"),
+        (["estimate", ".", "--blind", "--estimator", "guess"], "no blind estimator 'guess'"),
+        (["estimate", ".", "--reference", "nowhere.fits"], "does not exist"),
     ],
 )
 def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, sentence, frame, monkeypatch):
