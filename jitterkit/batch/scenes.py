@@ -6,9 +6,10 @@ of a star field it gives the PSF, of any other scene the scene itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,13 @@ from jitterkit.batch.measured import Measured
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
-from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames import Frame, RawFrame, find_files, read_frames
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import deblur, fill_masked, kernel_image
 from jitterkit.report.estimate_pictures import plot_extended, plot_field
-from jitterkit.starfield import estimate_field, field_psf
+from jitterkit.starfield import estimate_field, field_psf, roundest
 
-__all__ = ["METHODS", "SceneMeasurer"]
+__all__ = ["METHODS", "SceneMeasurer", "sharpest"]
 
 METHODS = {**BLIND, "trail": estimate_trail}
 """What needs nothing but the image, by name; the last where points of light have drawn lines."""
@@ -138,6 +139,25 @@ class SceneMeasurer:
                 f"{frame.shape[1]} x {frame.shape[0]}; give a sharp frame of the same view."
             )
         return estimate_from_reference(_filled(sharp), image, plate_scale=scale)
+
+
+def sharpest(paths: Sequence[str | Path]) -> RawFrame:
+    """The frame of a set of star fields whose stars are sharpest: the others' reference.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Files, or directories of them; every frame is looked at.
+
+    Raises
+    ------
+    UndeterminedError
+        If no frame has three isolated stars.
+    FrameError
+        If a file cannot be read.
+    """
+    frames = [raw for path in find_files(paths) for raw in read_frames(path)]
+    return frames[roundest([Detector().calibrate(raw) for raw in frames])]
 
 
 def _filled(frame: Frame) -> np.ndarray:

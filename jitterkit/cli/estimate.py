@@ -23,9 +23,9 @@ def estimate(
     reference: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE",
+            metavar="FILE|roundest",
             help="A sharp frame in place of an instrument: of the same telescope for stars, of the same view "
-            "for anything else.",
+            "for anything else; or the roundest of the frames given, which then show stars.",
             show_default=False,
         ),
     ] = None,
@@ -94,7 +94,7 @@ def estimate(
         )
     metadata = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
     if reference is not None or stars or blind:
-        measurer = _scene_measurer(reference, stars, blind, estimator, metadata)
+        measurer = _scene_measurer(files, reference, stars, blind, estimator, metadata)
     else:
         measurer = _binary_measurer(instrument, estimator or "score", metadata, background)
     products = Products(plot, export, deblur, overwrite)
@@ -122,8 +122,8 @@ def _binary_measurer(instrument, estimator, metadata, background):
     return BinaryMeasurer(Processor(load_instrument(instrument), metadata, kernel=estimator, options=options))
 
 
-def _scene_measurer(reference, stars, blind, estimator, metadata):
-    from jitterkit.batch.scenes import SceneMeasurer
+def _scene_measurer(files, reference, stars, blind, estimator, metadata):
+    from jitterkit.batch.scenes import SceneMeasurer, sharpest
     from jitterkit.errors import ConfigurationError
     from jitterkit.frames import open_frames
 
@@ -137,7 +137,10 @@ def _scene_measurer(reference, stars, blind, estimator, metadata):
             "--estimator chooses among methods for a binary or, with --blind, a blind one."
         )
     sharp = None
-    if reference is not None:
+    if str(reference) == "roundest":
+        sharp, stars = sharpest(files), True
+        say(f"{sharp.name} is the roundest and serves as reference")
+    elif reference is not None:
         with open_frames(reference) as file:
             sharp = file[0]
     return SceneMeasurer(sharp, stars, estimator or "blind", metadata)

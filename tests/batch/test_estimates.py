@@ -11,7 +11,7 @@ from scipy.special import erf
 from jitterkit.batch import Processor
 from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
 from jitterkit.batch.products import Products
-from jitterkit.batch.scenes import SceneMeasurer
+from jitterkit.batch.scenes import SceneMeasurer, sharpest
 from jitterkit.errors import ConfigurationError
 from jitterkit.frames import RawFrame, open_frames, write_fits
 from jitterkit.frames.fits import read_image
@@ -75,6 +75,10 @@ def test_a_reference_that_shows_stars_is_taken_for_a_star_field(folder):
     (row,) = estimate_files([folder / "field.fits"], measurer)
     assert row["length"].to_value("arcsec") == pytest.approx(LENGTH * 0.5, rel=0.05)
     assert "holds if stars are round" not in row["message"]
+
+
+def test_the_roundest_frame_of_a_set_serves_as_reference(folder):
+    assert sharpest([folder / "field.fits", folder / "sharpfield.fits"]).name == "sharpfield.fits"
 
 
 @pytest.mark.parametrize("with_reference", [True, False])
