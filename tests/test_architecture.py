@@ -38,7 +38,8 @@ ONLY_IN = {
     "photutils": {"starfield/detect.py"},
     "dLux": set(),
     "dLuxToliman": {"optics/toliman.py"},
-    "matplotlib": {"report/kernel_plots.py", "report/plots.py"},
+    "matplotlib": {"report/axes.py", "report/plots.py"}
+    | {f"report/{noun}_plots.py" for noun in ("field", "kernel", "scene", "separation")},
     "jinja2": {"report/html.py"},
     "rich": {"cli/runtime.py"},
 }

@@ -2,14 +2,14 @@
 
 The pixels are read unscaled, one plane at a time, and BLANK, BSCALE and BZERO are applied here in
 float64: exact for every integer type up to 32 bits, and the same for plain and compressed images.
+Reach for :func:`open`; what a header claims is checked in :mod:`~jitterkit.frames.header_blocks` first.
 """
 
 from __future__ import annotations
 
-import gzip
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -18,22 +18,17 @@ import numpy as np
 from astropy.io import fits
 
 from jitterkit.errors import FrameError
-from jitterkit.frames.files import is_gzip
 from jitterkit.frames.frame import NONE_MASKED
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.header import resolve_header
+from jitterkit.frames.header_blocks import refuse_endless_header, refuse_missing_data
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.wcs import celestial_wcs
 
 __all__ = ["FitsFile", "open", "read_extensions", "read_image", "write"]
 
-BLOCK = 2880
-#: A header longer than this many blocks (72,000 cards) is taken to have no END.
-MOST_HEADER_BLOCKS = 2000
 #: So many HDUs are searched for an image.
 MOST_HDUS = 1000
-#: No compression in use packs more than about 1000 to 1, blank frames included, beyond this size.
-MOST_PACKING, SMALL = 1100, 1 << 28
 DTYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
 
 
@@ -72,7 +67,7 @@ class FitsFile(FrameFile):
 
     def __init__(self, path: Path, hdu: int | None) -> None:
         super().__init__(path)
-        _refuse_endless_header(path)
+        refuse_endless_header(path)
         with translated(path) as caught:
             self._handle = path.open("rb")  # ours to close: astropy leaves it open where it fails
             try:
@@ -87,7 +82,7 @@ class FitsFile(FrameFile):
     def _choose(self, hdu: int | None) -> None:
         self.hdu = _image_number(self.path, self._hdus, hdu)
         self._image = self._hdus[self.hdu]
-        _refuse_missing_data(self.path, self.hdu, self._image)
+        refuse_missing_data(self.path, self.hdu, self._image, _is_packed(self._image))
         header = PlainHeader(self._image.header)
         self._blank = header.get("BLANK") if self._image.header["BITPIX"] > 0 else None
         self._scale, self._zero = float(header.get("BSCALE", 1)), float(header.get("BZERO", 0))
@@ -101,7 +96,7 @@ class FitsFile(FrameFile):
         wcs, messages = celestial_wcs(self._image.header)
         primary = PlainHeader(self._hdus[0].header) if self.hdu else None
         metadata = resolve_header(header, hdu=self.hdu or 0, inherit=primary, wcs=wcs)
-        lossy = _lossy(self.path, self.hdu) if isinstance(self._image, fits.CompImageHDU) else []
+        lossy = _lossy(self.path, self.hdu) if _is_packed(self._image) else []
         return metadata.warn(*header.warnings, *messages, *lossy)
 
     def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
@@ -126,24 +121,6 @@ def open(path: Path, hdu: int | None = None) -> FitsFile:
     return FitsFile(path, hdu)
 
 
-def _refuse_endless_header(path: Path) -> None:
-    """Look for END ourselves: astropy would read a large file to its end for it."""
-    with translated(path):
-        for block in _header_blocks(path):
-            if any(block[at : at + 8].rstrip() == b"END" for at in range(0, len(block), 80)):
-                return
-    raise FrameError(path, "has a FITS header without an END card", "the file is damaged: copy it again")
-
-
-def _header_blocks(path: Path) -> Iterator[bytes]:
-    with gzip.open(path) if is_gzip(path) else path.open("rb") as handle:
-        for _ in range(MOST_HEADER_BLOCKS):
-            block = handle.read(BLOCK)
-            if not block:
-                return
-            yield block
-
-
 def _refuse_nonstandard(path: Path, hdus: fits.HDUList) -> None:
     # of a damaged primary header astropy makes HDUs without end
     if not isinstance(hdus[0], fits.PrimaryHDU):
@@ -156,6 +133,10 @@ def _is_image(hdu: Any) -> bool:
         return False
     *planes, ny, nx = (0, 0, *hdu.shape) if len(hdu.shape) < 2 else hdu.shape
     return ny > 0 and nx > 0 and math.prod(planes) > 0 and sum(n > 1 for n in planes) <= 1
+
+
+def _is_packed(hdu: Any) -> bool:
+    return isinstance(hdu, fits.CompImageHDU)
 
 
 def _what(hdu: Any) -> str:
@@ -190,22 +171,6 @@ def _named_image(path: Path, hdus: fits.HDUList, number: int) -> int:
         problem = f"HDU {number} is not a two- or three-dimensional image but {_what(hdus[number])}"
         raise FrameError(path, problem, "choose another HDU")
     return number
-
-
-def _refuse_missing_data(path: Path, number: int, hdu: Any) -> None:
-    """Compare what the header declares with what the file can hold, before anything is allocated."""
-    info, size = hdu.fileinfo(), path.stat().st_size
-    declared = abs(hdu.header["BITPIX"]) // 8 * math.prod(hdu.shape)
-    packed = isinstance(hdu, fits.CompImageHDU)
-    if packed or is_gzip(path):
-        short = declared > max(SMALL, MOST_PACKING * size)
-    else:
-        short = info["datLoc"] + declared > size
-    if packed and not is_gzip(path):
-        short = short or info["datLoc"] + info["datSpan"] - BLOCK >= size
-    if short:
-        problem = f"HDU {number} declares {declared} bytes of pixels and the file of {size} bytes lacks them"
-        raise FrameError(path, problem, "it is truncated: copy it again")
 
 
 def _stored_type(bitpix: int, scale: float, zero: float) -> np.dtype:
@@ -278,7 +243,7 @@ def read_extensions(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any
     FrameError
         If the file cannot be read.
     """
-    _refuse_endless_header(path)
+    refuse_endless_header(path)
     with translated(path), fits.open(path, mode="readonly", memmap=False) as hdus:
         named = {hdu.name.upper(): hdu for hdu in hdus[1:] if hdu.name and hdu.is_image}
         images = {name: np.asarray(hdu.data, dtype=float) for name, hdu in named.items()}
@@ -305,9 +270,9 @@ def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
     FrameError
         If there is no image, or the file cannot be read.
     """
-    _refuse_endless_header(path)
+    refuse_endless_header(path)
     with translated(path), fits.open(path, mode="readonly", memmap=False) as hdus:
         number = _first_image(path, hdus)
-        _refuse_missing_data(path, number, hdus[number])
+        refuse_missing_data(path, number, hdus[number], _is_packed(hdus[number]))
         header = PlainHeader(hdus[number].header)
         return np.asarray(hdus[number].data, dtype=float), header

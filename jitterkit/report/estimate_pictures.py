@@ -18,16 +18,11 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
 from jitterkit.loci import Mvn, Stable, locus_name
 from jitterkit.optics.otf import OTF
-from jitterkit.report.kernel_plots import (
-    plot_differences,
-    plot_kernel_image,
-    plot_scene,
-    plot_spectrum,
-    plot_transfer,
-    plot_whiskers,
-    say,
-)
-from jitterkit.report.plots import plot_kernel, plot_residual, three_panels
+from jitterkit.report.axes import say, scale_and_unit
+from jitterkit.report.field_plots import plot_differences, plot_whiskers
+from jitterkit.report.kernel_plots import plot_kernel, plot_kernel_image, plot_transfer
+from jitterkit.report.plots import plot_residual, three_panels
+from jitterkit.report.scene_plots import plot_scene, plot_spectrum
 from jitterkit.report.words import angle_size, number
 
 __all__ = ["plot_estimate", "plot_extended", "plot_field", "template_images"]
@@ -97,14 +92,14 @@ def plot_estimate(
     spread = np.where(used, np.maximum(np.broadcast_to(variance, image.shape), np.finfo(float).tiny), 1.0)
     level = np.sum((image * model / spread)[used]) / np.sum((model**2 / spread)[used])
     filled = np.where(used, image, level * model)
-    _draw_kernel(estimate, axes[0], plate_scale, "arcsec")
+    _draw_kernel(estimate, axes[0], plate_scale)
     *_, angle = estimate.axes
     noise = np.where(used, spread, 0.0)
     ratios = _ratios(estimate, filled, template, plate_scale, noise, (angle, (angle + 90) % 180))
     if ratios:
         plot_transfer(ratios, axes[1])
     else:
-        say(axes[1], "no frequency rises\nabove the noise")
+        say(axes[1], "no frequency rises\nabove the noise").set_axis_off()
     residual = np.where(used, (filled - level * model) / np.sqrt(spread), np.nan)
     plot_residual(residual, plate_scale, axes[2], title=f"residual, rms {number(_rms(residual), 3)}σ")
     return axes
@@ -137,8 +132,8 @@ def plot_field(
         one clump is one blur, a ring or a trail is optics that change over the field.
     """
     axes = three_panels()
-    unit = "pixel" if plate_scale is None else "arcsec"
-    _draw_kernel(estimate, axes[0], plate_scale, unit)
+    _, unit = scale_and_unit(plate_scale)
+    _draw_kernel(estimate, axes[0], plate_scale)
     plot_whiskers(x, y, moments, shape, axes[1], unit=unit)
     plot_differences(moments, estimate.moments, axes[2], unit=unit)
     return axes
@@ -170,7 +165,7 @@ def plot_extended(
     axes : list of three matplotlib.axes.Axes
     """
     axes = three_panels()
-    _draw_kernel(estimate, axes[0], plate_scale, "pixel" if plate_scale is None else "arcsec")
+    _draw_kernel(estimate, axes[0], plate_scale)
     plot_spectrum(image, axes[1], plate_scale=plate_scale, locus=estimate.locus)
     shown, title = (image, "as taken") if deblurred is None else (deblurred, "deblurred")
     plot_scene(shown, axes[2], like=image, plate_scale=plate_scale, label=label, title=title)
@@ -178,17 +173,18 @@ def plot_extended(
     return axes
 
 
-def _draw_kernel(estimate: KernelEstimate, ax: Any, plate_scale: float | None, unit: str) -> None:
+def _draw_kernel(estimate: KernelEstimate, ax: Any, plate_scale: float | None) -> None:
     if estimate.locus is None and estimate.kernel is not None:
         plot_kernel_image(estimate.kernel, ax, plate_scale=plate_scale, title=f"kernel: {estimate.method}")
         return
     try:
         locus, remark = locus_of(estimate)
     except UndeterminedError:
-        say(ax, "no blur:\nno variance is positive")
+        say(ax, "no blur:\nno variance is positive").set_axis_off()
         return
     name = "normal with its moments" if estimate.locus is None else locus_name(locus)
-    plot_kernel(locus, ax, plate_scale=plate_scale or 1.0, title=f"kernel: {name}", unit=unit)
+    scale, unit = scale_and_unit(plate_scale)
+    plot_kernel(locus, ax, plate_scale=scale, title=f"kernel: {name}", unit=unit)
     major, minor, angle = estimate.axes
     sizes = [angle_size(s, 3) if unit == "arcsec" else f"{s:.3g} {unit}" for s in (major, minor)]
     text = f"1σ: {sizes[0]}, {sizes[1]}; {angle:.0f}°" + (" (clipped)" if remark else "")

@@ -23,8 +23,9 @@ from markupsafe import Markup
 from jitterkit.frames.whole import replacing
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import FrameReport, Gallery
-from jitterkit.report.plots import plot_separations, png
+from jitterkit.report.plots import png
 from jitterkit.report.row import Row
+from jitterkit.report.separation_plots import plot_separations
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, printable, with_error
 

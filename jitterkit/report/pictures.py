@@ -15,10 +15,10 @@ import numpy as np
 
 from jitterkit.frames.frame import Frame
 from jitterkit.refit.result import FitResult
+from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.plots import (
     four_panels,
     plot_image,
-    plot_kernel,
     plot_residual,
     plot_stars,
     png,

@@ -4,16 +4,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.plots import (
     plot_image,
-    plot_kernel,
     plot_residual,
-    plot_separations,
     plot_stars,
     png,
     stretch,
 )
 from jitterkit.report.row import make_row
+from jitterkit.report.separation_plots import plot_separations
 from jitterkit.report.summary import summarise
 from jitterkit.report.table import make_table
 
@@ -88,6 +88,11 @@ def test_a_pixel_is_drawn_where_it_fits_and_the_scale_bar_is_round():
     bar = np.ptp(small.lines[0].get_xdata())
     assert bar == pytest.approx(0.02)
     assert small.texts[0].get_text() == "20 mas"
+
+
+def test_a_kernel_whose_scale_is_unknown_is_measured_in_pixels():
+    ax = plot_kernel(Linear.of(8.0, 30.0), plate_scale=1.0, unit="pixel")
+    assert ax.texts[0].get_text() == "2 pixel"
 
 
 @pytest.mark.parametrize("locus", [Stable.of(), Mvn.near([-1e-4, 2e-4, 1e-4]), Mvn.near([np.nan] * 3)])

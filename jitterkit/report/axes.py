@@ -1,0 +1,39 @@
+"""Axes, and what every picture puts on them alike: colours, outlines, colour bars, words.
+
+Reach for :func:`axes_or_new`, with which a function of this room begins, and for :func:`say` where there
+is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+__all__ = ["BLUE", "INK", "OUTLINE", "RUST", "axes_or_new", "colour_bar", "say", "scale_and_unit"]
+
+BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
+OUTLINE: Any = {"fill": False, "ec": "white", "lw": 0.9}
+"""Of a patch on a dark kernel."""
+
+
+def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
+    """The axes given, or those of a new figure of so many inches that no global state knows."""
+    return Figure(figsize=size, layout="constrained").subplots() if ax is None else ax
+
+
+def scale_and_unit(plate_scale: float | None) -> tuple[float, str]:
+    """Size of a pixel and the unit it is in: the plate scale [arcsec], or one pixel where there is none."""
+    return (1.0, "pixel") if plate_scale is None else (plate_scale, "arcsec")
+
+
+def colour_bar(picture: Any, ax: Axes, label: str, extend: str = "neither") -> None:
+    """Put a colour bar beside a picture; ``extend`` says which ends are pointed."""
+    ax.figure.colorbar(picture, ax=ax, label=label, extend=extend, shrink=0.86, aspect=24, pad=0.02)
+
+
+def say(ax: Axes, text: str) -> Axes:
+    """Put a sentence in the middle of axes, where there is nothing to draw."""
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center")
+    return ax

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from jitterkit.forward import Parameters
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernels import kernel_image
+from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.report.estimate_pictures import plot_estimate, plot_extended, plot_field, template_images
+from jitterkit.report.plots import png
+
+PNG = b"\x89PNG"
+
+
+def estimate(moments, **more):
+    return KernelEstimate(np.asarray(moments, float), np.diag([1e-8] * 3), "score", **more)
+
+
+def test_an_estimate_with_a_template_shows_kernel_fit_and_residual(make_fit):
+    frame, result = make_fit("mvn")
+    locus = result.parameters.locus
+    found = estimate(locus.moments())
+    sharp = np.asarray(make_fit("stable")[1].image) - 400  # the scene of seed 0, before the background
+    axes = plot_estimate(
+        found,
+        frame.electrons - 400,
+        sharp,
+        result.image - 400,
+        0.375,
+        variance=frame.variance,
+        mask=frame.mask,
+    )
+    assert [ax.get_title() for ax in axes][:2] == ["kernel: normal with its moments", "transfer function"]
+    residual = axes[2].get_images()[0].get_array()
+    assert np.ma.std(residual) == pytest.approx(1, abs=0.05)  # 2304 pixels: 1.5 %; noise judged by the data
+    assert residual.mask.sum() == frame.mask.sum()
+    points = axes[1].containers[0].lines[0]
+    u = points.get_xdata()
+    # along 60 degrees the normal of 0.2 arcsec falls as a normal, within what the wedge takes off
+    np.testing.assert_allclose(
+        points.get_ydata()[u < 0.8], np.exp(-2 * (np.pi * 0.2 * u[u < 0.8]) ** 2), atol=0.06
+    )
+    assert png(axes[0], 40).startswith(PNG)
+
+
+def test_images_of_a_template_are_those_of_the_forward_model(make_fit):
+    truth = make_fit("mvn")[1].parameters
+    sharp, blurred = template_images(estimate(truth.locus.moments()), truth, make_fit.otf)
+    np.testing.assert_allclose(blurred, make_fit("mvn")[1].image, rtol=1e-10)
+    np.testing.assert_allclose(sharp, make_fit("stable")[1].image, rtol=1e-10)
+
+
+@pytest.mark.parametrize("moments", [[-1e-3, 0, -2e-3], [0.04, 0, -1e-3]])
+def test_moments_that_are_no_density_are_drawn_all_the_same(make_fit, moments):
+    frame, result = make_fit("stable")
+    axes = plot_estimate(
+        estimate(moments), frame.electrons, result.image, result.image, 0.375, variance=frame.variance
+    )
+    assert png(axes[0], 40).startswith(PNG)
+    dark = plot_estimate(
+        estimate(moments), 0 * frame.electrons, result.image, result.image, 0.375, variance=1e9
+    )
+    assert "noise" in dark[1].texts[0].get_text()
+    assert not dark[1].axison
+
+
+@pytest.mark.parametrize("plate_scale", [None, 0.4])
+def test_a_field_and_a_scene_are_drawn_with_and_without_a_scale(plate_scale, rng):
+    unit = "pixel" if plate_scale is None else "arcsec"
+    locus = Linear.of(6.0, 30.0)
+    moments = np.asarray(locus.moments()) + rng.normal(0, 0.1, (9, 3))
+    moments[4] = np.nan
+    x, y = rng.uniform(0, 80, (2, 9))
+    field = plot_field(
+        estimate(locus.moments(), locus=locus), x, y, moments, (80, 80), plate_scale=plate_scale
+    )
+    assert unit in field[2].get_xlabel()
+    assert unit in field[0].texts[-1].get_text() or "″" in field[0].texts[-1].get_text()
+    assert png(field[0], 40).startswith(PNG)
+    kernel = kernel_image(locus, 1.0)
+    for found in (estimate(locus.moments(), locus=locus), estimate(locus.moments(), kernel=kernel)):
+        scene = plot_extended(found, rng.normal(size=(64, 70)), plate_scale=plate_scale)
+        assert scene[2].get_title() == "as taken"
+        assert png(scene[0], 40).startswith(PNG)
+
+
+def test_a_template_of_no_jitter_keeps_its_other_parameters(make_fit):
+    truth = make_fit("stable")[1].parameters
+    moved = Parameters(truth.scene, Mvn.of(0.3), truth.aberrations, truth.background)
+    sharp, blurred = template_images(estimate([0, 0, 0], locus=Stable.of()), moved, make_fit.otf)
+    np.testing.assert_array_equal(sharp, blurred)
