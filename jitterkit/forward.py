@@ -56,6 +56,10 @@ class Parameters(eqx.Module):
         self.aberrations = jnp.asarray(aberrations, float)
         self.background = jnp.asarray(background, float)
 
+    def with_locus(self, locus: Locus) -> Parameters:
+        """The same with another locus."""
+        return Parameters(self.scene, locus, self.aberrations, self.background)
+
     @property
     def binary(self) -> Binary:
         """The scene, where it is a binary."""

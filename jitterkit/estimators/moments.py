@@ -19,7 +19,7 @@ from jitterkit.estimators.shape import is_detected
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
-from jitterkit.loci import Linear, Locus, Mvn
+from jitterkit.loci import Linear, Mvn
 from jitterkit.optics.otf import OTF
 
 __all__ = ["estimate_moments"]
@@ -65,7 +65,7 @@ def estimate_moments(
     200 times with the widest, which in turn is within 1 % for a drift up to 1.5 arcsec, 3 % at 3.
     Masked pixels count in neither image.
     """
-    place = _with_locus(template, Mvn.near(jnp.zeros(3)))
+    place = template.with_locus(Mvn.near(jnp.zeros(3)))
     window = _chosen(_windows(place, data, otf), _Point.at(place, data, otf), data, otf)
     vector, unravel = to_vector(place)
     values = np.array(vector)
@@ -81,10 +81,6 @@ def estimate_moments(
         "No blur gives the template the second moments of the frame; check the template's scene, or use the "
         "score estimator where the frame is faint."
     )
-
-
-def _with_locus(parameters: Parameters, locus: Locus) -> Parameters:
-    return Parameters(parameters.scene, locus, parameters.aberrations, parameters.background)
 
 
 class _Point(NamedTuple):
@@ -150,8 +146,8 @@ def _chosen(windows: list[np.ndarray], sharp: _Point, data: Data, otf: OTF) -> n
         return windows[least]
     drift = Linear.near(jnp.asarray(steps[-1][3:]))  # as the widest window sees it
     normal = Mvn.near(drift.moments())
-    point = _Point.at(_with_locus(sharp.parameters, normal), data, otf)
-    streak = np.asarray(expected_image(_with_locus(sharp.parameters, drift), otf)).ravel()
+    point = _Point.at(sharp.parameters.with_locus(normal), data, otf)
+    streak = np.asarray(expected_image(sharp.parameters.with_locus(drift), otf)).ravel()
     difference = streak - (np.asarray(data.electrons).ravel() - point.residual)
     bias = np.array([point.gain(window)[3:] @ difference for window in windows])
     return windows[int(np.argmin(noise + (bias**2).sum(axis=1)))]

@@ -1,24 +1,80 @@
-"""When a blur's shape is asked for, and when it is believed: one rule for every estimator that knows it.
+"""The shape of a blur: measured by one scoring step, and believed by one rule.
 
-The excess kurtosis enters an image by the square of the blur.  While the blur is small it is unknown
-and does no harm; once the frame tells it, leaving it out biases the moments.  Both borders are set by
-errors, not by the value found, so that no frame is picked by its noise.
+:func:`measure_shape` tests whether an image that a normal describes wants an excess kurtosis.  The excess
+kurtosis enters an image by the square of the blur: while the blur is small it is unknown and does no
+harm; once the frame tells it, leaving it out biases the moments.  Both borders, :func:`is_detected` and
+:func:`is_decisive`, are set by errors, not by the value found, so that no frame is picked by its noise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from typing import NamedTuple
+
+import equinox as eqx
 import numpy as np
+from scipy.stats import chi2
 
+from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import significance
+from jitterkit.likelihood import Data, normal_equations
+from jitterkit.loci import Shaped
+from jitterkit.optics.otf import OTF
+from jitterkit.scoring import invert_information
 
-__all__ = ["is_decisive", "is_detected"]
+__all__ = ["Shape", "is_decisive", "is_detected", "measure_shape"]
 
-_DETECTED = 16.27
-"""Chi-squared, three degrees of freedom, that no jitter at all exceeds in one frame of a thousand."""
+_DETECTED = float(chi2.isf(1e-3, 3))
+"""Chi-squared of three moments that no jitter at all exceeds in one frame of a thousand."""
 
 _DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
 held at a normal's is what their variance grows by with the shape free, and beyond it is more."""
+
+_equations = eqx.filter_jit(normal_equations)
+
+
+class Shape(NamedTuple):
+    """What one scoring step from a normal says about the shape of a blur.
+
+    Attributes
+    ----------
+    kurtosis, error : float
+        Excess kurtosis, the same along every axis: linear -1.2, SHM -1.5.  One step: too small a
+        number where the blur is as large as the resolution and far from normal.  NaN where the frame does
+        not determine it.
+    response : float
+        Change of the fitted separation for a unit of kurtosis that the locus leaves out, arcsec; zero
+        where no separation is fitted.
+    """
+
+    kurtosis: float
+    error: float
+    response: float
+
+
+def measure_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str] = ()) -> Shape:
+    """Excess kurtosis of a blur, by one scoring step from the normal that fits, everything free beside it.
+
+    Parameters
+    ----------
+    normal : Parameters
+        Where a fit with a normal locus ended.
+    otf : OTF
+        Expanded near there.
+    data : Data
+    hold : collection of str
+        What the fit held.
+    """
+    shaped = normal.with_locus(Shaped.near(normal.locus.moments()))
+    names, free = free_parameters(shaped, otf, hold)
+    equations = _equations(shaped, otf, data, free)
+    covariance, _ = invert_information(equations.information)
+    slot = names.index(Shaped.names[-1])
+    mine = covariance[slot]
+    # what is fitted beside it follows the kurtosis by the regression that the covariance describes
+    response = -mine[names.index("separation")] / mine[slot] if "separation" in names else 0.0
+    return Shape(float(mine @ np.asarray(equations.score)), float(np.sqrt(mine[slot])), float(response))
 
 
 def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.stats
 
+from jitterkit.estimators.shape import Shape, measure_shape
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
@@ -31,8 +32,8 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit.evidence import log_evidence, minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
+from jitterkit.refit.lack_of_fit import lack_of_fit
 from jitterkit.refit.result import Candidate, FitResult, Status
-from jitterkit.refit.shape import Shape, lack_of_fit, measure_shape
 from jitterkit.refit.starts import starting_point
 
 __all__ = ["fit_best_locus", "fit_locus", "single_star"]
@@ -139,7 +140,7 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return _conclude([normal])
     if not _detected(normal):
         return _conclude([normal], ("jitter_undetected",))
-    shape = measure_shape(normal, otf, frame.data)
+    shape = measure_shape(normal.parameters, otf, frame.data, frame.options.hold)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
         return _conclude([normal])

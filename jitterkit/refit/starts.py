@@ -43,9 +43,7 @@ def starting_point(
     start : Parameters
         Of several starts the one that a few steps lead highest.
     """
-    starts = [
-        Parameters(start.scene, locus, start.aberrations, start.background) for locus in _loci(kind, moments)
-    ]
+    starts = [start.with_locus(locus) for locus in _loci(kind, moments)]
     if len(starts) == 1:
         return starts[0]
     names, free = free_parameters(starts[0], otf, hold)

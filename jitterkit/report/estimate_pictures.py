@@ -49,10 +49,7 @@ def template_images(
         For :func:`plot_estimate`.
     """
     locus = Mvn.near(estimate.moments) if estimate.locus is None else estimate.locus
-    both = (
-        Parameters(template.scene, each, template.aberrations, template.background)
-        for each in (Stable.of(), locus)
-    )
+    both = (template.with_locus(each) for each in (Stable.of(), locus))
     sharp, blurred = (np.asarray(expected_image(parameters, otf)) for parameters in both)
     return sharp, blurred
 

@@ -1,0 +1,44 @@
+"""Whether an image wants more than the locus that was fitted."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jitterkit.loci import PartialShm, Shm, Stable
+from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.lack_of_fit import WithCumulants, lack_of_fit
+
+
+def test_a_right_locus_fits_and_a_lopsided_blur_does_not(bench, rng):
+    truth = bench.truth(Shm.of(0.6, 30.0))
+    chances = []
+    for _ in range(24):
+        data = bench.draw(truth, rng)
+        fit, otf = fit_and_expand(data, bench.optics, bench.near(Shm.of(0.5, 25.0)))
+        chances.append(lack_of_fit(fit, otf, data).chance)
+    # 24 uniform numbers have a mean within 4/sqrt(12 * 24) of a half
+    assert abs(np.mean(chances) - 0.5) < 0.24
+    lopsided = bench.draw(bench.truth(PartialShm.of(0.8, 30.0, 0.7, 50.0), flux=3e7), rng)
+    fit, otf = fit_and_expand(lopsided, bench.optics, bench.near(Shm.of(0.5, 25.0)))
+    assert lack_of_fit(fit, otf, lopsided).chance < 1e-6
+
+
+def test_cumulants_are_the_derivatives_of_the_log_of_a_transfer_function():
+    # 1/6 of the third derivative of ln E exp(-2 pi i f x) is (-2 pi i)^3 kappa_3/6 = +i (2 pi)^3 kappa_3/6
+    f = jnp.array([0.2, -0.3])
+    third = WithCumulants(Stable.of(), [1e-2] + [0.0] * 8).transfer(f, 0 * f)
+    np.testing.assert_allclose(np.angle(third), (2 * np.pi * np.asarray(f)) ** 3 * 1e-2 / 6, rtol=1e-9)
+    # of a skewed path: the phase of its transfer function at low frequency
+    skewed = PartialShm.of(0.5, 0.0, 0.5, 60.0)
+    x = skewed.points(4096)[:, 0]
+    low = np.angle(np.asarray(skewed.transfer(jnp.array([0.1]), jnp.array([0.0]))))[0]
+    assert low == pytest.approx((2 * np.pi * 0.1) ** 3 * np.mean(x**3) / 6, rel=0.01)
+
+
+def test_cumulants_of_zero_leave_a_locus_as_it_is():
+    skewed = PartialShm.of(0.5, 0.0, 0.5, 60.0)
+    f = jnp.array([0.4])
+    same = WithCumulants(skewed)
+    np.testing.assert_array_equal(same.transfer(f, -f), skewed.transfer(f, -f))
+    np.testing.assert_array_equal(same.moments(), skewed.moments())
+    np.testing.assert_array_equal(same.points(64), skewed.points(64))
