@@ -7,6 +7,7 @@ of the parameters, and the loop is a single compiled program: no Python between 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import field
 from typing import NamedTuple
 
@@ -16,11 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jitterkit.forward import Parameters, to_vector
+from jitterkit.forward import Parameters, free_parameters, to_vector
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.optics.otf import OTF
 
-__all__ = ["Climb", "Prior", "climb", "invert_information"]
+__all__ = ["Climb", "Prior", "climb", "climb_a_little", "invert_information"]
 
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
@@ -186,6 +187,34 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         state.converged,
         state.iterations,
     )
+
+
+def climb_a_little(
+    start: Parameters, otf: OTF, data: Data, hold: Collection[str], steps: int
+) -> tuple[Parameters, np.ndarray]:
+    """Climb a few steps without a prior.
+
+    Parameters
+    ----------
+    start : Parameters
+    otf : OTF
+    data : Data
+    hold : collection of str
+        Parameters to keep as they are.
+    steps : int
+        Evaluations, rejected ones included.
+
+    Returns
+    -------
+    end : Parameters
+    covariance : (k, k) array
+        Of the locus's free coordinates there; NaN where the frame does not determine the parameters.
+    """
+    names, free = free_parameters(start, otf, hold)
+    end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps)
+    slots = [names.index(name) for name in start.locus.names if name in names]
+    covariance, _ = invert_information(end.information)
+    return end.parameters, covariance[np.ix_(slots, slots)]
 
 
 def _damped_step(curvature, score, damping):

@@ -15,17 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.estimators.shape import is_decisive, is_detected, measure_shape
-from jitterkit.forward import Parameters, free_parameters
+from jitterkit.estimators.shape import fit_shape, is_decisive, is_detected, measure_shape
+from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
-from jitterkit.loci import Mvn, Shaped
+from jitterkit.loci import Mvn
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import Prior, climb, invert_information
+from jitterkit.scoring import climb_a_little
 
 __all__ = ["estimate_score"]
-
-_KURTOSIS = Shaped.names[-1]
 
 
 def estimate_score(
@@ -47,7 +45,7 @@ def estimate_score(
     otf : OTF
         About the template's aberrations.
     steps : int
-        Scoring steps for a normal, rejected ones included; as many again where the shape is free.
+        Scoring steps for a normal, rejected ones included.
     hold : collection of str
         Parameters to keep at the template's values.
     shape : float, optional
@@ -69,17 +67,15 @@ def estimate_score(
 
     Notes
     -----
-    *Fails when* the blur is wider than the optics' resolution and not of this family of shapes: a linear
-    smear, which is, leaves 0.4 % of its variance at 1.5 arcsec and 3 % at 3 arcsec on TOLIMAN, where four
-    steps do not arrive.
+    *Fails when* the blur is wider than the optics' resolution and not of this family of shapes: lopsided, or
+    two tones.
     """
+    normal, covariance = climb_a_little(template.with_locus(Mvn.near(jnp.zeros(3))), otf, data, hold, steps)
+    if not np.all(np.isfinite(covariance)):
+        raise UndeterminedError("The frame does not determine its parameters; hold some, or mask less of it.")
     if shape is not None:
-        known = template.with_locus(Shaped(jnp.array([0.0, 0.0, 0.0, shape])))
-        end, covariance = _climb(known, otf, data, {*hold, _KURTOSIS}, steps)
-        _insist(covariance)
+        end, covariance = fit_shape(normal, otf, data, hold, shape)
         return KernelEstimate(np.asarray(end.locus.moments()), covariance, "score", locus=end.locus)
-    normal, covariance = _climb(template.with_locus(Mvn.near(jnp.zeros(3))), otf, data, hold, steps)
-    _insist(covariance)
     moments = np.asarray(normal.locus.moments())
     estimate = KernelEstimate(moments, covariance, "score")
     if not is_detected(moments, covariance):
@@ -88,26 +84,10 @@ def estimate_score(
     estimate = replace(estimate, shape=told.kurtosis, shape_err=told.error)
     if not is_decisive(told.error):
         return estimate
-    end, covariance = _climb(normal.with_locus(Shaped.near(moments)), otf, data, hold, steps)
+    end, covariance = fit_shape(normal, otf, data, hold)
     if not np.all(np.isfinite(covariance)):
         return estimate
     coords, error = np.asarray(end.locus.coords), float(np.sqrt(covariance[3, 3]))
     return KernelEstimate(
         coords[:3], covariance[:3, :3], "score", shape=float(coords[3]), shape_err=error, locus=end.locus
     )
-
-
-def _climb(
-    start: Parameters, otf: OTF, data: Data, hold: Collection[str], steps: int
-) -> tuple[Parameters, np.ndarray]:
-    """Where a few steps lead, and the covariance of the locus's free coordinates there."""
-    names, free = free_parameters(start, otf, hold)
-    end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps)
-    slots = [names.index(name) for name in start.locus.names if name in names]
-    covariance, _ = invert_information(end.information)
-    return end.parameters, covariance[np.ix_(slots, slots)]
-
-
-def _insist(covariance: np.ndarray) -> None:
-    if not np.all(np.isfinite(covariance)):
-        raise UndeterminedError("The frame does not determine its parameters; hold some, or mask less of it.")

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.stats
 
-from jitterkit.estimators.shape import Shape, measure_shape
+from jitterkit.estimators.shape import Shape, fit_shape, is_decisive, measure_shape
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
@@ -140,7 +140,7 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return _conclude([normal])
     if not _detected(normal):
         return _conclude([normal], ("jitter_undetected",))
-    shape = measure_shape(normal.parameters, otf, frame.data, frame.options.hold)
+    shape = _shape(frame, normal.parameters, otf)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
         return _conclude([normal])
@@ -176,6 +176,17 @@ def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF) -> tuple[FitResu
 def _detected(normal: FitResult) -> bool:
     moments, covariance = normal.moments()
     return significance(moments, covariance) > _DETECTED
+
+
+def _shape(frame: _Frame, normal: Parameters, otf: OTF) -> Shape:
+    """What a step says of the shape, and a few more where it is known well."""
+    shape = measure_shape(normal, otf, frame.data, frame.options.hold)
+    if not is_decisive(shape.error):
+        return shape
+    end, covariance = fit_shape(normal, otf, frame.data, frame.options.hold)
+    if not np.all(np.isfinite(covariance)):
+        return shape
+    return shape._replace(kurtosis=float(end.locus.coords[3]), error=float(np.sqrt(covariance[3, 3])))
 
 
 def single_star(fit: FitResult) -> bool:
