@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import covariance_on_axis
 
 __all__ = ["Measured"]
 
@@ -55,22 +56,17 @@ class Measured:
         draw: Callable[[], list[Any]],
         message: str = "",
     ) -> Measured:
-        """With the length of the estimate's locus, and the errors that its covariance gives them."""
+        """With the length of the estimate's locus and the errors that its covariance gives them.
+
+        An estimate that does not say which data it was made from was made from the frame.
+        """
+        estimate = replace(estimate, source=estimate.source or frame.name)
         sizes = {} if estimate.locus is None else estimate.locus.describe()
         length = sizes.get("length", math.nan)
-        across, along = _errors(estimate)
-        major, minor, _ = estimate.axes
+        major, minor, angle = estimate.axes
+        along, across, _ = np.sqrt(np.diag(covariance_on_axis(estimate.covariance, angle)))
         spread = max(major**2 - minor**2, np.finfo(float).tiny)
         # of a streak the variance is proportional to the square of the length
         length_err = 0.5 * length * along / major**2 if major > 0 else math.nan
         angle_err = min(math.degrees(across / spread), 90 / math.sqrt(3))  # at most that of a guess
         return cls(frame, estimate, plate_scale, draw, length, length_err, angle_err, message)
-
-
-def _errors(estimate: KernelEstimate) -> tuple[float, float]:
-    """Errors of the moments' off-diagonal term and of the variance, in the frame of the major axis."""
-    angle = math.radians(estimate.axes[2])
-    c, s = math.cos(angle), math.sin(angle)
-    rows = np.array([[-s * c, c * c - s * s, s * c], [c * c, 2 * s * c, s * s]])
-    across, along = np.sqrt(np.einsum("ri,ij,rj->r", rows, estimate.covariance, rows))
-    return float(across), float(along)

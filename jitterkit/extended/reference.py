@@ -107,7 +107,6 @@ def estimate_from_reference(
         moments * plate_scale**2,
         covariance * plate_scale**4,
         "reference",
-        source="sharp frame",
         kernel=kernel,
         locus=locus,
     )

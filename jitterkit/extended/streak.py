@@ -11,7 +11,7 @@ import numpy as np
 from jitterkit.conventions import axis_angle
 from jitterkit.extended.spectrum import PowerSpectrum
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import Linear
+from jitterkit.loci import Linear, covariance_on_axis
 
 __all__ = ["apart", "streak_estimate", "transfer_squared"]
 
@@ -45,23 +45,13 @@ def streak_estimate(
     estimate : KernelEstimate
         The moments and their covariance to first order in the errors.
     """
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    # Σ = L²/12 (c², cs, s²): derivatives by L, and by the angle over L
-    slopes = (
-        length / 12 * np.array([[2 * c * c, 2 * c * s, 2 * s * s], [-2 * c * s, c * c - s * s, 2 * c * s]])
-    )
-    covariance = slopes.T @ np.diag([along**2, across**2]) @ slopes
+    # along itself a streak's moments are (L²/12, 0, 0); turned by da, they gain a cross moment of L²/12 da
+    own = np.diag([2 * along, across, 0.0]) * length / 12
+    covariance = covariance_on_axis(own**2, -angle)
     # to first order a streak stays one; across it the moments are uncertain to second order
     covariance += np.eye(3) * ((along**2 + across**2) / 12) ** 2
     locus = Linear.of(length * plate_scale, axis_angle(angle))
-    return KernelEstimate(
-        np.asarray(locus.moments()),
-        covariance * plate_scale**4,
-        method,
-        source="blind",
-        shape=-1.2,
-        locus=locus,
-    )
+    return KernelEstimate(np.asarray(locus.moments()), covariance * plate_scale**4, method, locus=locus)
 
 
 def transfer_squared(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:

@@ -1,7 +1,13 @@
 """Jitter loci: the paths a pointing draws on the detector, as exact transfer functions."""
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci.base import (
+    Locus,
+    axis_variances,
+    covariance_on_axis,
+    moments_on_axis,
+    principal_axes,
+)
 from jitterkit.loci.cards import jitter_cards
 from jitterkit.loci.ellipse import Ellipse
 from jitterkit.loci.kernel import rasterise
@@ -36,9 +42,12 @@ __all__ = [
     "Streak",
     "Tones",
     "Trace",
+    "axis_variances",
+    "covariance_on_axis",
     "jitter_cards",
     "locus_class",
     "locus_name",
+    "moments_on_axis",
     "principal_axes",
     "rasterise",
     "read_trace",

@@ -32,7 +32,15 @@ from jaxtyping import Array, Float
 
 from jitterkit.conventions import axis_angle
 
-__all__ = ["Locus", "principal_axes", "turned", "whole_cycles"]
+__all__ = [
+    "Locus",
+    "axis_variances",
+    "covariance_on_axis",
+    "moments_on_axis",
+    "principal_axes",
+    "turned",
+    "whole_cycles",
+]
 
 
 class Locus(eqx.Module):
@@ -84,7 +92,7 @@ class Locus(eqx.Module):
 
 
 def principal_axes(moments) -> tuple[float, float, float]:
-    """Principal axes of second moments.
+    """Principal axes of second moments, as sizes.
 
     Parameters
     ----------
@@ -99,16 +107,71 @@ def principal_axes(moments) -> tuple[float, float, float]:
     angle : float
         Of the major axis, degrees counter-clockwise from +x in [0, 180).
     """
+    major, minor, angle = axis_variances(moments)
+    return float(np.sqrt(max(major, 0.0))), float(np.sqrt(max(minor, 0.0))), angle
+
+
+def axis_variances(moments) -> tuple[float, float, float]:
+    """Variances along the principal axes of second moments.
+
+    Parameters
+    ----------
+    moments : (3,) array
+        ``(Sxx, Sxy, Syy)``, arcsec².
+
+    Returns
+    -------
+    major, minor : float
+        arcsec², with their signs: noise about no jitter makes them negative.
+    angle : float
+        Of the major axis, degrees counter-clockwise from +x in [0, 180).
+
+    >>> axis_variances([2.0, 1.0, 2.0])
+    (3.0, 1.0, 45.0)
+    """
     sxx, sxy, syy = (float(s) for s in moments)
     mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
-    angle = axis_angle(np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2)
-    return float(np.sqrt(max(mean + half, 0.0))), float(np.sqrt(max(mean - half, 0.0))), angle
+    return mean + half, mean - half, axis_angle(np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2)
+
+
+def moments_on_axis(moments, angle: float) -> np.ndarray:
+    """Second moments along and across an axis.
+
+    Parameters
+    ----------
+    moments : (3,) array
+        ``(Sxx, Sxy, Syy)``, arcsec².
+    angle : float
+        Of the axis, degrees counter-clockwise from +x.  What is given on an axis at ``angle`` is on x and y
+        by ``-angle``.
+
+    Returns
+    -------
+    moments : (3,) array
+        The variance along the axis, the cross moment, and the variance across.
+
+    >>> moments_on_axis([3.0, 0.5, 1.0], 90.0).round(9)
+    array([ 1. , -0.5,  3. ])
+    """
+    return _projection(angle) @ np.asarray(moments)
+
+
+def covariance_on_axis(covariance, angle: float) -> np.ndarray:
+    """Covariance (3, 3) of second moments along and across an axis, as :func:`moments_on_axis` has them."""
+    rows = _projection(angle)
+    return rows @ np.asarray(covariance) @ rows.T
 
 
 def turned(along, across, angle: float) -> np.ndarray:
     """Offsets ``(n, 2)`` from components along and across an axis at ``angle`` degrees."""
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.stack([along * c - across * s, along * s + across * c], axis=-1)
+
+
+def _projection(angle: float) -> np.ndarray:
+    """What takes ``(Sxx, Sxy, Syy)`` to the moments along, crosswise and across: ``R' Σ R`` by rows."""
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    return np.array([[c * c, 2 * s * c, s * s], [-s * c, c * c - s * s, s * c], [s * s, -2 * s * c, c * c]])
 
 
 def whole_cycles(n: int, rng: np.random.Generator) -> np.ndarray:

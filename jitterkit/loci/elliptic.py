@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci.base import Locus, principal_axes, turned
+from jitterkit.loci.base import Locus, moments_on_axis, principal_axes, turned
 
 __all__ = ["Elliptic", "covariance"]
 
@@ -31,9 +31,7 @@ def covariance(sigma_major: float, sigma_minor: float, angle: float) -> Float[Ar
         raise ConfigurationError(
             f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}."
         )
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    a, b = sigma_major**2, sigma_minor**2
-    return jnp.asarray([a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c])
+    return jnp.asarray(moments_on_axis([sigma_major**2, 0.0, sigma_minor**2], -angle))
 
 
 class Elliptic(Locus):

@@ -25,7 +25,10 @@ _KNOTS = 4
 _NODES = 16
 
 _BEND = 0.1
-"""Of the length, that a fit starts bent by: a straight line is its own mirror image."""
+"""Of the length, that a fit starts bent by at least: a straight line is its own mirror image."""
+
+_PARABOLA = 4 / 45
+"""Variance of a parabola over its span, in units of its height squared."""
 
 
 def _names(knots: int) -> tuple[str, ...]:
@@ -77,10 +80,11 @@ class Path(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """A straight line of the greater moment, slightly bent."""
-        major, _, angle = principal_axes(moments)
+        """A straight line of the greater variance, bent to a parabola of the lesser."""
+        major, minor, angle = principal_axes(moments)
         length, s = np.sqrt(12) * major, np.linspace(-0.5, 0.5, _KNOTS)
-        return cls.of(turned(length * s, _BEND * length * (4 * s**2 - 1), angle))
+        height = max(minor / np.sqrt(_PARABOLA), _BEND * length)
+        return cls.of(turned(length * s, height * (4 * s**2 - 1), angle))
 
     def transfer(self, fx, fy):
         x, y = self._at_nodes()
@@ -103,6 +107,15 @@ class Path(Locus):
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return self.points(n)
+
+    @property
+    def modes(self) -> np.ndarray:
+        """Variances (K - 1,) per square of a step, of the independent ways to step along one axis.
+
+        ``Sxx + Syy`` is the sum over them of the variance times the squares of the steps that way in x and y.
+        """
+        matrix, weights = _quadrature(self._knots)
+        return np.linalg.eigvalsh((matrix.T * weights) @ matrix)
 
     @property
     def _knots(self) -> int:

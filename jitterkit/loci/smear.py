@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.loci.base import principal_axes
+from jitterkit.loci.base import axis_variances
 from jitterkit.loci.linear import Linear
 from jitterkit.loci.mvn import Mvn
 from jitterkit.loci.product import Product
@@ -49,11 +49,9 @@ class Smear(Product):
     @classmethod
     def near(cls, moments) -> Self:
         """What the major axis has more than the minor is smear; the rest is round."""
-        sxx, sxy, syy = (float(s) for s in moments)
-        excess = 2 * np.hypot((sxx - syy) / 2, sxy)
-        least = (sxx + syy - excess) / 2
-        length = np.sqrt(excess / Linear.variance)
-        return cls(Linear.of(length, principal_axes(moments)[2]), Mvn(jnp.asarray([least, 0.0, least])))
+        major, minor, angle = axis_variances(moments)
+        length = np.sqrt((major - minor) / Linear.variance)
+        return cls(Linear.of(length, angle), Mvn(jnp.asarray([minor, 0.0, minor])))
 
     def describe(self) -> dict[str, float]:
         """``length`` and ``angle`` of the smear; the normal's sigmas and ``sigma_angle``."""

@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import log_ndtr
 
-from jitterkit.loci import Linear, Locus, Shm
+from jitterkit.loci import Linear, Locus, Shm, axis_variances, covariance_on_axis
 from jitterkit.refit.priors import leashes
 from jitterkit.refit.result import FitResult
 from jitterkit.refit.tip import at_the_tip
@@ -46,8 +46,17 @@ def log_evidence(fit: FitResult) -> float:
     Elliptical loci (``mvn``, ``ellipse``, ``shaped``): the anisotropy ``(Sxx - Syy, 2 Sxy)/T`` is uniform in
     the unit disc; what part of the posterior lies outside it, at negative variances, counts for nothing.
     A normal is as likely to be a straight line as not, so that random motion in one plane is not taken
-    for a vibration because it is straight.  A locus of several parts of which one cannot be told from nothing
-    has no evidence: a simpler one is the same.
+    for a vibration because it is straight.
+
+    A locus of several parts of which one cannot be told from nothing has no evidence: a simpler one is the
+    same.
+
+    A path's steps are on a leash, a normal density N of a width in proportion to its rms.  Over paths drawn
+    from N, T has a density q in ln T: ``N/q`` is flat in ln T, and has at each T the shapes that N has there.
+    Its quadratic form is in the objective with the width of the start, the rest taken with that of the end;
+    their T agree to 6 %, since ``Path.near`` has the moments that it is given, which is worth 0.04 in ln Z.
+    Importance sampling agreed with Laplace to 0.4 where a path is bent; *fails when* it is all but straight:
+    its evidence is then 2 or 3 too high.
     """
     prior = _PRIORS.get(fit.locus)
     if fit.parameters is None or prior is None or not np.all(np.isfinite(fit.covariance)):
@@ -61,10 +70,8 @@ def log_evidence(fit: FitResult) -> float:
 
 def minor_variance(moments, covariance) -> tuple[float, float]:
     """Variance along the minor axis of second moments and its error, arcsec²; noise may make it negative."""
-    sxx, sxy, syy = np.asarray(moments)
-    angle = 0.5 * np.arctan2(2 * sxy, sxx - syy)
-    across = np.array([np.sin(angle) ** 2, -2 * np.sin(angle) * np.cos(angle), np.cos(angle) ** 2])
-    return float(across @ moments), float(np.sqrt(across @ covariance @ across))
+    _, minor, angle = axis_variances(moments)
+    return minor, float(np.sqrt(covariance_on_axis(covariance, angle)[2, 2]))
 
 
 def _total(locus: Locus) -> float:
@@ -105,8 +112,23 @@ def _partial(fit: FitResult, locus: Locus) -> float:
 
 
 def _path(fit: FitResult, locus: Locus) -> float:
-    """Two sets of coordinates are the same image: a path and the same run backwards."""
-    return math.log(2) + _leashes(locus)
+    """The leash tells the shape; what it tells of the size is divided out.
+
+    A path and the same run backwards are the same image.
+    """
+    (_, sigma), modes = leashes(locus)[locus.names[0]], locus.modes  # type: ignore[attr-defined]
+    return math.log(2) + _leashes(locus) - math.log(_size_density(_total(locus), sigma, modes))
+
+
+def _size_density(total: float, sigma: float, modes: np.ndarray) -> float:
+    """Density in ``ln T`` of paths whose steps are normal with sigma: T is a sum of exponentials.
+
+    Each mode of a path adds ``v (a² + b²)``, of mean ``m = 2 v sigma²``; the sum over them has the density
+    ``sum_j exp(-T/m_j)/m_j prod_(k != j) m_j/(m_j - m_k)``.
+    """
+    mean = 2 * modes * sigma**2
+    gaps = mean[:, None] - mean + np.diag(mean)
+    return float(total * np.sum(np.prod(mean[:, None] / gaps, axis=1) * np.exp(-total / mean) / mean))
 
 
 def _tones(fit: FitResult, locus: Locus) -> float:

@@ -17,11 +17,12 @@ from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import axis_variances
 from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import Stars, find_stars
 from jitterkit.starfield.moments import Moments, adaptive_moments
 from jitterkit.starfield.psf import Psf, field_psf
-from jitterkit.starfield.trail import Trail, axes, trail_against, trail_alone
+from jitterkit.starfield.trail import Trail, trail_against, trail_alone
 from jitterkit.starfield.verdict import Verdict, judge
 
 __all__ = ["FieldEstimate", "estimate_field", "roundest"]
@@ -156,7 +157,7 @@ def roundest(frames: Sequence[Frame]) -> int:
     sizes = []
     for frame in frames:
         try:
-            sizes.append(axes(common_moments(adaptive_moments(find_stars(frame))).moments)[0])
+            sizes.append(axis_variances(common_moments(adaptive_moments(find_stars(frame))).moments)[0])
         except UndeterminedError:
             sizes.append(np.inf)
     if not sizes or not np.isfinite(min(sizes)):
@@ -185,7 +186,7 @@ def _record(
         shared=None if psf is None else psf.covariance,
         direction=(trail.angle, trail.angle_err),
     )
-    major, minor, _ = axes(common.moments)
+    major, minor, _ = axis_variances(common.moments)
     kernel = KernelEstimate(
         trail.moments * area,
         trail.covariance * area**2,

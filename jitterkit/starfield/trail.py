@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.loci import Linear, Locus, Mvn, principal_axes
+from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core
@@ -21,7 +21,7 @@ from jitterkit.starfield.joint import JointFit, fit_joint
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.psf import Psf, stack_psf
 
-__all__ = ["Trail", "axes", "trail_against", "trail_alone"]
+__all__ = ["Trail", "trail_against", "trail_alone"]
 
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""
@@ -88,8 +88,8 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     """
     psf = stack_psf(stars, moments)
     core = fit_round_core(psf, common.moments)
-    major, minor, axis = axes(common.moments)
-    noise = _along(common.covariance, axis)
+    major, minor, axis = axis_variances(common.moments)
+    noise = _elongation_errors(common.covariance, axis)
     length = core.line.describe()["length"]
     doubt = 0.0
     remarks: tuple[str, ...] = (_CONDITION,)
@@ -169,10 +169,8 @@ def _line(
     """Fit a line; where the stars are wider across it than the PSF, after that has been widened."""
     blur = np.asarray(normal.locus.moments())
     line = fit_joint(stars, moments, otf, Linear.near(blur))
-    _, minor, axis = axes(blur)
-    c, s = np.cos(np.radians(axis)), np.sin(np.radians(axis))
-    across = np.array([s * s, -2 * s * c, c * c])
-    error = float(np.sqrt(across @ (normal.covariance + psf.covariance) @ across))
+    _, minor, axis = axis_variances(blur)
+    error = float(np.sqrt(covariance_on_axis(normal.covariance + psf.covariance, axis)[2, 2]))
     if abs(minor) < _WIDER * error:
         return line, ()
     fy, fx = otf.grid.frequencies
@@ -187,18 +185,10 @@ def _line(
     )
 
 
-def axes(moments: np.ndarray) -> tuple[float, float, float]:
-    """Variances along the principal axes, signed, and the angle of the major one."""
-    sxx, sxy, syy = (float(s) for s in moments)
-    mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
-    return mean + half, mean - half, principal_axes(moments)[2]
-
-
-def _along(covariance: np.ndarray, axis: float) -> tuple[float, float]:
+def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:
     """Errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
-    c, s = np.cos(np.radians(2 * axis)), np.sin(np.radians(2 * axis))
-    along, across = np.array([c, 2 * s, -c]), np.array([-s, 2 * c, s])
-    return float(np.sqrt(along @ covariance @ along)), float(np.sqrt(across @ covariance @ across))
+    own = covariance_on_axis(covariance, axis)
+    return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))
 
 
 def _root_error(square: float, error: float) -> float:

@@ -222,7 +222,7 @@ def test_values_and_derivatives_are_finite_at_no_size_and_at_tiny_sizes(example)
 BY_MOMENTS = ("stable", "linear", "shm", "mvn", "ellipse", "lissajous")
 
 
-@pytest.mark.parametrize("name", [name for name in LOCI if name != "path"])
+@pytest.mark.parametrize("name", LOCI)
 def test_the_locus_nearest_to_given_moments_has_them(name):
     locus = EXAMPLES[name]()
     again = type(locus).near(locus.moments())

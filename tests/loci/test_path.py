@@ -2,6 +2,8 @@
 
 import itertools
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
@@ -57,14 +59,32 @@ def test_where_a_path_as_a_whole_lies_does_not_matter_but_its_knots_are_given_ba
     assert np.diff(places, axis=0) == pytest.approx(np.diff(KNOTS, axis=0), abs=1e-14)
 
 
-def test_a_fit_starts_along_the_major_axis_and_a_little_bent():
-    near = np.asarray(Path.near([0.02, 0.01, 0.03]).moments())
+def test_a_fit_starts_with_the_moments_it_is_given():
+    moments = np.array([0.02, 0.01, 0.03])
+    assert np.asarray(Path.near(moments).moments()) == pytest.approx(moments, abs=1e-15)
+
+
+def test_a_fit_of_a_straight_blur_starts_along_it_and_a_little_bent():
+    near = np.asarray(Path.near([0.01, 0.01 * np.sqrt(2), 0.02]).moments())  # of variances 0.03 and 0
     angle = 0.5 * np.arctan2(2 * near[1], near[0] - near[2])
-    assert angle == pytest.approx(0.5 * np.arctan2(0.02, -0.01), abs=1e-6)
+    assert angle == pytest.approx(0.5 * np.arctan2(0.02 * np.sqrt(2), -0.01), abs=1e-12)
     line = np.linalg.eigvalsh([[near[0], near[1]], [near[1], near[2]]])
     # along: the greater eigenvalue; across: a parabola of height 0.1 L, whose variance is 4/45 of its square.
-    greater = 0.025 + np.hypot(0.005, 0.01)
-    assert line == pytest.approx([4 / 45 * 0.01 * 12 * greater, greater], rel=1e-10)
+    assert line == pytest.approx([4 / 45 * 0.01 * 12 * 0.03, 0.03], rel=1e-7)
+
+
+@pytest.mark.parametrize("knots", [2, 3, 4, 5])
+def test_the_size_of_a_path_is_the_sum_over_its_modes(knots, rng):
+    # T of steps drawn at random, per axis of unit variance, has the mean sum(v) and the variance 2 sum(v²).
+    modes = Path.of(KNOTS[:knots]).modes
+    assert modes.shape == (knots - 1,)
+    steps = rng.standard_normal((4000, 2 * (knots - 1)))
+    steps[:, knots - 1 :] = 0.0  # in x alone
+    sizes = np.array([float(s[0]) for s in jax.vmap(lambda c: Path(c).moments())(jnp.asarray(steps))])
+    error = np.sqrt(2 * np.sum(modes**2) / len(sizes))
+    assert sizes.mean() == pytest.approx(modes.sum(), abs=4 * error)
+    # of a sample variance of chi-squared variables: kurtosis 12 or less, so sqrt((2 + 12)/n) of itself
+    assert sizes.var() == pytest.approx(2 * np.sum(modes**2), rel=4 * np.sqrt(14 / len(sizes)))
 
 
 TIMES = np.array([10.0, 10.2, 10.25, 10.5, 10.85, 11.0])

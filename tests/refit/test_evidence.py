@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jitterkit.forward import Parameters
-from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Shm, Smear, Tones
+from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Path, Shm, Smear, Tones
 from jitterkit.refit.evidence import log_evidence, minor_variance
 from jitterkit.refit.priors import leashes
 from jitterkit.refit.result import FitResult, Status
@@ -82,6 +82,34 @@ def test_a_partial_vibration_points_anywhere_and_two_sets_of_numbers_are_one_mot
     density -= sum(np.log(np.sqrt(2 * np.pi) * width) for _, width in leashes(locus).values())
     expected = density + 4 * np.log(np.sqrt(2 * np.pi) * sigma)
     assert log_evidence(fitted("partial", locus, sigma)) == pytest.approx(expected, abs=1e-6)
+
+
+def on_its_leash(steps, sigma):
+    """A fit of a path whose objective is the leash's quadratic form alone."""
+    locus = Path(steps)
+    (_, width), *_ = leashes(locus).values()
+    return fitted("path", locus, sigma, float(np.sum(np.square(steps))) / width**2)
+
+
+def test_paths_have_one_unit_of_prior_in_each_unit_of_ln_size(rng):
+    # Steps in a direction even over the sphere, |S5| = pi³, with ln T even over one unit: at one shape
+    # d ln T = 2 d ln r, so that their density is 2/(pi³ r⁶).  The mean of the prior over it is one.
+    ratios = []
+    for steps in rng.standard_normal((1000, 6)):
+        sxx, _, syy = np.asarray(Path(steps).moments())
+        steps *= np.exp(rng.uniform(0, 0.5)) * 0.1 / np.sqrt(sxx + syy)
+        sigma = 1e-9
+        # two sets of steps are one image; the posterior is (2 pi)³ sigma⁶ wide
+        prior = log_evidence(on_its_leash(steps, sigma)) - np.log(2) - 6 * np.log(np.sqrt(2 * np.pi) * sigma)
+        ratios.append(np.exp(prior) * np.pi**3 * np.sum(steps**2) ** 3 / 2)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(len(ratios)))
+    assert np.std(ratios) < 0.8  # so that the mean is good to 0.1; the leash alone would give 0.40
+
+
+def test_the_evidence_of_a_path_does_not_depend_on_its_size():
+    steps = np.array([0.1, 0.03, -0.05, 0.02, 0.08, 0.01])
+    small, large = (log_evidence(on_its_leash(size * steps, size * 1e-4)) for size in (1.0, 7.0))
+    assert large == pytest.approx(small, abs=1e-9)
 
 
 def test_half_of_a_normals_prior_is_on_a_straight_one():

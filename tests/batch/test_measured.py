@@ -1,0 +1,38 @@
+"""A measured frame: what its table shows beside the moments."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jitterkit.batch.measured import Measured
+from jitterkit.frames import Frame
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Linear
+
+FRAME = Frame(np.ones((8, 8)), 1.0, path=Path("night.fits"), index=2, several=True)
+
+
+def estimate(locus, covariance, source=""):
+    return KernelEstimate(np.asarray(locus.moments()), covariance, "blind", source, locus=locus)
+
+
+def test_errors_of_length_and_angle_are_those_of_streaks_whose_moments_scatter(rng):
+    streak, covariance = Linear.of(2.0, 118.0), np.array([[3, 1, 0.5], [1, 2, -0.4], [0.5, -0.4, 4]]) * 1e-6
+    measured = Measured.of(FRAME, estimate(streak, covariance), 1.0, list)
+    # along its axis a streak has L²/12; its axis is that of the moments
+    drawn = rng.multivariate_normal(np.asarray(streak.moments()), covariance, 4000)
+    values, vectors = np.linalg.eigh(drawn[:, [0, 1, 1, 2]].reshape(-1, 2, 2))
+    length = np.sqrt(12 * values[:, 1])
+    angle = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])) % 180
+    tolerance = 4 / np.sqrt(2 * 4000)  # of a standard deviation of 4000 draws, four times
+    assert measured.length == pytest.approx(2.0)
+    assert measured.length_err == pytest.approx(length.std(), rel=tolerance)
+    assert measured.angle_err == pytest.approx(angle.std(), rel=tolerance)
+
+
+def test_an_estimate_that_does_not_say_where_it_is_from_is_of_its_frame():
+    streak = Linear.of(2.0, 20.0)
+    assert Measured.of(FRAME, estimate(streak, np.eye(3)), 1.0, list).estimate.source == "night.fits[2]"
+    named = estimate(streak, np.eye(3), "other.fits[0]")
+    assert Measured.of(FRAME, named, 1.0, list).estimate.source == "other.fits[0]"

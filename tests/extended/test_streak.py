@@ -1,0 +1,35 @@
+"""What a length, an angle and their errors become."""
+
+import numpy as np
+import pytest
+
+from jitterkit.extended.streak import streak_estimate
+
+
+def moments(length, angle):
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    return length**2 / 12 * np.array([c * c, c * s, s * s])
+
+
+@pytest.mark.parametrize("angle", [0.0, 27.0, 115.0])
+def test_errors_of_the_moments_follow_from_those_of_the_streaks_end(angle):
+    length, along, across, scale = 20.0, 0.3, 0.2, 0.5
+    found = streak_estimate(length, angle, "blind", along=along, across=across, plate_scale=scale)
+    # central differences, exact to 1e-6 of themselves at these steps; beyond first order only 1e-5 is added
+    h = 1e-3
+    slopes = [
+        (moments(length + h, angle) - moments(length - h, angle)) / (2 * h),
+        (moments(length, angle + np.degrees(h / length)) - moments(length, angle - np.degrees(h / length)))
+        / (2 * h),
+    ]
+    expected = sum(e**2 * np.outer(slope, slope) for e, slope in zip((along, across), slopes, strict=True))
+    assert found.covariance / scale**4 == pytest.approx(expected, rel=1e-5, abs=2e-4)
+    assert found.moments == pytest.approx(scale**2 * moments(length, angle), rel=1e-12)
+
+
+def test_what_was_not_measured_is_not_given():
+    found = streak_estimate(20.0, 30.0, "blind", along=0.3, across=0.2, plate_scale=1.0)
+    assert np.isnan(found.shape)  # a streak is assumed: its locus says so
+    assert np.isnan(found.shape_err)
+    assert found.source == ""  # an image does not know its name
+    assert found.locus.describe() == pytest.approx({"length": 20.0, "angle": 30.0})
