@@ -191,7 +191,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
 
 def climb_a_little(
     start: Parameters, otf: OTF, data: Data, hold: Collection[str], steps: int
-) -> tuple[Parameters, np.ndarray]:
+) -> tuple[Climb, np.ndarray]:
     """Climb a few steps without a prior.
 
     Parameters
@@ -206,7 +206,7 @@ def climb_a_little(
 
     Returns
     -------
-    end : Parameters
+    end : Climb
     covariance : (k, k) array
         Of the locus's free coordinates there; NaN where the frame does not determine the parameters.
     """
@@ -214,7 +214,7 @@ def climb_a_little(
     end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps)
     slots = [names.index(name) for name in start.locus.names if name in names]
     covariance, _ = invert_information(end.information)
-    return end.parameters, covariance[np.ix_(slots, slots)]
+    return end, covariance[np.ix_(slots, slots)]
 
 
 def _damped_step(curvature, score, damping):

@@ -72,8 +72,10 @@ class Processor:
     kernel : str
         Name of the estimator that starts the fit.
     options : FitOptions
+        Its priors hold for every frame.
     prior : KernelPrior or None
         What other data say about the jitter: of each frame, whatever was not made of that frame itself.
+        It joins the priors in the options.
     """
 
     instrument: Instrument
@@ -165,8 +167,7 @@ class Processor:
         """The options, and what is known of this frame's jitter."""
         if self.prior is None:
             return self.options
-        terms, known = self.options.priors.terms, self.prior.of(frame.name)
-        return replace(self.options, priors=replace(known, terms=terms))
+        return replace(self.options, priors=self.options.priors.joined(self.prior.of(frame.name)))
 
     def _fit(self, frame: Frame) -> FitResult:
         estimated = self.estimate(frame)

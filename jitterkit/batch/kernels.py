@@ -13,9 +13,11 @@ from astropy.units import Unit
 
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.measured import Measured
+from jitterkit.batch.reference import OwnReferenceError
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
 from jitterkit.frames import RawFrame, find_files, open_frames
 from jitterkit.refit import FitResult, Status
+from jitterkit.refit.prior_file import CORRELATIONS
 from jitterkit.report.estimate_pictures import plot_estimate, template_images
 
 __all__ = ["BinaryMeasurer", "Measurer", "estimate_files"]
@@ -27,6 +29,7 @@ _POWERS |= dict.fromkeys(("major", "minor", "length", "length_err"), 1)
 
 _NUMBERS = (
     *(f"{name}{end}" for name in _MOMENTS for end in ("", "_err")),
+    *CORRELATIONS,
     *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
 )
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
@@ -112,8 +115,9 @@ def estimate_files(
     Returns
     -------
     table : QTable
-        A row a frame: file, frame, status, estimator, moments with errors, axes, length and shape where
-        the estimator knows them, significance, message.  In arcsec; in pixels if a frame has no scale.
+        A row a frame: file, frame, status, estimator, moments with errors and their correlations, axes,
+        length and shape where the estimator knows them, significance, message.  In arcsec; in pixels if a
+        frame has no scale.  The frame that serves the others as reference has the status ``reference``.
     """
     rows: list[dict[str, Any]] = []
     for path in find_files(paths):
@@ -159,6 +163,8 @@ def _row(path: Path, index: int, measurer: Measurer, raw: RawFrame, keep) -> dic
         return _measured_row(path, index, measurer, measurer.measure(raw), keep)
     except NoStarError as error:
         return _blank(path, index, measurer, Status.NO_STAR.name, str(error))
+    except OwnReferenceError as error:
+        return _blank(path, index, measurer, "reference", str(error))
     except UndeterminedError as error:
         return _blank(path, index, measurer, "undetermined", str(error))
     except _BREAKDOWNS as error:
@@ -181,10 +187,16 @@ def _measured_row(
     }
     for name, value, spread in zip(_MOMENTS, estimate.moments, estimate.errors, strict=True):
         row |= {name: value, f"{name}_err": spread}
+    row |= {name: _correlation(estimate.covariance, i, j) for name, (i, j) in CORRELATIONS.items()}
     row |= dict(zip(("major", "minor", "angle"), estimate.axes, strict=True))
     row |= {name: getattr(measured, name) for name in ("length", "length_err", "angle_err")}
     row |= {name: getattr(estimate, name) for name in ("shape", "shape_err", "significance")}
     return row
+
+
+def _correlation(covariance: np.ndarray, i: int, j: int) -> float:
+    scale = math.sqrt(covariance[i, i] * covariance[j, j])
+    return float(covariance[i, j] / scale) if scale > 0 else math.nan
 
 
 def _blank(path: Path, index: int, measurer: Measurer, status: str, message: str) -> dict[str, Any]:

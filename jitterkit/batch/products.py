@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from jitterkit.batch.measured import Measured
-from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.errors import FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.whole import replacing
 from jitterkit.kernels import deblur, kernel_image, write_kernel
+from jitterkit.report.outputs import ENDS, make_directory
 from jitterkit.report.plots import png
 
 __all__ = ["Products"]
-
-_ENDS = (".png", ".kernel.fits", ".deblurred.fits")
-"""Of the pictures', kernels' and images' names."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +29,13 @@ class Products:
         Directories for pictures (PNG), kernels (FITS) and deblurred images (FITS).
     overwrite : bool
         Whether files of earlier runs may be replaced.
+    oversample : int
+        Pixels of a kernel per detector pixel along each axis, as the tool that is to use it oversamples.
 
     Raises
     ------
     ConfigurationError
-        If a directory cannot be made, or holds products already and they may not be replaced: told
+        If a directory cannot be written, or holds products already and they may not be replaced: told
         before any work is done.
     """
 
@@ -43,23 +43,13 @@ class Products:
     kernels: Path | None = None
     images: Path | None = None
     overwrite: bool = False
+    oversample: int = 1
     _written: set[str] = field(default_factory=set, repr=False)
 
     def __post_init__(self) -> None:
-        for directory, end in zip((self.pictures, self.kernels, self.images), _ENDS, strict=True):
-            if directory is None:
-                continue
-            present = sorted(directory.glob(f"*{end}"))
-            if present and not self.overwrite:
-                raise ConfigurationError(
-                    f"{present[0]} exists; give --overwrite to replace it, or another directory."
-                )
-            try:
-                directory.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise ConfigurationError(
-                    f"{directory} cannot be made ({error.strerror}); give a directory that can be written."
-                ) from None
+        for directory, end in zip((self.pictures, self.kernels, self.images), ENDS, strict=True):
+            if directory is not None:
+                make_directory(directory, [f"*{end}"], self.overwrite)
 
     def write(self, measured: Measured) -> None:
         """Write the files of one frame.
@@ -81,27 +71,37 @@ class Products:
         self._written.add(stem)
         if self.pictures is not None:
             picture = png(measured.draw()[0])
-            with replacing(self.pictures / f"{stem}{_ENDS[0]}", overwrite=True) as temporary:
+            with replacing(self.pictures / f"{stem}{ENDS[0]}", overwrite=True) as temporary:
                 temporary.write_bytes(picture)
-        if self.kernels is None and self.images is None:
-            return
-        kernel = kernel_image(measured.estimate, measured.plate_scale or 1.0)
-        if self.kernels is not None:
-            _write_kernel(self.kernels / f"{stem}{_ENDS[1]}", kernel, measured)
         if self.images is not None:
-            _write_deblurred(self.images / f"{stem}{_ENDS[2]}", kernel, measured)
+            _write_deblurred(self.images / f"{stem}{ENDS[2]}", measured)
+        if self.kernels is not None:
+            _write_kernel(self.kernels / f"{stem}{ENDS[1]}", measured, self.oversample)
 
 
-def _write_kernel(path: Path, kernel: np.ndarray, measured: Measured) -> None:
+def _write_kernel(path: Path, measured: Measured, oversample: int) -> None:
     scale = measured.plate_scale
+    kernel = kernel_image(measured.estimate, scale or 1.0, oversample)
     if scale is None:  # nothing to say in arcsec
-        write_fits(path, kernel, header={"JITRTYPE": ("Custom jitter kernel", "on pixels")}, overwrite=True)
+        cards = {
+            "JITRTYPE": ("Custom jitter kernel", "on pixels"),
+            "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
+        }
+        write_fits(path, kernel, header=cards, overwrite=True)
     else:
-        write_kernel(path, kernel, plate_scale=scale, estimate=measured.estimate, overwrite=True)
+        write_kernel(
+            path,
+            kernel,
+            plate_scale=scale,
+            estimate=measured.estimate,
+            oversample=oversample,
+            overwrite=True,
+        )
 
 
-def _write_deblurred(path: Path, kernel: np.ndarray, measured: Measured) -> None:
+def _write_deblurred(path: Path, measured: Measured) -> None:
     frame, scale = measured.frame, measured.plate_scale
+    kernel = kernel_image(measured.estimate, scale or 1.0)
     known = "gain_assumed" not in frame.flags  # else the noise is taken from the image itself
     sharp = deblur(frame.electrons, kernel, variance=frame.variance if known else None, mask=frame.mask)
     cards: dict[str, tuple[Any, str]] = {

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from jitterkit.batch.frame import Processed, Processor
-from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.errors import FrameError
 from jitterkit.frames import find_files, open_frames
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.html import write_report
+from jitterkit.report.outputs import REPORT, RUN, SUMMARY, TABLE, make_directory
 from jitterkit.report.pictures import Gallery, render_frame
 from jitterkit.report.row import Row, make_row
 from jitterkit.report.summary import summarise, write_summary
@@ -24,8 +25,6 @@ from jitterkit.report.table import make_table, write_table
 __all__ = ["Run", "process_files"]
 
 log = logging.getLogger(__name__)
-
-TABLE, SUMMARY, REPORT = "results.ecsv", "summary.json", "report.html"
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,8 @@ def process_files(
         If a path does not exist or holds no frame: told before anything is processed.
     """
     files = find_files(paths)
-    directory = _prepare(Path(directory), overwrite)
+    directory = Path(directory)
+    make_directory(directory, RUN, overwrite)
     gallery, rows = Gallery(), []
     for processed, row in _rows(files, processor, hdu):
         rows.append(row)
@@ -131,25 +131,6 @@ def _rows(files: Iterable[Path], processor: Processor, hdu: int | None) -> Itera
         except FrameError as error:
             failed = Processed(None, FitResult(Status.UNREADABLE, str(error)))
             yield failed, make_row(failed.result, path, index)
-
-
-def _prepare(directory: Path, overwrite: bool) -> Path:
-    """Make the directory, and refuse to replace what is in it before any work is done."""
-    present = [name for name in (TABLE, SUMMARY, REPORT) if (directory / name).exists()]
-    if present and not overwrite:
-        raise ConfigurationError(
-            f"{directory / present[0]} exists; give --overwrite to replace it, or another directory."
-        )
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        probe = directory / ".jitterkit-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise ConfigurationError(
-            f"{directory} cannot be written ({error.strerror}); give a directory that can."
-        ) from None
-    return directory
 
 
 def _provenance(processor: Processor, command: str) -> dict[str, Any]:

@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 
 from jitterkit.batch.measured import Measured
+from jitterkit.batch.reference import OwnReferenceError, check_reference, is_same
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
-from jitterkit.frames import Frame, RawFrame, find_files, read_frames
+from jitterkit.frames import Frame, RawFrame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import deblur, fill_masked, kernel_image
 from jitterkit.report.estimate_pictures import plot_extended, plot_field
-from jitterkit.starfield import estimate_field, field_psf, roundest
+from jitterkit.starfield import estimate_field, field_psf
 
-__all__ = ["METHODS", "SceneMeasurer", "sharpest"]
+__all__ = ["METHODS", "SceneMeasurer"]
 
 METHODS = {**BLIND, "trail": estimate_trail}
 """What needs nothing but the image, by name; the last where points of light have drawn lines."""
@@ -65,16 +66,31 @@ class SceneMeasurer:
             return "starfield" if self.stars else self.method
         return "reference"
 
+    def check(self, paths: Sequence[str | Path], hdu: int | None = None) -> None:
+        """Refuse a reference that cannot serve any of some files, before any work is done.
+
+        Raises
+        ------
+        ConfigurationError
+            As :func:`~jitterkit.batch.reference.check_reference` does.
+        """
+        if self._sharp is not None:
+            check_reference(self._sharp, self._shows_stars, paths, hdu)
+
     def measure(self, raw: RawFrame) -> Measured:
         """Measure one frame.
 
         Raises
         ------
+        OwnReferenceError
+            If it is the reference.
         UndeterminedError
             If the image does not hold the answer.
         ConfigurationError
             If the reference is of another shape than a scene without stars.
         """
+        if self.reference is not None and is_same(raw, self.reference):
+            raise OwnReferenceError(f"{raw.name} is the reference that the others are compared with.")
         frame = self.calibrate(raw)
         return self._field(frame) if self._shows_stars else self._extended(frame)
 
@@ -139,25 +155,6 @@ class SceneMeasurer:
                 f"{frame.shape[1]} x {frame.shape[0]}; give a sharp frame of the same view."
             )
         return estimate_from_reference(_filled(sharp), image, plate_scale=scale)
-
-
-def sharpest(paths: Sequence[str | Path]) -> RawFrame:
-    """The frame of a set of star fields whose stars are sharpest: the others' reference.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Files, or directories of them; every frame is looked at.
-
-    Raises
-    ------
-    UndeterminedError
-        If no frame has three isolated stars.
-    FrameError
-        If a file cannot be read.
-    """
-    frames = [raw for path in find_files(paths) for raw in read_frames(path)]
-    return frames[roundest([Detector().calibrate(raw) for raw in frames])]
 
 
 def _filled(frame: Frame) -> np.ndarray:

@@ -16,6 +16,9 @@ __all__ = ["judge", "midpoint_pixel", "position_angle", "scale_hint", "why_unusa
 _OUTLIER = 8.0
 """Sigmas: chance makes one pixel in 1e15 stand out so far."""
 
+_SHAKEN = 16.3
+"""Chi-squared of the three moments against no jitter: one frame in a thousand without any has more."""
+
 
 def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     """Say why a frame does not fit where that can be told, and call a single star one.
@@ -36,8 +39,11 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     if absurd:
         return replace(result, status=Status.POOR_FIT, message=f"{Status.POOR_FIT.value}: {absurd}.")
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
-        hints = scale_hint(frame, expected_scale), _outlier_hint(frame, result), _sky_hint(result)
-        return replace(result, message=" ".join([result.message, *filter(None, hints)]))
+        scale, outliers = scale_hint(frame, expected_scale), _outlier_hint(frame, result)
+        jitter = "" if scale or outliers else _jitter_hint(result)
+        sky = "" if jitter else _sky_hint(result)  # the wings of a blur look like sky
+        hints = filter(None, (scale, outliers, jitter, sky))
+        return replace(result, message=" ".join([result.message, *hints]))
     return result
 
 
@@ -83,6 +89,14 @@ def _absurd(frame: Frame, result: FitResult, plate_scale: float) -> str:
     if 4 * major > 2 * half.max():
         return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
     return ""
+
+
+def _jitter_hint(result: FitResult) -> str:
+    """A sentence where the jitter that the frame shows was left out."""
+    if result.locus != "stable" or result.estimate is None or not result.estimate.significance > _SHAKEN:
+        return ""
+    size = f"{result.estimate.axes[0]:.2g} arcsec rms"
+    return f"--locus stable leaves out jitter, of which the frame shows {size}: use --locus auto."
 
 
 def _sky_hint(result: FitResult) -> str:

@@ -12,6 +12,8 @@ from jitterkit.cli.runtime import SOME_FAILED, prepare_jax, say, watching
 
 __all__ = ["estimate"]
 
+_ROUNDEST = "roundest"
+
 
 def _directory(help: str):
     return typer.Option(metavar="DIR", help=help, show_default=False)
@@ -62,6 +64,12 @@ def estimate(
     export: Annotated[
         Path | None, _directory("Write each kernel as FITS for photutils, stpsf, GalSim and dLux.")
     ] = None,
+    oversample: Annotated[
+        int,
+        typer.Option(
+            min=1, metavar="N", help="Pixels of an exported kernel per detector pixel, along each axis."
+        ),
+    ] = 1,
     deblur: Annotated[Path | None, _directory("Write each frame without its blur, to look at.")] = None,
     background: options.Background = False,
     gain: options.Gain = None,
@@ -79,36 +87,43 @@ def estimate(
     and syy are the pointing's second moments; major and minor are one sigma along each axis; angle is the
     major axis's, in degrees counter-clockwise from +x; length is a streak's; shape is the excess kurtosis;
     significance is chi-squared with three degrees of freedom against no jitter. Sizes are in arcsec, or in
-    pixels where a frame has no plate scale.
+    pixels where a frame has no plate scale. A reference that is among the frames says so in its row.
     """
+    from jitterkit.frames import find_files
+
+    paths = find_files(files)
+    _check_options(reference, stars, blind, estimator, export, oversample)
+    _check_outputs(output, (plot, export, deblur), overwrite)
+    sharp = None if reference is None or str(reference) == _ROUNDEST else _first_frame(reference)
     prepare_jax()
     from jitterkit.batch.kernels import estimate_files
     from jitterkit.batch.products import Products
-    from jitterkit.errors import ConfigurationError
-    from jitterkit.frames import find_files
     from jitterkit.report.table import write_table
 
-    if output is not None and not output.parent.is_dir():
-        raise ConfigurationError(
-            f"{output.parent} is not a directory; make it, or write {output.name} elsewhere."
-        )
     metadata = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
     if reference is not None or stars or blind:
-        measurer = _scene_measurer(files, reference, stars, blind, estimator, metadata)
+        from jitterkit.batch.reference import sharpest
+        from jitterkit.batch.scenes import SceneMeasurer
+
+        if str(reference) == _ROUNDEST:
+            sharp, stars = sharpest(paths, hdu), True
+            say(f"{sharp.name} is the roundest and serves as reference")
+        measurer = SceneMeasurer(sharp, stars, estimator or "blind", metadata)
+        measurer.check(paths, hdu)
     else:
         measurer = _binary_measurer(instrument, estimator or "score", metadata, background)
-    products = Products(plot, export, deblur, overwrite)
-    with watching(len(find_files(files)), "files") as advance:
-        table = estimate_files(files, measurer, hdu=hdu, watch=advance, keep=products.write)
+    products = Products(plot, export, deblur, overwrite, oversample)
+    with watching(len(paths), "files") as advance:
+        table = estimate_files(paths, measurer, hdu=hdu, watch=advance, keep=products.write)
     if output is not None:
         write_table(output, table, overwrite=overwrite)
     shown = table.copy()
-    shown.remove_columns([name for name in table.colnames if _is_empty(table[name])] + ["message"])
+    shown.remove_columns([name for name in table.colnames if _is_left_out(name, table[name])])
     typer.echo("\n".join(shown.pformat(max_lines=-1, max_width=-1)))
     for row in table[table["message"] != ""]:
         status = "" if row["status"] == "ok" else f" {row['status']}"
         say(f"{row['file']} [{row['frame']}]{status}: {row['message']}")
-    if any(table["status"] != "ok"):
+    if set(table["status"]) - {"ok", "reference"}:
         raise typer.Exit(SOME_FAILED)
 
 
@@ -122,32 +137,43 @@ def _binary_measurer(instrument, estimator, metadata, background):
     return BinaryMeasurer(Processor(load_instrument(instrument), metadata, kernel=estimator, options=options))
 
 
-def _scene_measurer(files, reference, stars, blind, estimator, metadata):
-    from jitterkit.batch.scenes import SceneMeasurer, sharpest
+def _check_options(reference, stars, blind, estimator, export, oversample) -> None:
+    """Refuse options that do not go together."""
     from jitterkit.errors import ConfigurationError
-    from jitterkit.frames import open_frames
 
     if blind and (reference is not None or stars):
         raise ConfigurationError(
             "--blind is for scenes without stars and without a sharp frame; leave out "
             f"{'--reference' if reference is not None else '--stars'}, or --blind."
         )
-    if estimator is not None and not blind:
+    if estimator is not None and not blind and (reference is not None or stars):
         raise ConfigurationError(
             "--estimator chooses among methods for a binary or, with --blind, a blind one."
         )
-    sharp = None
-    if str(reference) == "roundest":
-        sharp, stars = sharpest(files), True
-        say(f"{sharp.name} is the roundest and serves as reference")
-    elif reference is not None:
-        with open_frames(reference) as file:
-            sharp = file[0]
-    return SceneMeasurer(sharp, stars, estimator or "blind", metadata)
+    if oversample != 1 and export is None:
+        raise ConfigurationError("--oversample is for exported kernels; give --export DIR, or leave it out.")
 
 
-def _is_empty(column) -> bool:
-    """Whether a column of numbers holds none."""
+def _check_outputs(table: Path | None, directories: tuple[Path | None, ...], overwrite: bool) -> None:
+    from jitterkit.report.outputs import ENDS, check_directory, check_file
+
+    if table is not None:
+        check_file(table, overwrite)
+    for directory, end in zip(directories, ENDS, strict=True):
+        if directory is not None:
+            check_directory(directory, [f"*{end}"], overwrite)
+
+
+def _first_frame(path: Path):
+    from jitterkit.frames import open_frames
+
+    with open_frames(path) as file:
+        return file[0]
+
+
+def _is_left_out(name: str, column) -> bool:
+    """Whether a column does not go to the terminal: messages follow, correlations are for the file."""
     import numpy as np
 
-    return column.dtype.kind == "f" and not np.any(np.isfinite(np.asarray(column.value)))
+    empty = column.dtype.kind == "f" and not np.any(np.isfinite(np.asarray(column.value)))
+    return bool(empty or name == "message" or name.endswith("_corr"))

@@ -1,19 +1,52 @@
 """A jitter locus from what stands on the command line: its name and its sizes.
 
 Every locus is built by its ``of``; its signature says what it needs and what it may have, and so do the
-sentences here.
+sentences here.  Those of ``--help`` are read off the source, because to import a locus is to import JAX.
 """
 
 from __future__ import annotations
 
+import ast
+import functools
 import inspect
 from pathlib import Path
 from typing import Any
 
-__all__ = ["build_locus", "parse_sizes", "trace_of"]
+import jitterkit
+
+__all__ = ["build_locus", "locus_sizes", "other_sizes", "parse_sizes", "trace_of"]
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
+
+
+@functools.cache
+def locus_sizes() -> dict[str, list[str]]:
+    """Sizes that each locus of the registry is built from, by its name; without importing it."""
+    room = Path(jitterkit.__file__).parent / "loci"
+    nodes = [node for file in sorted(room.glob("*.py")) for node in ast.parse(file.read_text("utf-8")).body]
+    classes = {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
+    (registry,) = (
+        node.value for node in nodes if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "LOCI"
+    )
+    assert isinstance(registry, ast.Dict)
+    names = [ast.literal_eval(key) for key in registry.keys if key is not None]
+    built = [_built_from(ast.unparse(value), classes) for value in registry.values]
+    return dict(zip(names, built, strict=True))
+
+
+def other_sizes() -> str:
+    """The sizes without an option of their own, locus by locus, in a line."""
+    others = {name: [s for s in sizes if s not in _OPTIONS] for name, sizes in locus_sizes().items()}
+    return "; ".join(f"{', '.join(sizes)} of {name}" for name, sizes in others.items() if sizes)
+
+
+def _built_from(name: str, classes: dict[str, ast.ClassDef]) -> list[str]:
+    """Parameters of the ``of`` of a class, or else of its base."""
+    for node in classes[name].body:
+        if isinstance(node, ast.FunctionDef) and node.name == "of":
+            return [argument.arg for argument in node.args.args[1:]]
+    return _built_from(ast.unparse(classes[name].bases[0]), classes)
 
 
 def parse_sizes(settings: list[str]) -> dict[str, Any]:

@@ -8,14 +8,12 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli import options
+from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say, watching
 
 __all__ = ["process"]
 
-_LOCUS = (
-    "Jitter locus: auto (the simplest that the frame supports), stable, linear, shm, mvn, ellipse, "
-    "lissajous, tones, partial, smear, shaped or path."
-)
+_LOCUS = f"Jitter locus: auto (the simplest that the frame supports), {', '.join(locus_sizes())}."
 
 
 def process(
@@ -50,9 +48,13 @@ def process(
     Writes results.ecsv (a row a frame), summary.json and report.html. Exit status: 0 if every frame was
     fitted, 1 if some were not, 2 if the command cannot be carried out.
     """
+    from jitterkit.frames import find_files
+    from jitterkit.report.outputs import RUN, check_directory
+
+    paths = find_files(files)
+    check_directory(output, RUN, overwrite)
     prepare_jax()
     from jitterkit.batch import Processor, process_files
-    from jitterkit.frames import find_files
     from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions, read_kernel_prior
 
@@ -66,7 +68,7 @@ def process(
         options=FitOptions(hold=() if background else ("background",)),
         prior=known,
     )
-    with watching(len(find_files(files)), "files") as advance:
+    with watching(len(paths), "files") as advance:
         seen: set[str] = set()
 
         def watch(row) -> None:
@@ -75,7 +77,7 @@ def process(
                 advance(row["file"])
 
         run = process_files(
-            files, output, processor, hdu=hdu, overwrite=overwrite, watch=watch, command=command_line()
+            paths, output, processor, hdu=hdu, overwrite=overwrite, watch=watch, command=command_line()
         )
     _tell(run)
     if run.failures:
@@ -84,10 +86,12 @@ def process(
 
 def _tell(run) -> None:
     """The result on stdout, the rest on stderr."""
+    from jitterkit.report.flags import decode_flags
     from jitterkit.report.words import with_error
 
-    for row in run.table[run.table["status"] != "ok"]:
-        say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
+    for row in run.table:
+        if row["status"] != "ok" or "prior_contradicted" in decode_flags(row["flags"]):
+            say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
     fitted = len(run.table) - run.failures
     separation = run.summary["separation"]
     if fitted:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus, parse_sizes, trace_of
+from jitterkit.cli.loci import build_locus, locus_sizes, other_sizes, parse_sizes, trace_of
 from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["simulate"]
@@ -28,7 +28,7 @@ def simulate(
         str,
         typer.Option(
             metavar="NAME",
-            help="Jitter: stable, linear, shm, mvn, ellipse, lissajous, tones, partial, smear, shaped, path.",
+            help=f"Jitter: {', '.join(locus_sizes())}.",
         ),
     ] = "stable",
     length: Annotated[
@@ -50,8 +50,8 @@ def simulate(
         typer.Option(
             "--set",
             metavar="SIZE=VALUE",
-            help="Any other size of the locus: --set cycles=0.7 --set phase=30; of a path, --set "
-            "knots=0:0,0.2:0.1,0.3:0.3 in arcsec.",
+            help="Any other size of the locus: --set cycles=0.7 --set phase=30; places in arcsec: --set "
+            f"knots=0:0,0.2:0.1,0.3:0.3. There are {other_sizes()}.",
             show_default=False,
         ),
     ] = None,
@@ -93,6 +93,8 @@ def simulate(
     overwrite: options.Overwrite = False,
 ) -> None:
     """Simulate frames and write them with their truth in the header."""
+    paths = _paths(output, frames)
+    _check_paths(paths, overwrite)
     prepare_jax()
     import numpy as np
 
@@ -101,7 +103,6 @@ def simulate(
     from jitterkit.scene import Binary
     from jitterkit.simulate import fits_header, simulate_sequence, tiff_metadata
 
-    _check_ending(output)
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
@@ -126,9 +127,7 @@ def simulate(
         detector=detector,
         **drawn,
     )
-    digits = len(str(frames - 1))
-    for index, simulated in enumerate(sequence):
-        path = output if frames == 1 else _numbered(output, index, digits)
+    for path, simulated in zip(paths, sequence, strict=True):
         if path.name.lower().endswith((".tif", ".tiff")):
             write_tiff(
                 path,
@@ -142,17 +141,25 @@ def simulate(
         say(f"wrote {path}")
 
 
-def _check_ending(path: Path) -> None:
+def _paths(path: Path, frames: int) -> list[Path]:
+    """The file of each frame: of several, each with its number."""
+    if frames == 1:
+        return [path]
+    suffix = "".join(path.suffixes[-2:]) if path.suffix in (".gz", ".fz") else path.suffix
+    stem, digits = path.name.removesuffix(suffix), len(str(frames - 1))
+    return [path.with_name(f"{stem}-{index:0{digits}d}{suffix}") for index in range(frames)]
+
+
+def _check_paths(paths: list[Path], overwrite: bool) -> None:
+    """Refuse files that cannot be written."""
     from jitterkit.errors import ConfigurationError
     from jitterkit.frames.files import EXTENSIONS
+    from jitterkit.report.outputs import check_file
 
-    if not path.name.lower().endswith(EXTENSIONS):
-        raise ConfigurationError(f"{path} ends in none of {', '.join(EXTENSIONS)}; give it one of them.")
-
-
-def _numbered(path: Path, index: int, digits: int) -> Path:
-    suffix = "".join(path.suffixes[-2:]) if path.suffix in (".gz", ".fz") else path.suffix
-    return path.with_name(f"{path.name.removesuffix(suffix)}-{index:0{digits}d}{suffix}")
+    if not paths[0].name.lower().endswith(EXTENSIONS):
+        raise ConfigurationError(f"{paths[0]} ends in none of {', '.join(EXTENSIONS)}; give it one of them.")
+    for path in paths:
+        check_file(path, overwrite)
 
 
 def _stored(raw):

@@ -63,18 +63,20 @@ def estimate_score(
     Raises
     ------
     UndeterminedError
-        If the information is singular: the frame does not determine the parameters.
+        If the information is singular: the frame does not determine the parameters.  Or if no blur of the
+        shape given fits.
 
     Notes
     -----
     *Fails when* the blur is wider than the optics' resolution and not of this family of shapes: lopsided, or
     two tones.
     """
-    normal, covariance = climb_a_little(template.with_locus(Mvn.near(jnp.zeros(3))), otf, data, hold, steps)
-    if not np.all(np.isfinite(covariance)):
-        raise UndeterminedError("The frame does not determine its parameters; hold some, or mask less of it.")
+    start = template.with_locus(Mvn.near(jnp.zeros(3)))
+    (normal, *_), covariance = climb_a_little(start, otf, data, hold, steps)
+    _insist(covariance)
     if shape is not None:
         end, covariance = fit_shape(normal, otf, data, hold, shape)
+        _insist(covariance)
         return KernelEstimate(np.asarray(end.locus.moments()), covariance, "score", locus=end.locus)
     moments = np.asarray(normal.locus.moments())
     estimate = KernelEstimate(moments, covariance, "score")
@@ -91,3 +93,8 @@ def estimate_score(
     return KernelEstimate(
         coords[:3], covariance[:3, :3], "score", shape=float(coords[3]), shape_err=error, locus=end.locus
     )
+
+
+def _insist(covariance: np.ndarray) -> None:
+    if not np.all(np.isfinite(covariance)):
+        raise UndeterminedError("The frame does not determine its parameters; hold some, or mask less of it.")

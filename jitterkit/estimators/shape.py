@@ -99,11 +99,13 @@ def fit_shape(
     end : Parameters
         With a locus of kind ``Shaped``.
     covariance : (4, 4) or (3, 3) array
-        Of the moments and the kurtosis, or of the moments; NaN where the frame does not determine them.
+        Of the moments and the kurtosis, or of the moments; NaN where the frame does not determine them, or
+        no such blur fits: the climb does not settle.
     """
     coords = np.append(normal.locus.moments(), 0.0 if known is None else known)
     held = hold if known is None else {*hold, Shaped.names[-1]}
-    return climb_a_little(normal.with_locus(Shaped(jnp.asarray(coords))), otf, data, held, _STEPS)
+    end, covariance = climb_a_little(normal.with_locus(Shaped(jnp.asarray(coords))), otf, data, held, _STEPS)
+    return end.parameters, covariance if bool(end.converged) else np.full_like(covariance, np.nan)
 
 
 def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:

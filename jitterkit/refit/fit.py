@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from jitterkit.likelihood import Data, pearson
 from jitterkit.loci import Streak
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.priors import Priors, leashes
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.tip import at_the_tip
@@ -34,6 +35,10 @@ _SETTLED = 0.1  # sigmas of the whole image that the linearised optics may be of
 _PATIENCE, _SLACK = 100, 0.03
 """Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
 way, in standard errors, lies along the valley and moves the separation by less than 0.01 of its error."""
+_CONTRADICTION = (
+    "The frame contradicts its prior: look where the prior comes from, or fit without; values and errors "
+    "assume that both are right."
+)
 _AT_REST, _NEAR = 0.01, 0.1
 """Standard errors that everything else may have to go: where a streak is at its tip, and in a valley where
 the steps ran out (one frame in a hundred)."""
@@ -110,7 +115,8 @@ def fit_and_expand(
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
         end, otf, more = _climb_and_expand(data, optics, tidied, otf, free, prior)
         iterations += more
-    return _conclude(data, otf, end, names, iterations, time.perf_counter() - began), otf
+    result = _conclude(data, otf, end, names, iterations, time.perf_counter() - began)
+    return _heed(result, options.priors, free, bool(end.converged)), otf
 
 
 def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF, int]:
@@ -155,11 +161,9 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     locus = end.parameters.locus
     tips = at_the_tip(locus, names, covariance) if sound and not bool(end.converged) else set()
     leashed = set(leashes(locus))
-    free, tolerance = (
-        tips | leashed,
-        _NEAR if leashed else _AT_REST,
-    )  # what need not come to rest, and how far
-    settled = bool(end.converged) or (sound and bool(free) and _arrived(end, names, free, tolerance))
+    restless = tips | leashed
+    tolerance = _NEAR if leashed else _AT_REST
+    settled = bool(end.converged) or (sound and bool(restless) and _arrived(end, names, restless, tolerance))
     flags = [] if abs(misfit.chi2 - dof) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
     flags += ["jitter_undetected"] if settled and tips and isinstance(locus, Streak) else []
@@ -184,9 +188,21 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     )
 
 
-def _arrived(end: Climb, names: tuple[str, ...], free: set[str], tolerance: float) -> bool:
+def _heed(result: FitResult, priors: Priors, free: tuple[int, ...], at_rest: bool) -> FitResult:
+    """The result, with a remark where the frame contradicts the priors it was fitted with."""
+    ended = at_rest or result.status is Status.OK
+    if result.parameters is None or not ended or not np.all(np.isfinite(result.covariance)):
+        return result
+    known = (result.parameters, result.names, free, result.covariance)
+    if prior_chance(priors, *known, at_rest=at_rest) >= CONTRADICTED:
+        return result
+    message = f"{result.message} {_CONTRADICTION}"
+    return replace(result, message=message, flags=(*result.flags, "prior_contradicted"))
+
+
+def _arrived(end: Climb, names: tuple[str, ...], restless: set[str], tolerance: float) -> bool:
     """Whether everything has come to rest but streaks at their tips and what is on a leash."""
-    others = [i for i, name in enumerate(names) if name not in free]
+    others = [i for i, name in enumerate(names) if name not in restless]
     score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
     return bool(score @ np.linalg.solve(curvature, score) < tolerance**2)
 

@@ -16,9 +16,12 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import read_trace
 from jitterkit.refit.priors import OTHERS, Priors, kernel_prior, sequence_prior, trace_prior
 
-__all__ = ["KernelPrior", "read_kernel_prior"]
+__all__ = ["CORRELATIONS", "KernelPrior", "read_kernel_prior"]
 
 _MOMENTS = ("sxx", "sxy", "syy")
+
+CORRELATIONS = {"sxx_sxy_corr": (0, 1), "sxx_syy_corr": (0, 2), "sxy_syy_corr": (1, 2)}
+"""Columns of a table of estimates that hold the correlation of two moments, and which."""
 
 
 @dataclass(frozen=True)
@@ -78,22 +81,23 @@ def read_kernel_prior(
 
     Notes
     -----
-    The table holds errors of the moments, not their correlations, which are left out: between sxx and syy
-    they are small on TOLIMAN.
+    What correlation the moments have stands in the columns :data:`CORRELATIONS`; in a table without them
+    it is taken for none.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
         return KernelPrior(str(path), telemetry=trace_prior(*read_trace(path), uncertainty, exposure))
     table = _read(path)
-    good = table[(np.asarray(table["status"]) == "ok") & _is_sound(table)]
-    if not len(good):
+    estimates = [_estimate(row) for row in table if row["status"] == "ok"]
+    good = tuple(filter(_is_sound, estimates))
+    if not good:
         raise ConfigurationError(f"{path} holds no kernel estimate; none of its {len(table)} frames is ok.")
     if 1 < len(good) <= OTHERS:  # of each frame its own is left out
         raise ConfigurationError(
             f"{path} holds estimates of {len(good)} frames; give one, or {OTHERS + 1} or more: fewer do not "
             "show how jitter scatters."
         )
-    return KernelPrior(str(path), tuple(_estimate(row) for row in good))
+    return KernelPrior(str(path), good)
 
 
 def _read(path: Path) -> QTable:
@@ -116,13 +120,6 @@ def _read(path: Path) -> QTable:
     return table
 
 
-def _is_sound(table: QTable) -> np.ndarray:
-    """Rows whose moments are numbers, with errors."""
-    errors = np.array([table[f"{name}_err"].value for name in _MOMENTS])
-    moments = np.array([table[name].value for name in _MOMENTS])
-    return np.all(np.isfinite(moments) & np.isfinite(errors) & (errors > 0), axis=0)
-
-
 def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
@@ -131,5 +128,15 @@ def _estimate(row) -> KernelEstimate:
     moments, errors = (
         np.array([row[f"{name}{end}"].to_value("arcsec2") for name in _MOMENTS]) for end in ("", "_err")
     )
+    correlation = np.eye(3)
+    for name, (i, j) in CORRELATIONS.items():
+        if name in row.colnames:
+            correlation[i, j] = correlation[j, i] = row[name]
     source = f"{row['file']}[{row['frame']}]"
-    return KernelEstimate(moments, np.diag(errors**2), str(row["estimator"]), source)
+    return KernelEstimate(moments, correlation * np.outer(errors, errors), str(row["estimator"]), source)
+
+
+def _is_sound(estimate: KernelEstimate) -> bool:
+    """Whether moments are numbers, and have a covariance."""
+    finite = np.all(np.isfinite(estimate.moments)) and np.all(np.isfinite(estimate.covariance))
+    return bool(finite and np.linalg.eigvalsh(estimate.covariance)[0] > 0)

@@ -50,6 +50,19 @@ class Priors:
                     f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}."
                 )
 
+    def joined(self, other: Priors) -> Priors:
+        """Both together: the other's terms stand before these, and moments are combined by their information.
+
+        *Assumes* that the two were learnt from different data.
+        """
+        known = [priors.moments for priors in (self, other) if priors.moments is not None]
+        told = [np.linalg.inv(covariance) for _, covariance in known]
+        moments = known[0] if known else None
+        if len(known) == 2:
+            covariance = np.linalg.inv(told[0] + told[1])
+            moments = covariance @ (told[0] @ known[0][0] + told[1] @ known[1][0]), covariance
+        return Priors({**self.terms, **other.terms}, moments)
+
     def on_coordinates(self) -> bool:
         """Whether anything is known about the jitter in the coordinates of one locus, and so of no other."""
         coordinates = {name for kind in LOCI.values() for name in getattr(kind, "names", ())}

@@ -70,7 +70,8 @@ class FitResult:
     message : str
         One sentence: the status, with the numbers behind it.
     flags : tuple of str
-        Remarks that do not invalidate the numbers, such as ``saturated`` or ``jitter_undetected``.
+        Remarks such as ``saturated``, ``jitter_undetected`` or ``prior_contradicted``; what they mean stands
+        in :mod:`jitterkit.report.flags`.
     locus : str
         Name of the locus fitted (``""`` where the fit never started).
     parameters : Parameters or None

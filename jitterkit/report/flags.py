@@ -25,6 +25,7 @@ FLAGS: dict[str, str] = {
     "masked": "bad or missing pixels were masked",
     "cut_out": "the region about the stars was cut out of a larger frame",
     "aberrations_held": "aberrations that the image does not show to first order were not fitted",
+    "prior_contradicted": "the frame lies further from the prior it was given than chance allows",
 }
 
 

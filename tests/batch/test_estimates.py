@@ -11,12 +11,14 @@ from scipy.special import erf
 from jitterkit.batch import Processor
 from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
 from jitterkit.batch.products import Products
-from jitterkit.batch.scenes import SceneMeasurer, sharpest
+from jitterkit.batch.reference import sharpest
+from jitterkit.batch.scenes import SceneMeasurer
 from jitterkit.errors import ConfigurationError
 from jitterkit.frames import RawFrame, open_frames, write_fits
 from jitterkit.frames.fits import read_image
 from jitterkit.instruments import load_instrument
 from jitterkit.kernels import read_kernel
+from jitterkit.refit import read_kernel_prior
 
 LENGTH, SIGMA = 5.0, 1.5
 
@@ -79,6 +81,63 @@ def test_a_reference_that_shows_stars_is_taken_for_a_star_field(folder):
 
 def test_the_roundest_frame_of_a_set_serves_as_reference(folder):
     assert sharpest([folder / "field.fits", folder / "sharpfield.fits"]).name == "sharpfield.fits"
+
+
+def test_the_reference_s_own_row_says_that_it_is_the_reference(folder, tmp_path):
+    (tmp_path / "link.fits").symlink_to(folder / "sharpfield.fits")
+    measurer = SceneMeasurer(reference=first(folder / "sharpfield.fits"), stars=True)
+    table = estimate_files([tmp_path / "link.fits", folder / "field.fits"], measurer)
+    assert list(table["status"]) == ["reference", "ok"]
+    assert table["message"][0] == "link.fits is the reference that the others are compared with."
+    assert np.isnan(table["sxx"][0].value)
+
+
+def test_of_a_cube_only_the_frame_that_is_the_reference_is_left_out(tmp_path):
+    rng = np.random.default_rng(6)
+    cube = np.stack([view(rng, 0.0), view(rng, 9.0)])
+    path = write_fits(tmp_path / "cube.fits", cube.astype(np.float32))
+    measurer = SceneMeasurer(reference=first(path), stars=False)
+    measurer.check([path])
+    table = estimate_files([path], measurer)
+    assert list(table["status"]) == ["reference", "ok"]
+    assert table["length"][1].to_value("pix") == pytest.approx(9.0, abs=0.5)
+
+
+def test_a_file_that_cannot_be_read_keeps_no_set_from_having_a_roundest_frame(folder, tmp_path):
+    (tmp_path / "bad.fits").write_text("not a frame")
+    found = sharpest([tmp_path / "bad.fits", folder / "field.fits", folder / "sharpfield.fits"])
+    assert found.name == "sharpfield.fits"
+
+
+def test_a_reference_that_serves_one_file_of_a_set_is_not_refused(folder, tmp_path):
+    small = write_fits(tmp_path / "a.fits", np.ones((30, 40)))
+    SceneMeasurer(reference=first(folder / "sharpview.fits")).check([small, folder / "view.fits"])
+    with pytest.raises(ConfigurationError, match=r"it has 400 x 400 pixels, a\.fits 40 x 30; give another"):
+        SceneMeasurer(reference=first(folder / "sharpview.fits")).check([small])
+
+
+@pytest.mark.parametrize("oversample", [2, 3])
+def test_an_exported_kernel_has_the_oversampling_asked_for_and_says_so(folder, tmp_path, oversample):
+    products = Products(kernels=tmp_path, oversample=oversample)
+    table = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=products.write)
+    kernel, scale, cards = read_kernel(tmp_path / "field.kernel.fits")
+    assert (scale, cards["OVERSAMP"]) == (pytest.approx(0.5 / oversample), oversample)
+    assert cards["GS_SCALE"] == scale
+    assert all(side % 2 == 1 for side in kernel.shape)
+    x = np.arange(kernel.shape[1]) - kernel.shape[1] // 2
+    spread = kernel.sum(axis=0) @ (x * scale) ** 2
+    assert spread == pytest.approx(table["sxx"][0].to_value("arcsec2"), rel=1e-6)
+
+
+def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
+    measured = []
+    keep = measured.append
+    table = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=keep)
+    table.write(tmp_path / "k.ecsv", format="ascii.ecsv")
+    found = measured[0].estimate
+    mean, covariance = read_kernel_prior(tmp_path / "k.ecsv").of("another.fits").moments
+    np.testing.assert_allclose(mean, found.moments, rtol=1e-12)
+    np.testing.assert_allclose(covariance, found.covariance, rtol=1e-9, atol=1e-9 * found.covariance.max())
 
 
 @pytest.mark.parametrize("with_reference", [True, False])

@@ -1,6 +1,7 @@
 """A run with everything in it: good frames come out, bad ones are rows with a sentence."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
 from jitterkit.errors import ConfigurationError, FrameError
 from jitterkit.frames import RawFrame, write_fits, write_tiff
 from jitterkit.instruments import load_instrument
-from jitterkit.loci import Linear, Mvn
-from jitterkit.refit import FitOptions
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.refit import FitOptions, KernelPrior, moments_prior
+from jitterkit.report.flags import decode_flags
 from jitterkit.report.table import read_table
 from jitterkit.scene import Binary
 from jitterkit.simulate import fits_header, simulate_frame, tiff_metadata
@@ -261,3 +264,42 @@ def test_a_frame_saturated_all_over_says_so(telescope, processor):
 def test_impossible_numbers_are_refused_before_any_frame(telescope):
     with pytest.raises(ConfigurationError, match="gain"):
         Processor(telescope, {"gain": -1.0})
+
+
+def test_a_telescope_that_is_called_stable_but_shakes_is_sent_to_auto_and_not_to_the_sky(telescope, rng):
+    scene = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
+    shaken = simulate_frame(telescope, scene, Mvn.of(0.3, 0.2, 20.0), rng=rng).raw
+    result = Processor(telescope, locus="stable").process(shaken).result
+    assert result.status.name == "POOR_FIT" or "misfit" in result.flags
+    assert "--locus stable leaves out jitter, of which the frame shows 0.3 arcsec rms" in result.message
+    assert result.message.endswith("use --locus auto.")
+    still = simulate_frame(telescope, scene, Stable.of(), rng=rng).raw
+    assert "--locus" not in Processor(telescope, locus="stable").process(still).result.message
+
+
+def test_what_is_known_of_the_jitter_in_python_joins_what_a_file_says(telescope, rng):
+    told, width = np.asarray(Mvn.of(0.1, 0.05, 20.0).moments()), np.diag([1.0, 1.0, 1.0]) * 1e-6
+    estimate = KernelEstimate(told, width, "score", "yesterday.fits[0]")
+    known = FitOptions(priors=replace(moments_prior(told + 2e-3, width), terms={"contrast": (3.37, 0.01)}))
+    file = KernelPrior("a file", (estimate,))
+    frame = Processor(telescope).calibrate(drawn(telescope, rng).raw)
+
+    def priors(**given):
+        return Processor(telescope, **given)._options(frame).priors
+
+    both = priors(options=known, prior=file)
+    np.testing.assert_allclose(both.moments[0], told + 1e-3, rtol=1e-12)
+    np.testing.assert_allclose(both.moments[1], width / 2, rtol=1e-12, atol=1e-20)
+    assert both.terms == known.priors.terms
+    # a file of the frame's own estimate says nothing of it, and what was told in Python stands
+    own = KernelPrior("its own", (replace(estimate, source=frame.name),))
+    np.testing.assert_array_equal(priors(options=known, prior=own).moments[0], told + 2e-3)
+
+
+def test_a_prior_that_the_frame_contradicts_is_a_flag_in_its_row(telescope, tmp_path, rng):
+    estimate = KernelEstimate(np.array([0.5, 0.0, 0.5]), np.eye(3) * 1e-4, "score", "yesterday.fits[0]")
+    write(tmp_path / "frame.fits", drawn(telescope, rng), telescope)
+    processor = Processor(telescope, locus="mvn", prior=KernelPrior("a file", (estimate,)))
+    (row,) = process_files([tmp_path / "frame.fits"], tmp_path / "out", processor).table
+    assert "prior_contradicted" in decode_flags(row["flags"])
+    assert "The frame contradicts its prior" in row["message"]

@@ -8,6 +8,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
@@ -35,6 +36,31 @@ def test_help_loads_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("loaded []")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["process", "nothing.fits", "-o", "out"],
+        ["process", "ready", "-o", "ready"],
+        ["estimate", "nothing.fits"],
+        ["estimate", "ready", "-o", "ready/results.ecsv"],
+        ["estimate", "ready", "--reference", "ready/results.ecsv"],
+        ["simulate", "ready/a.fits"],
+    ],
+)
+def test_what_is_wrong_with_paths_is_told_before_jax_is_loaded(arguments, tmp_path):
+    (tmp_path / "ready").mkdir()
+    for name in ("a.fits", "results.ecsv"):
+        (tmp_path / "ready" / name).touch()
+    code = (
+        "import sys\n"
+        "from jitterkit.cli.main import app\n"
+        f"try: app({arguments!r})\n"
+        "except SystemExit as end: print(end.code, sorted({'jax', 'scipy', 'astropy'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout == "2 []\n", done.stderr
 
 
 def test_every_command_has_help():
@@ -123,6 +149,15 @@ def test_estimate_prints_a_table(frame):
     assert "frame.fits" in done.stdout
 
 
+def useless_frames(where):
+    rng = np.random.default_rng(2)
+    (where / "words.txt").write_text("not a frame")
+    (where / "link.fits").symlink_to(where / "frame.fits")
+    write_fits(where / "nan.fits", np.full((128, 128), np.nan))
+    write_fits(where / "dark.fits", rng.normal(100.0, 3.0, (128, 128)))
+    write_fits(where / "small.fits", gaussian_filter(rng.normal(size=(80, 90)), 2))
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -145,12 +180,32 @@ def test_estimate_prints_a_table(frame):
         (["estimate", ".", "--stars", "--estimator", "mtf"], "--estimator chooses among methods"),
         (["estimate", ".", "--blind", "--estimator", "guess"], "no blind estimator 'guess'"),
         (["estimate", ".", "--reference", "nowhere.fits"], "does not exist"),
+        (["estimate", ".", "--reference", "words.txt"], "is a text file"),
+        (["estimate", ".", "--reference", "dark.fits", "--no-stars"], "it shows nothing but noise"),
+        (["estimate", ".", "--reference", "dark.fits", "--stars"], "it shows no stars (No star rises"),
+        (
+            ["estimate", ".", "--reference", "nan.fits"],
+            "nan.fits cannot serve as reference: it has no usable",
+        ),
+        (
+            ["estimate", "frame.fits", "--reference", "small.fits"],
+            "it has 90 x 80 pixels, frame.fits 128 x 128",
+        ),
+        (["estimate", "frame.fits", "--reference", "link.fits", "--no-stars"], "and the only frame"),
+        (["estimate", ".", "--oversample", "3"], "--oversample is for exported kernels"),
+        (["estimate", ".", "-o", "frame.fits"], "frame.fits exists; give --overwrite"),
+        (["estimate", ".", "--export", "frame.fits"], "frame.fits is no directory"),
+        (["simulate", "frame.fits"], "frame.fits exists; give --overwrite"),
+        (["simulate", "nowhere/a.fits"], "nowhere is not a directory"),
     ],
 )
 def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, sentence, frame, monkeypatch):
     monkeypatch.chdir(frame.parent)
+    if "--reference" in arguments:
+        useless_frames(frame.parent)
     done = runner.invoke(app, arguments)
-    assert done.exit_code == 2
+    assert done.exit_code == 2, done.stdout
+    assert done.stdout == ""
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -1,11 +1,13 @@
 """Every locus is within the reach of ``jitterkit simulate``, and its truth in the header."""
 
+import inspect
+
 import numpy as np
 import pytest
 from astropy.io import fits
 from typer.testing import CliRunner
 
-from jitterkit.cli.loci import build_locus, parse_sizes
+from jitterkit.cli.loci import build_locus, locus_sizes, other_sizes, parse_sizes
 from jitterkit.cli.main import app
 from jitterkit.loci import LOCI, Mvn, Path
 
@@ -24,6 +26,15 @@ SIZES = {
     "shaped": {"sigma_major": 0.2, "sigma_minor": 0.1, "angle": 30.0, "kurtosis": -1.0},
     "path": {"knots": "0:0,0.2:0.1,0.3:0.3"},
 }
+
+
+def test_the_help_names_the_sizes_that_each_locus_is_built_from():
+    built = {name: list(inspect.signature(kind.of).parameters) for name, kind in LOCI.items()}
+    assert locus_sizes() == built
+    assert "semi_major, semi_minor of ellipse; " in other_sizes()
+    assert "linear" not in other_sizes()  # --length and --angle say it all
+    said = " ".join(runner.invoke(app, ["simulate", "--help"]).output.replace("│", " ").split())
+    assert "cycles, phase of partial" in said
 
 
 def simulate(path, *arguments):

@@ -250,3 +250,38 @@ def test_a_trace_longer_than_one_exposure_is_not_taken_for_one():
 def test_a_packed_file_holds_the_same_frame(rng):
     (found,) = estimates(rng, 1)
     assert kernel_prior(replace(found, source="night.fits.gz[0]"), "night.fits").moments is None
+
+
+def test_a_table_with_correlations_gives_the_whole_covariance(rng, tmp_path):
+    from astropy.table import QTable
+
+    (found,) = estimates(rng, 1)
+    mixing = np.array([[3.0, 1.0, -2.0], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) * 1e-3
+    found = replace(found, covariance=mixing @ mixing.T)
+    path = write_table(tmp_path / "one.ecsv", [found])
+    bare = read_kernel_prior(path).of("day.fits").moments[1]
+    np.testing.assert_allclose(bare, np.diag(np.diag(found.covariance)), atol=1e-18)
+    table = QTable.read(path, format="ascii.ecsv")
+    own = found.covariance / np.outer(found.errors, found.errors)
+    for name, i, j in (("sxx_sxy_corr", 0, 1), ("sxx_syy_corr", 0, 2), ("sxy_syy_corr", 1, 2)):
+        table[name] = [own[i, j]]
+    table.write(tmp_path / "whole.ecsv", format="ascii.ecsv")
+    whole = read_kernel_prior(tmp_path / "whole.ecsv").of("day.fits").moments[1]
+    np.testing.assert_allclose(whole, found.covariance, rtol=1e-12)
+    table["sxx_syy_corr"] = [1.2]
+    table.write(tmp_path / "odd.ecsv", format="ascii.ecsv")
+    with pytest.raises(ConfigurationError, match="holds no kernel estimate"):
+        read_kernel_prior(tmp_path / "odd.ecsv")
+
+
+def test_two_priors_on_the_moments_count_both():
+    one, other = np.array([0.02, 0.004, 0.01]), np.array([0.026, 0.002, 0.013])
+    tight, wide = np.diag([1.0, 4.0, 9.0]) * 1e-6, np.diag([2.0, 4.0, 1.0]) * 1e-6
+    first = Priors({"noll7": (0.0, 5.0), "x": (0.0, 1.0)}, (one, tight))
+    both = first.joined(Priors({"x": (0.1, 2.0)}, (other, wide)))
+    # of two measurements of one number the mean by inverse variance: thirds, halves, tenths
+    np.testing.assert_allclose(both.moments[0], [0.022, 0.003, 0.0127], rtol=1e-12)
+    np.testing.assert_allclose(both.moments[1], np.diag([2 / 3, 2.0, 0.9]) * 1e-6, rtol=1e-12, atol=1e-20)
+    assert both.terms == {"noll7": (0.0, 5.0), "x": (0.1, 2.0)}
+    assert same(first.joined(Priors()), first)
+    assert same(Priors().joined(first), first)

@@ -1,0 +1,90 @@
+"""Whether a frame agrees with what was known before it: reach for :func:`prior_chance`.
+
+A fit with a prior always ends somewhere between the two, and says nothing of how far they lay apart.
+"""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import scipy.linalg
+import scipy.stats
+
+from jitterkit.forward import Parameters, to_vector
+from jitterkit.refit.priors import Priors
+
+__all__ = ["CONTRADICTED", "prior_chance"]
+
+CONTRADICTED = 1e-3
+"""Chance below which frame and prior contradict each other."""
+
+_UNHEARD = 1e-3
+"""Share of the prior's variance below which the frame is not heard: it knows thirty times less there, and
+50 sigmas of the prior are not two of its own, while the 0.03 standard errors that a climb may leave undone
+would look like one."""
+
+
+def prior_chance(
+    priors: Priors,
+    parameters: Parameters,
+    names: tuple[str, ...],
+    free: tuple[int, ...],
+    covariance: np.ndarray,
+    *,
+    at_rest: bool = True,
+) -> float:
+    """Chance that frame and prior lie as far apart as they do, or farther, if both are right.
+
+    Parameters
+    ----------
+    priors : Priors
+        What was given; a locus's leashes are no knowledge.
+    parameters : Parameters
+        Where the fit ended.
+    names : tuple of str
+        Of the free parameters.
+    free : tuple of int
+        Their positions in :func:`jitterkit.forward.to_vector`.
+    covariance : (p, p) array
+        Of the free parameters, the prior included.
+    at_rest : bool
+        Whether the fit ended at a maximum, and not at the tip of a cone.  There the prior's own width is all
+        that is counted, so that the chance is too large rather than too small.
+
+    Returns
+    -------
+    chance : float
+        0 to 1, of chi-squared with a degree of freedom for each number that the priors are about; 1 where
+        they are about none.
+
+    Notes
+    -----
+    Let ``P`` be the prior's covariance of those numbers and ``C`` that of the fit.  The fit's end is the mean
+    of prior and frame by information, so that its distance from the prior's mean has the covariance ``P - C``
+    if both are right.  *Assumes* a likelihood that is normal between the two: far apart the chance is not
+    exact, but small.  *Fails when* a prior was learnt from few frames and so has wide wings: learnt from 6,
+    one in 40 contradicts its frame by chance; from 12, one in 100.
+    """
+    slope, off, whiten = _told(priors, parameters, names, free)
+    slope, off = whiten @ slope, whiten @ off
+    share, axes = np.linalg.eigh(slope @ covariance @ slope.T)
+    spread = 1 - share if at_rest else np.ones_like(share)
+    heard = spread > _UNHEARD
+    chi2 = np.sum((axes.T @ off)[heard] ** 2 / spread[heard])
+    return float(scipy.stats.chi2.sf(chi2, heard.sum())) if heard.any() else 1.0
+
+
+def _told(priors: Priors, parameters: Parameters, names, free) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the n numbers that priors are about: slopes (n, p), distances from the means (n,), and what gives
+    these unit covariance (n, n)."""
+    values = np.asarray(to_vector(parameters)[0])[list(free)]
+    rows, terms = [names.index(name) for name in priors.terms], np.reshape([*priors.terms.values()], (-1, 2))
+    slope, off, whiten = np.eye(len(names))[rows], values[rows] - terms[:, 0], np.diag(1 / terms[:, 1])
+    if priors.moments is None:
+        return slope, off, whiten
+    locus, (mean, covariance) = parameters.locus, priors.moments
+    turn, varied = np.zeros((3, len(names))), [name in names for name in locus.names]
+    columns = [names.index(name) for name in locus.names if name in names]
+    turn[:, columns] = jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords)[:, varied]
+    slope, off = np.vstack([slope, turn]), np.concatenate([off, np.asarray(locus.moments()) - mean])
+    return slope, off, scipy.linalg.block_diag(whiten, np.linalg.inv(np.linalg.cholesky(covariance)))

@@ -1,0 +1,94 @@
+"""Where results go, looked at before any work is done and without loading anything.
+
+Reach for :func:`check_directory`, which only looks; :func:`make_directory` looks and makes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from jitterkit.errors import ConfigurationError
+
+__all__ = [
+    "ENDS",
+    "REPORT",
+    "RUN",
+    "SUMMARY",
+    "TABLE",
+    "check_directory",
+    "check_file",
+    "make_directory",
+]
+
+TABLE, SUMMARY, REPORT = RUN = "results.ecsv", "summary.json", "report.html"
+"""What a run leaves behind."""
+
+ENDS = (".png", ".kernel.fits", ".deblurred.fits")
+"""Of the names of an estimate's picture, kernel and deblurred image."""
+
+
+def check_directory(directory: Path, patterns: Iterable[str], overwrite: bool) -> None:
+    """Refuse a directory that cannot be written, or that holds what would be replaced.
+
+    Parameters
+    ----------
+    directory : Path
+        May be yet to be made.
+    patterns : iterable of str
+        Of the files' names.
+    overwrite : bool
+        Whether they may be replaced.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    present = [path for pattern in patterns for path in sorted(directory.glob(pattern))]
+    if present and not overwrite:
+        raise ConfigurationError(
+            f"{present[0]} exists; give --overwrite to replace it, or another directory."
+        )
+    nearest = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+    if not nearest.is_dir():
+        raise _unwritable(directory, f"{nearest} is no directory")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise _unwritable(directory, f"{nearest} is read-only")
+
+
+def make_directory(directory: Path, patterns: Iterable[str], overwrite: bool) -> None:
+    """Make a directory, parents and all, once :func:`check_directory` has nothing against it.
+
+    Raises
+    ------
+    ConfigurationError
+        If it does, or the directory cannot be written all the same.
+    """
+    check_directory(directory, patterns, overwrite)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        probe = directory / ".jitterkit-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise _unwritable(directory, error.strerror or str(error)) from None
+
+
+def check_file(path: Path, overwrite: bool) -> None:
+    """Refuse a file that exists and may not be replaced, or whose directory does not.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if not path.parent.is_dir():
+        raise ConfigurationError(
+            f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
+        )
+    if path.exists() and not overwrite:
+        raise ConfigurationError(f"{path} exists; give --overwrite to replace it, or another name.")
+
+
+def _unwritable(directory: Path, problem: str) -> ConfigurationError:
+    return ConfigurationError(f"{directory} cannot be written ({problem}); give a directory that can.")
