@@ -1,5 +1,6 @@
 import base64
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -79,6 +80,15 @@ def test_a_fitted_frame_is_shown_with_its_numbers(make_fit, write):
     assert entry.picture in [base64.b64decode(data) for data in pictures]
     for text in ("cube.fits[2]", "(3.81100 ± 0.00070) × 10⁷", "shm length 600 mas", "4.000 ± 0.050"):
         assert text in page.text
+
+
+def test_what_a_fitted_frame_leaves_undecided_stands_beside_its_numbers(make_fit, write):
+    frame, result = make_fit()
+    entry = render_frame(frame, result)
+    plain = write([entry.row], [entry])
+    assert entry.row["message"] not in plain.text
+    row = entry.row | {"message": "fitted: chi²/dof is 1.005. Undecided between shm and linear."}
+    assert "Undecided between shm and linear." in write([row], [replace(entry, row=row)]).text
 
 
 def test_no_name_or_message_can_run_code(make_fit, write):
