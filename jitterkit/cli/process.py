@@ -87,6 +87,7 @@ def process(
 def _tell(run) -> None:
     """The result on stdout, the rest on stderr."""
     from jitterkit.report.flags import decode_flags
+    from jitterkit.report.sequence import say_loci
     from jitterkit.report.words import with_error
 
     for row in run.table:
@@ -98,4 +99,6 @@ def _tell(run) -> None:
         typer.echo(
             f"separation {with_error(separation['mean'], separation['error'])} arcsec from {fitted} frames"
         )
+    if together := say_loci(run.summary["loci"]):
+        say(together)
     say(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")

@@ -26,6 +26,7 @@ from jitterkit.report.pictures import FrameReport, Gallery
 from jitterkit.report.plots import png
 from jitterkit.report.row import Row
 from jitterkit.report.separation_plots import plot_separations
+from jitterkit.report.sequence import say_loci
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, printable, with_error
 
@@ -99,6 +100,7 @@ def _template():
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "number": number,
         "remarks": _remarks,
+        "say_loci": say_loci,
         "status": lambda name: name.replace("_", " "),
         "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n} {word}s",
     }

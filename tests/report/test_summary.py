@@ -8,6 +8,7 @@ import pytest
 from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.row import make_row
+from jitterkit.report.sequence import say_loci
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table
 
@@ -110,6 +111,22 @@ def test_the_evidence_of_frames_adds_up(make_fit):
     separations = loci["separation"]
     assert separations["shm"]["mean"] - separations["linear"]["mean"] == pytest.approx(3e-6, abs=1e-9)
     assert separations["shm"]["error"] == pytest.approx(2e-4 / math.sqrt(30))
+
+
+def test_a_run_says_what_it_has_decided_and_what_not(make_fit):
+    undecided = {"linear": -100.0, "shm": -100.3, "mvn": -104.0}
+
+    def said(*frames):
+        return say_loci(summarise(_compared(make_fit, *frames))["loci"])
+
+    assert said(*[undecided] * 30) == "30 frames together show linear (weight 1.000)."
+    # e^-1.5 is 0.22 of one; the separations are made 3 microarcsec apart
+    few = "5 frames together are undecided (linear 0.82, shm 0.18); the separation differs by 3.0 µas."
+    assert said(*[undecided] * 5) == few
+    drift, vibration = {"linear": -100.0, "shm": -101.5}, {"linear": -120.0, "shm": -100.0}
+    mixed = said(*[drift] * 30, vibration)
+    assert mixed.startswith("The frames do not share one kind of locus: 1 of 31 contradict linear")
+    assert said({"mvn": -1.0}) == ""
 
 
 def test_only_frames_that_tried_the_same_loci_are_compared(make_fit):
