@@ -83,6 +83,22 @@ def test_what_a_small_blur_does_not_show_is_not_asked(bench, rng):
     assert np.isnan(result.separation_spread)
 
 
+def test_no_locus_is_asked_to_mend_what_is_no_jitter(bench):
+    image = bench.image(bench.truth(Shm.of(0.4, 30.0)))
+    speckled = image + 0.2 * image.max() * (np.indices(image.shape).sum(axis=0) % 7 == 0)
+    result = choose_for(bench, Data(speckled, 1.0), [0.01, 0.0, 0.01])
+    assert result.status is Status.POOR_FIT
+    assert [one.locus for one in result.candidates] == ["mvn"]
+
+
+def test_a_streak_that_no_normal_describes_is_found_all_the_same(bench):
+    locus = Shm.of(2.0, 30.0)
+    data = Data(bench.image(bench.truth(locus, flux=3e7)), 1.0)
+    normal = fit_locus("mvn", data, bench.optics, bench.near(), np.asarray(locus.moments()))
+    assert normal.status is Status.POOR_FIT
+    assert choose_for(bench, data, locus.moments()).locus == "shm"
+
+
 def test_a_candidate_that_breaks_down_takes_nothing_with_it(bench, rng, monkeypatch):
     streak = Shm.of(0.9, 30.0)
     data = bench.draw(bench.truth(streak), rng)
