@@ -68,6 +68,7 @@ class NormalEquations(NamedTuple):
     information: Float[Array, "p p"]
 
 
+@eqx.filter_jit
 def normal_equations(parameters: Parameters, otf: OTF, data: Data, free: tuple[int, ...]) -> NormalEquations:
     """Deviance, score and Fisher information of a frame.
 

@@ -1,10 +1,11 @@
 """The shape of a blur: tested by one scoring step, fitted by a few, and believed by one rule.
 
 :func:`measure_shape` tests whether an image that a normal describes wants an excess kurtosis,
-:func:`fit_shape` fits one.  The excess
-kurtosis enters an image by the square of the blur: while the blur is small it is unknown and does no
-harm; once the frame tells it, leaving it out biases the moments.  Both borders, :func:`is_detected` and
-:func:`is_decisive`, are set by errors, not by the value found, so that no frame is picked by its noise.
+:func:`fit_shape` fits one, :func:`fit_known_shape` a blur whose kurtosis is known.  The excess kurtosis
+enters an image by the square of the blur: while the blur is small it is unknown and does little harm; once
+the frame tells it, leaving it out biases the moments.  :func:`is_decisive` draws the border by the error of
+the kurtosis, not by its value, so that no frame is picked by its noise; below it :func:`doubted` adds to
+the errors what the shape might do.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
@@ -24,7 +24,16 @@ from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little, invert_information
 
-__all__ = ["Shape", "fit_shape", "is_decisive", "is_detected", "measure_shape"]
+__all__ = [
+    "Shape",
+    "ShapedBlur",
+    "doubted",
+    "fit_known_shape",
+    "fit_shape",
+    "is_decisive",
+    "is_detected",
+    "measure_shape",
+]
 
 _DETECTED = float(chi2.isf(1e-3, 3))
 """Chi-squared of three moments that no jitter at all exceeds in one frame of a thousand."""
@@ -36,7 +45,7 @@ held at a normal's is what their variance grows by with the shape free, and beyo
 _STEPS = 20
 """At most: of a drift of 3 arcsec on TOLIMAN, three times the resolution, four are still 3 % off."""
 
-_equations = eqx.filter_jit(normal_equations)
+_KURTOSIS = Shaped.names[-1]
 
 
 class Shape(NamedTuple):
@@ -48,14 +57,38 @@ class Shape(NamedTuple):
         Excess kurtosis, the same along every axis: linear -1.2, SHM -1.5.  One step: too small a
         number where the blur is as large as the resolution and far from normal.  NaN where the frame does
         not determine it.
-    response : float
-        Change of the fitted separation for a unit of kurtosis that the locus leaves out, arcsec; zero
-        where no separation is fitted.
+    response : dict
+        Change of everything else that is fitted, by name, for a unit of kurtosis that the locus leaves out;
+        the moments have the names of ``Shaped``.
     """
 
     kurtosis: float
     error: float
-    response: float
+    response: dict[str, float]
+
+
+class ShapedBlur(NamedTuple):
+    """A blur fitted with a shape.
+
+    Attributes
+    ----------
+    locus : Shaped
+    covariance : (4, 4) or (3, 3) array
+        Of its moments and kurtosis; of its moments, if the kurtosis was known.
+    """
+
+    locus: Shaped
+    covariance: np.ndarray
+
+    @property
+    def kurtosis(self) -> float:
+        """Excess kurtosis."""
+        return float(self.locus.coords[3])
+
+    @property
+    def kurtosis_err(self) -> float:
+        """Its standard error; zero if it was known."""
+        return float(np.sqrt(self.covariance[3, 3])) if len(self.covariance) > 3 else 0.0
 
 
 def measure_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str] = ()) -> Shape:
@@ -73,39 +106,63 @@ def measure_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str
     """
     shaped = normal.with_locus(Shaped.near(normal.locus.moments()))
     names, free = free_parameters(shaped, otf, hold)
-    equations = _equations(shaped, otf, data, free)
+    equations = normal_equations(shaped, otf, data, free)
     covariance, _ = invert_information(equations.information)
-    slot = names.index(Shaped.names[-1])
+    slot = names.index(_KURTOSIS)
     mine = covariance[slot]
     # what is fitted beside it follows the kurtosis by the regression that the covariance describes
-    response = -mine[names.index("separation")] / mine[slot] if "separation" in names else 0.0
-    return Shape(float(mine @ np.asarray(equations.score)), float(np.sqrt(mine[slot])), float(response))
+    response = dict(zip(names, map(float, -mine / mine[slot]), strict=True))
+    return Shape(float(mine @ np.asarray(equations.score)), float(np.sqrt(mine[slot])), response)
 
 
-def fit_shape(
-    normal: Parameters, otf: OTF, data: Data, hold: Collection[str] = (), known: float | None = None
-) -> tuple[Parameters, np.ndarray]:
+def fit_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str] = ()) -> ShapedBlur | None:
     """Fit a blur's moments and excess kurtosis, from the normal that fits.
 
     Parameters
     ----------
     normal, otf, data, hold
         As for :func:`measure_shape`.
-    known : float, optional
-        The kurtosis, if it is not to be fitted.
 
     Returns
     -------
-    end : Parameters
-        With a locus of kind ``Shaped``.
-    covariance : (4, 4) or (3, 3) array
-        Of the moments and the kurtosis, or of the moments; NaN where the frame does not determine them, or
-        no such blur fits: the climb does not settle.
+    blur : ShapedBlur or None
+        None where no such blur fits (the climb does not settle), or the frame does not determine it.
     """
-    coords = np.append(normal.locus.moments(), 0.0 if known is None else known)
-    held = hold if known is None else {*hold, Shaped.names[-1]}
-    end, covariance = climb_a_little(normal.with_locus(Shaped(jnp.asarray(coords))), otf, data, held, _STEPS)
-    return end.parameters, covariance if bool(end.converged) else np.full_like(covariance, np.nan)
+    return _settle(normal, 0.0, otf, data, hold)
+
+
+def fit_known_shape(
+    normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str] = ()
+) -> ShapedBlur | None:
+    """As :func:`fit_shape`, with the excess kurtosis held."""
+    return _settle(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
+
+
+def _settle(
+    normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str]
+) -> ShapedBlur | None:
+    start = Shaped(jnp.append(normal.locus.moments(), kurtosis))
+    end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS)
+    settled = bool(end.converged) and np.all(np.isfinite(covariance))
+    return ShapedBlur(start.at(end.parameters.locus.coords), covariance) if settled else None
+
+
+def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Covariance (3, 3) of moments fitted with a normal's shape, with what another shape would do to them.
+
+    Parameters
+    ----------
+    covariance : (3, 3) array
+    response : (3,) array
+        Change of the moments for a unit of kurtosis; NaN, where it is not determined, counts as none.
+
+    Returns
+    -------
+    covariance : (3, 3) array
+        As if the kurtosis were known to be zero within 1.2: no doubt where it has no say.
+    """
+    known = np.nan_to_num(response)
+    return covariance + _DECISIVE**2 * np.outer(known, known)
 
 
 def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:

@@ -182,14 +182,10 @@ def _detected(normal: FitResult) -> bool:
 
 
 def _shape(frame: _Frame, normal: Parameters, otf: OTF) -> Shape:
-    """What a step says of the shape, and a few more where it is known well."""
-    shape = measure_shape(normal, otf, frame.data, frame.options.hold)
-    if not is_decisive(shape.error):
-        return shape
-    end, covariance = fit_shape(normal, otf, frame.data, frame.options.hold)
-    if not np.all(np.isfinite(covariance)):
-        return shape
-    return shape._replace(kurtosis=float(end.locus.coords[3]), error=float(np.sqrt(covariance[3, 3])))
+    """What a step says of the shape, and a fit where it is known well."""
+    told = measure_shape(normal, otf, frame.data, frame.options.hold)
+    blur = fit_shape(normal, otf, frame.data, frame.options.hold) if is_decisive(told.error) else None
+    return told if blur is None else told._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
 
 
 def single_star(fit: FitResult) -> bool:
@@ -208,7 +204,7 @@ def _of_scene(fit: FitResult, name: str) -> float:
 def _matters(shape: Shape, error: float) -> bool:
     """Whether the shape of the blur can be seen, or would change the separation."""
     seen = abs(shape.kurtosis) > _SHAPED * shape.error
-    return seen or _KURTOSES * abs(shape.response) > _UNSEEN * error
+    return seen or _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * error
 
 
 def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF) -> FitResult:

@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.estimators import ESTIMATORS, estimator
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
@@ -94,6 +94,14 @@ def test_too_faint_a_frame_is_refused_in_words(otf):
     faint = Parameters(Binary(5.0, 0.0, 0.0, 0.0, 5.0, 3.37), Stable.of())
     with pytest.raises(ValueError, match="frequencies rise above the noise"):
         ESTIMATORS["mtf"](Data(np.zeros(otf.grid.shape), 100.0), faint, otf)
+
+
+def test_a_frame_too_small_for_a_window_is_refused_in_words():
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=()), flat_band(530, 640, 3)
+    small = expand(pupil, band, grid_for(pupil, band, (20, 48), 0.375, pad=16))
+    template = Parameters(scene(), Stable.of())
+    with pytest.raises(UndeterminedError, match="needs a frame of 32 pixels a side, and this one has 20"):
+        ESTIMATORS["mtf"](Data(np.asarray(expected_image(template, small))), template, small)
 
 
 def test_an_unknown_name_lists_the_known_ones():

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.estimators import ESTIMATORS
+from jitterkit.estimators.mtf_ratio import _model
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
-from jitterkit.loci import Linear, Mvn, Shm, Stable
+from jitterkit.loci import Ellipse, Linear, Mvn, Shaped, Shm, Stable
 from jitterkit.optics import expand, flat_band, grid_for
 from jitterkit.scene import Binary
 
@@ -63,3 +65,67 @@ def test_once_the_shape_is_told_it_no_longer_biases_the_moments(name, otf):
     assert found.shape_err < 1.2
     # a normal in its place is 4 (mtf) to 6 (score) of these errors off
     np.testing.assert_array_less(np.abs(found.moments - truth), found.errors)
+    assert float(found.locus.coords[3]) == found.shape
+
+
+@pytest.mark.parametrize("name", ["mtf", "score"])
+def test_until_it_is_told_the_errors_hold_what_it_might_do(name, otf):
+    locus = Linear.of(0.34, 27.0)
+    found, truth = estimate(name, locus, otf), np.asarray(locus.moments())
+    assert found.shape_err > 1.2
+    # a drift's -1.2 does no more than the 1.2 that the errors allow for; without those it is 1.7 of them off
+    np.testing.assert_array_less(np.abs(found.moments - truth), 1.05 * found.errors)
+
+
+@pytest.mark.parametrize("length", [0.1, 0.4, 3.0])
+def test_a_known_shape_is_held_and_the_moments_are_exact(length, otf):
+    locus = Linear.of(length, 27.0)
+    found = estimate("score", locus, otf, shape=-1.2)
+    # the climb ends within 1e-4 errors of the top
+    np.testing.assert_allclose(found.moments, np.asarray(locus.moments()), atol=1e-3 * found.errors.min())
+    assert float(found.locus.coords[3]) == -1.2
+    assert np.isnan(found.shape)
+    free = estimate("score", locus, otf)
+    assert np.all(found.errors <= free.errors * 1.001)
+
+
+@pytest.mark.parametrize("shape", [-12.0, np.nan])
+def test_a_shape_that_no_density_has_is_refused(shape, otf):
+    with pytest.raises(ConfigurationError, match="No density has an excess kurtosis below -2"):
+        estimate("score", Linear.of(0.3, 27.0), otf, shape=shape)
+
+
+@pytest.mark.parametrize("locus", [Shaped.of(0.2, 0.1, 20.0, 2.0), Shaped.of(0.2, kurtosis=3.0)])
+def test_heavy_tails_are_measured(locus, otf, rng):
+    scene = Binary(10.0, 33.0, 0.4, -0.3, 4e7, 3.37)
+    image = rng.poisson(np.asarray(expected_image(Parameters(scene, locus, np.zeros(7)), otf)))
+    found = ESTIMATORS["mtf"](Data(image), Parameters(scene, Stable.of(), np.zeros(7)), otf)
+    assert found.shape == pytest.approx(float(locus.coords[3]), abs=3 * found.shape_err)
+    np.testing.assert_array_less(np.abs(found.moments - np.asarray(locus.moments())), 3 * found.errors)
+
+
+@pytest.mark.parametrize("locus", [Ellipse.of(1.0, 0.5, 20.0), Shm.of(3.0, 27.0)], ids=["ellipse", "shm"])
+def test_the_ratio_refuses_a_blur_too_wide_for_its_series(locus, otf):
+    with pytest.raises(UndeterminedError, match="in a ratio of no blur"):
+        estimate("mtf", locus, otf, 4e7)
+
+
+@pytest.mark.parametrize("kurtosis", [-1.5, -1.2, -0.5, 0.5, 3.0])
+def test_the_logarithm_of_the_transfer_function_is_that_of_the_shaped_locus(kurtosis):
+    # f along x, of a unit variance: w = 4 pi² f²
+    w = np.array([0.1, 0.2])
+    f = np.sqrt(w) / (2 * np.pi)
+    squares = np.stack([w, 0 * w, 0 * w])
+    solution = np.array([0.3, 1.0, 0.0, 0.0, kurtosis])
+    y, slopes = _model(solution, w, squares)
+    exact = 2 * np.log(np.asarray(Shaped(np.array([1.0, 0.0, 0.0, kurtosis])).transfer(f, 0 * f)))
+    left = y - 0.3 - exact
+    if kurtosis > 0:
+        np.testing.assert_allclose(left, 0, atol=1e-12)
+    else:  # the eighth order is left: twice the w, sixteen times the rest
+        assert left[1] / left[0] == pytest.approx(16, rel=0.05)
+        assert abs(left[0]) < 1e-6
+    for i in (0, 1, 4):
+        step = np.eye(5)[i] * 1e-6
+        ahead, behind = (_model(q, q[1] * w, squares)[0] for q in (solution + step, solution - step))
+        np.testing.assert_allclose(slopes[i], (ahead - behind) / 2e-6, rtol=1e-6, atol=1e-9)
