@@ -30,11 +30,12 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit.evidence import log_evidence, minor_variance
+from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
 from jitterkit.refit.lack_of_fit import lack_of_fit
-from jitterkit.refit.result import Candidate, FitResult, Status
+from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.starts import starting_point
+from jitterkit.refit.weigh import say_undecided, weigh, weight_of_evidence
 
 __all__ = ["fit_best_locus", "fit_locus", "single_star"]
 
@@ -60,9 +61,6 @@ _SHARE = 0.05
 """Of chi-squared's excess, that a step in the cumulants must explain: it was 0.1 to 1 where part of a cycle,
 or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 where streaks of 0.75 to 6
 arcsec were fitted with a normal, and 0.01 to 0.02 of frames of another telescope."""
-
-_CERTAIN = 0.95
-"""Weight above which a frame has decided."""
 
 _LADDER = (("linear", "shm", "ellipse"), ("shaped", "partial", "tones", "smear"), ("path",))
 """By freedom: two or three numbers, four or five, six."""
@@ -193,12 +191,7 @@ def single_star(fit: FitResult) -> bool:
 
     It would then mend what is wrong with a locus.
     """
-    return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + _of_scene(fit, "contrast"))
-
-
-def _of_scene(fit: FitResult, name: str) -> float:
-    """A number of the fitted scene; NaN where it has none."""
-    return float("nan") if fit.parameters is None else float(getattr(fit.parameters.scene, name, np.nan))
+    return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + fit.of_scene("contrast"))
 
 
 def _matters(shape: Shape, error: float) -> bool:
@@ -215,7 +208,7 @@ def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF) -> FitResult:
         for name in (name for name in rung if name not in out_of_question):
             fit, expanded[name] = _try(frame, name, normal, otf)
             tried.append(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
-        best = max(tried, key=_evidence)
+        best = max(tried, key=weight_of_evidence)
         if not _wants_more(best, expanded[best.locus], frame.data):
             break
     return _conclude(tried)
@@ -239,58 +232,12 @@ def _may_be_straight(normal: FitResult) -> bool:
 def _conclude(tried: list[FitResult], flags: tuple[str, ...] = ()) -> FitResult:
     """The best of the fits, with all of them as candidates; the normal where none describes the frame."""
     tried = tried if any(fit.status is Status.OK for fit in tried) else tried[:1]
-    best = max(tried, key=_evidence)
-    candidates = _weigh(tried)
+    best = max(tried, key=weight_of_evidence)
+    candidates = weigh(tried)
     return replace(
         best,
-        message=" ".join(filter(None, [best.message, _undecided(candidates)])),
+        message=" ".join(filter(None, [best.message, say_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,
         seconds=sum(fit.seconds for fit in tried),
     )
-
-
-def _evidence(fit: FitResult) -> float:
-    """Nothing speaks for a locus whose fit did not settle."""
-    return log_evidence(fit) if fit.status in (Status.OK, Status.POOR_FIT) else -np.inf
-
-
-def _weigh(tried: list[FitResult]) -> tuple[Candidate, ...]:
-    """Candidates, best first; where nothing speaks for any of them the normal has all the weight."""
-    evidence = np.array([_evidence(fit) for fit in tried])
-    known = np.where(np.isfinite(evidence), evidence, -np.inf)
-    odds = np.exp(known - known.max()) if np.any(np.isfinite(known)) else np.eye(len(tried))[0]
-    candidates = [
-        Candidate(
-            fit.locus,
-            fit.objective,
-            float(weight),
-            _of_scene(fit, "separation"),
-            fit.error("separation"),
-            float(value),
-        )
-        for fit, weight, value in zip(tried, odds / odds.sum(), evidence, strict=True)
-    ]
-    return tuple(sorted(candidates, key=lambda one: -one.weight))
-
-
-def _undecided(candidates: tuple[Candidate, ...]) -> str:
-    """A sentence where the least number of loci that hold 95 % of the weight is more than one."""
-    held = np.cumsum([one.weight for one in candidates])
-    likely = candidates[: int(np.searchsorted(held, _CERTAIN)) + 1]
-    if len(likely) < 2:
-        return ""
-    names = [one.locus for one in likely]
-    separations = [one.separation for one in likely]
-    loci = f"{', '.join(names[:-1])} and {names[-1]}"
-    difference = _microarcsec(max(separations) - min(separations))
-    return f"Undecided between {loci}; the separation differs by {difference}."
-
-
-def _microarcsec(angle: float) -> str:
-    """In the unit that suits it.
-
-    >>> _microarcsec(3.1e-7), _microarcsec(2.04e-3)
-    ('0.3 µas', '2.0 mas')
-    """
-    return f"{angle * 1e6:.1f} µas" if angle < 1e-3 else f"{angle * 1e3:.1f} mas"

@@ -127,6 +127,12 @@ class FitResult:
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
+    def of_scene(self, name: str) -> float:
+        """A number of the fitted scene; NaN where it has none."""
+        return (
+            float("nan") if self.parameters is None else float(getattr(self.parameters.scene, name, np.nan))
+        )
+
     @property
     def chi2_dof(self) -> float:
         """Chi-squared per degree of freedom; NaN where nothing was fitted."""

@@ -1,0 +1,61 @@
+"""Candidates for a frame's locus, weighed by their evidence, and what that leaves undecided."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jitterkit.refit.evidence import log_evidence
+from jitterkit.refit.result import Candidate, FitResult, Status
+
+__all__ = ["say_undecided", "weigh", "weight_of_evidence"]
+
+_CERTAIN = 0.95
+"""Weight above which a frame has decided."""
+
+
+def weight_of_evidence(fit: FitResult) -> float:
+    """Nothing speaks for a locus whose fit did not settle."""
+    return log_evidence(fit) if fit.status in (Status.OK, Status.POOR_FIT) else -np.inf
+
+
+def weigh(tried: Sequence[FitResult]) -> tuple[Candidate, ...]:
+    """Candidates, best first; where nothing speaks for any of them the normal has all the weight."""
+    evidence = np.array([weight_of_evidence(fit) for fit in tried])
+    known = np.where(np.isfinite(evidence), evidence, -np.inf)
+    odds = np.exp(known - known.max()) if np.any(np.isfinite(known)) else np.eye(len(tried))[0]
+    candidates = [
+        Candidate(
+            fit.locus,
+            fit.objective,
+            float(weight),
+            fit.of_scene("separation"),
+            fit.error("separation"),
+            float(value),
+        )
+        for fit, weight, value in zip(tried, odds / odds.sum(), evidence, strict=True)
+    ]
+    return tuple(sorted(candidates, key=lambda one: -one.weight))
+
+
+def say_undecided(candidates: tuple[Candidate, ...]) -> str:
+    """A sentence where the least number of loci that hold 95 % of the weight is more than one."""
+    held = np.cumsum([one.weight for one in candidates])
+    likely = candidates[: int(np.searchsorted(held, _CERTAIN)) + 1]
+    if len(likely) < 2:
+        return ""
+    names = [one.locus for one in likely]
+    separations = [one.separation for one in likely]
+    loci = f"{', '.join(names[:-1])} and {names[-1]}"
+    difference = _microarcsec(max(separations) - min(separations))
+    return f"Undecided between {loci}; the separation differs by {difference}."
+
+
+def _microarcsec(angle: float) -> str:
+    """In the unit that suits it.
+
+    >>> _microarcsec(3.1e-7), _microarcsec(2.04e-3)
+    ('0.3 µas', '2.0 mas')
+    """
+    return f"{angle * 1e6:.1f} µas" if angle < 1e-3 else f"{angle * 1e3:.1f} mas"
