@@ -34,6 +34,9 @@ class KernelEstimate:
         Kernel on the frame's pixels, where the method gives one: odd sides, its centre the middle one.
     locus : Locus or None
         The locus itself, where the method fits or assumes one.
+    digest : str
+        Of the raw frame it was made from, ``RawFrame.digest``.  Where it is known it tells the same data;
+        where it is empty the source does.
 
     Notes
     -----
@@ -49,6 +52,7 @@ class KernelEstimate:
     shape_err: float = float("nan")
     kernel: np.ndarray | None = None
     locus: Locus | None = None
+    digest: str = ""
 
     @property
     def errors(self) -> np.ndarray:

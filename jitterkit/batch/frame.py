@@ -27,7 +27,7 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import locus_class
 from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit import FitOptions, FitResult, KernelPrior, Status, fit_best_locus, fit_locus
+from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, Status, fit_best_locus, fit_locus
 
 __all__ = ["Processed", "Processor"]
 
@@ -35,6 +35,8 @@ log = logging.getLogger(__name__)
 
 _FEWEST = 8
 """Pixels along a side below which no pair can be told from one star."""
+
+_UNUSED = "The prior holds this frame only and was not used."
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ class Processor:
 
     def calibrate(self, raw: RawFrame) -> Frame:
         """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons."""
+        digest = raw.digest  # of the whole frame, as its file holds it
         raw = resolve(raw, self.instrument, self.overrides)
         ny, nx = self.instrument.shape
         large = raw.shape[0] > ny or raw.shape[1] > nx
@@ -137,7 +140,7 @@ class Processor:
             raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
         frame = self.instrument.detector.calibrate(raw)
         flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
-        return replace(frame, flags=flags)
+        return replace(frame, flags=flags, digest=digest)
 
     def estimate(self, frame: Frame) -> tuple[KernelEstimate, Start] | FitResult:
         """Find the pair and estimate the kernel, or say why not."""
@@ -153,7 +156,7 @@ class Processor:
         if start is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
         estimate = estimator(self.kernel)(data, start.parameters, start.otf, hold=hold)
-        return replace(estimate, source=frame.name), start
+        return replace(estimate, source=frame.name, digest=frame.digest), start
 
     def optics(self, frame: Frame) -> OpticalSystem | FixedOptics:
         """Optics on a frame's grid, at the scale the frame says it has."""
@@ -167,7 +170,8 @@ class Processor:
         """The options, and what is known of this frame's jitter."""
         if self.prior is None:
             return self.options
-        return replace(self.options, priors=self.options.priors.joined(self.prior.of(frame.name)))
+        told = self.prior.of(frame.name, frame.digest)
+        return replace(self.options, priors=self.options.priors.joined(told))
 
     def _fit(self, frame: Frame) -> FitResult:
         estimated = self.estimate(frame)
@@ -178,4 +182,12 @@ class Processor:
         options = self._options(frame)
         common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, options)
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
-        return judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
+        result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
+        return self._remark_unused(frame, result)
+
+    def _remark_unused(self, frame: Frame, result: FitResult) -> FitResult:
+        """The result, with a remark where a prior was given and nothing of it holds for this frame."""
+        if self.prior is None or self.prior.of(frame.name, frame.digest) != Priors():
+            return result
+        message = f"{result.message or result.status.value} {_UNUSED}"
+        return replace(result, message=message, flags=(*result.flags, "prior_unused"))

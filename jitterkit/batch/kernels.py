@@ -14,11 +14,22 @@ from astropy.units import Unit
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.reference import OwnReferenceError
+from jitterkit.batch.verdict import judge, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
-from jitterkit.frames import RawFrame, find_files, open_frames
+from jitterkit.forward import expected_image
+from jitterkit.frames import Frame, RawFrame, find_files, open_frames
+from jitterkit.kernels import kernel_moments
+from jitterkit.likelihood import Data, Misfit, pearson
+from jitterkit.locate import Start
+from jitterkit.loci import Shaped
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
-from jitterkit.report.estimate_pictures import plot_estimate, template_images
+from jitterkit.report.estimate_pictures import (
+    is_undetected,
+    plot_estimate,
+    template_images,
+)
+from jitterkit.scoring import climb_a_little
 
 __all__ = ["BinaryMeasurer", "Measurer", "estimate_files"]
 
@@ -34,6 +45,14 @@ _NUMBERS = (
 )
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What one frame may raise without harm to the others."""
+
+_POOR = 1.5
+"""Chi-squared a degree of freedom beyond which the refit calls a model poor."""
+
+_STEPS = 20
+"""At most, of the fit that a frame gets whose template is poor."""
+
+_ELSE = "If it shows no binary, give --stars, --reference or --blind; if one of another telescope, -i."
 
 _FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
 
@@ -75,20 +94,67 @@ class BinaryMeasurer:
     def measure(self, raw: RawFrame) -> Measured | FitResult:
         """Measure one frame, or say in a status why not."""
         frame = self.processor.calibrate(raw)
-        estimated = self.processor.estimate(frame)
+        try:
+            estimated = self.processor.estimate(frame)
+        except (FrameError, NoStarError, UndeterminedError):
+            raise
+        except JitterkitError as error:  # as ``process`` calls it
+            told = f"{Status.MISMATCH.value}: {error} {self._scale_hint(frame)}".rstrip()
+            return FitResult(Status.MISMATCH, told)
         if isinstance(estimated, FitResult):
             return estimated
         estimate, start = estimated
         scale = frame.plate_scale or self.processor.instrument.plate_scale
+        sharp, blurred = template_images(estimate, start.parameters, start.otf)
+        data = Data(frame.electrons, frame.read_variance, ~frame.mask)
+        misfit, message = pearson(blurred, data), ""
+        if not _per_pixel(misfit) <= _POOR:
+            best = _per_pixel(self._fitted(data, start))
+            if not best <= _POOR:
+                return self._poor(frame, start, misfit)
+            message = (
+                f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with everything "
+                f"fitted {best:.3g}: the picture's residual is the template's."
+            )
+        variance, mask = blurred.clip(0) + frame.read_variance, ~np.isfinite(misfit.residual)
 
         def draw() -> list[Any]:
-            sharp, blurred = template_images(estimate, start.parameters, start.otf)
-            variance, mask = blurred.clip(0) + frame.read_variance, frame.mask
             return plot_estimate(
                 estimate, frame.electrons, sharp, blurred, scale, variance=variance, mask=mask
             )
 
-        return Measured.of(frame, estimate, scale, draw)
+        return Measured.of(frame, estimate, scale, draw, message)
+
+    def _scale_hint(self, frame: Frame) -> str:
+        return scale_hint(frame, self.processor.instrument.plate_scale)
+
+    def _fitted(self, data: Data, start: Start) -> Misfit:
+        """What is left with everything free: the template was fitted with a normal's shape."""
+        shaped = start.parameters.with_locus(Shaped.near(start.parameters.locus.moments()))
+        end, _ = climb_a_little(shaped, start.otf, data, self.processor.options.hold, _STEPS)
+        return pearson(expected_image(end.parameters, start.otf), data)
+
+    def _poor(self, frame: Frame, start: Start, misfit: Misfit) -> FitResult:
+        """That no binary with a blur describes a frame, and why not where that can be told."""
+        said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
+        names = () if "background" in self.processor.options.hold else ("background",)
+        poor = FitResult(
+            Status.POOR_FIT,
+            said,
+            parameters=start.parameters,
+            names=names,
+            chi2=misfit.chi2,
+            dof=misfit.pixels,
+            residual=misfit.residual,
+        )
+        told = judge(frame, poor, self.processor.instrument.plate_scale).message
+        scale = self._scale_hint(frame)
+        hints = [told, "" if scale in told else scale, _ELSE]
+        return FitResult(Status.POOR_FIT, " ".join(filter(None, hints)))
+
+
+def _per_pixel(misfit: Misfit) -> float:
+    return misfit.chi2 / misfit.pixels if misfit.pixels else math.nan
 
 
 def estimate_files(
@@ -116,8 +182,9 @@ def estimate_files(
     -------
     table : QTable
         A row a frame: file, frame, status, estimator, moments with errors and their correlations, axes,
-        length and shape where the estimator knows them, significance, message.  In arcsec; in pixels if a
-        frame has no scale.  The frame that serves the others as reference has the status ``reference``.
+        length and shape where the estimator knows them, significance, digest of the pixels, message.  In
+        arcsec; in pixels if a frame has no scale.  The frame that serves the others as reference has the
+        status ``reference``.
     """
     rows: list[dict[str, Any]] = []
     for path in find_files(paths):
@@ -130,7 +197,7 @@ def estimate_files(
 def _table(rows: list[dict[str, Any]]) -> QTable:
     scaled = all(math.isfinite(row["scale"]) for row in rows if row["status"] == "ok")
     table = QTable()
-    for name in ("file", "frame", "status", "estimator", *_NUMBERS, "message"):
+    for name in ("file", "frame", "status", "estimator", *_NUMBERS, "digest", "message"):
         power = _POWERS.get(name, 0)
         values = [row[name] if scaled or not power else _in_pixels(row, name, power) for row in rows]
         table[name] = np.array(values)
@@ -160,7 +227,8 @@ def _estimates(path: Path, measurer: Measurer, hdu: int | None, keep) -> Iterato
 
 def _row(path: Path, index: int, measurer: Measurer, raw: RawFrame, keep) -> dict[str, Any]:
     try:
-        return _measured_row(path, index, measurer, measurer.measure(raw), keep)
+        row = _measured_row(path, index, measurer, measurer.measure(raw), keep)
+        return row | {"digest": raw.digest}
     except NoStarError as error:
         return _blank(path, index, measurer, Status.NO_STAR.name, str(error))
     except OwnReferenceError as error:
@@ -176,7 +244,7 @@ def _measured_row(
 ) -> dict[str, Any]:
     if isinstance(measured, FitResult):
         return _blank(path, index, measurer, measured.status.name, measured.message)
-    estimate, message = measured.estimate, measured.message
+    estimate, message = measured.estimate, " ".join(filter(None, [measured.message, *_remarks(measured)]))
     if keep is not None:
         try:
             keep(measured)
@@ -194,11 +262,29 @@ def _measured_row(
     return row
 
 
+def _remarks(measured: Measured) -> Iterator[str]:
+    """What a table's numbers do not say of themselves."""
+    estimate = measured.estimate
+    if is_undetected(estimate):
+        yield f"Jitter is undetected (chi-squared {estimate.significance:.1f} of three degrees of freedom)."
+    if estimate.locus is None and estimate.kernel is not None:
+        own = kernel_moments(estimate.kernel, measured.plate_scale or 1.0)
+        if np.any(np.abs(own - estimate.moments) > estimate.errors):
+            sizes = ", ".join(f"{name} {value:.3g}" for name, value in zip(_MOMENTS, own, strict=True))
+            yield f"The kernel's pixels have other moments than the table: {sizes}; its file has these."
+
+
 def _correlation(covariance: np.ndarray, i: int, j: int) -> float:
     scale = math.sqrt(covariance[i, i] * covariance[j, j])
     return float(covariance[i, j] / scale) if scale > 0 else math.nan
 
 
 def _blank(path: Path, index: int, measurer: Measurer, status: str, message: str) -> dict[str, Any]:
-    row = {"file": path.name, "frame": index, "status": status.lower(), "estimator": measurer.name}
+    row = {
+        "file": path.name,
+        "frame": index,
+        "status": status.lower(),
+        "estimator": measurer.name,
+        "digest": "",
+    }
     return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": math.nan, "message": message}

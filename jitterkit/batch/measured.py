@@ -11,7 +11,7 @@ import numpy as np
 
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import covariance_on_axis
+from jitterkit.loci import axis_variances, covariance_on_axis
 
 __all__ = ["Measured"]
 
@@ -63,10 +63,10 @@ class Measured:
         estimate = replace(estimate, source=estimate.source or frame.name)
         sizes = {} if estimate.locus is None else estimate.locus.describe()
         length = sizes.get("length", math.nan)
-        major, minor, angle = estimate.axes
-        along, across, _ = np.sqrt(np.diag(covariance_on_axis(estimate.covariance, angle)))
-        spread = max(major**2 - minor**2, np.finfo(float).tiny)
+        major, minor, angle = axis_variances(estimate.moments)
+        along, across, _ = map(float, np.sqrt(np.diag(covariance_on_axis(estimate.covariance, angle))))
         # of a streak the variance is proportional to the square of the length
-        length_err = 0.5 * length * along / major**2 if major > 0 else math.nan
-        angle_err = min(math.degrees(across / spread), 90 / math.sqrt(3))  # at most that of a guess
+        length_err = 0.5 * length * along / major if major > 0 else math.nan
+        angle_err = math.degrees(across / (major - minor)) if major > minor else math.inf
+        angle_err = min(angle_err, 90 / math.sqrt(3))  # at most that of a guess
         return cls(frame, estimate, plate_scale, draw, length, length_err, angle_err, message)

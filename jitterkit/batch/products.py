@@ -13,6 +13,7 @@ from jitterkit.errors import FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.whole import replacing
 from jitterkit.kernels import deblur, kernel_image, write_kernel
+from jitterkit.report.estimate_pictures import is_undetected
 from jitterkit.report.outputs import ENDS, make_directory
 from jitterkit.report.plots import png
 
@@ -21,7 +22,9 @@ __all__ = ["Products"]
 
 @dataclass(frozen=True)
 class Products:
-    """Writes what was asked for, a file a frame, named after the frame.
+    """Writes what was asked for, a file a frame, named after the frame: ``shm.png``.
+
+    Of a second frame of that name it is the full one of the file: ``shm.tif.png``.
 
     Attributes
     ----------
@@ -45,6 +48,7 @@ class Products:
     overwrite: bool = False
     oversample: int = 1
     _written: set[str] = field(default_factory=set, repr=False)
+    _files: set[str] = field(default_factory=set, repr=False)
 
     def __post_init__(self) -> None:
         for directory, end in zip((self.pictures, self.kernels, self.images), ENDS, strict=True):
@@ -57,18 +61,11 @@ class Products:
         Raises
         ------
         FrameError
-            If a file cannot be written, or is that of another frame of this run.
+            If a file cannot be written, or is that of another frame of this run, of another directory.
         UndeterminedError
             If there is no blur to draw.
         """
-        stem = _stem(measured)
-        if stem in self._written:
-            raise FrameError(
-                measured.frame.name,
-                f"would replace the products of another frame of the name {stem}",
-                "process its directory on its own",
-            )
-        self._written.add(stem)
+        stem = self._name(measured)
         if self.pictures is not None:
             picture = png(measured.draw()[0])
             with replacing(self.pictures / f"{stem}{ENDS[0]}", overwrite=True) as temporary:
@@ -78,15 +75,30 @@ class Products:
         if self.kernels is not None:
             _write_kernel(self.kernels / f"{stem}{ENDS[1]}", measured, self.oversample)
 
+    def _name(self, measured: Measured) -> str:
+        """Of the products of a frame, without their ends; each is given once."""
+        stem, full = _names(measured)
+        if full in self._files or {stem, full} <= self._written:
+            raise FrameError(
+                measured.frame.name,
+                f"would replace the products of another frame of the name {stem}",
+                "process its directory on its own",
+            )
+        name = full if stem in self._written else stem
+        self._files.add(full)
+        self._written.add(name)
+        return name
+
 
 def _write_kernel(path: Path, measured: Measured, oversample: int) -> None:
     scale = measured.plate_scale
     kernel = kernel_image(measured.estimate, scale or 1.0, oversample)
+    remark = "undetected: no jitter at all may give such a kernel" if is_undetected(measured.estimate) else ""
     if scale is None:  # nothing to say in arcsec
-        cards = {
+        cards: dict[str, tuple[Any, str]] = {
             "JITRTYPE": ("Custom jitter kernel", "on pixels"),
             "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
-        }
+        } | ({"COMMENT": (remark, "")} if remark else {})
         write_fits(path, kernel, header=cards, overwrite=True)
     else:
         write_kernel(
@@ -95,6 +107,7 @@ def _write_kernel(path: Path, measured: Measured, oversample: int) -> None:
             plate_scale=scale,
             estimate=measured.estimate,
             oversample=oversample,
+            remark=remark,
             overwrite=True,
         )
 
@@ -114,11 +127,11 @@ def _write_deblurred(path: Path, measured: Measured) -> None:
     write_fits(path, sharp.astype(np.float32), header=cards, overwrite=True)
 
 
-def _stem(measured: Measured) -> str:
-    """``cube_3`` for the fourth frame of ``cube.fits``."""
+def _names(measured: Measured) -> tuple[str, str]:
+    """``cube_3`` and ``cube.fits_3`` for the fourth frame of ``cube.fits``."""
     frame = measured.frame
-    name = "array" if frame.path is None else frame.path.name
+    full = name = "array" if frame.path is None else frame.path.name
     for end in (".gz", ".fz"):
         name = name.removesuffix(end)
-    stem = Path(name).stem
-    return f"{stem}_{frame.index}" if frame.several else stem
+    end = f"_{frame.index}" if frame.several else ""
+    return Path(name).stem + end, full + end

@@ -5,7 +5,7 @@ Reach for :func:`sharpest` to find one in a set, :func:`check_reference` before 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,9 +15,9 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, FrameError, UndeterminedError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.kernels import fill_masked
-from jitterkit.starfield import field_psf, roundest
+from jitterkit.starfield import roundest
 
-__all__ = ["OwnReferenceError", "check_reference", "is_same", "sharpest"]
+__all__ = ["OwnReferenceError", "check_reference", "check_size", "is_same", "sharpest"]
 
 _CHANCE = 5.0
 """Standard errors by which the pixels of a scene are more like their neighbours than those of noise."""
@@ -27,14 +27,17 @@ class OwnReferenceError(UndeterminedError):
     """A frame that is the reference itself: against itself no frame is blurred."""
 
 
-def check_reference(sharp: Frame, stars: bool, paths: Sequence[str | Path], hdu: int | None = None) -> None:
+def check_reference(
+    sharp: Frame, starless: str | None, paths: Sequence[str | Path], hdu: int | None = None
+) -> None:
     """Refuse a reference that cannot serve any frame.
 
     Parameters
     ----------
     sharp : Frame
-    stars : bool
-        Whether it is to be taken for a star field, which need not have the size of the others.
+    starless : str or None
+        Of a star field, which need not have the size of the others: why no stars are seen in it, or nothing.
+        None if it is a view of something else.
     paths : sequence of str or Path
         Files to be measured, or directories of them; no more is read than the sizes of their frames.
     hdu : int, optional
@@ -44,16 +47,29 @@ def check_reference(sharp: Frame, stars: bool, paths: Sequence[str | Path], hdu:
     ConfigurationError
         If the reference shows nothing, has another size than every file, or is the only frame.
     """
-    problem = _fault(sharp, stars) or ("" if stars else _misfit(sharp, _sizes(paths, hdu)))
-    if problem:
-        raise ConfigurationError(
-            f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame."
-        )
+    if sharp.mask.all():
+        raise _refusal(sharp, "it has no usable pixel")
+    if starless:
+        raise _refusal(sharp, f"it shows no stars ({starless.rstrip('.')})")
+    if starless is None:
+        _check_view(sharp, _sizes(paths, hdu))
     alone = sharp.path is not None and not sharp.several
     if alone and {path.resolve() for path in find_files(paths)} == {Path(sharp.path).resolve()}:  # type: ignore[arg-type]
         raise ConfigurationError(
             f"{sharp.name} is the reference and the only frame; give frames to compare with it."
         )
+
+
+def check_size(sharp: Frame, name: str, size: tuple[int, int]) -> None:
+    """Refuse a reference of another size ``(ny, nx)`` than a frame that shows the same view.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if size != sharp.shape:
+        own, other = (f"{nx} x {ny}" for ny, nx in (sharp.shape, size))
+        raise _refusal(sharp, f"it has {own} pixels, {name} {other}")
 
 
 def is_same(raw: RawFrame, reference: RawFrame) -> bool:
@@ -78,25 +94,33 @@ def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
     UndeterminedError
         If no frame has three isolated stars.
     """
-    frames: list[RawFrame] = []
+    frames: list[Frame] = []
+    places: list[tuple[Path, int]] = []
     for path in find_files(paths):
         with suppress(FrameError), open_frames(path, hdu=hdu) as file:  # its row will say what is wrong
-            frames += list(file)
-    return frames[roundest([Detector().calibrate(raw) for raw in frames])]
+            for raw in file:
+                frames.append(Detector().calibrate(raw))
+                places.append((path, raw.index))
+    path, index = places[roundest(frames)]
+    with open_frames(path, hdu=hdu) as file:
+        return file[index]
 
 
-def _fault(sharp: Frame, stars: bool) -> str:
-    """What is wrong with a reference whatever it is compared with, or nothing."""
-    if sharp.mask.all():
-        return "it has no usable pixel"
-    if not stars:
-        shows = _shows_something(fill_masked(sharp.electrons, ~sharp.mask))
-        return "" if shows else "it shows nothing but noise"
-    try:
-        field_psf(sharp)
-    except UndeterminedError as error:
-        return f"it shows no stars ({str(error).rstrip('.')})"
-    return ""
+def _refusal(sharp: Frame, problem: str) -> ConfigurationError:
+    return ConfigurationError(f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame.")
+
+
+def _check_view(sharp: Frame, sizes: Iterator[tuple[str, tuple[int, int]]]) -> None:
+    """Refuse a view of nothing, and one of another size than every file that can be read."""
+    if not _shows_something(fill_masked(sharp.electrons, ~sharp.mask)):
+        raise _refusal(sharp, "it shows nothing but noise")
+    others = []
+    for name, size in sizes:
+        if size == sharp.shape:
+            return
+        others.append((name, size))
+    if others:
+        check_size(sharp, *others[0])
 
 
 def _shows_something(image: np.ndarray) -> bool:
@@ -111,13 +135,3 @@ def _sizes(paths: Sequence[str | Path], hdu: int | None) -> Iterator[tuple[str, 
     for path in find_files(paths):
         with suppress(FrameError), open_frames(path, hdu=hdu) as file:
             yield path.name, file.shape
-
-
-def _misfit(sharp: Frame, sizes: Iterable[tuple[str, tuple[int, int]]]) -> str:
-    """Nothing if a file has frames of the reference's size, or none can be read."""
-    others = []
-    for name, size in sizes:
-        if size == sharp.shape:
-            return ""
-        others.append(f"{name} {size[1]} x {size[0]}")
-    return f"it has {sharp.shape[1]} x {sharp.shape[0]} pixels, {others[0]}" if others else ""

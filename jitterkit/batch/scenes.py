@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.batch.measured import Measured
-from jitterkit.batch.reference import OwnReferenceError, check_reference, is_same
+from jitterkit.batch.reference import OwnReferenceError, check_reference, check_size, is_same
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
@@ -75,7 +75,7 @@ class SceneMeasurer:
             As :func:`~jitterkit.batch.reference.check_reference` does.
         """
         if self._sharp is not None:
-            check_reference(self._sharp, self._shows_stars, paths, hdu)
+            check_reference(self._sharp, self._starless if self._shows_stars else None, paths, hdu)
 
     def measure(self, raw: RawFrame) -> Measured:
         """Measure one frame.
@@ -109,11 +109,17 @@ class SceneMeasurer:
         """What the user says, or what the reference shows."""
         if self.stars is not None or self._sharp is None:
             return bool(self.stars)
+        return not self._starless
+
+    @cached_property
+    def _starless(self) -> str:
+        """Why the reference shows no stars; nothing if it does."""
+        assert self._sharp is not None
         try:
             field_psf(self._sharp)
-        except UndeterminedError:
-            return False
-        return True
+        except UndeterminedError as error:
+            return str(error)
+        return ""
 
     def _field(self, frame: Frame) -> Measured:
         found, scale = estimate_field(frame, reference=self._sharp), frame.plate_scale
@@ -149,11 +155,7 @@ class SceneMeasurer:
         sharp = self._sharp
         if sharp is None:
             return METHODS[self.method](image, plate_scale=scale)
-        if sharp.shape != frame.shape:
-            raise ConfigurationError(
-                f"The reference {sharp.name} has {sharp.shape[1]} x {sharp.shape[0]} pixels, {frame.name} "
-                f"{frame.shape[1]} x {frame.shape[0]}; give a sharp frame of the same view."
-            )
+        check_size(sharp, frame.name, frame.shape)
         return estimate_from_reference(_filled(sharp), image, plate_scale=scale)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jitterkit.estimators.shape import is_detected
 from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.loci import principal_axes
 from jitterkit.refit import FitResult, Status, single_star
@@ -15,9 +16,6 @@ __all__ = ["judge", "midpoint_pixel", "position_angle", "scale_hint", "why_unusa
 
 _OUTLIER = 8.0
 """Sigmas: chance makes one pixel in 1e15 stand out so far."""
-
-_SHAKEN = 16.3
-"""Chi-squared of the three moments against no jitter: one frame in a thousand without any has more."""
 
 
 def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
@@ -93,9 +91,10 @@ def _absurd(frame: Frame, result: FitResult, plate_scale: float) -> str:
 
 def _jitter_hint(result: FitResult) -> str:
     """A sentence where the jitter that the frame shows was left out."""
-    if result.locus != "stable" or result.estimate is None or not result.estimate.significance > _SHAKEN:
+    found = result.estimate
+    if result.locus != "stable" or found is None or not is_detected(found.moments, found.covariance):
         return ""
-    size = f"{result.estimate.axes[0]:.2g} arcsec rms"
+    size = f"{found.axes[0]:.2g} arcsec rms"
     return f"--locus stable leaves out jitter, of which the frame shows {size}: use --locus auto."
 
 

@@ -14,6 +14,11 @@ __all__ = ["estimate"]
 
 _ROUNDEST = "roundest"
 
+_ON_PIXELS = ("richardson-lucy", "nnls")
+"""Estimators whose kernel is known on the detector's pixels only."""
+
+_INSTRUMENT = "toliman"
+
 
 def _directory(help: str):
     return typer.Option(metavar="DIR", help=help, show_default=False)
@@ -21,7 +26,16 @@ def _directory(help: str):
 
 def estimate(
     files: options.Files,
-    instrument: options.InstrumentName = "toliman",
+    instrument: Annotated[
+        str | None,
+        typer.Option(
+            "--instrument",
+            "-i",
+            metavar="NAME|FILE.toml",
+            help="Of a binary's frames: a preset, or an instrument file.",
+            show_default=_INSTRUMENT,
+        ),
+    ] = None,
     reference: Annotated[
         Path | None,
         typer.Option(
@@ -93,6 +107,8 @@ def estimate(
 
     paths = find_files(files)
     _check_options(reference, stars, blind, estimator, export, oversample)
+    if reference is not None or stars or blind:
+        _check_no_binary(instrument, background)
     _check_outputs(output, (plot, export, deblur), overwrite)
     sharp = None if reference is None or str(reference) == _ROUNDEST else _first_frame(reference)
     prepare_jax()
@@ -111,7 +127,7 @@ def estimate(
         measurer = SceneMeasurer(sharp, stars, estimator or "blind", metadata)
         measurer.check(paths, hdu)
     else:
-        measurer = _binary_measurer(instrument, estimator or "score", metadata, background)
+        measurer = _binary_measurer(instrument or _INSTRUMENT, estimator or "score", metadata, background)
     products = Products(plot, export, deblur, overwrite, oversample)
     with watching(len(paths), "files") as advance:
         table = estimate_files(paths, measurer, hdu=hdu, watch=advance, keep=products.write)
@@ -152,6 +168,24 @@ def _check_options(reference, stars, blind, estimator, export, oversample) -> No
         )
     if oversample != 1 and export is None:
         raise ConfigurationError("--oversample is for exported kernels; give --export DIR, or leave it out.")
+    if oversample != 1 and estimator in _ON_PIXELS:
+        raise ConfigurationError(
+            f"The kernel of {estimator} is known on the detector's pixels only; leave out --oversample, or "
+            "choose --estimator score."
+        )
+
+
+def _check_no_binary(instrument: str | None, background: bool) -> None:
+    """Refuse what is said of a binary where there is none."""
+    from jitterkit.errors import ConfigurationError
+
+    given = [
+        n for n, told in (("--instrument", instrument is not None), ("--background", background)) if told
+    ]
+    if given:
+        raise ConfigurationError(
+            f"{given[0]} is for a binary; leave it out with --reference, --stars or --blind."
+        )
 
 
 def _check_outputs(table: Path | None, directories: tuple[Path | None, ...], overwrite: bool) -> None:
@@ -172,8 +206,8 @@ def _first_frame(path: Path):
 
 
 def _is_left_out(name: str, column) -> bool:
-    """Whether a column does not go to the terminal: messages follow, correlations are for the file."""
+    """Whether a column does not go to the terminal: messages follow, the rest is for the file."""
     import numpy as np
 
     empty = column.dtype.kind == "f" and not np.any(np.isfinite(np.asarray(column.value)))
-    return bool(empty or name == "message" or name.endswith("_corr"))
+    return bool(empty or name in ("message", "digest") or name.endswith("_corr"))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import jitterkit
+from jitterkit.cli.runtime import say
 
 __all__ = ["build_locus", "locus_sizes", "other_sizes", "parse_sizes", "trace_of"]
 
@@ -94,8 +95,10 @@ def build_locus(name: str, sizes: dict[str, Any]):
     wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
     if not (foreign or missing or wrong):
         return build(**sizes)
-    known = inspect.signature(kind.of).parameters  # type: ignore[attr-defined]
-    may = [size for size in known if size not in needed] + (["shear"] if kind is Mvn else [])
+    if {"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn:
+        raise ConfigurationError(f"The locus {name} takes --shear or --set sigma_minor, not both.")
+    may = [size for size in taken if size not in needed]
+    may += ["shear"] if kind is Mvn and "shear" not in taken else []
     problem = f"takes no {_option(foreign[0])}; it " if foreign else ""
     problem += f"needs {_listed(needed)}"
     problem += f" and may have {_listed(may)}" if may else ""
@@ -118,10 +121,16 @@ def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, An
     if others:
         raise ConfigurationError(f"A --trace takes the place of a locus; leave out {others[0]}.")
     try:
-        return Trace.of(*read_trace(path), start=sizes.get("start"), exposure=exposure)
+        t, x, y = read_trace(path)
+        trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
     except ConfigurationError as error:
         told = str(error)
         raise ConfigurationError(told if told.startswith(str(path)) else f"{path}: {told}") from None
+    duration = float(t[-1] - t[0])
+    if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over
+        first = "" if "start" in sizes else "the first "
+        say(f"{path}: {first}{exposure:g} of {duration:g} s of the trace are used for every frame.")
+    return trace
 
 
 def _places(text: str) -> list[list[float]]:

@@ -15,6 +15,9 @@ __all__ = ["process"]
 
 _LOCUS = f"Jitter locus: auto (the simplest that the frame supports), {', '.join(locus_sizes())}."
 
+_TOLD = {"prior_contradicted", "prior_unused"}
+"""Remarks on a fitted frame that are worth a line on stderr."""
+
 
 def process(
     files: options.Files,
@@ -28,8 +31,10 @@ def process(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="What other data say about the jitter: a table of 'estimate -o' (.ecsv; a frame's own row "
-            "is left out), or a trace t,x,y (.csv, s and arcsec, good to 10 % of its rms).",
+            help="What other data say about the jitter: a table of 'estimate -o' (.ecsv; a frame's own row, "
+            "known by its pixels, is left out), or a trace t,x,y (.csv, s and arcsec, good to 10 % of its "
+            "rms), the same for every frame: of one longer than an exposure its first, of two exposures or "
+            "more their mean and scatter.",
             show_default=False,
         ),
     ] = None,
@@ -60,6 +65,8 @@ def process(
 
     telescope = load_instrument(instrument)
     known = None if prior is None else read_kernel_prior(prior, exposure=exposure or telescope.exposure)
+    if known is not None and known.remark:
+        say(f"{prior}: {known.remark}")
     processor = Processor(
         telescope,
         options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
@@ -91,7 +98,7 @@ def _tell(run) -> None:
     from jitterkit.report.words import with_error
 
     for row in run.table:
-        if row["status"] != "ok" or "prior_contradicted" in decode_flags(row["flags"]):
+        if row["status"] != "ok" or _TOLD & set(decode_flags(row["flags"])):
             say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
     fitted = len(run.table) - run.failures
     separation = run.summary["separation"]

@@ -59,7 +59,8 @@ def simulate(
         Path | None,
         typer.Option(
             metavar="FILE.csv",
-            help="A measured pointing in place of a locus: columns t,x,y in s and arcsec.",
+            help="A measured pointing in place of a locus: columns t,x,y in s and arcsec. Every frame gets "
+            "the same exposure of it, the first; --set start=SECONDS for another.",
             show_default=False,
         ),
     ] = None,

@@ -7,8 +7,10 @@ Both are cut with ``region`` and never forget where in the original frame they c
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -148,6 +150,17 @@ class RawFrame(_Placed):
         """``"adu"`` or ``"electron"``; ADU where nothing is known."""
         return self.metadata.value("unit", "adu")
 
+    @cached_property
+    def digest(self) -> str:
+        """What the pixels are known by, whatever their file is called: 16 hexadecimal digits.
+
+        Of the values and the shape alone: packing, byte order and the type they are stored in make no
+        difference.  A region has its own.
+        """
+        found = hashlib.sha256(f"{self.data.shape}".encode())
+        found.update(np.ascontiguousarray(self.data, dtype="<f8").data)
+        return found.hexdigest()[:16]
+
     @classmethod
     def from_array(
         cls, array: Any, *, mask: Any = None, source: str = "argument", **metadata: Any
@@ -213,6 +226,8 @@ class Frame(_Placed):
         Where each number came from.
     path, index, origin, several
         As in :class:`RawFrame`.
+    digest : str
+        That of the whole raw frame this was made from; empty where nobody said it.
     saturated : int
         How many of the masked pixels were saturated.
     flags : tuple of str
@@ -234,6 +249,7 @@ class Frame(_Placed):
     index: int = 0
     origin: tuple[int, int] = (0, 0)
     several: bool = False
+    digest: str = ""
     saturated: int = 0
     flags: tuple[str, ...] = ()
 

@@ -59,7 +59,8 @@ def kernel_cards(
     plate_scale : float
         Of the detector, arcsec per pixel.
     estimate : KernelEstimate or Locus, optional
-        What the kernel was drawn from; without it the moments are the kernel's own.
+        What the kernel was drawn from.  The moments are the kernel's own without it, and where the
+        kernel itself is what was measured.
     oversample : int
         Kernel pixels per detector pixel.
 
@@ -74,7 +75,8 @@ def kernel_cards(
     ``readFromFitsHeader`` looks for; the rest is in :func:`jitterkit.loci.jitter_cards`.
     """
     pixel = plate_scale / oversample
-    moments = kernel_moments(kernel, pixel) if estimate is None else _moments(estimate)
+    own = estimate is None or _is_on_pixels(estimate)
+    moments = kernel_moments(kernel, pixel) if own else _moments(estimate)
     cards: Cards = {
         "PIXELSCL": (pixel, "[arcsec/pixel] of this kernel"),
         "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
@@ -96,6 +98,7 @@ def write_kernel(
     plate_scale: float,
     estimate: KernelEstimate | Locus | None = None,
     oversample: int = 1,
+    remark: str = "",
     overwrite: bool = False,
 ) -> Path:
     """Write a kernel as a FITS image with the cards that other tools read.
@@ -107,6 +110,8 @@ def write_kernel(
         From :func:`jitterkit.kernels.kernel_image`.  Written as float64 with a sum of one.
     plate_scale, estimate, oversample
         As in :func:`kernel_cards`.
+    remark : str
+        For the header, as a comment.
     overwrite : bool
         Whether a file of that name may be replaced.
 
@@ -126,6 +131,7 @@ def write_kernel(
     if problem:
         raise ConfigurationError(f"This is no kernel: it {problem}; give odd sides and a positive sum.")
     cards = kernel_cards(kernel, plate_scale=plate_scale, estimate=estimate, oversample=oversample)
+    cards |= {"COMMENT": (remark, "")} if remark else {}
     return write_fits(path, kernel / kernel.sum(), header=cards, overwrite=overwrite)
 
 
@@ -167,7 +173,13 @@ def _fault(kernel: np.ndarray) -> str:
     return "" if kernel.sum() > 0 else f"sums to {kernel.sum():.3g}"
 
 
-def _moments(estimate: KernelEstimate | Locus) -> np.ndarray:
+def _is_on_pixels(estimate: KernelEstimate | Locus) -> bool:
+    """Whether an array of pixels is what was measured."""
+    return isinstance(estimate, KernelEstimate) and estimate.locus is None and estimate.kernel is not None
+
+
+def _moments(estimate: KernelEstimate | Locus | None) -> np.ndarray:
+    assert estimate is not None
     return np.asarray(estimate.moments if isinstance(estimate, KernelEstimate) else estimate.moments())
 
 
@@ -186,6 +198,8 @@ def _origin(estimate: KernelEstimate | Locus) -> Cards:
         cards["SOURCE"] = (estimate.source, "data it was made from")
     if estimate.locus is not None:
         cards["LOCUS"] = (locus_name(estimate.locus), "jitter locus")
+    if _is_on_pixels(estimate):  # the errors are of other moments
+        return cards
     for axis, value in zip(("SXX", "SXY", "SYY"), estimate.errors, strict=True):
         cards[f"{axis}_ERR"] = (float(value), "[arcsec2] standard error")
     if estimate.kernel is None:

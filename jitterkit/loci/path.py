@@ -109,15 +109,6 @@ class Path(Locus):
         return self.points(n)
 
     @property
-    def modes(self) -> np.ndarray:
-        """Variances (K - 1,) per square of a step, of the independent ways to step along one axis.
-
-        ``Sxx + Syy`` is the sum over them of the variance times the squares of the steps that way in x and y.
-        """
-        matrix, weights = _quadrature(self._knots)
-        return np.linalg.eigvalsh((matrix.T * weights) @ matrix)
-
-    @property
     def _knots(self) -> int:
         return len(self.names) // 2 + 1
 

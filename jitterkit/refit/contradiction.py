@@ -18,10 +18,9 @@ __all__ = ["CONTRADICTED", "prior_chance"]
 CONTRADICTED = 1e-3
 """Chance below which frame and prior contradict each other."""
 
-_UNHEARD = 1e-3
-"""Share of the prior's variance below which the frame is not heard: it knows thirty times less there, and
-50 sigmas of the prior are not two of its own, while the 0.03 standard errors that a climb may leave undone
-would look like one."""
+_UNHEARD = 1e-9
+"""Share of the prior's variance below which the frame is not heard: it knows 30 000 times less there, and
+``P - C`` is lost in the rounding of C."""
 
 
 def prior_chance(
@@ -30,8 +29,7 @@ def prior_chance(
     names: tuple[str, ...],
     free: tuple[int, ...],
     covariance: np.ndarray,
-    *,
-    at_rest: bool = True,
+    score: np.ndarray | None,
 ) -> float:
     """Chance that frame and prior lie as far apart as they do, or farther, if both are right.
 
@@ -47,9 +45,10 @@ def prior_chance(
         Their positions in :func:`jitterkit.forward.to_vector`.
     covariance : (p, p) array
         Of the free parameters, the prior included.
-    at_rest : bool
-        Whether the fit ended at a maximum, and not at the tip of a cone.  There the prior's own width is all
-        that is counted, so that the chance is too large rather than too small.
+    score : (p,) array or None
+        Slope of the log-posterior where the fit ended: the step that remains to the maximum is counted as
+        done.  None where it ended at the tip of a cone, which is no maximum.  There the prior's own width is
+        all that is counted, so that the chance is too large rather than too small.
 
     Returns
     -------
@@ -61,14 +60,19 @@ def prior_chance(
     -----
     Let ``P`` be the prior's covariance of those numbers and ``C`` that of the fit.  The fit's end is the mean
     of prior and frame by information, so that its distance from the prior's mean has the covariance ``P - C``
-    if both are right.  *Assumes* a likelihood that is normal between the two: far apart the chance is not
-    exact, but small.  *Fails when* a prior was learnt from few frames and so has wide wings: learnt from 6,
-    one in 40 contradicts its frame by chance; from 12, one in 100.
+    if both are right.  Where the prior is much the tighter, the 1e-4 standard errors that a climb may leave
+    undone, or 0.03 on a leash, are sigmas of that.
+
+    *Assumes* a likelihood that is normal between the two: far apart the chance is not exact, but small.
+    *Fails when* a prior was learnt from few frames and so has wide wings: learnt from 6, one in 40
+    contradicts its frame by chance; from 12, one in 100.
     """
     slope, off, whiten = _told(priors, parameters, names, free)
+    if score is not None:
+        off = off + slope @ covariance @ score
     slope, off = whiten @ slope, whiten @ off
     share, axes = np.linalg.eigh(slope @ covariance @ slope.T)
-    spread = 1 - share if at_rest else np.ones_like(share)
+    spread = np.ones_like(share) if score is None else 1 - share
     heard = spread > _UNHEARD
     chi2 = np.sum((axes.T @ off)[heard] ** 2 / spread[heard])
     return float(scipy.stats.chi2.sf(chi2, heard.sum())) if heard.any() else 1.0

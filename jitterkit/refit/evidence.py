@@ -28,6 +28,14 @@ __all__ = ["log_evidence", "minor_variance"]
 _LEAST = 1e-12
 """arcsec²: floor of a variance inside a logarithm, a millionth of an arcsec squared."""
 
+_PATHS = 0.39736
+"""Density in ``ln T``, at that T, of paths of four knots whose steps are normal with sigma = 1.5 sqrt(T).
+
+T is a sum of exponentials: each of the three ways to step along an axis adds ``v (a² + b²)``, of mean
+``m = 2 v sigma²``, where v are the eigenvalues of the quadratic form that takes steps along one axis to
+their variance: 0.0297, 0.0563 and 0.3649.  The sum has the density ``sum_j exp(-T/m_j)/m_j prod_(k != j)
+m_j/(m_j - m_k)``; with sigma in proportion to sqrt(T), T times it is a number."""
+
 
 def log_evidence(fit: FitResult) -> float:
     """Logarithm of the evidence for the locus of a fit, up to a constant common to all loci.
@@ -116,19 +124,7 @@ def _path(fit: FitResult, locus: Locus) -> float:
 
     A path and the same run backwards are the same image.
     """
-    (_, sigma), modes = leashes(locus)[locus.names[0]], locus.modes  # type: ignore[attr-defined]
-    return math.log(2) + _leashes(locus) - math.log(_size_density(_total(locus), sigma, modes))
-
-
-def _size_density(total: float, sigma: float, modes: np.ndarray) -> float:
-    """Density in ``ln T`` of paths whose steps are normal with sigma: T is a sum of exponentials.
-
-    Each mode of a path adds ``v (a² + b²)``, of mean ``m = 2 v sigma²``; the sum over them has the density
-    ``sum_j exp(-T/m_j)/m_j prod_(k != j) m_j/(m_j - m_k)``.
-    """
-    mean = 2 * modes * sigma**2
-    gaps = mean[:, None] - mean + np.diag(mean)
-    return float(total * np.sum(np.prod(mean[:, None] / gaps, axis=1) * np.exp(-total / mean) / mean))
+    return math.log(2) + _leashes(locus) - math.log(_PATHS)
 
 
 def _tones(fit: FitResult, locus: Locus) -> float:

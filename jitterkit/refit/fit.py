@@ -116,7 +116,7 @@ def fit_and_expand(
         end, otf, more = _climb_and_expand(data, optics, tidied, otf, free, prior)
         iterations += more
     result = _conclude(data, otf, end, names, iterations, time.perf_counter() - began)
-    return _heed(result, options.priors, free, bool(end.converged)), otf
+    return _heed(result, options.priors, free, end), otf
 
 
 def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF, int]:
@@ -188,13 +188,15 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     )
 
 
-def _heed(result: FitResult, priors: Priors, free: tuple[int, ...], at_rest: bool) -> FitResult:
+def _heed(result: FitResult, priors: Priors, free: tuple[int, ...], end: Climb) -> FitResult:
     """The result, with a remark where the frame contradicts the priors it was fitted with."""
+    at_rest = bool(end.converged)
     ended = at_rest or result.status is Status.OK
     if result.parameters is None or not ended or not np.all(np.isfinite(result.covariance)):
         return result
-    known = (result.parameters, result.names, free, result.covariance)
-    if prior_chance(priors, *known, at_rest=at_rest) >= CONTRADICTED:
+    remains = np.asarray(end.score) if at_rest else None
+    known = (result.parameters, result.names, free, result.covariance, remains)
+    if prior_chance(priors, *known) >= CONTRADICTED:
         return result
     message = f"{result.message} {_CONTRADICTION}"
     return replace(result, message=message, flags=(*result.flags, "prior_contradicted"))

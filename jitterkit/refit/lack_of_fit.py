@@ -24,9 +24,6 @@ from jitterkit.refit.result import FitResult
 
 __all__ = ["LackOfFit", "WithCumulants", "lack_of_fit"]
 
-_BLIND = 1e-8
-"""Share of the strongest direction's information below which a direction is not seen at all."""
-
 _CUMULANTS = tuple(f"cumulant{n}{k}" for n in (3, 4) for k in range(n + 1))
 """``xxx, xxy, xyy, yyy, xxxx, ...``"""
 
@@ -110,10 +107,15 @@ def lack_of_fit(fit: FitResult, otf: OTF, data: Data) -> LackOfFit:
     -------
     lack : LackOfFit
 
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the image does not show all of them.
+
     Notes
     -----
-    Chi-squared of the score in the directions that the image shows, nine at most.  Sharper than
-    chi-squared over all pixels, which a wrong shape of 9 sigma raises by half its own scatter.
+    Chi-squared of the score in nine directions.  Sharper than chi-squared over all pixels, which a wrong
+    shape of 9 sigma raises by half its own scatter.
     """
     assert fit.parameters is not None
     wider = fit.parameters.with_locus(WithCumulants(fit.parameters.locus))
@@ -125,12 +127,8 @@ def lack_of_fit(fit: FitResult, otf: OTF, data: Data) -> LackOfFit:
     beside = np.linalg.solve(information[np.ix_(~asked, ~asked)], information[np.ix_(~asked, asked)])
     told = information[np.ix_(asked, asked)] - information[np.ix_(asked, ~asked)] @ beside
     slope = score[asked] - beside.T @ score[~asked]
-    scale = np.sqrt(np.diag(information)[asked])
-    values, vectors = np.linalg.eigh(told / np.outer(scale, scale))
-    seen = values > _BLIND * values[-1]
-    along = vectors[:, seen].T @ (slope / scale)
-    chi2 = float(np.sum(along**2 / values[seen]))
-    return LackOfFit(float(scipy.stats.chi2.sf(chi2, seen.sum())), chi2)
+    chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(told), slope) ** 2))
+    return LackOfFit(float(scipy.stats.chi2.sf(chi2, len(slope))), chi2)
 
 
 _equations = eqx.filter_jit(normal_equations)

@@ -14,11 +14,14 @@ from astropy.table import QTable
 from jitterkit.errors import ConfigurationError
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import read_trace
-from jitterkit.refit.priors import OTHERS, Priors, kernel_prior, sequence_prior, trace_prior
+from jitterkit.refit.priors import OTHERS, Priors, kernel_prior, sequence_prior, trace_prior, whole_exposures
 
 __all__ = ["CORRELATIONS", "KernelPrior", "read_kernel_prior"]
 
 _MOMENTS = ("sxx", "sxy", "syy")
+
+_LONGER = 1.01
+"""Exposures: a trace no longer than this covers one, and a sample or two over is nothing to remark on."""
 
 CORRELATIONS = {"sxx_sxy_corr": (0, 1), "sxx_syy_corr": (0, 2), "sxy_syy_corr": (1, 2)}
 """Columns of a table of estimates that hold the correlation of two moments, and which."""
@@ -36,23 +39,26 @@ class KernelPrior:
         Of frames, each with its source; or
     telemetry : Priors
         the same for every frame.
+    remark : str
+        A sentence on what of the file is used, where a reader may expect more; else empty.
     """
 
     source: str
     estimates: tuple[KernelEstimate, ...] = ()
     telemetry: Priors | None = None
+    remark: str = ""
 
-    def of(self, frame: str) -> Priors:
-        """The prior for a frame by its name, without anything that was made of that very frame.
+    def of(self, frame: str, digest: str = "") -> Priors:
+        """The prior for a frame by name and digest, without anything that was made of that very frame.
 
-        Of a single estimate that is :func:`~jitterkit.refit.priors.kernel_prior`, of several
-        :func:`~jitterkit.refit.priors.sequence_prior`.
+        Of a single estimate that is :func:`~jitterkit.refit.priors.kernel_prior`, empty if it is the frame's
+        own; of several :func:`~jitterkit.refit.priors.sequence_prior`.
         """
         if self.telemetry is not None:
             return self.telemetry
         if len(self.estimates) == 1:
-            return kernel_prior(self.estimates[0], frame)
-        return sequence_prior(self.estimates, frame)
+            return kernel_prior(self.estimates[0], frame, digest)
+        return sequence_prior(self.estimates, frame, digest)
 
 
 def read_kernel_prior(
@@ -68,7 +74,7 @@ def read_kernel_prior(
     uncertainty : float
         Relative error of a trace's rms.
     exposure : float, optional
-        Seconds; a longer trace is cut into pieces of it.
+        Seconds; a longer trace is cut into pieces of it, see Notes.
 
     Returns
     -------
@@ -81,12 +87,22 @@ def read_kernel_prior(
 
     Notes
     -----
-    What correlation the moments have stands in the columns :data:`CORRELATIONS`; in a table without them
-    it is taken for none.
+    A trace is not matched with the times of frames: every frame gets the same prior.  Of a trace of two
+    exposures or more that is the mean of the whole exposures in it, as wide as they scatter; of one between
+    one and two, its first exposure.  The record's ``remark`` says so.
+
+    Whose row is whose the column ``digest`` decides, by the pixels of the raw frame; in a table without it
+    the file's name and the frame's index do.  What correlation the moments have stands in the columns
+    :data:`CORRELATIONS`; in a table without them it is taken for none.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
-        return KernelPrior(str(path), telemetry=trace_prior(*read_trace(path), uncertainty, exposure))
+        t, x, y = read_trace(path)
+        return KernelPrior(
+            str(path),
+            telemetry=trace_prior(t, x, y, uncertainty, exposure),
+            remark=_surplus(float(t[-1] - t[0]), exposure),
+        )
     table = _read(path)
     estimates = [_estimate(row) for row in table if row["status"] == "ok"]
     good = tuple(filter(_is_sound, estimates))
@@ -98,6 +114,19 @@ def read_kernel_prior(
             "show how jitter scatters."
         )
     return KernelPrior(str(path), good)
+
+
+def _surplus(duration: float, exposure: float | None) -> str:
+    """A sentence where a trace is longer than an exposure."""
+    if exposure is None or duration <= exposure * _LONGER:
+        return ""
+    pieces = whole_exposures(duration, exposure)
+    if pieces == 1:
+        return f"The first {exposure:g} of {duration:g} s of the trace are used for every frame."
+    return (
+        f"The trace lasts {duration:g} s: the mean of its {pieces} exposures of {exposure:g} s and their "
+        "scatter are used for every frame."
+    )
 
 
 def _read(path: Path) -> QTable:
@@ -133,7 +162,15 @@ def _estimate(row) -> KernelEstimate:
         if name in row.colnames:
             correlation[i, j] = correlation[j, i] = row[name]
     source = f"{row['file']}[{row['frame']}]"
-    return KernelEstimate(moments, correlation * np.outer(errors, errors), str(row["estimator"]), source)
+    return KernelEstimate(
+        moments, correlation * np.outer(errors, errors), str(row["estimator"]), source, digest=_digest(row)
+    )
+
+
+def _digest(row) -> str:
+    """Of an older table, or one joined to such, nothing."""
+    known = "digest" in row.colnames and not np.ma.is_masked(row["digest"])
+    return str(row["digest"]) if known else ""
 
 
 def _is_sound(estimate: KernelEstimate) -> bool:

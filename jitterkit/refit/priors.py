@@ -26,6 +26,9 @@ __all__ = ["Priors", "kernel_prior", "leashes", "moments_prior", "sequence_prior
 OTHERS = 6
 """Frames that a scatter of three moments can be learnt from: with fewer its variance is infinite."""
 
+_ROUNDING = 1e-12
+"""Share of a trace's largest number below which its rms is rounding, not motion."""
+
 
 @dataclass(frozen=True)
 class Priors:
@@ -147,7 +150,7 @@ def moments_prior(mean, covariance) -> Priors:
     return Priors(moments=(mean, covariance))
 
 
-def kernel_prior(estimate: KernelEstimate, frame: str) -> Priors:
+def kernel_prior(estimate: KernelEstimate, frame: str, digest: str = "") -> Priors:
     """A prior on the jitter from one estimate made of other data.
 
     Parameters
@@ -155,6 +158,8 @@ def kernel_prior(estimate: KernelEstimate, frame: str) -> Priors:
     estimate : KernelEstimate
     frame : str
         Source of the frame to be fitted: ``Frame.name``.
+    digest : str
+        Of its pixels, ``Frame.digest``: where the estimate has one too, it decides in place of the name.
 
     Returns
     -------
@@ -169,13 +174,16 @@ def kernel_prior(estimate: KernelEstimate, frame: str) -> Priors:
 
     Notes
     -----
-    *Assumes* that the frame has the same jitter as the estimate's data.
+    *Assumes* that the frame has the same jitter as the estimate's data.  *Fails when* the frame was cut,
+    calibrated or otherwise changed after it was estimated: by its pixels it is then another one.
     """
     _say_source(estimate)
-    return Priors() if _same(estimate.source, frame) else moments_prior(estimate.moments, estimate.covariance)
+    if _same(estimate, frame, digest):
+        return Priors()
+    return moments_prior(estimate.moments, estimate.covariance)
 
 
-def sequence_prior(estimates: Sequence[KernelEstimate], frame: str) -> Priors:
+def sequence_prior(estimates: Sequence[KernelEstimate], frame: str, digest: str = "") -> Priors:
     """A prior on a frame's jitter from the other frames of its sequence.
 
     Parameters
@@ -184,6 +192,8 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str) -> Priors:
         One a frame; the frame's own may be among them and is left out.
     frame : str
         Source of the frame to be fitted: ``Frame.name``.
+    digest : str
+        As for :func:`kernel_prior`.
 
     Returns
     -------
@@ -204,7 +214,7 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str) -> Priors:
     """
     for estimate in estimates:
         _say_source(estimate)
-    others = [estimate for estimate in estimates if not _same(estimate.source, frame)]
+    others = [estimate for estimate in estimates if not _same(estimate, frame, digest)]
     n = len(others)
     if n < OTHERS:
         raise ConfigurationError(
@@ -247,12 +257,22 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     if not uncertainty > 0:
         raise ConfigurationError(f"The uncertainty of a trace must be positive, got {uncertainty}.")
     t = np.asarray(t, float)
-    pieces = 1 if exposure is None else max(1, int((t[-1] - t[0]) / exposure * (1 + 1e-9)))
+    pieces = 1 if exposure is None else whole_exposures(t[-1] - t[0], exposure)
     starts = [t[0] + k * (exposure or 0.0) for k in range(pieces)]
     every = np.array([Trace.of(t, x, y, start, exposure).moments() for start in starts])
     mean = every.mean(axis=0)
+    if mean[0] + mean[2] <= (_ROUNDING * max(np.abs(x).max(), np.abs(y).max())) ** 2:
+        raise ConfigurationError(
+            "The trace does not move during the exposure, and so says nothing of the jitter; give one that "
+            "does, or fit without."
+        )
     width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
     return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))
+
+
+def whole_exposures(duration: float, exposure: float) -> int:
+    """How many whole exposures a trace has, whatever rounding does to its times; at least one."""
+    return max(1, int(duration / exposure * (1 + 1e-9)))
 
 
 def _say_source(estimate: KernelEstimate) -> None:
@@ -263,8 +283,13 @@ def _say_source(estimate: KernelEstimate) -> None:
         )
 
 
-def _same(source: str, frame: str) -> bool:
-    """Whether two names are of one frame: the only one of a file is its first, packed or not."""
-    plain = (name.replace(".gz", "").replace(".fz", "") for name in (source, frame))
+def _same(estimate: KernelEstimate, frame: str, digest: str) -> bool:
+    """Whether an estimate is of a frame: by the pixels where both are known, else by the names.
+
+    The only frame of a file is its first, packed or not.
+    """
+    if estimate.digest and digest:
+        return estimate.digest == digest
+    plain = (name.replace(".gz", "").replace(".fz", "") for name in (estimate.source, frame))
     first, second = (name if name.endswith("]") else f"{name}[0]" for name in plain)
     return first == second

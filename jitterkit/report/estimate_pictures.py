@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import UndeterminedError
+from jitterkit.estimators.shape import is_detected
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
@@ -25,7 +26,13 @@ from jitterkit.report.plots import plot_residual, three_panels
 from jitterkit.report.scene_plots import plot_scene, plot_spectrum
 from jitterkit.report.words import angle_size, number
 
-__all__ = ["plot_estimate", "plot_extended", "plot_field", "template_images"]
+__all__ = [
+    "is_undetected",
+    "plot_estimate",
+    "plot_extended",
+    "plot_field",
+    "template_images",
+]
 
 Panels = list[Any]
 """Three ``matplotlib.axes.Axes``."""
@@ -52,6 +59,12 @@ def template_images(
     both = (template.with_locus(each) for each in (Stable.of(), locus))
     sharp, blurred = (np.asarray(expected_image(parameters, otf)) for parameters in both)
     return sharp, blurred
+
+
+def is_undetected(estimate: KernelEstimate) -> bool:
+    """Whether no jitter at all would give such moments once in a thousand frames, or more often."""
+    told = bool(np.isfinite(estimate.significance))  # not where nothing is known of its errors
+    return told and not is_detected(estimate.moments, estimate.covariance)
 
 
 def plot_estimate(
@@ -171,8 +184,10 @@ def plot_extended(
 
 
 def _draw_kernel(estimate: KernelEstimate, ax: Any, plate_scale: float | None) -> None:
+    undetected = ", undetected" if is_undetected(estimate) else ""
     if estimate.locus is None and estimate.kernel is not None:
-        plot_kernel_image(estimate.kernel, ax, plate_scale=plate_scale, title=f"kernel: {estimate.method}")
+        title = f"kernel: {estimate.method}{undetected}"
+        plot_kernel_image(estimate.kernel, ax, plate_scale=plate_scale, title=title)
         return
     try:
         locus, remark = locus_of(estimate)
@@ -184,7 +199,7 @@ def _draw_kernel(estimate: KernelEstimate, ax: Any, plate_scale: float | None) -
     plot_kernel(locus, ax, plate_scale=scale, title=f"kernel: {name}", unit=unit)
     major, minor, angle = estimate.axes
     sizes = [angle_size(s, 3) if unit == "arcsec" else f"{s:.3g} {unit}" for s in (major, minor)]
-    text = f"1σ: {sizes[0]}, {sizes[1]}; {angle:.0f}°" + (" (clipped)" if remark else "")
+    text = f"1σ: {sizes[0]}, {sizes[1]}; {angle:.0f}°" + (" (clipped)" if remark else "") + undetected
     ax.text(0.5, -0.04, text, transform=ax.transAxes, ha="center", va="top", fontsize=9)
 
 

@@ -26,6 +26,7 @@ FLAGS: dict[str, str] = {
     "cut_out": "the region about the stars was cut out of a larger frame",
     "aberrations_held": "aberrations that the image does not show to first order were not fitted",
     "prior_contradicted": "the frame lies further from the prior it was given than chance allows",
+    "prior_unused": "the prior holds this frame only and was not used",
 }
 
 

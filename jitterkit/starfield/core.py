@@ -15,6 +15,7 @@ from scipy.special import gamma, kv
 
 from jitterkit.loci import Linear, principal_axes
 from jitterkit.optics.grid import Grid
+from jitterkit.starfield.misfit import Misfit
 from jitterkit.starfield.psf import Psf
 
 __all__ = ["RoundCore", "fit_round_core", "moffat_transfer"]
@@ -33,14 +34,14 @@ class RoundCore(NamedTuple):
         In pixels.
     fwhm, beta : float
         Of the core, before the pixel [pixels].
-    chi2_dof : float
+    misfit : Misfit
         Of the fit to the mean star, noise alone.
     """
 
     line: Linear
     fwhm: float
     beta: float
-    chi2_dof: float
+    misfit: Misfit
 
 
 def moffat_transfer(f: np.ndarray, fwhm: float, beta: float) -> np.ndarray:
@@ -84,7 +85,7 @@ def fit_round_core(psf: Psf, moments: np.ndarray) -> RoundCore:
     radius = np.hypot(fx, fy)
     cy, cx = grid.centre
     pixel = np.sinc(fx) * np.sinc(fy)
-    error = np.hypot(psf.error, 1e-9 * psf.stamp.max())
+    seen = psf.error > 0  # what no star shows was filled from nothing
 
     def image(p):
         flux, sky, x, y, log_fwhm, log_beta, *coords = p
@@ -100,8 +101,10 @@ def fit_round_core(psf: Psf, moments: np.ndarray) -> RoundCore:
     lower, upper = np.full(8, -np.inf), np.full(8, np.inf)
     lower[4:6], upper[4:6] = np.log([0.3, _BETA[0]]), np.log([100.0, _BETA[1]])
     fit = least_squares(
-        lambda p: ((image(p) - psf.stamp) / error).ravel(), start, bounds=(lower, upper), x_scale="jac"
+        lambda p: (image(p) - psf.stamp)[seen] / psf.error[seen], start, bounds=(lower, upper), x_scale="jac"
     )
     line = Linear(jnp.asarray(fit.x[6:]))
-    dof = psf.stamp.size - len(start)
-    return RoundCore(line, float(np.exp(fit.x[4])), float(np.exp(fit.x[5])), 2 * fit.cost / dof)
+    dof = int(seen.sum()) - len(start)
+    share = np.linalg.norm(fit.fun * psf.error[seen]) / np.linalg.norm(psf.stamp[seen])
+    misfit = Misfit(2 * fit.cost / dof, float(share))
+    return RoundCore(line, float(np.exp(fit.x[4])), float(np.exp(fit.x[5])), misfit)

@@ -9,7 +9,7 @@ star would be round without it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,11 @@ from jitterkit.starfield.verdict import Verdict, judge
 
 __all__ = ["FieldEstimate", "estimate_field", "roundest"]
 
+_NO_PATTERN = ("smear", "round", "undetermined")
+"""Verdicts that say nothing of optics, and nothing where stars are as sharp as the reference's."""
+
+_AS_SHARP = "sharp: the frame is as sharp as the reference, within the noise of both."
+
 
 @dataclass(frozen=True, eq=False)
 class FieldEstimate:
@@ -37,7 +42,7 @@ class FieldEstimate:
     kernel : KernelEstimate
         Of the pointing, common to all stars.
     length, length_err : float
-        Of a uniform line [arcsec].
+        Of a uniform line [arcsec]; NaN where the frame is as sharp as the reference.
     angle, angle_err : float
         Of its axis [deg].
     conditional : bool
@@ -103,7 +108,8 @@ def estimate_field(
     Raises
     ------
     UndeterminedError
-        If no isolated star can be measured.
+        If no isolated star can be measured, the reference is blurrier than the frame, or the model of a
+        trail says nothing about the stars.
     ConfigurationError
         If the plate scale is not positive, or the reference has another one.
 
@@ -186,13 +192,15 @@ def _record(
         shared=None if psf is None else psf.covariance,
         direction=(trail.angle, trail.angle_err),
     )
+    if trail.locus is None and verdict.kind in _NO_PATTERN:
+        verdict = replace(verdict, kind="sharp", sentence=_AS_SHARP)
     major, minor, _ = axis_variances(common.moments)
     kernel = KernelEstimate(
         trail.moments * area,
         trail.covariance * area**2,
         "starfield",
         source,
-        locus=trail.locus.at(trail.locus.coords * area),
+        locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
     )
     return FieldEstimate(
         kernel=kernel,

@@ -7,6 +7,7 @@ and must assume what they would be without the trail: round.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,8 +19,10 @@ from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core
 from jitterkit.starfield.detect import Stars
 from jitterkit.starfield.joint import JointFit, fit_joint
+from jitterkit.starfield.misfit import doubt_of, misfit_under
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.psf import Psf, stack_psf
+from jitterkit.starfield.sharpness import elongation, is_blurred, refuse_blurrier
 
 __all__ = ["Trail", "trail_against", "trail_alone"]
 
@@ -29,8 +32,9 @@ _PAD = 12
 _WIDER = 5.0
 """Sigma of the variance across a trail from which a change of seeing is believed."""
 
-_POOR_CORE = 1.5
-"""Chi-squared a pixel from which the round core is not the truth, and its length carries the doubt."""
+_CHANGED = {"wider": 0.1, "narrower": 0.5}
+"""Share of a change of seeing that the line may have taken for its own variance: 0.05 of Moffat stars of
+FWHM 3.6 pixels against 3.0, 0.3 to 0.4 of 2.5 against 3.0 and of 1.6 against 2.8."""
 
 _CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would tell."
 
@@ -41,12 +45,12 @@ class Trail:
 
     Attributes
     ----------
-    locus : Locus
-        The line, or the normal where that fits better.
+    locus : Locus or None
+        The line, or the normal where that fits better; None where there is no blur to be seen.
     moments, covariance : (3,) and (3, 3) array
         Of the pointing [pixels², pixels⁴].
     length, length_err, angle, angle_err : float
-        Of the line [pixels, deg].
+        Of the line [pixels, deg]; no length where there is no blur to be seen.
     used : (n,) bool array
         Stars that it rests on.
     variation : (float, int)
@@ -54,7 +58,7 @@ class Trail:
     remarks : tuple of str
     """
 
-    locus: Locus
+    locus: Locus | None
     moments: np.ndarray
     covariance: np.ndarray
     length: float
@@ -81,6 +85,11 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     -------
     trail : Trail
 
+    Raises
+    ------
+    UndeterminedError
+        If no round core under a line looks like the mean star.
+
     Notes
     -----
     The length is that of :func:`~jitterkit.starfield.core.fit_round_core` on the mean star, its error that
@@ -91,14 +100,7 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     major, minor, axis = axis_variances(common.moments)
     noise = _elongation_errors(common.covariance, axis)
     length = core.line.describe()["length"]
-    doubt = 0.0
-    remarks: tuple[str, ...] = (_CONDITION,)
-    if core.chi2_dof > _POOR_CORE:
-        doubt = abs(np.sqrt(12 * (major - minor)) - length) / 2
-        remarks += (
-            f"A round Moffat core under a line leaves chi²/dof {core.chi2_dof:.1f}; half the difference to "
-            "the length by moments is in the error.",
-        )
+    doubt, remarks = doubt_of(core.misfit, "A round Moffat core under a line", length, major - minor)
     line = Linear.of(length, axis)
     return Trail(
         line,
@@ -110,7 +112,7 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
         _axis_error(major - minor, noise[1]),
         common.used,
         (common.chi2, common.dof),
-        remarks,
+        (_CONDITION, *remarks),
     )
 
 
@@ -131,21 +133,38 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     -------
     trail : Trail
         Errors contain those of the PSF's own moments.
+
+    Raises
+    ------
+    UndeterminedError
+        If the PSF is blurrier than the stars, or no line over it looks like them.
+
+    Notes
+    -----
+    Whether there is a blur at all is asked of the difference of the moments.  Where there is none, it is
+    all that is returned.
     """
+    excess, shared = common.moments - psf.moments, common.covariance + psf.covariance
+    refuse_blurrier(excess, shared)
+    own = _own_elongation(psf)
+    if not is_blurred(excess, shared):
+        return _sharp(excess, shared, common, own)
     which = np.flatnonzero(common.used)
     some, theirs = stars.chosen(which), moments.chosen(which)
     pad = max(_PAD, some.electrons.shape[-1] // 4)
     middle = (psf.stamp.shape[1] - 1) / 2, (psf.stamp.shape[0] - 1) / 2
     otf = empirical_otf(psf.stamp, 1.0, some.electrons.shape[1:], centre=middle, pad=pad)
-    excess = common.moments - psf.moments
     normal = fit_joint(some, theirs, otf, Mvn.near(excess))
-    line, remarks = _line(some, theirs, otf, normal, psf)
+    line, change, otf = _line(some, theirs, otf, normal, psf)
     size = line.locus.describe()
     length, axis = size["length"], size["angle"]
     to_line = np.array([[12.0, 0.0, -12.0], [0.0, 24.0, 0.0]])
     covariance = line.covariance + to_line @ psf.covariance @ to_line.T
     c, s = np.cos(np.radians(2 * axis)), np.sin(np.radians(2 * axis))
     along, across = (np.sqrt(v @ covariance @ v) for v in (np.array([c, s]), np.array([-s, c])))
+    major, minor, _ = axis_variances(excess)
+    poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
+    doubt, remarks = doubt_of(poor, "A line over the reference's stars", length, major - minor)
     best = min((line, normal), key=lambda fit: fit.deviance / fit.pixels)
     used = np.zeros(len(stars), bool)
     used[which[best.used]] = True
@@ -154,35 +173,67 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         np.asarray(best.locus.moments()),
         normal.covariance + psf.covariance,
         length,
-        _root_error(length**2, along),
+        float(np.hypot(_root_error(length**2, along + 12 * change.share), doubt)),
         axis,
         _axis_error(length**2, across),
         used,
         (best.chi2, best.dof),
-        remarks,
+        (*own, *change.remarks, *remarks),
     )
+
+
+def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: tuple[str, ...]) -> Trail:
+    """No trail: what the moments differ by, with their errors."""
+    _, _, axis = axis_variances(excess)
+    guess, used = _axis_error(0.0, 1.0), common.used
+    variation = common.chi2, common.dof
+    return Trail(None, excess, covariance, np.nan, np.nan, axis, guess, used, variation, remarks)
+
+
+def _own_elongation(psf: Psf) -> tuple[str, ...]:
+    """A remark where the reference's own stars are long."""
+    found = elongation(psf)
+    if found is None:
+        return ()
+    return (
+        f"The reference's own stars are elongated by {found[0]:.1f} pixels along {found[1]:.0f} degrees: "
+        "blurs are relative to that.",
+    )
+
+
+class _Change(NamedTuple):
+    """A change of seeing: the variance that the line may owe to it [pixels²], and a remark."""
+
+    share: float
+    remarks: tuple[str, ...]
 
 
 def _line(
     stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf
-) -> tuple[JointFit, tuple[str, ...]]:
-    """Fit a line; where the stars are wider across it than the PSF, after that has been widened."""
+) -> tuple[JointFit, _Change, OTF]:
+    """Fit a line; where the stars are wider across it than the PSF, after that has been widened.
+
+    With what changed, and the optics that the line lies over.
+    """
     blur = np.asarray(normal.locus.moments())
     line = fit_joint(stars, moments, otf, Linear.near(blur))
     _, minor, axis = axis_variances(blur)
     error = float(np.sqrt(covariance_on_axis(normal.covariance + psf.covariance, axis)[2, 2]))
+    none = _Change(0.0, ())
     if abs(minor) < _WIDER * error:
-        return line, ()
+        return line, none, otf
     fy, fx = otf.grid.frequencies
     widened = otf.value * jnp.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
-    other = fit_joint(stars, moments, eqx.tree_at(lambda o: o.value, otf, widened), Linear.near(blur))
+    changed = eqx.tree_at(lambda o: o.value, otf, widened)
+    other = fit_joint(stars, moments, changed, Linear.near(blur))
     if other.deviance / other.pixels > line.deviance / line.pixels:
-        return line, ()  # a normal locus is narrower across than the long line it stands for
+        return line, none, otf  # a normal locus is narrower across than the long line it stands for
     how = "wider" if minor > 0 else "narrower"
-    return other, (
+    remark = (
         f"The stars are {how} than the reference's across the trail too, by {abs(minor):.3f} pixel² of "
-        "variance; seeing or focus changed, and the length holds if they did so all round.",
+        "variance; seeing or focus changed, and the length holds if they did so all round."
     )
+    return other, _Change(_CHANGED[how] * abs(minor), (remark,)), changed
 
 
 def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:

@@ -46,7 +46,7 @@ class Verdict:
     kind : str
         ``smear`` (one direction everywhere), ``radial`` or ``tangential`` (optics), ``rotation`` (arcs about
         a point off the centre), ``mixed`` (smear and a pattern), ``round``, ``irregular`` (long, but
-        neither), or ``undetermined``.
+        neither), ``sharp`` (as the reference is), or ``undetermined``.
     sentence : str
         The verdict with its numbers.
     angle, angle_err : float
@@ -118,7 +118,8 @@ def judge(
     tracking, in one frame.
     """
     if len(x) < _LEAST:
-        sentence = f"undetermined: {len(x)} isolated stars are too few to see a pattern; {_LEAST} are needed."
+        stars = "1 isolated star is" if len(x) == 1 else f"{len(x)} isolated stars are"
+        sentence = f"undetermined: {stars} too few to see a pattern; {_LEAST} are needed."
         return Verdict(
             "undetermined", sentence, *(direction or (np.nan, np.nan)), np.nan, np.nan, {}, 2 * len(x)
         )

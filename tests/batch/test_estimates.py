@@ -8,7 +8,7 @@ import skimage.data
 from scipy.ndimage import map_coordinates
 from scipy.special import erf
 
-from jitterkit.batch import Processor
+from jitterkit.batch import Processor, scenes
 from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
 from jitterkit.batch.products import Products
 from jitterkit.batch.reference import sharpest
@@ -18,7 +18,10 @@ from jitterkit.frames import RawFrame, open_frames, write_fits
 from jitterkit.frames.fits import read_image
 from jitterkit.instruments import load_instrument
 from jitterkit.kernels import read_kernel
+from jitterkit.loci import Linear
 from jitterkit.refit import read_kernel_prior
+from jitterkit.scene import Binary
+from jitterkit.simulate import fits_header, simulate_sequence
 
 LENGTH, SIGMA = 5.0, 1.5
 
@@ -81,6 +84,14 @@ def test_a_reference_that_shows_stars_is_taken_for_a_star_field(folder):
 
 def test_the_roundest_frame_of_a_set_serves_as_reference(folder):
     assert sharpest([folder / "field.fits", folder / "sharpfield.fits"]).name == "sharpfield.fits"
+
+
+def test_the_roundest_may_be_any_frame_of_a_file(folder, tmp_path):
+    fields = [first(folder / name).data for name in ("field.fits", "sharpfield.fits")]
+    cube = write_fits(tmp_path / "cube.fits", np.stack(fields), header={"BUNIT": "electron", "PIXSCALE": 0.5})
+    found = sharpest([folder / "field.fits", cube])
+    assert found.name == "cube.fits[1]"
+    np.testing.assert_allclose(found.data, fields[1])
 
 
 def test_the_reference_s_own_row_says_that_it_is_the_reference(folder, tmp_path):
@@ -155,12 +166,30 @@ def test_what_an_image_does_not_hold_is_a_row_that_says_so_and_harms_no_other(fo
     assert "too small" in table["message"][0] or "no" in table["message"][0]
 
 
+def test_a_view_in_noise_serves_as_reference_and_noise_does_not():
+    # neighbours alike by a tenth of their variance: of 160 000 pixels chance makes one in 400 of it
+    rng = np.random.default_rng(7)
+    noise = rng.normal(0, 1, (400, 400))
+    waves = 0.3 * np.sqrt(2) * np.sin(np.arange(400) / 20)
+    SceneMeasurer(reference=RawFrame.from_array(noise + waves), stars=False).check([])
+    with pytest.raises(ConfigurationError, match="it shows nothing but noise; give another"):
+        SceneMeasurer(reference=RawFrame.from_array(noise), stars=False).check([])
+
+
+@pytest.mark.parametrize("stars", [None, True])
+def test_the_stars_of_a_reference_are_looked_for_once(folder, stars, monkeypatch):
+    looked = []
+    monkeypatch.setattr(scenes, "field_psf", lambda frame: looked.append(frame.name))
+    measurer = SceneMeasurer(reference=first(folder / "sharpfield.fits"), stars=stars)
+    measurer.check([folder])
+    assert looked == ["sharpfield.fits"]
+
+
 def test_a_sharp_view_of_another_size_is_refused_in_words(folder):
     measurer = SceneMeasurer(reference=RawFrame.from_array(np.ones((100, 120))), stars=False)
     (row,) = estimate_files([folder / "view.fits"], measurer)
     assert row["status"] == "failed"
-    assert "120 x 100 pixels" in row["message"]
-    assert "sharp frame of the same view" in row["message"]
+    assert "cannot serve as reference: it has 120 x 100 pixels, view.fits 400 x 400; give" in row["message"]
 
 
 def test_an_unknown_method_lists_the_known_ones():
@@ -191,6 +220,55 @@ def test_a_frame_without_a_pair_is_a_row_with_a_status(tmp_path):
     (row,) = estimate_files([tmp_path / "dark.fits"], measurer)
     assert row["status"] == "no_star"
     assert np.isnan(row["sxx"].value)
+
+
+@pytest.fixture(scope="module")
+def drifted(tmp_path_factory):
+    """A pair through optics with 5 nm of aberrations, blurred by 0.9 arcsec."""
+    smallsat, rng = load_instrument("smallsat"), np.random.default_rng(3)
+    aberrations = rng.normal(0, 5.0, (1, len(smallsat.aberrations)))
+    scene = Binary(10.0, 30.0, 1.0, -2.0, smallsat.flux, 3.0)
+    (one,) = simulate_sequence(
+        smallsat, scene, Linear.of(0.9, 35.0), 1, aberrations=aberrations, rng=rng, detector=False
+    )
+    path = tmp_path_factory.mktemp("drifted") / "drifted.fits"
+    return write_fits(path, one.raw.data, header=fits_header(one, smallsat))
+
+
+def test_a_pair_with_aberrations_is_described_by_its_template(drifted):
+    (row,) = estimate_files([drifted], BinaryMeasurer(Processor(load_instrument("smallsat"))))
+    assert (row["status"], row["message"]) == ("ok", "")
+
+
+def test_a_frame_that_no_binary_describes_is_a_poor_fit_that_names_its_scale_and_the_other_ways(tmp_path):
+    # one star of 3 pixels rms where two of the instrument's resolution are expected
+    y, x = np.indices((128, 128))
+    star = 2e4 * np.exp(-((x - 70) ** 2 + (y - 60) ** 2) / 18.0)
+    star = np.random.default_rng(4).poisson(star + 1.0).astype(float)
+    smallsat = load_instrument("smallsat")
+    header = {"BUNIT": "electron", "PIXSCALE": 1.3 * smallsat.plate_scale}
+    write_fits(tmp_path / "one.fits", star, header=header)
+    kept = []
+    (row,) = estimate_files([tmp_path / "one.fits"], BinaryMeasurer(Processor(smallsat)), keep=kept.append)
+    assert row["status"] == "poor_fit"
+    assert np.isnan(row["sxx"].value)
+    assert kept == []
+    assert row["message"].count("is not the instrument's") == 1
+    assert "give --stars, --reference or --blind" in row["message"]
+
+
+class _Blind(Processor):
+    """Finds the pair, and no blur."""
+
+    def estimate(self, frame):
+        found, start = super().estimate(frame)
+        return replace(found, moments=np.zeros(3), locus=None), start
+
+
+def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_doubted(drifted):
+    (row,) = estimate_files([drifted], BinaryMeasurer(_Blind(load_instrument("smallsat"))))
+    assert row["status"] == "ok"
+    assert "with everything fitted" in row["message"]
 
 
 class _Same:
@@ -238,3 +316,40 @@ def test_two_frames_of_one_name_do_not_replace_each_others_products(folder, tmp_
     assert list(table["status"]) == ["ok", "ok"]
     assert "another frame of the name field" in table["message"][1]
     assert "another frame" not in table["message"][0]
+
+
+def test_a_second_frame_of_one_stem_has_products_of_its_file_s_full_name(folder, tmp_path):
+    (tmp_path / "field.fit").write_bytes((folder / "field.fits").read_bytes())
+    products = Products(kernels=tmp_path / "kernels")
+    files = [tmp_path / "field.fit", folder / "field.fits"]
+    table = estimate_files(files, SceneMeasurer(stars=True), keep=products.write)
+    assert not any("another frame" in message for message in table["message"])
+    assert (tmp_path / "kernels/field.kernel.fits").exists()
+    assert read_kernel(tmp_path / "kernels/field.fits.kernel.fits").cards["SOURCE"] == "field.fits"
+
+
+@pytest.mark.parametrize(("size", "told"), [(0.5, True), (5.0, False)])
+def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path, size, told):
+    def measured(raw):
+        found = SceneMeasurer(stars=True).measure(raw)
+        # chi-squared of one moment of size standard errors: 0.25 and 25, of three one in 1000 is beyond 16.3
+        noise = replace(found.estimate, moments=size * np.array([1e-3, 0, 0]), covariance=np.eye(3) * 1e-6)
+        return replace(found, estimate=replace(noise, locus=None))
+
+    (row,) = estimate_files([folder / "field.fits"], _Same(measured), keep=Products(kernels=tmp_path).write)
+    cards = read_kernel(tmp_path / "field.kernel.fits").cards
+    assert ("Jitter is undetected (chi-squared 0.2" in row["message"]) == told
+    assert ("undetected" in str(cards.get("COMMENT", ""))) == told
+
+
+@pytest.mark.parametrize(("spread", "remarked"), [(0.01, True), (0.03, False)])
+def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder, spread, remarked):
+    def measured(raw):
+        found = SceneMeasurer(stars=True).measure(raw)
+        kernel = np.outer([0, 1, 0], [0.25, 0.5, 0.25])  # a variance of half a pixel² along x, none along y
+        moments = np.array([0.1, 0.0, 0.0])  # at 0.5 arcsec a pixel the kernel has 0.125
+        pixels = replace(found.estimate, kernel=kernel, locus=None, moments=moments)
+        return replace(found, estimate=replace(pixels, covariance=np.eye(3) * spread**2))
+
+    (row,) = estimate_files([folder / "field.fits"], _Same(measured))
+    assert ("other moments than the table: sxx 0.125, " in row["message"]) == remarked

@@ -193,6 +193,13 @@ def useless_frames(where):
         ),
         (["estimate", "frame.fits", "--reference", "link.fits", "--no-stars"], "and the only frame"),
         (["estimate", ".", "--oversample", "3"], "--oversample is for exported kernels"),
+        (
+            ["estimate", ".", "--estimator", "nnls", "--export", "new", "--oversample", "3"],
+            "The kernel of nnls is known on the detector's pixels only",
+        ),
+        (["estimate", ".", "--blind", "--background"], "--background is for a binary"),
+        (["estimate", ".", "--stars", "-i", "smallsat"], "--instrument is for a binary"),
+        (["estimate", ".", "--reference", "dark.fits", "-i", "smallsat"], "--instrument is for a binary"),
         (["estimate", ".", "-o", "frame.fits"], "frame.fits exists; give --overwrite"),
         (["estimate", ".", "--export", "frame.fits"], "frame.fits is no directory"),
         (["simulate", "frame.fits"], "frame.fits exists; give --overwrite"),

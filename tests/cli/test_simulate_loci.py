@@ -101,6 +101,11 @@ def test_a_shear_is_one_minus_the_ratio_of_the_sigmas():
             ["--locus", "shm", "--length", "1", "--set", "cycles=2"],
             "takes no --set cycles; it needs --length",
         ),
+        (
+            ["--locus", "mvn", "--sigma", "0.2", "--shear", "0.5", "--set", "sigma_minor=0.1"],
+            "The locus mvn takes --shear or --set sigma_minor, not both.",
+        ),
+        (["--locus", "mvn", "--shear", "0.5"], "mvn needs --sigma, --shear and may have --angle."),
         (["--locus", "linear", "--length", "1", "--shear", "0.2"], "takes no --shear"),
         (["--locus", "partial", "--length", "1", "--set", "cycles"], "--set cycles is not understood"),
         (["--locus", "partial", "--length", "1", "--set", "cycles=9"], "0.05 to 3 cycles"),

@@ -8,7 +8,7 @@ from scipy.special import j0
 from skimage import data
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.extended import estimate_blind
+from jitterkit.extended import blind, estimate_blind
 
 
 @pytest.mark.parametrize(
@@ -53,10 +53,57 @@ def test_of_two_streaks_that_do_as_well_neither_is_believed(blur):
         estimate_blind(blur(data.brick(), 8.36, 99.9, 30, seed=2))
 
 
+def end(length, angle):
+    return length * np.exp(1j * np.radians(angle))
+
+
+@pytest.mark.parametrize(
+    ("starts", "alike"), [([(12.5, 32), (17.5, 33)], True), ([(12.5, 32), (11.2, 24)], False)]
+)
+def test_a_rival_is_another_peak_however_narrow_and_not_the_same_again(starts, alike, gravel, monkeypatch):
+    # a round peak of 100 at 12 pixels, and four pixels on one of 98, a tenth of a pixel wide along one side:
+    # its top is 2 % below, but where a search in coarse steps leaves it, 8 %
+    def likelihood(spectrum, length, angle):
+        def off(*peak):
+            return min(end(length, angle) - end(*peak), -end(length, angle) - end(*peak), key=abs)
+
+        narrow = off(16, 30) * end(1, -75)
+        second = 98 * np.exp(-(narrow.real**2) / 2 - (narrow.imag / 0.1) ** 2 / 2)
+        return 100 * np.exp(-(abs(off(12, 30)) ** 2) / 2) + second
+
+    monkeypatch.setattr(blind, "_likelihood", likelihood)
+    monkeypatch.setattr(blind, "comb_peaks", lambda spectrum: [(*start, 1.0) for start in starts])
+    if alike:
+        with pytest.raises(UndeterminedError, match=r"12\.0 pixels at 30 degrees and 16\.0 at 30"):
+            estimate_blind(gravel)
+    else:
+        assert estimate_blind(gravel).locus.describe() == pytest.approx({"length": 12, "angle": 30}, abs=0.05)
+
+
+def test_a_candidate_that_runs_away_is_no_rival(blur):
+    # refined, the next best grows to 400 pixels: there everything is smoothed out and nothing is explained
+    image = blur(data.brick()[100:400, 100:400], 9.41, 164.3, 40, seed=2)
+    assert estimate_blind(image).locus.describe()["length"] == pytest.approx(9.41, abs=0.5)
+
+
+def test_an_answer_that_leads_by_a_seventh_is_believed(blur, coins):
+    # the least lead of the study's right answers is 0.10 of the gain, the wrong one's below 0; here 0.145
+    found = estimate_blind(blur(coins, 5.77, 152.1, 30, seed=2)).locus.describe()
+    assert found["length"] == pytest.approx(5.77, abs=0.5)
+    assert found["angle"] == pytest.approx(152.1, abs=3.0)
+
+
 def test_a_search_that_runs_away_ends_in_a_refusal():
     soft = gaussian_filter(data.text().astype(float), 3.0)[10:-10, 10:-10]
     noise = np.random.default_rng(1).normal(0, soft.std() * 10**-1.5, soft.shape)
     with pytest.raises(UndeterminedError, match="no candidate stays within its limits"):
+        estimate_blind(soft + noise)
+
+
+def test_a_best_candidate_that_runs_away_when_it_is_refined_is_refused():
+    soft = gaussian_filter(data.camera().astype(float), 3.0)[10:-10, 10:-10]
+    noise = np.random.default_rng(0).normal(0, soft.std() * 10**-1.5, soft.shape)
+    with pytest.raises(UndeterminedError, match=r"grows to \d+ pixels, and no more than 120 can be told"):
         estimate_blind(soft + noise)
 
 

@@ -27,6 +27,14 @@ def test_errors_of_the_moments_follow_from_those_of_the_streaks_end(angle):
     assert found.moments == pytest.approx(scale**2 * moments(length, angle), rel=1e-12)
 
 
+def test_across_a_streak_the_moments_are_uncertain_to_second_order(rng):
+    # an end off by b across has a variance of b²/12 across; of b² about zero the rms is sqrt(3) that of b's
+    # error squared.  The two errors of the end count alike, so that at 0.2 each it is off by sqrt(4/3).
+    found = streak_estimate(20.0, 0.0, "blind", along=0.2, across=0.2, plate_scale=1.0)
+    drawn = rng.normal(0, 0.2, 20_000) ** 2 / 12
+    assert found.errors[2] == pytest.approx(np.sqrt(4 / 3) * np.sqrt(np.mean(drawn**2)), rel=0.05)
+
+
 def test_what_was_not_measured_is_not_given():
     found = streak_estimate(20.0, 30.0, "blind", along=0.3, across=0.2, plate_scale=1.0)
     assert np.isnan(found.shape)  # a streak is assumed: its locus says so

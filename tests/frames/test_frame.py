@@ -1,6 +1,8 @@
 """The two records of an image."""
 
 import dataclasses
+import hashlib
+import struct
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from astropy import units
 from astropy.nddata import CCDData, StdDevUncertainty
 
 from jitterkit.errors import ConfigurationError, JitterkitError
-from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames import Frame, RawFrame, open_frames, write_fits
 
 IMAGE = np.arange(12.0).reshape(3, 4)
 
@@ -52,6 +54,22 @@ def test_what_is_not_finite_is_zero_and_masked():
 def test_the_mask_of_a_masked_array_is_kept():
     raw = RawFrame.from_array(np.ma.masked_greater(IMAGE, 9))
     assert raw.mask.sum() == 2
+
+
+def test_a_digest_is_of_the_pixels_and_of_nothing_else(tmp_path):
+    # sha256 of the shape in words and the values as little-endian doubles, computed by the standard library
+    told = hashlib.sha256(b"(3, 4)" + struct.pack("<12d", *range(12))).hexdigest()[:16]
+    raw = RawFrame.from_array(IMAGE)
+    assert raw.digest == told
+    for stored in (np.uint16, ">f4", "<i8"):
+        assert RawFrame.from_array(IMAGE.astype(stored), gain=3.7).digest == told
+    packed = write_fits(tmp_path / "packed.fits.gz", IMAGE.astype(np.uint16))
+    with open_frames(packed) as file:
+        assert file[0].digest == told
+    assert RawFrame.from_array(IMAGE.reshape(4, 3)).digest != told
+    assert RawFrame.from_array(IMAGE[::-1]).digest != told
+    assert RawFrame.from_array(IMAGE.T).digest != RawFrame.from_array(IMAGE.reshape(4, 3)).digest
+    assert raw.region(0, 0, 4, 2).digest != told
 
 
 @pytest.mark.parametrize("image", [IMAGE[0], IMAGE[None], np.zeros((0, 4))])

@@ -74,6 +74,14 @@ def test_without_an_estimate_the_moments_are_the_kernels_own():
     )
 
 
+def test_a_kernel_measured_on_pixels_has_the_moments_of_its_pixels_and_no_errors_of_others():
+    kernel = np.outer([0, 1, 0], [0.25, 0.5, 0.25])  # half a pixel² along x, nothing along y
+    cards = kernel_cards(kernel, plate_scale=P, estimate=estimate([0.04, 0.01, 0.09], kernel=kernel))
+    assert [cards[name][0] for name in ("SXX", "SXY", "SYY")] == pytest.approx([0.5 * P**2, 0, 0])
+    assert cards["JITTER_MAJOR"][0] == pytest.approx(1e3 * P * np.sqrt(0.5))
+    assert not {"SXX_ERR", "SXY_ERR", "SYY_ERR"} & cards.keys()
+
+
 def star(shape=(41, 41), at=(25, 18)):
     image = np.zeros(shape)
     image[at] = 100.0

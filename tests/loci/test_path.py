@@ -2,8 +2,6 @@
 
 import itertools
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
@@ -71,20 +69,6 @@ def test_a_fit_of_a_straight_blur_starts_along_it_and_a_little_bent():
     line = np.linalg.eigvalsh([[near[0], near[1]], [near[1], near[2]]])
     # along: the greater eigenvalue; across: a parabola of height 0.1 L, whose variance is 4/45 of its square.
     assert line == pytest.approx([4 / 45 * 0.01 * 12 * 0.03, 0.03], rel=1e-7)
-
-
-@pytest.mark.parametrize("knots", [2, 3, 4, 5])
-def test_the_size_of_a_path_is_the_sum_over_its_modes(knots, rng):
-    # T of steps drawn at random, per axis of unit variance, has the mean sum(v) and the variance 2 sum(v²).
-    modes = Path.of(KNOTS[:knots]).modes
-    assert modes.shape == (knots - 1,)
-    steps = rng.standard_normal((4000, 2 * (knots - 1)))
-    steps[:, knots - 1 :] = 0.0  # in x alone
-    sizes = np.array([float(s[0]) for s in jax.vmap(lambda c: Path(c).moments())(jnp.asarray(steps))])
-    error = np.sqrt(2 * np.sum(modes**2) / len(sizes))
-    assert sizes.mean() == pytest.approx(modes.sum(), abs=4 * error)
-    # of a sample variance of chi-squared variables: kurtosis 12 or less, so sqrt((2 + 12)/n) of itself
-    assert sizes.var() == pytest.approx(2 * np.sum(modes**2), rel=4 * np.sqrt(14 / len(sizes)))
 
 
 TIMES = np.array([10.0, 10.2, 10.25, 10.5, 10.85, 11.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from jitterkit.forward import free_parameters
+from jitterkit.forward import free_parameters, to_vector
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_locus
@@ -22,7 +22,7 @@ def fit(bench, data, locus, name, priors=None):
 
 def chance(bench, result, priors):
     names, free = free_parameters(result.parameters, bench.optics.nominal)
-    return prior_chance(priors, result.parameters, names, free, result.covariance)
+    return prior_chance(priors, result.parameters, names, free, result.covariance, np.zeros(len(names)))
 
 
 # a frame knows the moments to about 1e-4: priors that know more, as much and less
@@ -70,6 +70,38 @@ def test_a_locus_that_cannot_follow_a_prior_is_tested_by_what_it_has(bench):
     assert chance(bench, result, priors) == pytest.approx(scipy.stats.chi2.sf(9, 3), rel=0.02)
 
 
+def test_a_prior_is_accused_however_sure_it_is_of_itself_but_not_for_being_sure(bench, rng):
+    locus, flagged = Mvn.of(0.12, 0.06, 30.0), 0
+    data = bench.draw(bench.truth(locus), rng)
+    error = fit(bench, data, locus, "mvn").error("separation")
+    for width in (1e-2, 1e-4):  # of the frame's error
+        priors = Priors({"separation": (5.0 + 10 * error, width * error)})
+        assert "prior_contradicted" in fit(bench, data, locus, "mvn", priors).flags
+    for _ in range(20):
+        data = bench.draw(bench.truth(locus), rng)
+        priors = Priors({"separation": (5.0 + 1e-2 * error * rng.normal(), 1e-2 * error)})
+        flagged += "prior_contradicted" in fit(bench, data, locus, "mvn", priors).flags
+    assert flagged == 0  # by chance in two of a hundred runs of this test
+
+
+def test_a_step_that_a_climb_left_undone_changes_no_chance(bench, rng):
+    locus = Mvn.of(0.12, 0.06, 30.0)
+    data = bench.draw(bench.truth(locus), rng)
+    error = fit(bench, data, locus, "mvn").error("separation")
+    priors = Priors({"separation": (5.0 + error, 1e-3 * error)})
+    result = fit(bench, data, locus, "mvn", priors)
+    names, free = free_parameters(result.parameters, bench.optics.nominal)
+    # of a normal the slope is the inverse covariance times the way to the maximum: half a sigma of the prior,
+    # which would be 500 of what the frame is expected to move it by
+    way = np.zeros(len(names))
+    way[names.index("separation")] = 5e-4 * error
+    vector, unravel = to_vector(result.parameters)
+    short = unravel(vector.at[np.array(free)].add(-way))
+    score = np.linalg.solve(result.covariance, way)
+    found = prior_chance(priors, short, names, free, result.covariance, score)
+    assert found == pytest.approx(chance(bench, result, priors), rel=1e-6)
+
+
 @pytest.mark.parametrize("name", ["mvn", "linear"])
 def test_fifty_sigmas_are_flagged_and_said(bench, rng, name):
     locus = Linear.of(0.5, 30.0)
@@ -100,6 +132,17 @@ def test_a_streak_at_its_tip_is_not_accused_for_what_a_cone_forbids(bench, rng):
         assert result.status is Status.OK, result.message
         flagged += "prior_contradicted" in result.flags
     assert flagged == 0
+
+
+def test_a_prior_of_three_sigmas_that_no_streak_can_have_is_no_contradiction(bench, rng):
+    # the likelihood's slope at a tip is no step that a climb left undone, nor is the tip a mean of prior and
+    # frame: of the prior's width alone it is 9 for three degrees of freedom, one in 34
+    data = bench.draw(bench.truth(Stable.of()), rng)
+    priors = Priors(moments=(np.array([-1.0, 0.0, -1.0]) * 3e-5 / np.sqrt(2), np.eye(3) * 1e-10))
+    result = fit(bench, data, Stable.of(), "linear", priors)
+    assert result.status is Status.OK, result.message
+    assert "jitter_undetected" in result.flags
+    assert "prior_contradicted" not in result.flags
 
 
 def test_without_a_prior_there_is_nothing_to_contradict(bench, rng):

@@ -3,7 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 
+from jitterkit.likelihood import Data
 from jitterkit.loci import PartialShm, Shm, Stable
 from jitterkit.refit.fit import fit_and_expand
 from jitterkit.refit.lack_of_fit import WithCumulants, lack_of_fit
@@ -21,6 +23,20 @@ def test_a_right_locus_fits_and_a_lopsided_blur_does_not(bench, rng):
     lopsided = bench.draw(bench.truth(PartialShm.of(0.8, 30.0, 0.7, 50.0), flux=3e7), rng)
     fit, otf = fit_and_expand(lopsided, bench.optics, bench.near(Shm.of(0.5, 25.0)))
     assert lack_of_fit(fit, otf, lopsided).chance < 1e-6
+
+
+@pytest.mark.parametrize("k", [1, 4, 6])
+def test_without_noise_all_that_is_left_of_chi_squared_is_the_cumulants(bench, k):
+    # of nine, of which a vibration has none of its own that are odd, and one that is even
+    cumulants = np.zeros(9)
+    cumulants[k] = 5e-5
+    blur = WithCumulants(Shm.of(0.6, 30.0), cumulants)
+    data = Data(bench.image(bench.truth(blur, flux=3e7)), 2.4**2)
+    fit, otf = fit_and_expand(data, bench.optics, bench.near(Shm.of(0.5, 25.0)))
+    lack = lack_of_fit(fit, otf, data)
+    # beyond first order in a cumulant that changes the spectrum by 1e-3 at most
+    assert lack.chi2 == pytest.approx(fit.chi2, rel=0.01)
+    assert lack.chance == pytest.approx(scipy.stats.chi2.sf(lack.chi2, 9))
 
 
 def test_cumulants_are_the_derivatives_of_the_log_of_a_transfer_function():

@@ -38,6 +38,8 @@ def write_table(path, found):
     for i, name in enumerate(("sxx", "sxy", "syy")):
         table[name] = [e.moments[i] for e in found] * units.arcsec**2
         table[f"{name}_err"] = [e.errors[i] for e in found] * units.arcsec**2
+    if any(e.digest for e in found):
+        table["digest"] = [e.digest for e in found]
     table.write(path, format="ascii.ecsv")
     return path
 
@@ -53,10 +55,19 @@ def test_a_frames_own_kernel_estimate_adds_no_information(bench, rng, tmp_path):
     own = replace(estimate_score(data, start, bench.optics.nominal), source="night.fits[0]")
     without = fit_frame(data, bench.optics, start)
     file = read_kernel_prior(write_table(tmp_path / "own.ecsv", [own]))
-    for priors in (kernel_prior(own, "night.fits"), file.of("night.fits"), file.of("night.fits[0]")):
-        assert priors.moments is None
-        result = fit_frame(data, bench.optics, start, options=FitOptions(priors=priors))
-        np.testing.assert_array_equal(result.covariance, without.covariance)
+    known = replace(own, digest="5ba3c0ffee15900d")
+    sealed = read_kernel_prior(write_table(tmp_path / "sealed.ecsv", [known]))
+    for priors in (
+        kernel_prior(own, "night.fits"),
+        file.of("night.fits"),
+        file.of("night.fits[0]"),
+        file.of("night.fits", known.digest),  # a table without digests goes by the name
+        kernel_prior(known, "renamed.fits", known.digest),
+        sealed.of("renamed.fits", known.digest),
+    ):
+        assert priors == Priors()
+    result = fit_frame(data, bench.optics, start, options=FitOptions(priors=priors))
+    np.testing.assert_array_equal(result.covariance, without.covariance)
     # the same numbers from another frame do sharpen it, by their own information and no more
     other = fit_frame(
         data, bench.optics, start, options=FitOptions(priors=kernel_prior(own, "night.fits[1]"))
@@ -82,6 +93,72 @@ def test_a_sequence_says_the_same_with_and_without_the_frames_own_estimate(rng, 
     ours = file.of("night.fits[3]").moments
     for read, made in zip(ours, sequence_prior(others, "night.fits[3]").moments, strict=True):
         np.testing.assert_allclose(read, made, rtol=1e-12)
+
+
+def test_pixels_tell_a_frames_own_row_whatever_its_name(rng, tmp_path):
+    found = [replace(e, digest=f"{k:016x}") for k, e in enumerate(estimates(rng, 8))]
+    others = found[:3] + found[4:]
+    without = sequence_prior(others, "night.fits[3]")
+    everything = sequence_prior(found, "day.fits")
+    file = read_kernel_prior(write_table(tmp_path / "night.ecsv", found))
+    own, foreign = found[3].digest, "f" * 16
+    assert same(sequence_prior(found, "renamed.fits", own), without)
+    assert same(file.of("renamed.fits", own), file.of("night.fits[3]"))
+    # another night's frame of the same name is another frame
+    assert same(sequence_prior(found, "night.fits[3]", foreign), everything)
+    assert same(file.of("night.fits[3]", foreign), file.of("day.fits"))
+    assert kernel_prior(found[3], "night.fits[3]", foreign).moments is not None
+    # rows of an older table among them go by the name
+    mixed = [*found[:3], replace(found[3], digest=""), *found[4:]]
+    assert same(sequence_prior(mixed, "night.fits[3]", foreign), without)
+    file = read_kernel_prior(write_table(tmp_path / "mixed.ecsv", mixed))
+    assert [e.digest for e in file.estimates] == [e.digest for e in mixed]
+
+
+def test_a_row_whose_digest_is_missing_goes_by_its_name(rng, tmp_path):
+    from astropy.table import QTable, vstack
+
+    (one,) = estimates(rng, 1)
+    old = QTable.read(write_table(tmp_path / "old.ecsv", [one]), format="ascii.ecsv")
+    sealed = [replace(e, digest="0" * 16) for e in estimates(rng, 6)]
+    new = QTable.read(write_table(tmp_path / "new.ecsv", sealed), format="ascii.ecsv")
+    vstack([old, new]).write(tmp_path / "both.ecsv", format="ascii.ecsv")
+    assert [e.digest for e in read_kernel_prior(tmp_path / "both.ecsv").estimates] == ["", *["0" * 16] * 6]
+
+
+def test_a_frame_is_told_its_own_row_by_its_pixels_from_file_to_fit(tmp_path, rng):
+    from jitterkit.batch import Processor, process_files
+    from jitterkit.batch.kernels import BinaryMeasurer, estimate_files
+    from jitterkit.frames import write_fits
+    from jitterkit.instruments import load_instrument
+    from jitterkit.report.flags import decode_flags
+    from jitterkit.scene import Binary
+    from jitterkit.simulate import fits_header, simulate_frame
+
+    telescope = load_instrument("smallsat")
+    folders = [tmp_path / "one", tmp_path / "other"]
+    for folder in folders:
+        folder.mkdir()
+        scene = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
+        drawn = simulate_frame(telescope, scene, Mvn.of(0.1, 0.05, 20.0), rng=rng)
+        header = fits_header(drawn, telescope)
+        write_fits(folder / "frame.fits", drawn.raw.data.astype(np.uint16), header=header)
+    first = folders[0] / "frame.fits"
+    (tmp_path / "renamed.fits").write_bytes(first.read_bytes())
+    plain = Processor(telescope, locus="mvn")
+    estimate_files([first], BinaryMeasurer(plain)).write(tmp_path / "e.ecsv", format="ascii.ecsv")
+    told = replace(plain, prior=read_kernel_prior(tmp_path / "e.ecsv"))
+    files = [tmp_path / "renamed.fits", folders[1] / "frame.fits"]
+    without = process_files(files, tmp_path / "without", plain).table
+    table = process_files(files, tmp_path / "told", told).table
+    assert set(table["status"]) == {"ok"}
+    errors = ("separation_err", "sxx_err", "sxy_err", "syy_err")
+    assert all(table[name][0] == without[name][0] for name in errors)  # to the bit
+    assert "prior_unused" in decode_flags(table["flags"][0])
+    assert table["message"][0].endswith("The prior holds this frame only and was not used.")
+    # of two measurements as good as each other the error is a square root of two smaller
+    assert table["sxx_err"][1] < 0.8 * without["sxx_err"][1]
+    assert "prior_unused" not in decode_flags(table["flags"][1])
 
 
 def test_a_sequence_is_as_wide_as_its_next_frame_scatters(rng):
@@ -143,8 +220,11 @@ def test_a_long_trace_tells_what_one_exposure_sees():
 
 def test_a_trace_that_stands_still_or_is_certain_is_refused():
     t = np.linspace(0, 1, 50)
-    with pytest.raises(ConfigurationError, match="positive definite"):
-        trace_prior(t, 0 * t, 0 * t)
+    for offset in (0.0, 0.1, -3e5):  # of a mean of equal numbers rounding may leave a rest
+        with pytest.raises(ConfigurationError, match="The trace does not move during the exposure"):
+            trace_prior(t, 0 * t, 0 * t + offset)
+    with pytest.raises(ConfigurationError, match="The trace does not move"):
+        trace_prior(t, np.maximum(t - 0.6, 0), 0 * t, exposure=0.55)  # moves afterwards only
     with pytest.raises(ConfigurationError, match=r"uncertainty of a trace must be positive, got 0\.0"):
         trace_prior(t, t, t, 0.0)
 
@@ -220,6 +300,18 @@ def test_a_trace_in_a_file_is_a_prior_for_every_frame(tmp_path):
     prior = read_kernel_prior(path, exposure=0.1)
     assert prior.of("a.fits").moments[0][0] == pytest.approx(0.3**2 / 12, rel=1e-3)
     assert same(prior.of("a.fits"), prior.of("b.fits"))
+    assert prior.remark == ""
+
+
+def test_a_trace_longer_than_the_exposure_says_what_of_it_is_used(tmp_path):
+    t = np.linspace(0, 1, 101)
+    path = tmp_path / "gyro.csv"
+    path.write_text("\n".join(["t,x,y", *(f"{a},{a},0.0" for a in t.tolist())]) + "\n")
+    assert read_kernel_prior(path, exposure=0.6).remark == (
+        "The first 0.6 of 1 s of the trace are used for every frame."
+    )
+    assert "the mean of its 10 exposures of 0.1 s" in read_kernel_prior(path, exposure=0.1).remark
+    assert read_kernel_prior(path).remark == ""
 
 
 def test_an_impossible_prior_is_refused():

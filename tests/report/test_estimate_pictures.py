@@ -42,6 +42,16 @@ def test_an_estimate_with_a_template_shows_kernel_fit_and_residual(make_fit):
     assert png(axes[0], 40).startswith(PNG)
 
 
+@pytest.mark.parametrize("kernel", [None, np.full((3, 3), 1 / 9)])
+@pytest.mark.parametrize(("size", "told"), [(3.0, True), (6.0, False)])
+def test_undetected_jitter_is_called_so_beneath_its_kernel(size, told, kernel, rng):
+    # one moment of 3 and 6 standard errors: chi-squared 9 and 36, and of three one in 1000 is beyond 16.3
+    found = estimate([size * 1e-4, 0, 0], kernel=kernel)
+    ax = plot_extended(found, rng.normal(size=(64, 70)), plate_scale=0.4)[0]
+    caption = " ".join([ax.get_title(), *(text.get_text() for text in ax.texts)])
+    assert ("undetected" in caption) == told
+
+
 def test_images_of_a_template_are_those_of_the_forward_model(make_fit):
     truth = make_fit("mvn")[1].parameters
     sharp, blurred = template_images(estimate(truth.locus.moments()), truth, make_fit.otf)

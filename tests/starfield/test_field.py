@@ -100,6 +100,42 @@ def test_a_change_of_seeing_is_told_and_leaves_the_length(field, trail, sharp):
     assert "wider than the reference's across the trail" in estimate.remarks[0]
 
 
+def test_a_little_less_seeing_than_the_reference_s_is_in_the_error(field, trail, sharp):
+    frame, _ = field(np.random.default_rng(10), trail(4.0, 120.0), stars=60, side=500, fwhm=2.9)
+    estimate = estimate_field(frame, reference=sharp[0])
+    assert "narrower than the reference's across the trail" in estimate.remarks[0]
+    assert estimate.length == pytest.approx(4.0, abs=2 * estimate.length_err)
+    assert estimate.length_err < 0.2
+
+
+@pytest.mark.parametrize("half", [12, 24])
+def test_a_psf_may_have_stamps_of_another_size(field, trail, sharp, half):
+    frame, _ = field(np.random.default_rng(12), trail(3.0, 60.0), stars=30, side=400)
+    estimate = estimate_field(frame, reference=field_psf(sharp[0], half=half))
+    # of the light beyond a stamp of 12 pixels the PSF knows nothing: 2 % of a Moffat star
+    assert estimate.length == pytest.approx(3.0, rel=0.02)
+    assert not estimate.remarks or half == 12
+
+
+def test_a_vibration_against_a_reference_is_told_not_to_be_a_line(field, trail, sharp):
+    """Half the time at rest and half along a line, as no line alone is."""
+    parts = [field(np.random.default_rng(5), trail(size, 30.0), stars=40, side=400)[0] for size in (0.0, 6.0)]
+    frame = Frame(sum(part.electrons for part in parts), 50.0)
+    estimate = estimate_field(frame, reference=sharp[0])
+    assert "A line over the reference's stars leaves chi²/dof" in estimate.remarks[0]
+    # its variance is that of a line of 6/sqrt(2); half the difference to the moments', of some 10 %, counts
+    assert estimate.length_err > 0.1
+
+
+def test_a_shape_that_is_no_trail_is_refused(star, rng):
+    cross = star(0.0, 0.0, 14.0, 0.0) + star(0.0, 0.0, 0.0, 14.0)
+    image = np.full((200, 200), 200.0)
+    for x, y in ((50, 50), (150, 60), (90, 150)):
+        image[y - 24 : y + 25, x - 24 : x + 25] += 3e6 * cross
+    with pytest.raises(UndeterminedError, match="A round Moffat core under a line leaves chi²/dof"):
+        estimate_field(Frame(rng.poisson(image).astype(float), 0.0))
+
+
 def test_the_joint_fit_is_the_weighted_mean_of_single_ones(trailed, sharp):
     stars = find_stars(trailed[0]).chosen(np.arange(20, 28))
     moments = adaptive_moments(stars)

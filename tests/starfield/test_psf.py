@@ -61,3 +61,12 @@ def test_a_round_core_under_a_line_gives_the_lines_length(star, length, angle):
     assert found["angle"] == pytest.approx(angle, abs=0.1)
     assert core.fwhm == pytest.approx(3.0, rel=0.01)
     assert core.beta == pytest.approx(3.0, rel=0.05)
+
+
+def test_pixels_that_no_star_shows_do_not_count(star):
+    image = star(0.0, 0.0, 4.0, 0.0, half=20)
+    error = np.full(image.shape, 1e-4)
+    image[:, :6], error[:, :6] = 0.01, 0.0  # a tenth of the peak, under a neighbour
+    core = fit_round_core(Psf(image, error, np.zeros(3), np.eye(3), 1), np.array([3.5, 0.0, 2.2]))
+    assert core.line.describe()["length"] == pytest.approx(4.0, rel=5e-3)
+    assert core.misfit.chi2_dof < 1

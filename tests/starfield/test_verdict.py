@@ -110,3 +110,7 @@ def test_a_few_stars_say_nothing(rng):
     verdict = judged(rng, everywhere(3.0, 10.0), stars=7)
     assert verdict.kind == "undetermined"
     assert "7 isolated stars are too few" in verdict.sentence
+
+
+def test_one_star_is_counted_in_the_singular(rng):
+    assert "1 isolated star is too few" in judged(rng, everywhere(3.0, 10.0), stars=1).sentence
