@@ -38,8 +38,9 @@ TOLIMAN's optics pass too little."""
 _PASSES = 20
 """At most, where pixels are masked: until their fill has settled."""
 
-_STEPS = 3
-"""Of a fit: a normal's is linear, and its weights alone follow it."""
+_STEPS = 2
+"""Of a fit: a normal's is linear, and its weights alone follow it.  Four more move it by 0.08 errors at most,
+at 1e5 photons, and by 0.01 at 1e6."""
 
 _LEAST_SNR = 10.0
 """Power over noise power below which a frequency is left out, judged on the template, not the data:
@@ -123,13 +124,12 @@ def _image(template: Parameters, locus: Locus, otf: OTF) -> np.ndarray:
 
 
 class _Ratio(NamedTuple):
-    """Power spectra on the ``n`` frequencies of the band, and what their noise is made of.
+    """Power spectra on the ``n`` frequencies of the band that can be used, and what their noise is made of.
 
     Attributes
     ----------
     log_ratio : (n,) array
-        Logarithm of the frame's power, less its noise, over the template's; no number where the noise
-        is more.
+        Logarithm of the frame's power, less its noise, over the template's.
     transform : (n,) complex array
         Of the template.
     noise : float
@@ -156,10 +156,11 @@ class _Ratio(NamedTuple):
         variance = variance * window**2
         noise = float(variance.sum())
         frame, template = (fft.rfft2(image * window).ravel()[slots] for image in (counts, sharp))
-        power = np.abs(frame) ** 2 - noise
-        above = power > 0
-        log_ratio = np.where(above, np.log(np.where(above, power, 1.0) / np.abs(template) ** 2), np.nan)
-        return cls(log_ratio, template, noise, variance, squares, slots)
+        power, reference = np.abs(frame) ** 2 - noise, np.abs(template) ** 2
+        # a blur only takes power away; a factor of two is left for the flux
+        some = np.flatnonzero((power > 0) & (2 * reference > _LEAST_SNR * noise))
+        log_ratio = np.log(power[some] / reference[some])
+        return cls(log_ratio, template[some], noise, variance, squares[:, some], slots[some])
 
 
 @lru_cache(maxsize=4)
@@ -213,7 +214,7 @@ def _fit(ratio: _Ratio, solution: np.ndarray, steps: int) -> tuple[np.ndarray, n
         w = solution[1:4] @ ratio.squares
         model, slopes = _model(solution, w, ratio.squares)
         expected = reference * np.exp(np.clip(model, -60, 60))
-        chosen = (expected > _LEAST_SNR * ratio.noise) & ~np.isnan(ratio.log_ratio) & (w < _WIDEST)
+        chosen = (expected > _LEAST_SNR * ratio.noise) & (w < _WIDEST)
         if (count := np.count_nonzero(chosen)) < _FEWEST:
             raise UndeterminedError(
                 f"Only {count} frequencies rise above the noise; the MTF ratio needs {_FEWEST}. "
@@ -252,15 +253,14 @@ def _propagate(pull: np.ndarray, ratio: _Ratio) -> np.ndarray:
     weight on each of them is a Fourier transform of the pull of the frequencies.  Unlike the fit's
     own covariance this knows that the window ties neighbouring frequencies together.
     """
-    variance = ratio.variance
-    ny, nx = variance.shape
-    half = np.zeros((len(pull), ny * (nx // 2 + 1)), complex)
+    ny, nx = ratio.variance.shape
+    half = np.zeros((len(pull), ny * (nx // 2 + 1)), np.complex64)  # an error needs no sixteen digits
     half[:, ratio.slots] = pull.conj()
     half = half.reshape(len(pull), ny, -1)
     # irfft2 adds the mirror image of every frequency but of those that are their own
     half[:, :, 0] += _mirrored(half[:, :, 0])
-    weights = fft.irfft2(half, s=variance.shape).reshape(len(pull), -1) * variance.size
-    return (weights * variance.ravel()) @ weights.T
+    weights = fft.irfft2(half, s=(ny, nx)).reshape(len(pull), -1).astype(float) * (ny * nx)
+    return (weights * ratio.variance.ravel()) @ weights.T
 
 
 def _mirrored(column: np.ndarray) -> np.ndarray:
