@@ -39,8 +39,8 @@ _PASSES = 20
 """At most, where pixels are masked: until their fill has settled."""
 
 _STEPS = 3
-"""Of a fit: a normal's is linear, and its weights alone follow it.  Three more move it by 0.05 errors at most,
-at 1e5 photons."""
+"""Of a fit: a normal's is linear, and its weights alone follow it.  Three more move it by 0.05 errors at
+most, at 1e5 photons."""
 
 _LEAST_SNR = 10.0
 """Power over noise power below which a frequency is left out, judged on the template, not the data:
