@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from jitterkit.loci.base import Locus, principal_axes
 
-__all__ = ["KernelEstimate", "significance"]
+__all__ = ["KernelEstimate", "is_detected", "significance"]
+
+_DETECTED = float(chi2.isf(1e-3, 3))
+"""Chi-squared of three moments that no jitter at all exceeds in one frame of a thousand."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,11 @@ class KernelEstimate:
     def significance(self) -> float:
         """Chi-squared (3 degrees of freedom) against no jitter at all; NaN where that cannot be said."""
         return significance(self.moments, self.covariance)
+
+
+def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether moments (3,) with their covariance (3, 3) are beyond what no jitter at all would give."""
+    return significance(moments, covariance) > _DETECTED
 
 
 def significance(moments: np.ndarray, covariance: np.ndarray) -> float:

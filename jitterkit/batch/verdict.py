@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jitterkit.estimators.shape import is_detected
 from jitterkit.frames import Frame, sky_position_angle
+from jitterkit.kernel_estimate import is_detected
 from jitterkit.loci import principal_axes
 from jitterkit.refit import FitResult, Status, single_star
 

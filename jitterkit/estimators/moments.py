@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.estimators.shape import is_detected
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
-from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics.otf import OTF

@@ -22,9 +22,9 @@ from scipy import fft
 from scipy.signal.windows import hann
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.estimators.shape import doubted, is_decisive, is_detected
+from jitterkit.estimators.shape import doubted, is_decisive
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, Mvn, Shaped, Stable
 from jitterkit.optics.otf import OTF

@@ -19,11 +19,10 @@ from jitterkit.estimators.shape import (
     fit_known_shape,
     fit_shape,
     is_decisive,
-    is_detected,
     measure_shape,
 )
 from jitterkit.forward import Parameters
-from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn, Shaped
 from jitterkit.optics.otf import OTF

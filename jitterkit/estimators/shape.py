@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
 
 from jitterkit.forward import Parameters, free_parameters
-from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
@@ -31,12 +29,8 @@ __all__ = [
     "fit_known_shape",
     "fit_shape",
     "is_decisive",
-    "is_detected",
     "measure_shape",
 ]
-
-_DETECTED = float(chi2.isf(1e-3, 3))
-"""Chi-squared of three moments that no jitter at all exceeds in one frame of a thousand."""
 
 _DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
@@ -163,11 +157,6 @@ def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
     """
     known = np.nan_to_num(response)
     return covariance + _DECISIVE**2 * np.outer(known, known)
-
-
-def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether moments (3,) with their covariance (3, 3) are beyond what no jitter would give."""
-    return significance(moments, covariance) > _DETECTED
 
 
 def is_decisive(shape_err: float) -> bool:

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.estimators.shape import is_detected
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
 from jitterkit.loci import Mvn, Stable, locus_name
 from jitterkit.optics.otf import OTF

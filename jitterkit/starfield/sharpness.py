@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.kernel_estimate import significance
+from jitterkit.kernel_estimate import is_detected
 from jitterkit.loci import axis_variances, covariance_on_axis
 from jitterkit.starfield.psf import Psf
 
@@ -22,9 +22,6 @@ _TOLERATED = 0.25
 """Share of the blur's larger variance that may be missing across it: a trail's length, widened or not,
 is then right to 5 %; stars sharper by 0.45 of it gave 5 % too little, by 1.4 of it 6 %, and where nothing
 is left of the trail it is invented."""
-
-_BLURRED = 16.0
-"""Chi-squared, of three degrees of freedom, from which there is a blur: 1e-3 by chance."""
 
 _ROUND, _CERTAIN = 1.1, 5.0
 """Ratio of a reference's variances along and across up to which it is round, and sigma of what is not:
@@ -62,7 +59,7 @@ def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray) -> None:
 
 def is_blurred(excess: np.ndarray, covariance: np.ndarray) -> bool:
     """Whether the frame's stars differ from the reference's by more than noise."""
-    return significance(excess, covariance) > _BLURRED
+    return is_detected(excess, covariance)
 
 
 def elongation(psf: Psf) -> tuple[float, float] | None:
