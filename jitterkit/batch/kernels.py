@@ -11,27 +11,16 @@ import numpy as np
 from astropy.table import QTable
 from astropy.units import Unit
 
-from jitterkit.batch.frame import Processor
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.reference import OwnReferenceError
-from jitterkit.batch.verdict import judge, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
-from jitterkit.forward import expected_image
-from jitterkit.frames import Frame, RawFrame, find_files, open_frames
+from jitterkit.frames import RawFrame, find_files, open_frames
 from jitterkit.kernels import kernel_moments
-from jitterkit.likelihood import Data, Misfit, pearson
-from jitterkit.locate import Start
-from jitterkit.loci import Shaped
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
-from jitterkit.report.estimate_pictures import (
-    is_undetected,
-    plot_estimate,
-    template_images,
-)
-from jitterkit.scoring import climb_a_little
+from jitterkit.report.estimate_pictures import is_undetected
 
-__all__ = ["BinaryMeasurer", "Measurer", "estimate_files"]
+__all__ = ["Measurer", "estimate_files"]
 
 _MOMENTS = ("sxx", "sxy", "syy")
 _POWERS = dict.fromkeys((*_MOMENTS, *(f"{name}_err" for name in _MOMENTS)), 2)
@@ -45,14 +34,6 @@ _NUMBERS = (
 )
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What one frame may raise without harm to the others."""
-
-_POOR = 1.5
-"""Chi-squared a degree of freedom beyond which the refit calls a model poor."""
-
-_STEPS = 20
-"""At most, of the fit that a frame gets whose template is poor."""
-
-_ELSE = "If it shows no binary, give --stars, --reference or --blind; if one of another telescope, -i."
 
 _FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
 
@@ -72,89 +53,6 @@ class Measurer(Protocol):
     def measure(self, raw: RawFrame) -> Measured | FitResult:
         """Measure one frame, or say in a status why not; a JitterkitError says so too."""
         ...
-
-
-class BinaryMeasurer:
-    """Measures the blur of a binary's frames, with the optics of an instrument for a template.
-
-    Parameters
-    ----------
-    processor : Processor
-        Its ``kernel`` names the estimator.
-    """
-
-    def __init__(self, processor: Processor) -> None:
-        self.processor = processor
-
-    @property
-    def name(self) -> str:
-        """Of the estimator."""
-        return self.processor.kernel
-
-    def measure(self, raw: RawFrame) -> Measured | FitResult:
-        """Measure one frame, or say in a status why not."""
-        frame = self.processor.calibrate(raw)
-        try:
-            estimated = self.processor.estimate(frame)
-        except (FrameError, NoStarError, UndeterminedError):
-            raise
-        except JitterkitError as error:  # as ``process`` calls it
-            told = f"{Status.MISMATCH.value}: {error} {self._scale_hint(frame)}".rstrip()
-            return FitResult(Status.MISMATCH, told)
-        if isinstance(estimated, FitResult):
-            return estimated
-        estimate, start = estimated
-        scale = frame.plate_scale or self.processor.instrument.plate_scale
-        sharp, blurred = template_images(estimate, start.parameters, start.otf)
-        data = Data(frame.electrons, frame.read_variance, ~frame.mask)
-        misfit, message = pearson(blurred, data), ""
-        if not _per_pixel(misfit) <= _POOR:
-            best = _per_pixel(self._fitted(data, start))
-            if not best <= _POOR:
-                return self._poor(frame, start, misfit)
-            message = (
-                f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with everything "
-                f"fitted {best:.3g}: the picture's residual is the template's."
-            )
-        variance, mask = blurred.clip(0) + frame.read_variance, ~np.isfinite(misfit.residual)
-
-        def draw() -> list[Any]:
-            return plot_estimate(
-                estimate, frame.electrons, sharp, blurred, scale, variance=variance, mask=mask
-            )
-
-        return Measured.of(frame, estimate, scale, draw, message)
-
-    def _scale_hint(self, frame: Frame) -> str:
-        return scale_hint(frame, self.processor.instrument.plate_scale)
-
-    def _fitted(self, data: Data, start: Start) -> Misfit:
-        """What is left with everything free: the template was fitted with a normal's shape."""
-        shaped = start.parameters.with_locus(Shaped.near(start.parameters.locus.moments()))
-        end, _ = climb_a_little(shaped, start.otf, data, self.processor.options.hold, _STEPS)
-        return pearson(expected_image(end.parameters, start.otf), data)
-
-    def _poor(self, frame: Frame, start: Start, misfit: Misfit) -> FitResult:
-        """That no binary with a blur describes a frame, and why not where that can be told."""
-        said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
-        names = () if "background" in self.processor.options.hold else ("background",)
-        poor = FitResult(
-            Status.POOR_FIT,
-            said,
-            parameters=start.parameters,
-            names=names,
-            chi2=misfit.chi2,
-            dof=misfit.pixels,
-            residual=misfit.residual,
-        )
-        told = judge(frame, poor, self.processor.instrument.plate_scale).message
-        scale = self._scale_hint(frame)
-        hints = [told, "" if scale in told else scale, _ELSE]
-        return FitResult(Status.POOR_FIT, " ".join(filter(None, hints)))
-
-
-def _per_pixel(misfit: Misfit) -> float:
-    return misfit.chi2 / misfit.pixels if misfit.pixels else math.nan
 
 
 def estimate_files(

@@ -145,7 +145,7 @@ def estimate(
 
 def _binary_measurer(instrument, estimator, metadata, background):
     from jitterkit.batch import Processor
-    from jitterkit.batch.kernels import BinaryMeasurer
+    from jitterkit.batch.binary import BinaryMeasurer
     from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions
 

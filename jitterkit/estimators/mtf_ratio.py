@@ -63,7 +63,12 @@ _FEWEST = 10
 
 
 def estimate_mtf_ratio(
-    data: Data, template: Parameters, otf: OTF, *, hold: Collection[str] = ()
+    data: Data,
+    template: Parameters,
+    otf: OTF,
+    *,
+    hold: Collection[str] = (),
+    shape: float | None = None,
 ) -> KernelEstimate:
     """Estimate second moments and shape from the ratio of power spectra.
 
@@ -75,11 +80,15 @@ def estimate_mtf_ratio(
     otf : OTF
     hold : collection of str
         For the sake of a common signature: everything but the blur is held at the template's values.
+    shape : float, optional
+        Excess kurtosis, where the kind of motion is known, as for
+        :func:`~jitterkit.estimators.score.estimate_score`.
 
     Returns
     -------
     estimate : KernelEstimate
-        ``shape`` is NaN where no blur is detected.  While it says little (an error above 1.2), the moments
+        With a shape given, its ``locus`` has that shape.  Otherwise ``shape`` is NaN where no blur is
+        detected.  While it says little (an error above 1.2), the moments
         are fitted without it, and their errors hold what it might do to them; beyond, with it, and the locus
         has it.  Unbiased for a drift as wide as the resolution (0.75 arcsec on TOLIMAN).
 
@@ -88,6 +97,8 @@ def estimate_mtf_ratio(
     UndeterminedError
         If fewer than ten frequencies rise above the noise, the frame has less than 32 pixels a side, or the
         ratio is that of no blur.
+    ConfigurationError
+        If no density has the shape given.
 
     Notes
     -----
@@ -99,6 +110,8 @@ def estimate_mtf_ratio(
     is 3 of its errors off, one of 1.5 arcsec 5); where the brightest pixels are masked and the shape
     matters; in frames of less than 48 pixels a side.
     """
+    if shape is not None:
+        Shaped.of(0.0, kurtosis=shape)  # refuses what no density has
     used = np.asarray(data.used)
     if min(used.shape) < _SMALLEST:
         raise UndeterminedError(
@@ -111,7 +124,7 @@ def estimate_mtf_ratio(
         counts = np.where(used, np.asarray(data.electrons), fill)
         variance = np.where(used, np.clip(counts, 0, None) + np.asarray(data.read_variance), 0.0)
         ratio = _Ratio.of(counts, variance, sharp, otf.grid.plate_scale)
-        estimate = _estimate(ratio)
+        estimate = _estimate(ratio) if shape is None else _of_known_shape(ratio, shape)
         settled = np.all(np.abs(estimate.moments - before) < 0.05 * estimate.errors)
         if settled or used.all():
             break
@@ -198,8 +211,18 @@ def _estimate(ratio: _Ratio) -> KernelEstimate:
     return KernelEstimate(solution[1:4], covariance[:3, :3], "mtf", shape=shape, shape_err=error, locus=locus)
 
 
-def _fit(ratio: _Ratio, solution: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit ``(a, Σ)`` or ``(a, Σ, k)`` from a start.
+def _of_known_shape(ratio: _Ratio, shape: float) -> KernelEstimate:
+    """Moments with a shape that is given."""
+    normal, *_ = _fit(ratio, np.zeros(4), _STEPS)
+    solution, pull, _ = _fit(ratio, normal, _STEPS, shape)
+    locus = Shaped(jnp.append(jnp.asarray(solution[1:]), shape))
+    return KernelEstimate(solution[1:], _propagate(pull, ratio), "mtf", locus=locus)
+
+
+def _fit(
+    ratio: _Ratio, solution: np.ndarray, steps: int, shape: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fit ``(a, Σ)`` with a shape, or ``(a, Σ, k)``, from a start.
 
     Returns
     -------
@@ -212,7 +235,7 @@ def _fit(ratio: _Ratio, solution: np.ndarray, steps: int) -> tuple[np.ndarray, n
     reference = np.abs(ratio.transform) ** 2
     for _ in range(steps):  # the weights follow the blurred template
         w = solution[1:4] @ ratio.squares
-        model, slopes = _model(solution, w, ratio.squares)
+        model, slopes = _model(solution, w, ratio.squares, shape)
         expected = reference * np.exp(np.clip(model, -60, 60))
         chosen = (expected > _LEAST_SNR * ratio.noise) & (w < _WIDEST)
         if (count := np.count_nonzero(chosen)) < _FEWEST:
@@ -230,9 +253,11 @@ def _fit(ratio: _Ratio, solution: np.ndarray, steps: int) -> tuple[np.ndarray, n
     return solution, pull, metric
 
 
-def _model(solution: np.ndarray, w: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``y`` (n,) and its derivatives (4 or 5, n) by the parameters."""
-    shape = float(solution[4]) if len(solution) > 4 else 0.0
+def _model(
+    solution: np.ndarray, w: np.ndarray, squares: np.ndarray, shape: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """``y`` (n,) and its derivatives (4 or 5, n) by the parameters, the shape among them or given."""
+    shape = float(solution[4]) if len(solution) > 4 else shape
     if shape > _HEAVY:
         z = np.maximum(1 + shape * w / 6, 0.5)
         y, by_w = -6 / shape * np.log(z), -1 / z

@@ -8,9 +8,10 @@ from jitterkit.refit.choose import fit_best_locus, fit_locus, single_star
 from jitterkit.refit.fit import FitOptions, fit_frame
 from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
 from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
-from jitterkit.refit.result import Candidate, FitResult, Status
+from jitterkit.refit.result import POOR, Candidate, FitResult, Status
 
 __all__ = [
+    "POOR",
     "Candidate",
     "FitOptions",
     "FitResult",

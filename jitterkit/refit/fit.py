@@ -22,13 +22,12 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.priors import Priors, leashes
-from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
 from jitterkit.scoring import Climb, climb, invert_information
 
 __all__ = ["FitOptions", "fit_and_expand", "fit_frame"]
 
-_POOR = 1.5  # chi-squared a degree of freedom beyond which the numbers mean nothing
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _EXPANSIONS = 10
 _SETTLED = 0.1  # sigmas of the whole image that the linearised optics may be off by
@@ -210,7 +209,7 @@ def _arrived(end: Climb, names: tuple[str, ...], restless: set[str], tolerance: 
 
 
 def _verdict(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, str]:
-    if not np.isfinite(chi2_dof) or chi2_dof > _POOR:
+    if not np.isfinite(chi2_dof) or chi2_dof > POOR:
         return Status.POOR_FIT, f"{Status.POOR_FIT.value}: chi²/dof is {chi2_dof:.4g}."
     if not sound:
         return (

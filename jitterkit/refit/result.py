@@ -11,7 +11,10 @@ import numpy as np
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 
-__all__ = ["Candidate", "FitResult", "Status"]
+__all__ = ["POOR", "Candidate", "FitResult", "Status"]
+
+POOR = 1.5
+"""Chi-squared a degree of freedom beyond which the numbers mean nothing."""
 
 
 class Status(enum.Enum):
