@@ -1,4 +1,4 @@
-"""A plain telescope with coma, small enough for many fits, and frames of it."""
+"""A plain telescope with coma, small enough for many fits, frames of it, and kernel estimates of a night."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from jitterkit.forward import Parameters, expected_image
+from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
+from jitterkit.refit import Priors
 from jitterkit.scene import Binary
 
 _image = eqx.filter_jit(expected_image)
@@ -48,3 +50,27 @@ def bench():
 @pytest.fixture(scope="session")
 def optics(bench):
     return bench.optics
+
+
+@pytest.fixture(scope="session")
+def estimates():
+    """Kernel estimates of the frames of a night, whose jitter differs from frame to frame."""
+
+    def drawn(rng, n, scatter=3e-3, error=1e-3):
+        moments = np.array([0.02, 0.004, 0.01]) + np.hypot(scatter, error) * rng.normal(size=(n, 3))
+        covariance = np.eye(3) * error**2
+        return [KernelEstimate(m, covariance, "score", f"night.fits[{k}]") for k, m in enumerate(moments)]
+
+    return drawn
+
+
+@pytest.fixture(scope="session")
+def same():
+    """Whether two priors say the same of the moments."""
+
+    def compared(one: Priors, other: Priors) -> bool:
+        if one.moments is None or other.moments is None:
+            return one.moments is other.moments
+        return all(np.array_equal(a, b) for a, b in zip(one.moments, other.moments, strict=True))
+
+    return compared

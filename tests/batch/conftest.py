@@ -1,0 +1,101 @@
+"""A telescope and its frames of a pair; star fields and views whose smear is known."""
+
+import numpy as np
+import pytest
+import skimage.data
+from scipy.ndimage import map_coordinates
+from scipy.special import erf
+
+from jitterkit.batch import Processor
+from jitterkit.frames import RawFrame, open_frames, write_fits
+from jitterkit.instruments import load_instrument
+from jitterkit.loci import Mvn
+from jitterkit.scene import Binary
+from jitterkit.simulate import simulate_frame
+
+LENGTH, SIGMA = 5.0, 1.5
+
+
+@pytest.fixture(scope="session")
+def telescope():
+    return load_instrument("smallsat")
+
+
+@pytest.fixture(scope="module")
+def processor(telescope):
+    return Processor(telescope)
+
+
+@pytest.fixture(scope="session")
+def drawn(telescope):
+    """A pair at 10 arcsec under a little jitter; what is named is changed."""
+
+    def draw(rng, **changes):
+        values = {
+            "separation": 10.0,
+            "theta": 30.0,
+            "x": 1.0,
+            "y": -2.0,
+            "flux": 1.2e5,
+            "contrast": 3.37,
+        } | changes
+        return simulate_frame(telescope, Binary(**values), Mvn.of(0.1, 0.05, 20.0), rng=rng)
+
+    return draw
+
+
+def stars(rng, length, n=40, size=256):
+    """Gaussian stars trailed along +x: a Gaussian across, a difference of error functions along."""
+    y, x = np.indices((size, size))
+    image = np.zeros((size, size))
+    for x0, y0, flux in zip(*rng.uniform(20, size - 20, (2, n)), rng.uniform(2e4, 1e5, n), strict=True):
+        across = np.exp(-((y - y0) ** 2) / (2 * SIGMA**2)) / (SIGMA * np.sqrt(2 * np.pi))
+        ends = [(x - x0 + s * length / 2) / (SIGMA * np.sqrt(2)) for s in (1, -1)]
+        along = (erf(ends[0]) - erf(ends[1])) / (2 * length)
+        image += flux * across * along
+    return rng.poisson(image + 50.0) + rng.normal(0, 3.0, image.shape)
+
+
+def smeared_view(rng, length, angle=0.0):
+    """A photograph smeared by averaging shifted copies, interpolated by cubic splines."""
+    photograph = skimage.data.camera().astype(float)
+    y, x = np.indices((400, 400)) + 56.0
+    steps = length * ((np.arange(64) + 0.5) / 64 - 0.5)
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    smeared = np.mean([map_coordinates(photograph, [y - t * s, x - t * c]) for t in steps], axis=0)
+    return smeared + rng.normal(0, photograph.std() / 100, smeared.shape)
+
+
+@pytest.fixture(scope="session")
+def view():
+    return smeared_view
+
+
+@pytest.fixture(scope="session")
+def trail():
+    """Length of the trails in field.fits of the folder, pixels."""
+    return LENGTH
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """A star field and a view, either smeared and sharp; tests write elsewhere."""
+    rng = np.random.default_rng(5)
+    folder = tmp_path_factory.mktemp("scenes")
+    unit = {"BUNIT": "electron"}
+    write_fits(folder / "field.fits", stars(rng, LENGTH), header={**unit, "PIXSCALE": 0.5})
+    write_fits(folder / "sharpfield.fits", stars(rng, 1e-3), header={**unit, "PIXSCALE": 0.5})
+    write_fits(folder / "view.fits", smeared_view(rng, 17.3, 30.0).astype(np.float32))
+    write_fits(folder / "sharpview.fits", smeared_view(rng, 0.0).astype(np.float32))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def first():
+    """Read the first frame of a file."""
+
+    def read(path) -> RawFrame:
+        with open_frames(path) as file:
+            return file[0]
+
+    return read

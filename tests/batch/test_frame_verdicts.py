@@ -1,0 +1,113 @@
+"""One frame through a processor: what its result says, and what options and priors change of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.batch import Processor
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import RawFrame
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.refit import FitOptions, KernelPrior, moments_prior
+from jitterkit.scene import Binary
+from jitterkit.simulate import simulate_frame
+
+
+def test_a_large_frame_is_cut_about_its_stars(processor, rng, drawn):
+    simulated = drawn(rng)
+    large = rng.normal(30, 0.9, (600, 800)).round()
+    large[300:428, 500:628] = simulated.raw.data
+    large[10, 20] = 4000  # a hot pixel
+    processed = processor.process(RawFrame(large, metadata=simulated.raw.metadata))
+    assert processed.result.status.usable, processed.result.message
+    assert "cut_out" in processed.frame.flags
+    # the midpoint in the large frame is where it was put
+    expected = (500 + 63.5 + 1.0 / 0.375, 300 + 63.5 - 2.0 / 0.375)
+    # a tenth of a pixel is fifteen standard errors of the place
+    np.testing.assert_allclose(processed.pixel, expected, atol=0.1)
+
+
+def test_a_frame_spoilt_by_a_hot_pixel_says_which(processor, rng, drawn):
+    simulated = drawn(rng)
+    simulated.raw.data[100, 20] = 3500.0
+    result = processor.process(simulated.raw).result
+    assert result.status.name == "POOR_FIT"
+    assert "One pixel stands out" in result.message
+    assert "x = 20, y = 100" in result.message
+
+
+def test_one_star_is_no_pair(processor, rng, drawn):
+    simulated = drawn(rng, contrast=1e7)
+    result = processor.process(simulated.raw).result
+    assert result.status.name == "NO_PAIR", result.message
+
+
+def test_a_streak_can_be_asked_for_by_name(telescope, rng):
+    scene = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
+    simulated = simulate_frame(telescope, scene, Linear.of(0.6, 50.0), rng=rng)
+    result = Processor(telescope, locus="linear").process(simulated.raw).result
+    assert result.locus == "linear"
+    assert result.parameters.locus.describe()["length"] == pytest.approx(0.6, abs=0.1)
+    with pytest.raises(ConfigurationError, match="no jitter locus 'zigzag'"):
+        Processor(telescope, locus="zigzag")
+
+
+def test_a_bright_star_alone_is_no_pair(processor, rng, drawn):
+    simulated = drawn(rng, flux=1e5, contrast=1e9)
+    assert processor.process(simulated.raw).result.status.name == "NO_PAIR"
+
+
+def test_sky_spoils_neither_kernel_nor_separation_when_it_is_fitted(telescope, rng):
+    scene, locus = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37), Mvn.of(0.1, 0.05, 20.0)
+    raw = simulate_frame(telescope, scene, locus, background=50.0, rng=rng).raw
+    held, freed = Processor(telescope), Processor(telescope, options=FitOptions(hold=()))
+    assert "--background" in held.process(raw).result.message
+    result = freed.process(raw).result
+    assert result.status.usable, result.message
+    assert abs(float(result.parameters.background) - 50.0) < 5 * result.error("background")
+    pull = (result.estimate.moments - np.asarray(locus.moments())) / result.estimate.errors
+    assert np.all(np.abs(pull) < 4), pull
+
+
+def test_a_frame_saturated_all_over_says_so(processor):
+    white = RawFrame.from_array(np.full((128, 128), 4095.0), gain=3.7, read_noise=2.4, bias=30.0)
+    result = processor.process(white).result
+    assert result.status.name == "NO_DATA"
+    assert "16384 of 16384 pixels are saturated" in result.message
+
+
+def test_impossible_numbers_are_refused_before_any_frame(telescope):
+    with pytest.raises(ConfigurationError, match="gain"):
+        Processor(telescope, {"gain": -1.0})
+
+
+def test_a_telescope_that_is_called_stable_but_shakes_is_sent_to_auto_and_not_to_the_sky(telescope, rng):
+    scene = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
+    shaken = simulate_frame(telescope, scene, Mvn.of(0.3, 0.2, 20.0), rng=rng).raw
+    result = Processor(telescope, locus="stable").process(shaken).result
+    assert result.status.name == "POOR_FIT" or "misfit" in result.flags
+    assert "--locus stable leaves out jitter, of which the frame shows 0.3 arcsec rms" in result.message
+    assert result.message.endswith("use --locus auto.")
+    still = simulate_frame(telescope, scene, Stable.of(), rng=rng).raw
+    assert "--locus" not in Processor(telescope, locus="stable").process(still).result.message
+
+
+def test_what_is_known_of_the_jitter_in_python_joins_what_a_file_says(telescope, rng, drawn):
+    told, width = np.asarray(Mvn.of(0.1, 0.05, 20.0).moments()), np.diag([1.0, 1.0, 1.0]) * 1e-6
+    estimate = KernelEstimate(told, width, "score", "yesterday.fits[0]")
+    known = FitOptions(priors=replace(moments_prior(told + 2e-3, width), terms={"contrast": (3.37, 0.01)}))
+    file = KernelPrior("a file", (estimate,))
+    frame = Processor(telescope).calibrate(drawn(rng).raw)
+
+    def priors(**given):
+        return Processor(telescope, **given)._options(frame).priors
+
+    both = priors(options=known, prior=file)
+    np.testing.assert_allclose(both.moments[0], told + 1e-3, rtol=1e-12)
+    np.testing.assert_allclose(both.moments[1], width / 2, rtol=1e-12, atol=1e-20)
+    assert both.terms == known.priors.terms
+    # a file of the frame's own estimate says nothing of it, and what was told in Python stands
+    own = KernelPrior("its own", (replace(estimate, source=frame.name),))
+    np.testing.assert_array_equal(priors(options=known, prior=own).moments[0], told + 2e-3)

@@ -1,0 +1,139 @@
+"""What is written of a frame: its row, its picture, its kernel and its deblurred image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch.products import Products
+from jitterkit.batch.scenes import SceneMeasurer
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames.fits import read_image
+from jitterkit.kernels import read_kernel
+from jitterkit.refit import read_kernel_prior
+
+
+def test_pictures_kernels_and_deblurred_images_are_named_after_the_frame(folder, tmp_path, first):
+    products = Products(tmp_path / "a", tmp_path / "b", tmp_path / "c")
+    table = estimate_files([folder / "view.fits"], SceneMeasurer(), keep=products.write)
+    assert (tmp_path / "a/view.png").read_bytes().startswith(b"\x89PNG")
+    kernel = read_kernel(tmp_path / "b/view.kernel.fits").kernel
+    x = np.arange(kernel.shape[1]) - kernel.shape[1] // 2
+    spread = kernel.sum(axis=0) @ x**2
+    assert spread == pytest.approx(table["sxx"][0].value, rel=1e-6)  # the table's unit is pixels
+    assert read_image(tmp_path / "c/view.deblurred.fits")[1]["SOURCE"] == "view.fits"
+    paths = folder / "sharpview.fits", folder / "view.fits", tmp_path / "c/view.deblurred.fits"
+    sharp, before, after = (first(path).data[50:-50, 50:-50] for path in paths)
+    # a kernel drawn upside down leaves twice the blurred image's distance from the sharp one
+    assert np.std(after - sharp) < 0.8 * np.std(before - sharp)
+    with pytest.raises(ConfigurationError, match=r"view\.png exists; give --overwrite"):
+        Products(tmp_path / "a")
+
+
+def test_two_frames_of_one_name_do_not_replace_each_others_products(folder, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "field.fits").write_bytes((folder / "field.fits").read_bytes())
+    products = Products(kernels=tmp_path / "kernels")
+    table = estimate_files(
+        [folder / "field.fits", other / "field.fits"], SceneMeasurer(stars=True), keep=products.write
+    )
+    assert list(table["status"]) == ["ok", "ok"]
+    assert "another frame of the name field" in table["message"][1]
+    assert "another frame" not in table["message"][0]
+
+
+def test_a_second_frame_of_one_stem_has_products_of_its_file_s_full_name(folder, tmp_path):
+    (tmp_path / "field.fit").write_bytes((folder / "field.fits").read_bytes())
+    products = Products(kernels=tmp_path / "kernels")
+    files = [tmp_path / "field.fit", folder / "field.fits"]
+    table = estimate_files(files, SceneMeasurer(stars=True), keep=products.write)
+    assert not any("another frame" in message for message in table["message"])
+    assert (tmp_path / "kernels/field.kernel.fits").exists()
+    assert read_kernel(tmp_path / "kernels/field.fits.kernel.fits").cards["SOURCE"] == "field.fits"
+
+
+@pytest.mark.parametrize("oversample", [2, 3])
+def test_an_exported_kernel_has_the_oversampling_asked_for_and_says_so(folder, tmp_path, oversample):
+    products = Products(kernels=tmp_path, oversample=oversample)
+    table = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=products.write)
+    kernel, scale, cards = read_kernel(tmp_path / "field.kernel.fits")
+    assert (scale, cards["OVERSAMP"]) == (pytest.approx(0.5 / oversample), oversample)
+    assert cards["GS_SCALE"] == scale
+    assert all(side % 2 == 1 for side in kernel.shape)
+    x = np.arange(kernel.shape[1]) - kernel.shape[1] // 2
+    spread = kernel.sum(axis=0) @ (x * scale) ** 2
+    assert spread == pytest.approx(table["sxx"][0].to_value("arcsec2"), rel=1e-6)
+
+
+def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
+    measured = []
+    keep = measured.append
+    table = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=keep)
+    table.write(tmp_path / "k.ecsv", format="ascii.ecsv")
+    found = measured[0].estimate
+    mean, covariance = read_kernel_prior(tmp_path / "k.ecsv").of("another.fits").moments
+    np.testing.assert_allclose(mean, found.moments, rtol=1e-12)
+    np.testing.assert_allclose(covariance, found.covariance, rtol=1e-9, atol=1e-9 * found.covariance.max())
+
+
+class _Same:
+    """A measurer that has the same to say of every frame."""
+
+    name = "same"
+
+    def __init__(self, measured):
+        self.measured = measured
+
+    def measure(self, raw):
+        return self.measured(raw)
+
+
+@pytest.mark.parametrize("breakage", ["estimate", "picture"])
+def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, breakage):
+    scenes = SceneMeasurer(stars=True)
+
+    def measured(raw):
+        found = scenes.measure(raw)
+        odd = replace(found.estimate, covariance=np.zeros((3, 3)))
+        return replace(found, estimate=odd) if breakage == "estimate" else found
+
+    def keep(one):
+        if breakage == "picture":
+            raise np.linalg.LinAlgError("Singular matrix")
+
+    files = [folder / "field.fits", folder / "sharpfield.fits"]
+    table = estimate_files(files, _Same(measured), keep=keep)
+    assert list(table["status"]) == ["ok", "ok"]
+    if breakage == "picture":
+        assert table["message"][0].endswith("Singular matrix")
+    else:
+        assert np.all(np.isnan(table["significance"]))
+
+
+@pytest.mark.parametrize(("size", "told"), [(0.5, True), (5.0, False)])
+def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path, size, told):
+    def measured(raw):
+        found = SceneMeasurer(stars=True).measure(raw)
+        # chi-squared of one moment of size standard errors: 0.25 and 25, of three one in 1000 is beyond 16.3
+        noise = replace(found.estimate, moments=size * np.array([1e-3, 0, 0]), covariance=np.eye(3) * 1e-6)
+        return replace(found, estimate=replace(noise, locus=None))
+
+    (row,) = estimate_files([folder / "field.fits"], _Same(measured), keep=Products(kernels=tmp_path).write)
+    cards = read_kernel(tmp_path / "field.kernel.fits").cards
+    assert ("Jitter is undetected (chi-squared 0.2" in row["message"]) == told
+    assert ("undetected" in str(cards.get("COMMENT", ""))) == told
+
+
+@pytest.mark.parametrize(("spread", "remarked"), [(0.01, True), (0.03, False)])
+def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder, spread, remarked):
+    def measured(raw):
+        found = SceneMeasurer(stars=True).measure(raw)
+        kernel = np.outer([0, 1, 0], [0.25, 0.5, 0.25])  # a variance of half a pixel² along x, none along y
+        moments = np.array([0.1, 0.0, 0.0])  # at 0.5 arcsec a pixel the kernel has 0.125
+        pixels = replace(found.estimate, kernel=kernel, locus=None, moments=moments)
+        return replace(found, estimate=replace(pixels, covariance=np.eye(3) * spread**2))
+
+    (row,) = estimate_files([folder / "field.fits"], _Same(measured))
+    assert ("other moments than the table: sxx 0.125, " in row["message"]) == remarked
