@@ -17,13 +17,14 @@ ROOT = Path(jitterkit.__file__).parent
 FLOORS = [
     {"errors", "conventions"},
     {"vision", "loci", "scene"},
-    {"frames"},
+    {"frames", "motion"},
     {"optics", "detectors"},
-    {"forward", "instruments"},
+    {"forward", "instruments", "photons"},
     {"likelihood", "simulate"},
     {"scoring", "kernel_estimate"},
     {"locate", "estimators", "extended", "starfield", "kernels"},
     {"refit"},
+    {"forecast"},
     {"report"},
     {"batch"},
     {"cli"},
@@ -39,8 +40,9 @@ ONLY_IN = {
     "dLux": set(),
     "dLuxToliman": {"optics/toliman.py"},
     "matplotlib": {"report/axes.py", "report/plots.py"}
-    | {f"report/{noun}_plots.py" for noun in ("field", "kernel", "scene", "separation")},
+    | {f"report/{noun}_plots.py" for noun in ("field", "forecast", "kernel", "motion", "photon", "scene", "separation")},
     "jinja2": {"report/html.py"},
+    "synphot": {"photons/stars.py"},
     "rich": {"cli/runtime.py"},
 }
 """Libraries with sharp edges, each behind one module."""

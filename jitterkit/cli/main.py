@@ -1,4 +1,4 @@
-"""``jitterkit``: info, simulate, estimate, process."""
+"""``jitterkit``: info, simulate, estimate, process, forecast, motion, photons."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli.estimate import estimate
+from jitterkit.cli.forecast import forecast
 from jitterkit.cli.info import info
+from jitterkit.cli.motion import motion
+from jitterkit.cli.photons import photons
 from jitterkit.cli.process import process
 from jitterkit.cli.runtime import set_talk, tells_errors
 from jitterkit.cli.simulate import simulate
@@ -22,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (info, simulate, estimate, process):
+for command in (info, simulate, estimate, process, forecast, motion, photons):
     app.command()(tells_errors(command))
 
 

@@ -7,18 +7,33 @@ from typing import Annotated, Any
 
 import typer
 
+from jitterkit.cli.loci import locus_sizes, other_sizes
+
 __all__ = [
+    "Angle",
     "Background",
     "Bias",
+    "Contrast",
     "Exposure",
     "Files",
+    "Flux",
     "Gain",
     "Hdu",
     "InstrumentName",
+    "Length",
+    "LocusName",
+    "MiddleX",
+    "MiddleY",
     "Overwrite",
     "PlateScale",
     "ReadNoise",
     "Saturation",
+    "Separation",
+    "Shear",
+    "Sigma",
+    "Sizes",
+    "TableOutput",
+    "Theta",
     "overrides",
 ]
 
@@ -45,6 +60,53 @@ Bias = Annotated[float | None, typer.Option(help="Bias level, ADU.", show_defaul
 Saturation = Annotated[float | None, typer.Option(help="Saturation level, ADU.", show_default=False)]
 PlateScale = Annotated[float | None, typer.Option(help="Plate scale, arcsec/pixel.", show_default=False)]
 Exposure = Annotated[float | None, typer.Option(help="Exposure time, s.", show_default=False)]
+TableOutput = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="FILE", help="Also keep the table: .ecsv, .fits or .csv.",
+                 show_default=False),
+]  # fmt: skip
+
+# a jitter, by its name and sizes
+LocusName = Annotated[
+    str, typer.Option("--locus", metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")
+]
+Length = Annotated[
+    float | None,
+    typer.Option(help="Full length, or peak to peak of a vibration, arcsec.", show_default=False),
+]
+Sigma = Annotated[
+    float | None, typer.Option(help="One sigma along the major axis, arcsec.", show_default=False)
+]
+Shear = Annotated[
+    float | None, typer.Option(help="1 - sigma_minor/sigma_major (mvn), 0 to 1.", show_default=False)
+]
+Angle = Annotated[
+    float | None,
+    typer.Option(help="Axis of the jitter, degrees counter-clockwise from +x.", show_default=False),
+]
+Sizes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="SIZE=VALUE",
+        help="Any other size of the locus: --set cycles=0.7 --set phase=30; places in arcsec: --set "
+        f"knots=0:0,0.2:0.1,0.3:0.3. There are {other_sizes()}.",
+        show_default=False,
+    ),
+]
+
+# a binary
+Separation = Annotated[float, typer.Option(help="Separation, arcsec.")]
+Theta = Annotated[float, typer.Option(help="Direction from A to B, degrees counter-clockwise from +x.")]
+MiddleX = Annotated[float, typer.Option(help="Midpoint of the pair, arcsec from the frame's centre.")]
+MiddleY = Annotated[float, typer.Option(help="Likewise, upwards.")]
+Flux = Annotated[
+    float | None,
+    typer.Option(
+        help="Photons detected per frame from both stars; by default the instrument's.", show_default=False
+    ),
+]
+Contrast = Annotated[float, typer.Option(help="Flux of A over flux of B.")]
 
 
 def overrides(

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus, locus_sizes, other_sizes, parse_sizes, trace_of
+from jitterkit.cli.loci import build_locus, parse_sizes, trace_of
 from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["simulate"]
@@ -24,37 +24,12 @@ def simulate(
         ),
     ],
     instrument: options.InstrumentName = "toliman",
-    locus: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help=f"Jitter: {', '.join(locus_sizes())}.",
-        ),
-    ] = "stable",
-    length: Annotated[
-        float | None,
-        typer.Option(help="Full length, or peak to peak of a vibration, arcsec.", show_default=False),
-    ] = None,
-    sigma: Annotated[
-        float | None, typer.Option(help="One sigma along the major axis, arcsec.", show_default=False)
-    ] = None,
-    shear: Annotated[
-        float | None, typer.Option(help="1 - sigma_minor/sigma_major (mvn), 0 to 1.", show_default=False)
-    ] = None,
-    angle: Annotated[
-        float | None,
-        typer.Option(help="Axis of the jitter, degrees counter-clockwise from +x.", show_default=False),
-    ] = None,
-    sizes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="SIZE=VALUE",
-            help="Any other size of the locus: --set cycles=0.7 --set phase=30; places in arcsec: --set "
-            f"knots=0:0,0.2:0.1,0.3:0.3. There are {other_sizes()}.",
-            show_default=False,
-        ),
-    ] = None,
+    locus: options.LocusName = "stable",
+    length: options.Length = None,
+    sigma: options.Sigma = None,
+    shear: options.Shear = None,
+    angle: options.Angle = None,
+    sizes: options.Sizes = None,
     trace: Annotated[
         Path | None,
         typer.Option(
@@ -64,20 +39,22 @@ def simulate(
             show_default=False,
         ),
     ] = None,
-    separation: Annotated[float, typer.Option(help="Separation, arcsec.")] = 10.0,
-    theta: Annotated[
-        float, typer.Option(help="Direction from A to B, degrees counter-clockwise from +x.")
-    ] = 180.0,
-    x: Annotated[float, typer.Option(help="Midpoint of the pair, arcsec from the frame's centre.")] = 0.0,
-    y: Annotated[float, typer.Option(help="Likewise, upwards.")] = 0.0,
-    flux: Annotated[
-        float | None,
+    spectrum: Annotated[
+        Path | None,
         typer.Option(
-            help="Photons detected per frame from both stars; by default the instrument's.",
+            metavar="FILE.csv",
+            help="A spectrum of the motion in place of a locus: columns f,x,y[,xy] in Hz and arcsec²/Hz, or "
+            "lines frequency,amplitude,angle[,minor] in Hz, arcsec and degrees. Of one motion drawn from it "
+            "every frame gets a piece of its own, and stands where that is.",
             show_default=False,
         ),
     ] = None,
-    contrast: Annotated[float, typer.Option(help="Flux of A over flux of B.")] = 3.37,
+    separation: options.Separation = 10.0,
+    theta: options.Theta = 180.0,
+    x: options.MiddleX = 0.0,
+    y: options.MiddleY = 0.0,
+    flux: options.Flux = None,
+    contrast: options.Contrast = 3.37,
     aberrations: Annotated[
         float, typer.Option(min=0, help="Rms of each aberration, drawn anew a frame, nm.")
     ] = 0.0,
@@ -108,13 +85,20 @@ def simulate(
     generator = np.random.default_rng(seed)
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
     given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
-    jitter = build_locus(locus, given) if trace is None else trace_of(trace, telescope.exposure, locus, given)
     drawn: dict[str, Any] = {}
+    if spectrum is not None:
+        _check_alone(given, locus, trace)
+        jitter, places = _shaken(spectrum, telescope, frames, generator)
+        drawn = {"x": x + places[:, 0], "y": y + places[:, 1]}
+    elif trace is not None:
+        jitter = trace_of(trace, telescope.exposure, locus, given)
+    else:
+        jitter = build_locus(locus, given)
     if scatter:
         drawn = {
             "theta": generator.uniform(0, 360, frames),
-            "x": x + generator.uniform(-5, 5, frames),
-            "y": y + generator.uniform(-5, 5, frames),
+            "x": drawn.get("x", x) + generator.uniform(-5, 5, frames),
+            "y": drawn.get("y", y) + generator.uniform(-5, 5, frames),
         }
     photons = telescope.flux if flux is None else flux
     sequence = simulate_sequence(
@@ -140,6 +124,31 @@ def simulate(
             header = fits_header(simulated, telescope, seed=seed)
             write_fits(path, _stored(simulated.raw), header=header, overwrite=overwrite)
         say(f"wrote {path}")
+
+
+def _check_alone(sizes: dict[str, Any], locus: str, trace: Path | None) -> None:
+    """Refuse another motion beside a spectrum."""
+    from jitterkit.errors import ConfigurationError
+
+    others = [*(["--trace"] if trace is not None else []), *(["--locus"] if locus != "stable" else [])]
+    others += ["the sizes of a locus"] if sizes else []
+    if others:
+        raise ConfigurationError(f"A --spectrum takes the place of a locus; leave out {others[0]}.")
+
+
+def _shaken(path: Path, telescope, frames: int, generator) -> tuple:
+    """Loci and places of consecutive frames in a motion drawn from the spectrum in a file."""
+    from jitterkit.errors import ConfigurationError
+    from jitterkit.motion import PowerSpectrum, read_motion, simulate_exposures
+
+    motion = read_motion(path)
+    if not isinstance(motion, PowerSpectrum):
+        raise ConfigurationError(f"{path} is a trace; give it by --trace.")
+    if telescope.exposure is None:
+        raise ConfigurationError(
+            f"The instrument {telescope.name!r} has no exposure; give it one for a --spectrum to shake it."
+        )
+    return simulate_exposures(motion, telescope.exposure, frames, generator)
 
 
 def _paths(path: Path, frames: int) -> list[Path]:

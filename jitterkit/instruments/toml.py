@@ -57,8 +57,8 @@ from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
-from jitterkit.instruments.spectrum_file import read_spectrum
 from jitterkit.optics.spectrum import Spectrum, flat_band
+from jitterkit.optics.spectrum_file import read_spectrum
 
 __all__ = ["SECTIONS", "read_instrument"]
 

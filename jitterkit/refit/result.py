@@ -10,8 +10,9 @@ import numpy as np
 
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Locus
 
-__all__ = ["POOR", "Candidate", "FitResult", "Status"]
+__all__ = ["POOR", "Candidate", "FitResult", "Status", "moments_of"]
 
 POOR = 1.5
 """Chi-squared a degree of freedom beyond which the numbers mean nothing."""
@@ -165,9 +166,29 @@ class FitResult:
         """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the fitted locus and their covariance."""
         if self.parameters is None:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
-        locus = self.parameters.locus
-        slots = [self.names.index(n) for n in locus.names if n in self.names]
-        if len(slots) < len(locus.names) or not slots:
-            return np.asarray(locus.moments()), np.zeros((3, 3))
-        slope = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))
-        return np.asarray(locus.moments()), slope @ self.covariance[np.ix_(slots, slots)] @ slope.T
+        return moments_of(self.parameters.locus, self.names, self.covariance)
+
+
+def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Second moments of a locus whose coordinates are known to a covariance.
+
+    Parameters
+    ----------
+    locus : Locus
+    names : tuple of str
+        Of the free parameters, those of the locus among them.
+    covariance : (p, p) array
+        Of the free parameters.
+
+    Returns
+    -------
+    moments : (3,) array
+        ``(Sxx, Sxy, Syy)``, arcsec².
+    covariance : (3, 3) array
+        Zero unless all coordinates of the locus are free.
+    """
+    slots = [names.index(n) for n in locus.names if n in names]
+    if len(slots) < len(locus.names) or not slots:
+        return np.asarray(locus.moments()), np.zeros((3, 3))
+    slope = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))
+    return np.asarray(locus.moments()), slope @ covariance[np.ix_(slots, slots)] @ slope.T

@@ -8,7 +8,7 @@ where that model differs from nature.  :mod:`jitterkit.simulate.cards` writes th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,7 +108,7 @@ def simulate_frame(
 def simulate_sequence(
     instrument: Instrument,
     scene: Binary,
-    locus: Locus,
+    locus: Locus | Sequence[Locus],
     frames: int,
     *,
     theta=None,
@@ -124,8 +124,10 @@ def simulate_sequence(
 
     Parameters
     ----------
-    instrument, scene, locus, background, rng, detector, pad
+    instrument, scene, background, rng, detector, pad
         As in :func:`simulate_frame`.
+    locus : Locus or sequence of Locus
+        Common to all, or frame by frame; of one kind and shape nothing is compiled twice.
     frames : int
         How many.
     theta, x, y : (frames,) array, optional
@@ -148,6 +150,9 @@ def simulate_sequence(
             raise ValueError(
                 f"{name} has shape {np.shape(values)}; give one value for each of {frames} frames."
             )
+    loci = [locus] * frames if isinstance(locus, Locus) else locus
+    if len(loci) != frames:
+        raise ValueError(f"locus has {len(loci)} loci; give one, or one for each of {frames} frames.")
     states = _states(instrument, aberrations, frames)
     otf = None
     for index in range(frames):
@@ -157,7 +162,7 @@ def simulate_sequence(
         simulated = simulate_frame(
             instrument,
             moved,
-            locus,
+            loci[index],
             aberrations=states[index],
             background=background,
             rng=rng,

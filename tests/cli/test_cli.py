@@ -47,6 +47,9 @@ def test_help_loads_nothing_heavy():
         ["estimate", "ready", "-o", "ready/results.ecsv"],
         ["estimate", "ready", "--reference", "ready/results.ecsv"],
         ["simulate", "ready/a.fits"],
+        ["forecast", "-o", "ready/results.ecsv"],
+        ["photons", "-o", "ready/results.ecsv"],
+        ["motion", "ready/a.csv", "-o", "ready/results.ecsv"],
     ],
 )
 def test_what_is_wrong_with_paths_is_told_before_jax_is_loaded(arguments, tmp_path):
@@ -64,7 +67,7 @@ def test_what_is_wrong_with_paths_is_told_before_jax_is_loaded(arguments, tmp_pa
 
 
 def test_every_command_has_help():
-    for command in ("info", "simulate", "estimate", "process"):
+    for command in ("info", "simulate", "estimate", "process", "forecast", "motion", "photons"):
         done = runner.invoke(app, [command, "--help"])
         assert done.exit_code == 0
         assert "--help" in done.output

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.instruments.spectrum_file import band_from_table, read_spectrum
 from jitterkit.optics import flat_band
+from jitterkit.optics.spectrum_file import band_from_table, read_spectrum
 
 
 @pytest.mark.parametrize("samples", [1, 5, 13])

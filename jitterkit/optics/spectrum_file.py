@@ -1,9 +1,10 @@
-"""A spectrum from a table, as few wavelengths that are worth as much.
+"""Curves over wavelength from CSV files, and a spectrum as few wavelengths that are worth as much.
 
-A measured spectrum may have hundreds of rows; an image needs some ten wavelengths.  The nodes and
-weights of the Gauss quadrature that belongs to *this* spectrum integrate every polynomial of degree
-``2 n - 1`` in wavelength exactly against it (Golub and Welsch, Math. Comp. 23, 221, 1969; the
-recurrence by Lanczos's method, Gautschi, Orthogonal Polynomials, 2004, section 2.2).
+Reach for :func:`read_spectrum`; :func:`read_curve` reads any other curve (a filter, a quantum
+efficiency) in the same format.  A measured spectrum may have hundreds of rows; an image needs some ten
+wavelengths.  The nodes and weights of the Gauss quadrature that belongs to *this* spectrum integrate
+every polynomial of degree ``2 n - 1`` in wavelength exactly against it (Golub and Welsch, Math. Comp.
+23, 221, 1969; the recurrence by Lanczos's method, Gautschi, Orthogonal Polynomials, 2004, section 2.2).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from jitterkit.errors import ConfigurationError
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["band_from_table", "read_spectrum"]
+__all__ = ["band_from_table", "read_curve", "read_spectrum"]
 
 
 def read_spectrum(path: str | Path, samples: int = 13) -> Spectrum:
@@ -39,16 +40,40 @@ def read_spectrum(path: str | Path, samples: int = 13) -> Spectrum:
     ConfigurationError
         If the file is not such a table; the message names the line.
     """
-    path = Path(path)
+    wavelengths, photons = read_curve(path, "photons")
     try:
-        wavelengths, photons = np.array(_rows(path), dtype=float).reshape(-1, 2).T
         return band_from_table(wavelengths, photons, samples)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(
-            f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, photons."
-        ) from None
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
+
+
+def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
+    """Read a curve over wavelength from a CSV table.
+
+    Parameters
+    ----------
+    path : str or Path
+        Two columns, wavelength [nm] and value, as in :func:`read_spectrum`.
+    values : str
+        What the second column holds, for the complaint.
+
+    Returns
+    -------
+    wavelengths, values : (m,) arrays
+        As they stand in the file, in whatever order.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is not such a table; the message names the line.
+    """
+    try:
+        wavelengths, read = np.array(_rows(Path(path), values), dtype=float).reshape(-1, 2).T
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(
+            f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
+        ) from None
+    return wavelengths, read
 
 
 def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int = 13) -> Spectrum:
@@ -119,19 +144,19 @@ def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.n
     return middle + half * nodes, vectors[0] ** 2
 
 
-def _rows(path: Path) -> list[tuple[float, float]]:
+def _rows(path: Path, values: str) -> list[tuple[float, float]]:
     rows: list[tuple[float, float]] = []
     with path.open(newline="", encoding="utf-8") as handle:
         for number, cells in enumerate(csv.reader(handle), start=1):
             if not cells or cells[0].lstrip().startswith("#"):
                 continue
             try:
-                wavelength, photons = map(float, cells)
+                wavelength, value = map(float, cells)
             except ValueError:
                 if number == 1:
                     continue  # the columns' names
                 raise ConfigurationError(
-                    f"line {number} is {','.join(cells)!r}; give wavelength_nm, photons."
+                    f"{path}: line {number} is {','.join(cells)!r}; give wavelength_nm, {values}."
                 ) from None
-            rows.append((wavelength, photons))
+            rows.append((wavelength, value))
     return rows

@@ -1,0 +1,180 @@
+"""``jitterkit motion``: from a pointing trace or a spectrum to what an exposure sees of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jitterkit.cli import options
+from jitterkit.cli.runtime import command_line, prepare_jax, say
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+    from jitterkit.instruments import Instrument
+    from jitterkit.loci import Locus
+    from jitterkit.motion import Assessment
+
+__all__ = ["motion"]
+
+_MOMENTS = ("_sxx", "_sxy", "_syy")
+"""Ends of columns that go to the file alone."""
+
+_SEPARATION, _CONTRAST = 10.0, 3.37
+"""Of the pair whose separation is forecast, arcsec: those of ``simulate``."""
+
+
+def motion(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE.csv",
+            help="A spectrum: columns f,x,y[,xy] in Hz and arcsec²/Hz (one-sided); lines: "
+            "frequency,amplitude,angle[,minor] in Hz, arcsec (zero to peak) and degrees; both, one below the "
+            "other; or a pointing trace t,x,y in s and arcsec.",
+            show_default=False,
+        ),
+    ],
+    instrument: options.InstrumentName = "toliman",
+    exposure: Annotated[
+        float | None,
+        typer.Option(help="Exposure time, s; by default the instrument's.", show_default=False),
+    ] = None,
+    cadence: Annotated[
+        float | None,
+        typer.Option(
+            help="From the start of one frame to that of the next, s, for the motion between frames; by "
+            "default the exposure.",
+            show_default=False,
+        ),
+    ] = None,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ",
+            help="Of a pointing loop (a fine tip/tilt stage) that takes out what is slower: a first-order "
+            "integrator leaves f²/(f²+bandwidth²) of the power.",
+            show_default=False,
+        ),
+    ] = None,
+    loss: Annotated[
+        bool,
+        typer.Option(
+            "--loss/--no-loss",
+            help="Forecast what the blur costs the separation; needs the instrument's optics.",
+        ),
+    ] = True,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.png",
+            help="Draw spectrum, budget, predicted blur and its transfer function.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE.ecsv", help="Write the budget there too.", show_default=False
+        ),
+    ] = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Say what an exposure sees of a motion: displacement, smear and jitter, regime, locus, and the cost.
+
+    Prints the budget, a row a source of motion: one sigma along x and y of the mean pointing from frame to
+    frame (displacement), of the straight motion within a frame (smear; its length is √12 times that) and of
+    the rest (jitter). Then the predicted error of the separation of a pair of 10 arcsec, once along the blur
+    and once across it, without the motion and with it, and how much more time the same precision takes; at
+    the instrument's usual flux a frame, whatever the exposure.
+    """
+    from jitterkit.report.outputs import check_file
+
+    for path in (plot, output):
+        if path is not None:
+            check_file(path, overwrite)
+    prepare_jax()
+    from jitterkit.instruments import load_instrument
+    from jitterkit.motion import assess_motion, read_motion
+    from jitterkit.report.motion_table import motion_sentences, motion_table
+    from jitterkit.report.table import write_table
+
+    telescope = load_instrument(instrument)
+    moved = read_motion(file)
+    assessed = assess_motion(moved, _exposure(telescope, exposure), cadence=cadence, bandwidth=bandwidth)
+    for sentence in motion_sentences(assessed, telescope.plate_scale):
+        say(sentence)
+    table = motion_table(assessed)
+    table.meta["command"] = command_line()
+    _print(table[[name for name in table.colnames if not name.endswith(_MOMENTS)]])
+    if loss and telescope.flux is not None:
+        costs = _loss_table(telescope, assessed.locus)
+        typer.echo()
+        _print(costs)
+        table.meta["loss"] = {name: costs[name].value.tolist() for name in costs.colnames}
+    if output is not None:
+        write_table(output, table, overwrite=overwrite)
+    if plot is not None:
+        _draw(assessed, plot, f"{file.name}, exposures of {assessed.exposure:g} s", overwrite)
+
+
+def _exposure(telescope: Instrument, exposure: float | None) -> float:
+    from jitterkit.errors import ConfigurationError
+
+    seconds = telescope.exposure if exposure is None else exposure
+    if seconds is None:
+        raise ConfigurationError(f"The instrument {telescope.name!r} has no exposure; give --exposure.")
+    return seconds
+
+
+def _print(table: QTable) -> None:
+    for name in table.colnames:
+        if table[name].dtype.kind == "f" and table[name].info.format is None:
+            table[name].info.format = "{:.4g}"
+    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
+
+
+def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
+    """Errors of the separation of a pair along the blur and across it, without the blur and with it.
+
+    The shape of the blur is taken for known, and three moments on top of it are free, as in a fit.
+    """
+    import jax.numpy as jnp
+    from astropy import units
+    from astropy.table import QTable
+
+    from jitterkit.conventions import direction_angle
+    from jitterkit.forecast import forecast
+    from jitterkit.forward import Parameters
+    from jitterkit.loci import Mvn, Product, Stable, principal_axes
+    from jitterkit.refit import FitOptions
+    from jitterkit.scene import Binary
+
+    blurred = Product(locus, Mvn(jnp.zeros(3)))
+    known = FitOptions(hold=("background", *blurred.names[:-3]))
+    otf, aberrations = telescope.optics(), jnp.zeros(len(telescope.aberrations))
+    rows = []
+    for turn in (0.0, 90.0):
+        theta = direction_angle(principal_axes(locus.moments())[2] + turn)
+        scene = Binary(_SEPARATION, theta, 0.0, 0.0, telescope.flux, _CONTRAST)
+        sharp = forecast(Parameters(scene, Stable.of(), aberrations), otf, telescope.detector)
+        shaken = forecast(Parameters(scene, blurred, aberrations), otf, telescope.detector, known)
+        errors = [forecasted.error("separation") * 1e6 for forecasted in (sharp, shaken)]
+        rows.append((theta, *errors, (errors[1] / errors[0]) ** 2 - 1))
+    names = ("theta", "error_without", "error_with", "more_time")
+    table = QTable(rows=rows, names=names, units=(units.deg, units.uas, units.uas, None))
+    for name, form in zip(names, ("{:.1f}", "{:.1f}", "{:.1f}", "{:.2%}"), strict=True):
+        table[name].info.format = form
+    return table
+
+
+def _draw(assessed: Assessment, path: Path, title: str, overwrite: bool) -> None:
+    from jitterkit.frames.whole import replacing
+    from jitterkit.report.motion_plots import plot_motion
+    from jitterkit.report.plots import png
+
+    picture = png(plot_motion(assessed.spectrum, assessed.exposure, assessed.locus, title)[0])
+    with replacing(path, overwrite) as temporary:
+        temporary.write_bytes(picture)

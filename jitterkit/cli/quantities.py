@@ -1,0 +1,93 @@
+"""Quantities and ranges as a command line has them: ``1uas``, ``10%``, ``length=0.05:0.75:30``."""
+
+from __future__ import annotations
+
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["parse_allowed", "parse_angle", "parse_sweeps"]
+
+_MOST_SWEPT = 2
+
+
+def parse_angle(text: str, option: str) -> float:
+    """An angle on the sky in arcsec, from a number with its unit.
+
+    >>> parse_angle("2.5 mas", "--target")
+    0.0025
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a positive angle.
+    """
+    from astropy import units
+
+    try:
+        angle = units.Quantity(text).to_value("arcsec")
+    except (TypeError, ValueError, units.UnitsError):
+        angle = 0.0
+    if not 0 < angle < float("inf"):
+        raise ConfigurationError(f"{option} {text} is not a positive angle; write one with its unit, 1uas.")
+    return float(angle)
+
+
+def parse_allowed(text: str) -> tuple[str, float]:
+    """What may be lost: ``"time"`` and a share, or ``"bias"`` and an angle in arcsec.
+
+    >>> parse_allowed("10%")
+    ('time', 0.1)
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither, or not positive.
+    """
+    if not text.rstrip().endswith("%"):
+        return "bias", parse_angle(text, "--allow")
+    try:
+        share = float(text.rstrip().removesuffix("%")) / 100
+    except ValueError:
+        share = 0.0
+    if not 0 < share < float("inf"):
+        raise ConfigurationError(f"--allow {text} is not a positive share of the time; write 10%, or 1uas.")
+    return "time", share
+
+
+def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
+    """Values by name from ``name=from:to:count``, ``name=from:to:count:log`` or ``name=a,b,c``.
+
+    >>> parse_sweeps(["angle=0:90:4", "flux=1e5,1e6"])
+    {'angle': [0.0, 30.0, 60.0, 90.0], 'flux': [100000.0, 1000000.0]}
+
+    Raises
+    ------
+    ConfigurationError
+        If one is neither, or there are more than two.
+    """
+    if len(texts) > _MOST_SWEPT:
+        raise ConfigurationError(
+            f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice."
+        )
+    sweeps: dict[str, list[float]] = {}
+    for text in texts:
+        name, _, values = text.partition("=")
+        try:
+            sweeps[name.strip()] = _values(values)
+        except ValueError:
+            raise ConfigurationError(
+                f"--sweep {text} is not understood; write --sweep length=0.05:0.75:15 (from, to, how many; "
+                "with :log at the end for equal ratios), or --sweep angle=0,45,90."
+            ) from None
+    return sweeps
+
+
+def _values(text: str) -> list[float]:
+    import numpy as np
+
+    if ":" not in text:
+        return [float(value) for value in text.split(",")]
+    first, last, count, *log = text.split(":")
+    if log not in ([], ["log"]) or int(count) < 1:
+        raise ValueError(text)
+    spaced = np.geomspace if log else np.linspace
+    return [float(value) for value in spaced(float(first), float(last), int(count))]

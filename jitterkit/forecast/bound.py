@@ -1,0 +1,208 @@
+"""What a frame will tell, before it is taken: expected Fisher information and the Cramér-Rao bound.
+
+Reach for :func:`forecast`.  It asks the likelihood of the refit itself, at the image that the model expects
+and with the noise and the saturated pixels of the detector, so that a fit without priors has exactly these
+errors on average.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jitterkit.conventions import axis_angle
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
+from jitterkit.frames.frame import RawFrame
+from jitterkit.likelihood import Data, normal_equations
+from jitterkit.loci import axis_variances, covariance_on_axis
+from jitterkit.optics.otf import OTF
+from jitterkit.refit import FitOptions
+from jitterkit.refit.result import moments_of
+from jitterkit.scoring import invert_information
+
+__all__ = ["Forecast", "expected_data", "forecast"]
+
+
+_LINE = 1e-6
+"""Of the major variance's error, below which that of the minor is rounding: the locus is a line."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What one frame tells about its parameters.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        What the frame is expected to show.
+    names : tuple of str
+        Of the free parameters.
+    information : (p, p) array
+        Expected Fisher information of the frame alone.
+    covariance : (p, p) array
+        The Cramér-Rao bound: inverse of the information, that of the priors added.  NaN where the frame does
+        not determine its parameters.
+    values : (p,) array
+        Of the free parameters.
+    masked : int
+        Pixels that saturate, or are bad, and tell nothing.
+    """
+
+    parameters: Parameters
+    names: tuple[str, ...]
+    information: np.ndarray
+    covariance: np.ndarray
+    values: np.ndarray
+    masked: int = 0
+
+    def error(self, name: str) -> float:
+        """Least standard error of a free parameter.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is not among the free ones.
+        """
+        i = self._slot(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+    def inflation(self, name: str) -> float:
+        """Times by which not knowing the other parameters widens the error of one; 1 if it stands alone."""
+        i = self._slot(name)
+        return self.error(name) * float(np.sqrt(self.information[i, i]))
+
+    def frames(self, target: float, name: str = "separation") -> float:
+        """Frames like this one whose mean has a given standard error: ``(error / target)²``, not rounded.
+
+        Parameters
+        ----------
+        target : float
+            In the parameter's own unit.
+        name : str
+
+        Raises
+        ------
+        ConfigurationError
+            If the target is not positive.
+        """
+        if not target > 0:
+            raise ConfigurationError(f"A target precision must be positive; got {target} for {name}.")
+        return (self.error(name) / target) ** 2
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlations (p, p) of the errors."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(sigma, sigma)
+
+    def jitter(self) -> dict[str, tuple[float, float]]:
+        """Size and axis of the jitter with their errors, by name: arcsec, and degrees.
+
+        Returns
+        -------
+        sizes : dict of name to (value, error)
+            ``jitter_major`` and ``jitter_minor``, one sigma along the principal axes; ``jitter_angle`` of the
+            major one, and ``length`` where the locus has one.  Errors by first-order propagation, which means
+            nothing where they are as large as the value; infinite where a size is zero that need not be.
+        """
+        locus = self.parameters.locus
+        if not locus.names:
+            return {}
+        moments, covariance = moments_of(locus, self.names, self.covariance)
+        major, minor, angle = axis_variances(moments)
+        errors = np.sqrt(np.diag(covariance_on_axis(covariance, angle)).clip(0))  # rounding about a line
+        sizes = {
+            "jitter_major": _root(major, float(errors[0])),
+            "jitter_minor": _root(minor, float(errors[2]) if errors[2] > _LINE * errors[0] else 0.0),
+            "jitter_angle": (axis_angle(angle), math.degrees(_quotient(float(errors[1]), major - minor))),
+        }
+        length = locus.describe().get("length")
+        if length is not None:
+            value, error = sizes["jitter_major"]
+            sizes["length"] = (length, length * error / value if value > 0 else math.inf)
+        return sizes
+
+    def _slot(self, name: str) -> int:
+        if name not in self.names:
+            raise ConfigurationError(f"{name!r} is not among the free parameters {', '.join(self.names)}.")
+        return self.names.index(name)
+
+
+def forecast(
+    parameters: Parameters, otf: OTF, detector: Detector | None = None, options: FitOptions | None = None
+) -> Forecast:
+    """Forecast what a frame tells about its parameters.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What the frame shows; the locus it carries is the one that is fitted.
+    otf : OTF
+        Expanded at the parameters' aberrations.
+    detector : Detector, optional
+        Adds read-out noise and rounding, and takes away saturated and bad pixels; by default one that counts
+        electrons without noise.
+    options : FitOptions, optional
+        What a fit holds and what it knows beforehand.
+
+    Returns
+    -------
+    forecast : Forecast
+
+    Raises
+    ------
+    ConfigurationError
+        If an option names a parameter that there is not.
+
+    Notes
+    -----
+    *Assumes* that the errors are small against what the model's curvature shows: at the tip of a streak (zero
+    length) the bound is that of the cone's axis, which no estimator has.
+    """
+    options = FitOptions() if options is None else options
+    names, free = free_parameters(parameters, otf, options.hold)
+    data = expected_data(parameters, otf, detector)
+    prior = options.priors.over(names, parameters.locus)
+    information = np.asarray(normal_equations(parameters, otf, data, free).information)
+    vector, unravel = to_vector(parameters)
+    slope = np.asarray(jax.jacfwd(lambda v: unravel(v).locus.moments())(vector))[:, list(free)]
+    stiffness = np.asarray(prior.precision) + slope.T @ np.asarray(prior.moments_precision) @ slope
+    masked = int(np.sum(~np.asarray(data.used)))
+    covariance, _ = invert_information(information + stiffness)
+    return Forecast(parameters, names, information, covariance, np.asarray(vector)[list(free)], masked)
+
+
+def expected_data(parameters: Parameters, otf: OTF, detector: Detector | None = None) -> Data:
+    """A frame as it is expected, without noise, and how far a detector's pixels are to be trusted.
+
+    Parameters
+    ----------
+    parameters, otf, detector
+        As for :func:`forecast`.
+
+    Returns
+    -------
+    data : Data
+        Of the expected electrons.  What saturates is read out by the detector and found by its own
+        calibration: a pixel counts as full where its expected electrons do.
+    """
+    image = np.asarray(expected_image(parameters, otf))
+    if detector is None:
+        return Data(image)
+    frame = detector.calibrate(RawFrame.from_array(detector.expose(image)))
+    return Data(image, frame.read_variance, ~frame.mask)
+
+
+def _root(variance: float, error: float) -> tuple[float, float]:
+    """A standard deviation and its error from a variance and its own; zero of a negative one."""
+    root = math.sqrt(max(variance, 0.0))
+    return (root, _quotient(error, 2 * root)) if error > 0 else (root, 0.0)
+
+
+def _quotient(top: float, bottom: float) -> float:
+    return top / bottom if bottom > 0 else math.inf

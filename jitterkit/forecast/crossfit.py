@@ -1,0 +1,133 @@
+"""What a wrong model of the jitter does: the expected image of one locus fitted with another.
+
+What is wrong with the separation then is the bias, exact to the convergence of the fit: no noise has to be
+averaged away.  The fit also tells how each of its numbers answers to one more electron in each pixel, which
+is all that :mod:`jitterkit.forecast.ensemble` needs to fit thousands of noisy frames at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import JitterkitError
+from jitterkit.forecast.bound import expected_data
+from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
+from jitterkit.likelihood import Data
+from jitterkit.optics.otf import OTF
+from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
+
+__all__ = ["CrossFit", "noise_free_fit"]
+
+_RESTARTS, _SETTLED = 20, 1e-4
+"""A locus that is far from right (chi-squared thousands) climbs slowly, because the expected information is
+then not the curvature: it is started again where it ended, until it moves by less than this share of the
+error."""
+
+
+@dataclass(frozen=True)
+class CrossFit:
+    """A locus fitted to the expected image of another.
+
+    Attributes
+    ----------
+    truth : Parameters
+    fit : FitResult
+        Of the expected image, without noise.
+    data : Data
+        The expected image.
+    mean : (ny, nx) array
+        What the likelihood expects at the fit, read variance included.
+    slopes : (p, ny, nx) array
+        Change of the score for one more electron in a pixel; zero where masked.
+    """
+
+    truth: Parameters
+    fit: FitResult
+    data: Data
+    mean: np.ndarray
+    slopes: np.ndarray
+
+    @property
+    def bias(self) -> float:
+        """Fitted separation less the true one, arcsec, without noise."""
+        return self.fit.of_scene("separation") - float(self.truth.binary.separation)
+
+    @property
+    def error(self) -> float:
+        """Error of the separation that the fit believes it has, arcsec."""
+        return self.fit.error("separation")
+
+    @property
+    def leverage(self) -> np.ndarray:
+        """Change of the fitted separation for one more electron in a pixel (ny, nx), by one scoring step."""
+        return np.tensordot(self.fit.covariance[self.fit.names.index("separation")], self.slopes, 1)
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the separation over noisy frames, arcsec: that of its linear response."""
+        variance = np.asarray(self.data.electrons + self.data.read_variance)
+        return float(np.sqrt(np.sum(self.leverage**2 * variance)))
+
+    @property
+    def misfit(self) -> float:
+        """Chi-squared that the wrong locus adds to a frame; its noise is about ``sqrt(2 pixels)``."""
+        return self.fit.chi2
+
+
+def noise_free_fit(
+    truth: Parameters,
+    locus: str,
+    optics: OpticalSystem | FixedOptics,
+    detector: Detector | None = None,
+    otf: OTF | None = None,
+    options: FitOptions | None = None,
+) -> CrossFit:
+    """Fit the image expected of one locus with another.
+
+    Parameters
+    ----------
+    truth : Parameters
+        The scene, optics and jitter that the frame is of.
+    locus : str
+        Name of the locus to fit; it starts from the true second moments.
+    optics : OpticalSystem or FixedOptics
+    detector : Detector, optional
+        As for :func:`jitterkit.forecast.forecast`.
+    otf : OTF, optional
+        Expanded at the true aberrations, where it is at hand.
+    options : FitOptions, optional
+
+    Returns
+    -------
+    crossfit : CrossFit
+
+    Raises
+    ------
+    JitterkitError
+        If the fit does not settle; the message has its sentence.
+    """
+    otf = optics.otf(truth.aberrations) if otf is None else otf
+    options = FitOptions() if options is None else options
+    data = expected_data(truth, otf, detector)
+    fit = fit_locus(locus, data, optics, truth, np.asarray(truth.locus.moments()), otf, options)
+    for _ in range(_RESTARTS):
+        if fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
+            raise JitterkitError(f"{locus} cannot be fitted to this jitter: {fit.message}")
+        otf, before = optics.otf(fit.parameters.aberrations), fit
+        fit = replace(fit_frame(data, optics, fit.parameters, otf, options), locus=locus)
+        moved = abs(fit.of_scene("separation") - before.of_scene("separation"))
+        if moved < _SETTLED * before.error("separation"):
+            return _respond(truth, fit, otf, data, options)
+    raise JitterkitError(f"{locus} does not settle on this jitter; the separation still moves.")
+
+
+def _respond(truth: Parameters, fit: FitResult, otf: OTF, data: Data, options: FitOptions) -> CrossFit:
+    assert fit.parameters is not None
+    _, free = free_parameters(fit.parameters, otf, options.hold)
+    image, jacobian = (np.asarray(a) for a in image_and_jacobian(fit.parameters, otf, free))
+    mean = image + np.asarray(data.read_variance)
+    return CrossFit(truth, fit, data, mean, np.where(np.asarray(data.used), jacobian / mean, 0.0))

@@ -1,0 +1,249 @@
+"""The inverse question: how much jitter may there be, for a loss that can be afforded.
+
+Reach for :func:`jitter_requirements`.  The loss is observing time, if every frame is fitted with the locus
+that its motion draws, or bias of the separation, if it is fitted with another.  A vibration is asked about
+by its cycles in an exposure, the three regimes of the paper; its phase is different in every frame, so the
+loss is that of the mean over phases.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.forecast.bound import expected_data, forecast
+from jitterkit.forward import Parameters, free_parameters
+from jitterkit.likelihood import normal_equations
+from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm, Stable, locus_class, principal_axes
+from jitterkit.optics.otf import OTF
+from jitterkit.refit import FitOptions
+from jitterkit.scoring import invert_information
+
+__all__ = ["CYCLES", "MOTIONS", "Requirement", "jitter_requirements", "largest_size", "one_step_bias"]
+
+CYCLES = (0.05, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+"""Of a vibration in one exposure, that stand for its regimes: low to 0.2, high from 3."""
+
+_PHASES, _SHARES = (-90.0, -45.0, 0.0, 45.0, 90.0), (1.0, 2.0, 2.0, 2.0, 1.0)
+"""Degrees at mid-exposure, and how many of eight equal steps round the circle look like each."""
+
+_GUESS = 0.08
+"""arcsec: rms where the search begins."""
+
+_LEAST, _MOST, _STEP, _EXACT = 1e-9, 30.0, 1.5, 1e-3
+"""arcsec: between which a size is sought; the factor by which the search goes; how exactly its logarithm is
+found."""
+
+MOTIONS: dict[str, Callable[[float, float], Locus]] = {
+    "linear": Linear.of,
+    "shm": Shm.of,
+    "mvn, round": lambda size, angle: Mvn.of(size),
+    "mvn, shear 0.7": lambda size, angle: Mvn.sheared(size, 0.7, angle),
+    "ellipse, axes 2:1": lambda size, angle: Ellipse.of(size / 2, size / 4, angle),
+}
+"""Motions that are asked about, built from their size and angle: a streak's length, a normal's sigma along
+its major axis, an ellipse's whole major axis."""
+
+
+class Requirement(NamedTuple):
+    """The largest jitter of one kind.
+
+    Attributes
+    ----------
+    motion : str
+        A name in :data:`MOTIONS`, or ``"vibration"``.
+    cycles : float
+        Of a vibration in one exposure; NaN for others.
+    angle : float
+        Of the motion, degrees from the pair's own direction.
+    size : float
+        arcsec: a streak's length, a vibration's peak to peak (of its whole motion, not of the part that an
+        exposure sees), a normal's sigma along its major axis, an ellipse's whole major axis.  Infinite where
+        nothing up to 30 arcsec costs as much.
+    rms : float
+        One sigma of the pointing along its major axis within an exposure, arcsec.
+    """
+
+    motion: str
+    cycles: float
+    angle: float
+    size: float
+    rms: float
+
+
+def jitter_requirements(
+    still: Parameters,
+    otf: OTF,
+    allowed: float,
+    detector: Detector | None = None,
+    *,
+    fitted: str | None = None,
+    angles: Sequence[float] = (0.0, 45.0, 90.0),
+    cycles: Sequence[float] = CYCLES,
+    options: FitOptions | None = None,
+) -> list[Requirement]:
+    """Find the largest jitter of every kind whose loss can be afforded.
+
+    Parameters
+    ----------
+    still : Parameters
+        Scene and optics; its locus does not count.
+    otf : OTF
+        Expanded at its aberrations.
+    allowed : float
+        The loss: a share of the observing time without jitter (0.1: a tenth more of it), or with ``fitted``
+        a bias of the separation, arcsec.
+    detector : Detector, optional
+    fitted : str, optional
+        Name of the locus that all motions are fitted with; by default each is fitted with its own.
+    angles : sequence of float
+        Of the motion from the pair's direction, degrees.
+    cycles : sequence of float
+        Of a vibration in one exposure.
+    options : FitOptions, optional
+
+    Returns
+    -------
+    requirements : list of Requirement
+
+    Raises
+    ------
+    ConfigurationError
+        If nothing is allowed.
+    """
+    if not allowed > 0:
+        raise ConfigurationError(f"The loss that is allowed must be positive; got {allowed}.")
+    theta = float(still.binary.theta)
+
+    def time_lost(loci: list[Locus]) -> float:
+        errors = [forecast(still.with_locus(one), otf, detector, options).error("separation") for one in loci]
+        told = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
+        return 1 / (alone**2 * told) - 1
+
+    def bias(loci: list[Locus]) -> float:
+        assert fitted is not None
+        each = [one_step_bias(still.with_locus(one), fitted, otf, detector, options) for one in loci]
+        return abs(_over_phases(each))
+
+    alone = forecast(still.with_locus(Stable.of()), otf, detector, options).error("separation")
+    loss = time_lost if fitted is None else bias
+    found: list[Requirement] = []
+    for angle in angles:
+        rms = _GUESS
+        for motion, cycle, make in _questions(cycles):
+            build = partial(make, angle=theta + angle)
+            guess = rms / _rms(build(1.0))  # motions of the same rms cost about the same
+            size = largest_size(_after(loss, build), allowed, guess)
+            finite = 0 < size < math.inf
+            rms = _rms(build(size)) if finite else rms
+            found.append(Requirement(motion, cycle, angle, size, rms if finite else size))
+    return sorted(found, key=_order)
+
+
+def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[..., list[Locus]]]]:
+    """Name, cycles, and loci (of all phases) by size and angle, of every motion."""
+
+    def one(of, size, angle):
+        return [of(size, angle)]
+
+    def phases(cycle, size, angle):
+        return [PartialShm.of(size, angle, cycle, phase) for phase in _PHASES]
+
+    for motion, of in MOTIONS.items():
+        yield motion, math.nan, partial(one, of)
+    for cycle in cycles:
+        yield "vibration", cycle, partial(phases, cycle)
+
+
+def _after(loss: Callable[[list[Locus]], float], build: Callable[..., list[Locus]]):
+    """The loss as a function of the size."""
+    return lambda size: loss(build(size))
+
+
+def _order(one: Requirement) -> tuple[int, float]:
+    """Motions as they stand in the list, vibrations by their cycles."""
+    motions = [*MOTIONS, "vibration"]
+    return motions.index(one.motion), 0.0 if math.isnan(one.cycles) else one.cycles
+
+
+def _rms(loci: list[Locus]) -> float:
+    every = np.array([np.asarray(locus.moments()) for locus in loci])
+    return principal_axes([_over_phases(column) for column in every.T])[0]
+
+
+def _over_phases(values: Sequence[float]) -> float:
+    """Mean over the phases of a vibration; of another motion there is one value."""
+    return float(np.average(values, weights=_SHARES if len(values) > 1 else None))
+
+
+def largest_size(loss: Callable[[float], float], allowed: float, guess: float = 0.1) -> float:
+    """The size at which a loss first reaches what is allowed.
+
+    Parameters
+    ----------
+    loss : callable
+        Of the size in arcsec; it grows with it.
+    allowed : float
+    guess : float
+        arcsec; the nearer, the faster.
+
+    Returns
+    -------
+    size : float
+        arcsec, to 0.1 % of itself; infinite if the loss stays below up to 30 arcsec, or until there is no
+        telling it; zero if it is above down to 1e-9.
+
+    Examples
+    --------
+    >>> round(largest_size(lambda size: size**2, 0.25), 3)
+    0.5
+    """
+    enough = loss(guess) >= allowed
+    low, high = guess, guess
+    while low > _LEAST and high < _MOST:
+        low, high = (low / _STEP, low) if enough else (high, high * _STEP)
+        if not math.isfinite(reached := loss(low if enough else high)):
+            return math.inf
+        if (reached >= allowed) != enough:
+            span = math.log(low), math.log(high)
+            return math.exp(scipy.optimize.brentq(lambda s: loss(math.exp(s)) - allowed, *span, xtol=_EXACT))
+    return 0.0 if enough else math.inf
+
+
+def one_step_bias(
+    truth: Parameters,
+    fitted: str,
+    otf: OTF,
+    detector: Detector | None = None,
+    options: FitOptions | None = None,
+) -> float:
+    """Bias of the separation where one locus is fitted with another, by one scoring step [arcsec].
+
+    Parameters
+    ----------
+    truth : Parameters
+        What the frame shows.
+    fitted : str
+        Name of the locus that is fitted; the step starts where it has the true second moments.
+    otf, detector, options
+        As for :func:`jitterkit.forecast.forecast`.
+
+    Notes
+    -----
+    Exact to first order in the misfit; :func:`jitterkit.forecast.noise_free_fit` is exact, and dearer.
+    """
+    options = FitOptions() if options is None else options
+    data = expected_data(truth, otf, detector)
+    start = truth.with_locus(locus_class(fitted).near(truth.locus.moments()))
+    names, free = free_parameters(start, otf, options.hold)
+    equations = normal_equations(start, otf, data, free)
+    prior = options.priors.over(names, start.locus)
+    covariance, _ = invert_information(np.asarray(equations.information) + np.asarray(prior.precision))
+    return float(covariance[names.index("separation")] @ np.asarray(equations.score))

@@ -1,0 +1,49 @@
+"""Motion of the pointing: from a spectrum or a record to what an exposure sees of it, and back."""
+
+from jitterkit.motion.arcsine import arcsine_density, arcsine_shares
+from jitterkit.motion.assessment import Assessment, assess_motion
+from jitterkit.motion.budget import Share, motion_budget
+from jitterkit.motion.files import read_motion
+from jitterkit.motion.loop import close_loop, follow, loop_rejection
+from jitterkit.motion.prediction import predicted_locus, smeared_locus
+from jitterkit.motion.record import Exposures, Record, measure_exposures, trace_spectrum
+from jitterkit.motion.regime import critical_frequency, regime, smooth_locus
+from jitterkit.motion.simulation import simulate_exposures, simulate_pointing
+from jitterkit.motion.spectrum import Line, PowerSpectrum
+from jitterkit.motion.split import Split, cumulative_split, motion_between_frames, split_line, split_spectrum
+from jitterkit.motion.weights import PARTS, difference_weight, legendre_weight, part_weights
+
+__all__ = [
+    "PARTS",
+    "Assessment",
+    "Exposures",
+    "Line",
+    "PowerSpectrum",
+    "Record",
+    "Share",
+    "Split",
+    "arcsine_density",
+    "arcsine_shares",
+    "assess_motion",
+    "close_loop",
+    "critical_frequency",
+    "cumulative_split",
+    "difference_weight",
+    "follow",
+    "legendre_weight",
+    "loop_rejection",
+    "measure_exposures",
+    "motion_between_frames",
+    "motion_budget",
+    "part_weights",
+    "predicted_locus",
+    "read_motion",
+    "regime",
+    "simulate_exposures",
+    "simulate_pointing",
+    "smeared_locus",
+    "smooth_locus",
+    "split_line",
+    "split_spectrum",
+    "trace_spectrum",
+]

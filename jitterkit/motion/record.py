@@ -1,0 +1,163 @@
+"""A measured record of the pointing, cut into exposures: what each of them saw.
+
+Reach for :func:`measure_exposures`; nothing is assumed there but that the pointing is straight between two
+samples.  :func:`trace_spectrum` is for pictures, and for simulating more of the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.motion.spectrum import PowerSpectrum
+from jitterkit.motion.split import Split, check_cadence
+
+__all__ = ["Exposures", "Record", "measure_exposures", "trace_spectrum"]
+
+_SEGMENTS = 8
+"""Of a record, for its spectrum: overlapping by half they are 15, and a density is good to about a third."""
+
+
+class Record(NamedTuple):
+    """Pointing at given times: ``t`` [s], ascending, ``x`` and ``y`` [arcsec], all (n,)."""
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Exposures:
+    """What each of a row of exposures saw.
+
+    Attributes
+    ----------
+    starts : (n,) array
+        s.
+    means : (n, 2) array
+        Mean pointing, arcsec.
+    smears : (n, 2) array
+        Smear vector from the beginning to the end, arcsec: 12 times the mean of pointing times time, in
+        exposures from the middle.
+    jitters : (n, 3) array
+        Second moments about the smear, arcsec².
+    """
+
+    starts: np.ndarray
+    means: np.ndarray
+    smears: np.ndarray
+    jitters: np.ndarray
+
+    def split(self) -> Split:
+        """Mean over the exposures, for comparison with that of a spectrum.
+
+        The displacement is about the mean of the record: what is slower than that is not in it.
+        """
+        about = self.means - self.means.mean(axis=0)
+        share = len(about) / max(len(about) - 1, 1)
+        return Split(
+            share * _squares(about).mean(axis=0),
+            _squares(self.smears).mean(axis=0) / 12,
+            self.jitters.mean(axis=0),
+        )
+
+    def steps(self) -> np.ndarray:
+        """Second moments (3,) of the motion from one exposure to the next, arcsec²; zero of a single one."""
+        steps = _squares(np.diff(self.means, axis=0))
+        return steps.mean(axis=0) if len(steps) else np.zeros(3)
+
+
+def measure_exposures(record: Record, exposure: float, cadence: float | None = None) -> Exposures:
+    """Split a record exposure by exposure, exactly for pointing that is straight between the samples.
+
+    Parameters
+    ----------
+    record : Record
+    exposure : float
+        s.
+    cadence : float, optional
+        From the start of one exposure to that of the next, s; by default they follow without a gap.
+
+    Returns
+    -------
+    exposures : Exposures
+        As many as the record holds.
+
+    Raises
+    ------
+    ConfigurationError
+        If it holds none, or exposures overlap.
+    """
+    cadence = check_cadence(exposure, exposure if cadence is None else cadence)
+    t, places = np.asarray(record.t, float) - record.t[0], np.stack([record.x, record.y], axis=1)
+    count = int(np.floor((t[-1] - exposure) / cadence * (1 + 1e-12) + 1e-9)) + 1
+    if count < 1:
+        raise ConfigurationError(
+            f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s; give a longer trace or a "
+            "shorter exposure."
+        )
+    starts = cadence * np.arange(count)
+    middle = places.mean(axis=0)
+    means, smears, jitters = _project(t, places - middle, starts, exposure)
+    return Exposures(starts + record.t[0], means + middle, smears, jitters)
+
+
+def trace_spectrum(record: Record, segments: int = _SEGMENTS) -> PowerSpectrum:
+    """Welch's estimate of the spectrum of a record.
+
+    Parameters
+    ----------
+    record : Record
+        Times that are not equally spaced are made so by straight lines.
+    segments : int
+        Into which it is cut, under Hann's window; more are smoother and begin at a higher frequency.
+
+    Returns
+    -------
+    spectrum : PowerSpectrum
+        Without lines: a vibration is a peak of the density, as wide as a segment resolves.
+
+    Notes
+    -----
+    *Fails when* most of the power is slower than a segment: it leaks upwards.  :func:`measure_exposures` does
+    not need a spectrum.
+    """
+    n = len(record.t)
+    t = np.linspace(record.t[0], record.t[-1], n)
+    x, y = (np.interp(t, record.t, values) for values in (record.x, record.y))
+    options = {"fs": (n - 1) / (t[-1] - t[0]), "nperseg": max(n // segments, min(n, 16))}
+    f, xx = signal.welch(x, **options)
+    _, yy = signal.welch(y, **options)
+    _, xy = signal.csd(x, y, **options)
+    # the row at zero has lost the mean of its segment
+    return PowerSpectrum(f[1:], np.stack([xx, xy.real, yy], axis=1)[1:])
+
+
+def _project(t, places, starts, exposure) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, smear vectors and second moments about them, from exact integrals over the straight pieces."""
+    ends = np.unique(np.concatenate([t, starts, starts + exposure]).clip(t[0], t[-1]))
+    middles = (ends[1:] + ends[:-1]) / 2
+    index = np.clip(np.searchsorted(starts, middles, side="right") - 1, 0, None)
+    index = np.where(middles < starts[index] + exposure, index, len(starts))  # of no exposure: dropped below
+    held = index < len(starts)
+    index, first, last = index[held], ends[:-1][held], ends[1:][held]
+    share = (last - first) / exposure
+    u, v = ((edge - starts[index]) / exposure - 0.5 for edge in (first, last))
+    a, b = (np.stack([np.interp(edge, t, axis) for axis in places.T], axis=1) for edge in (first, last))
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(index, share * column, len(starts)) for column in values.T], axis=1)
+
+    means = total((a + b) / 2)
+    smears = 12 * total((a * (2 * u + v)[:, None] + b * (u + 2 * v)[:, None]) / 6)
+    a, b = (end - means[index] - smears[index] * at[:, None] for end, at in ((a, u), (b, v)))
+    return means, smears, total((_squares(a) + _squares(b) + _squares(a + b)) / 6)
+
+
+def _squares(vectors: np.ndarray) -> np.ndarray:
+    x, y = vectors.T
+    return np.stack([x * x, x * y, y * y], axis=1)

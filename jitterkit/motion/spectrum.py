@@ -1,0 +1,171 @@
+"""What an engineer knows of a telescope's motion: a power spectrum in two axes, and lines beside it.
+
+Reach for :class:`PowerSpectrum`; :func:`~jitterkit.motion.files.read_motion` reads one, and
+:func:`~jitterkit.motion.record.trace_spectrum` makes one of a measured record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci.base import moments_on_axis
+
+__all__ = ["Line", "PowerSpectrum"]
+
+_SLACK = 1e-9
+"""By which rounding may carry a cross spectrum over the most that it can be."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A vibration at one frequency, of unknown phase.
+
+    Parameters
+    ----------
+    frequency : float
+        Hz.
+    amplitude : float
+        Zero to peak, arcsec; the variance is half its square.
+    angle : float
+        Of its axis, degrees counter-clockwise from +x.
+    minor : float
+        Amplitude across, a quarter of a cycle later, arcsec: then the pointing runs round an ellipse.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is impossible.
+    """
+
+    frequency: float
+    amplitude: float
+    angle: float = 0.0
+    minor: float = 0.0
+
+    def __post_init__(self) -> None:
+        rules = {"frequency": self.frequency > 0, "amplitude": self.amplitude >= 0, "minor": self.minor >= 0}
+        for name, value in (("angle", self.angle), *((name, getattr(self, name)) for name in rules)):
+            if not (np.isfinite(value) and rules.get(name, True)):
+                raise ConfigurationError(
+                    f"A line's {name} is {value:g}; give a positive frequency in Hz, amplitudes in arcsec "
+                    "that are not negative, and an angle in degrees."
+                )
+
+    def moments(self) -> np.ndarray:
+        """Second moments ``(Sxx, Sxy, Syy)`` over whole cycles, arcsec²."""
+        return moments_on_axis([self.amplitude**2 / 2, 0.0, self.minor**2 / 2], -self.angle)
+
+
+@dataclass(frozen=True, eq=False)
+class PowerSpectrum:
+    """The motion's power: one-sided densities at some frequencies, and lines.
+
+    Parameters
+    ----------
+    frequencies : (n,) array
+        Hz, ascending, two or more, or none where there are only lines.
+    density : (n, 3) array
+        One-sided power spectral density of x, real part of the cross spectrum of x and y, density of y;
+        arcsec²/Hz.
+    lines : tuple of Line
+        Beside the densities, not in them.
+
+    Raises
+    ------
+    ConfigurationError
+        If frequencies do not ascend, a density is negative or not finite, or the cross spectrum is larger
+        than the root of the product of the two.
+
+    Notes
+    -----
+    Between two rows each density is a power law, a straight line on a log-log plot, as spectra are drawn
+    and specified; straight on plain axes where either end is zero.  The correlation of the axes is straight
+    in frequency.  Outside the rows there is nothing.
+    """
+
+    frequencies: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    density: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    lines: tuple[Line, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequencies", np.asarray(self.frequencies, float))
+        object.__setattr__(self, "density", np.asarray(self.density, float))
+        object.__setattr__(self, "lines", tuple(self.lines))
+        _check(self.frequencies, self.density)
+
+    @property
+    def highest(self) -> float:
+        """The highest frequency in it, Hz; zero if it is empty."""
+        return max([*self.frequencies[-1:], *(line.frequency for line in self.lines)], default=0.0)
+
+    def at(self, frequencies) -> np.ndarray:
+        """Densities ``(m, 3)`` at given frequencies, arcsec²/Hz; zero outside the rows."""
+        f = np.asarray(frequencies, float)
+        if not len(self.frequencies):
+            return np.zeros((*f.shape, 3))
+        row = np.clip(np.searchsorted(self.frequencies, f, side="right") - 1, 0, len(self.frequencies) - 2)
+        ends = self.frequencies[row], self.frequencies[row + 1]
+        share = (f - ends[0]) / (ends[1] - ends[0])
+        x, y = (_between(f, ends, share, self.density[row, k], self.density[row + 1, k]) for k in (0, 2))
+        correlation = _correlation(self.density)
+        cross = correlation[row] * (1 - share) + correlation[row + 1] * share
+        inside = (f >= self.frequencies[0]) & (f <= self.frequencies[-1])
+        return np.where(inside[..., None], np.stack([x, cross * np.sqrt(x * y), y], axis=-1), 0.0)
+
+    def between(self, low: float, high: float) -> PowerSpectrum:
+        """What lies from one frequency to another [Hz], a line at the upper end not included."""
+        lines = tuple(line for line in self.lines if low <= line.frequency < high)
+        ends = np.clip([low, high], *self.frequencies[[0, -1]]) if len(self.frequencies) else np.zeros(2)
+        if ends[0] >= ends[1]:
+            return PowerSpectrum(lines=lines)
+        inner = self.frequencies[(self.frequencies > ends[0]) & (self.frequencies < ends[1])]
+        return replace(self.resampled(np.concatenate([ends[:1], inner, ends[1:]])), lines=lines)
+
+    def resampled(self, frequencies) -> PowerSpectrum:
+        """The same with other rows."""
+        return replace(self, frequencies=frequencies, density=self.at(frequencies))
+
+
+def _between(f, ends, share, first, second) -> np.ndarray:
+    """A power law between two values, or a straight line where there is none."""
+    law = (first > 0) & (second > 0) & (ends[0] > 0)
+    safe = [np.where(law, value, 1.0) for value in (ends[0], first, second)]
+    steps = np.log(np.where(law, f, 1.0) / safe[0]) / np.log(np.where(law, ends[1] / safe[0], 2.0))
+    return np.where(
+        law, safe[1] * (safe[2] / safe[1]) ** steps, np.maximum(first + (second - first) * share, 0)
+    )
+
+
+def _correlation(density: np.ndarray) -> np.ndarray:
+    most = np.sqrt(density[:, 0] * density[:, 2])
+    return np.clip(density[:, 1] / np.where(most > 0, most, 1.0), -1, 1)
+
+
+def _check(frequencies: np.ndarray, density: np.ndarray) -> None:
+    n = len(frequencies)
+    if n == 1 or frequencies.shape != (n,) or density.shape != (n, 3):
+        raise ConfigurationError(
+            f"A spectrum has densities (n, 3) at two frequencies or more, or none; got {density.shape} at "
+            f"{frequencies.shape}."
+        )
+    for row in np.flatnonzero(
+        ~np.isfinite(frequencies) | (frequencies < 0) | (np.diff(frequencies, prepend=-1) <= 0)
+    ):
+        raise ConfigurationError(
+            f"The frequency of row {row + 1} is {frequencies[row]:g} Hz; give them ascending, none negative."
+        )
+    bad = ~np.isfinite(density).all(axis=1) | (density[:, [0, 2]] < 0).any(axis=1)
+    for row in np.flatnonzero(bad):
+        raise ConfigurationError(
+            f"At {frequencies[row]:g} Hz the densities x, y are {density[row, 0]:g}, {density[row, 2]:g}; "
+            "give arcsec²/Hz, finite and not negative."
+        )
+    most = np.sqrt(density[:, 0] * density[:, 2])
+    for row in np.flatnonzero(np.abs(density[:, 1]) > most * (1 + _SLACK)):
+        raise ConfigurationError(
+            f"At {frequencies[row]:g} Hz the cross spectrum is {density[row, 1]:g}, more than the root of "
+            f"the product of x and y, {most[row]:g}; give its real part in arcsec²/Hz."
+        )

@@ -1,0 +1,144 @@
+"""A spectrum seen by one exposure after the other: displacement, smear and jitter, in both axes.
+
+Reach for :func:`split_spectrum`.  A :class:`Split` holds second moments; :attr:`Split.blur`, smear and jitter
+together, is what widens the image, and displacement what moves it from frame to frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.motion.integrals import panel_integrals
+from jitterkit.motion.spectrum import Line, PowerSpectrum
+from jitterkit.motion.weights import PARTS, difference_weight, part_weights
+
+__all__ = ["Split", "cumulative_split", "motion_between_frames", "split_line", "split_spectrum"]
+
+_PER_DECADE = 40
+"""Frequencies at least of a cumulative split, down ten decades, so that it is smooth to look at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Mean second moments ``(Sxx, Sxy, Syy)`` of the pointing over many exposures, arcsec².
+
+    Attributes
+    ----------
+    displacement : (3,) array
+        Of the frames' mean pointings.
+    smear : (3,) array
+        Of the straight part of the motion within a frame: of smear vectors ``l`` the mean of ``l l' / 12``.
+    jitter : (3,) array
+        Of the rest within a frame.
+    """
+
+    displacement: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    smear: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    jitter: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def blur(self) -> np.ndarray:
+        """Of everything within a frame."""
+        return self.smear + self.jitter
+
+    def __add__(self, other: Split) -> Split:
+        """Of two independent motions at once."""
+        return Split(*(getattr(self, part) + getattr(other, part) for part in PARTS))
+
+
+def split_line(line: Line, exposure: float) -> Split:
+    """Split a line by its cycles in one exposure [s]."""
+    shares = part_weights(np.array([line.frequency * check_exposure(exposure)]))[:, 0]
+    return Split(*(share * line.moments() for share in shares))
+
+
+def split_spectrum(spectrum: PowerSpectrum, exposure: float) -> Split:
+    """Split a spectrum, its lines included.
+
+    Parameters
+    ----------
+    spectrum : PowerSpectrum
+    exposure : float
+        s.
+
+    Returns
+    -------
+    split : Split
+        The parts sum to the variance of the motion.
+
+    Raises
+    ------
+    ConfigurationError
+        If the exposure is not positive.
+    """
+    _, integrals = panel_integrals(spectrum, _parts(exposure), exposure)
+    start = Split(*integrals.sum(axis=0)) if len(integrals) else Split()
+    return sum((split_line(line, exposure) for line in spectrum.lines), start)
+
+
+def cumulative_split(spectrum: PowerSpectrum, exposure: float) -> tuple[np.ndarray, np.ndarray]:
+    """The split of all motion up to a frequency, at frequencies close enough to draw it.
+
+    Parameters
+    ----------
+    spectrum, exposure
+        As in :func:`split_spectrum`.
+
+    Returns
+    -------
+    frequencies : (n,) array
+        Hz, ascending; a line has two, before and after.
+    moments : (n, 3, 3) array
+        By part (displacement, smear, jitter) and moment (Sxx, Sxy, Syy), arcsec².
+    """
+    tones = sorted(spectrum.lines, key=lambda line: line.frequency)
+    places = np.array([line.frequency for line in tones])
+    steady = spectrum.highest * 10.0 ** (-np.arange(10 * _PER_DECADE) / _PER_DECADE)
+    ends, integrals = panel_integrals(spectrum, _parts(exposure), exposure, [*places, *steady])
+    steps = [[getattr(split_line(line, exposure), part) for part in PARTS] for line in tones]
+    f = np.concatenate([ends, places, places])
+    change = np.zeros((len(f), 3, 3))
+    change[1 : len(ends)] = integrals
+    change[len(ends) + len(places) :] = np.reshape(steps, (-1, 3, 3))
+    order = np.argsort(f, kind="stable")
+    return f[order], np.cumsum(change[order], axis=0)
+
+
+def motion_between_frames(spectrum: PowerSpectrum, exposure: float, cadence: float) -> np.ndarray:
+    """Second moments (3,) of the motion from a frame to the one that starts a cadence [s] later, arcsec²."""
+    check_cadence(exposure, cadence)
+
+    def weights(f: np.ndarray) -> np.ndarray:
+        return difference_weight(f, exposure, cadence)[None]
+
+    _, integrals = panel_integrals(spectrum, weights, max(exposure, cadence))
+    tones = sum(
+        (weights(np.array([line.frequency])).item() * line.moments() for line in spectrum.lines), np.zeros(3)
+    )
+    return integrals.sum(axis=(0, 1)) + tones
+
+
+def check_exposure(exposure: float) -> float:
+    """Refuse what is no length of time."""
+    if not 0 < exposure < np.inf:
+        raise ConfigurationError(
+            f"An exposure of {exposure:g} s is impossible; give a positive number of seconds."
+        )
+    return exposure
+
+
+def check_cadence(exposure: float, cadence: float) -> float:
+    """Refuse exposures that overlap."""
+    if not check_exposure(exposure) <= cadence < np.inf:
+        raise ConfigurationError(
+            f"Exposures of {exposure:g} s cannot follow every {cadence:g} s; give a longer cadence."
+        )
+    return cadence
+
+
+def _parts(exposure: float):
+    check_exposure(exposure)
+    return lambda f: part_weights(f * exposure)

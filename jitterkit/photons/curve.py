@@ -1,0 +1,115 @@
+"""A curve over wavelength: a spectrum, a transmission or a quantum efficiency.
+
+Reach for :func:`read_curve`, which takes a CSV of the format of :mod:`jitterkit.optics.spectrum_file`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics import spectrum_file
+from jitterkit.optics.spectrum import Spectrum, flat_band
+
+__all__ = ["Curve", "band_of", "flat_curve", "read_curve"]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Straight lines between rows, and nothing outside.
+
+    Parameters
+    ----------
+    wavelengths : (m,) array
+        nm, positive and ascending, two at least.
+    values : (m,) array
+        Not negative, nor all zero.
+
+    Raises
+    ------
+    ConfigurationError
+        If they are not.
+    """
+
+    wavelengths: np.ndarray
+    values: np.ndarray
+
+    def __post_init__(self) -> None:
+        wavelengths, values = (np.asarray(a, dtype=float) for a in (self.wavelengths, self.values))
+        if wavelengths.ndim != 1 or wavelengths.shape != values.shape or len(wavelengths) < 2:
+            raise ConfigurationError(
+                f"A curve of {wavelengths.size} wavelengths and {values.size} values is none; give two of "
+                "each at least."
+            )
+        if not (np.all(np.isfinite(wavelengths)) and wavelengths[0] > 0 and np.all(np.diff(wavelengths) > 0)):
+            raise ConfigurationError(
+                "A curve's wavelengths must be positive and ascend, in nm; sort the table."
+            )
+        if not (np.all(np.isfinite(values)) and np.all(values >= 0) and np.any(values > 0)):
+            raise ConfigurationError("A curve must not be negative, nor zero everywhere; correct the table.")
+        object.__setattr__(self, "wavelengths", wavelengths)
+        object.__setattr__(self, "values", values)
+
+    def __call__(self, wavelengths: np.ndarray) -> np.ndarray:
+        """Values at wavelengths [nm]."""
+        return np.interp(wavelengths, self.wavelengths, self.values, left=0.0, right=0.0)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Shortest and longest wavelength [nm] between which the curve is not zero."""
+        lit = np.flatnonzero(self.values)
+        last = len(self.values) - 1
+        return (
+            float(self.wavelengths[max(lit[0] - 1, 0)]),
+            float(self.wavelengths[min(lit[-1] + 1, last)]),
+        )
+
+
+def flat_curve(low: float, high: float, value: float = 1.0) -> Curve:
+    """A constant between two wavelengths [nm].
+
+    Raises
+    ------
+    ConfigurationError
+        If the wavelengths are out of order or the value is not positive.
+    """
+    if not 0 < low < high:
+        raise ConfigurationError(f"A band needs 0 < low < high in nm; got {low} to {high}.")
+    return Curve(np.array([low, high]), np.array([value, value]))
+
+
+def band_of(spectrum: Spectrum) -> Curve:
+    """The perfect filter that a flat band [nm] was made of.
+
+    Raises
+    ------
+    ConfigurationError
+        If the spectrum is not that of :func:`~jitterkit.optics.spectrum.flat_band`: its shape holds
+        stars and detector already.
+    """
+    nodes = np.asarray(spectrum.wavelengths)
+    outermost = np.polynomial.legendre.leggauss(nodes.size)[0][-1]
+    if nodes.size > 1:
+        middle, half = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2 / outermost
+        band = flat_band(middle - half, middle + half, nodes.size)
+        if np.allclose(band.wavelengths, nodes) and np.allclose(band.weights, spectrum.weights):
+            return flat_curve(middle - half, middle + half)
+    raise ConfigurationError("The instrument's spectrum is no flat band, and so no filter; give the filter.")
+
+
+def read_curve(path: str | Path) -> Curve:
+    """Read a curve from a CSV of wavelength [nm] and value.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is no such table, or its rows are no curve; the message names the file.
+    """
+    columns = spectrum_file.read_curve(path, "value")
+    try:
+        return Curve(*columns)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None

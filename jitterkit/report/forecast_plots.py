@@ -1,0 +1,255 @@
+"""Pictures of forecasts: matrices, errors against the size of the jitter, and how much of it may be.
+
+As in :mod:`~jitterkit.report.plots`, every function that draws on one pair of axes takes ``ax=None`` and
+returns them.  Curves are told apart by the shade of one colour map, from dark to light, and by a word at
+their ends, so that they can be told apart in grey too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from jitterkit.conventions import FWHM_PER_SIGMA
+from jitterkit.forecast import Forecast, Requirement, Sweep
+from jitterkit.loci import Mvn
+from jitterkit.report.axes import INK, RUST, axes_or_new, colour_bar
+from jitterkit.report.forecast_table import observing_time, unit_of
+from jitterkit.report.kernel_plots import plot_kernel
+from jitterkit.report.words import MINUS
+
+__all__ = ["curve_colours", "plot_errors", "plot_matrices", "plot_matrix", "plot_requirements", "plot_shears"]
+
+_PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")
+"""Ticks of a logarithmic axis that spans a decade or two."""
+
+_SHORT = {"separation": "sep", "contrast": "cont", "background": "bg"}
+
+
+def plot_matrices(forecast: Forecast) -> Figure:
+    """Draw the Fisher matrix and the covariance beside each other, in the parameters' own units."""
+    figure = Figure(figsize=(11.2, 5.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    plot_matrix(forecast.information, forecast.names, left, title="Fisher information")
+    plot_matrix(forecast.covariance, forecast.names, right, title="covariance (Cramér-Rao bound)")
+    return figure
+
+
+def plot_matrix(matrix, names: Sequence[str], ax: Axes | None = None, *, title: str = "") -> Axes:
+    """Draw a symmetric matrix whose elements span decades, with signs.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+        Its elements have the units of their row and column, or the inverse.
+    names : sequence of str
+    ax : matplotlib.axes.Axes, optional
+    title : str
+    """
+    ax = axes_or_new(ax, (5.4, 4.8))
+    matrix = np.asarray(matrix)
+    largest = float(np.abs(matrix).max())
+    least = float(np.abs(np.diag(matrix)).min())
+    norm = SymLogNorm(linthresh=least * 1e-3, vmin=-largest, vmax=largest)
+    picture = ax.imshow(matrix, cmap="RdBu_r", norm=norm)
+    for row, column in zip(*np.nonzero(matrix < 0), strict=True):  # print in grey has no signs
+        ax.text(column, row, MINUS, ha="center", va="center", fontsize=7, color=INK)
+    labels = [_SHORT.get(name, name) for name in names]
+    ax.set_xticks(range(len(labels)), labels, rotation=90)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.tick_params(length=0)
+    ax.set_title(title)
+    low, high = math.ceil(math.log10(least * 1e-3)), math.floor(math.log10(largest))
+    powers = 10.0 ** np.arange(high, low, -max(1, (high - low) // 3))
+    colour_bar(picture, ax, "own units of row and column")
+    bar = picture.colorbar
+    assert bar is not None
+    bar.set_ticks([*-powers, 0.0, *powers[::-1]])
+    bar.minorticks_off()
+    return ax
+
+
+def curve_colours(count: int) -> list[Any]:
+    """So many shades, dark to light, that differ in grey too."""
+    return [matplotlib.colormaps["viridis"](at) for at in np.linspace(0.0, 0.85, max(count, 2))[:count]]
+
+
+def plot_errors(
+    sweep: Sweep,
+    ax: Axes | None = None,
+    *,
+    still: float | None = None,
+    plate_scale: float | None = None,
+    exposure: float | None = None,
+    target: float = 1e-6,
+    marks: dict[str, float] | None = None,
+    title: str = "",
+) -> Axes:
+    """Draw the error of the separation against the first setting of a sweep, a curve for each of the second.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        Of one or two settings.
+    ax : matplotlib.axes.Axes, optional
+    still : float, optional
+        Error without jitter [arcsec], a dashed line.
+    plate_scale : float, optional
+        arcsec/pixel; then an upper axis counts pixels, where the setting is an angle on the sky.
+    exposure : float, optional
+        s; then an axis on the right says how long the target takes.
+    target : float
+        Error of the mean to reach, arcsec.
+    marks : dict of label to value, optional
+        Vertical lines.
+    title : str
+    """
+    ax = axes_or_new(ax, (5.6, 4.2))
+    names = list(sweep.axes)
+    along: np.ndarray = sweep.axes[names[0]]
+    unit = unit_of(names[0])
+    error = 1e6 * sweep.error().reshape(len(along), -1)
+    others = sweep.axes[names[1]] if len(names) > 1 else np.array([math.nan])
+    for column, value, colour in zip(error.T, others, curve_colours(len(others)), strict=True):
+        ax.plot(along, column, color=colour, lw=1.5)
+        if math.isfinite(value):
+            sign = "°" if unit_of(names[1]) == "deg" else ""
+            ax.annotate(f" {value:.3g}{sign}", (along[-1], column[-1]), color=colour, fontsize=7, va="center")
+    ax.set_xlim(right=along[-1] + 0.08 * (along[-1] - along[0]))
+    if still is not None:
+        ax.axhline(1e6 * still, color=INK, ls="--", lw=1)
+        middle = (along[0] + along[-1]) / 2
+        ax.annotate("no jitter", (middle, 1e6 * still), xytext=(0, -11), textcoords="offset points",
+                    ha="center", fontsize=8, color=INK)  # fmt: skip
+        ax.margins(y=0.08)
+    for label, value in (marks or {}).items():
+        ax.axvline(value, color=RUST, lw=1, ls=":")
+        ax.annotate(label, (value, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top",
+                    ha="right", fontsize=8, color=RUST)  # fmt: skip
+    ax.set(xlabel=f"{names[0]} [{unit}]" if unit else names[0], ylabel="error of separation, one frame [µas]")
+    ax.set_title(title)
+    ax.spines[["top", "right"]].set_visible(False)
+    if plate_scale is not None and unit == "arcsec":
+        pixels = ax.secondary_xaxis("top", functions=_pixels(plate_scale))
+        pixels.set_xlabel("[pixel]")
+    if exposure is not None:
+        _add_time(ax, target, exposure)
+    return ax
+
+
+def _pixels(plate_scale: float):
+    """From arcsec to pixels, and back."""
+    return lambda size: np.asarray(size) / plate_scale, lambda count: np.asarray(count) * plate_scale
+
+
+def _add_time(ax: Axes, target: float, exposure: float) -> None:
+    """An axis on the right: hours to the target, beside the error of one frame."""
+
+    def hours(microarcsec):
+        return observing_time(1e-6 * np.maximum(microarcsec, 0), target, exposure)
+
+    def back(time):
+        return 1e6 * target * np.sqrt(np.maximum(time, 0.0) * 3600 / exposure)
+
+    ax.secondary_yaxis("right", functions=(hours, back)).set_ylabel(f"time to {1e6 * target:g} µas [h]")
+
+
+def plot_requirements(
+    requirements: Sequence[Requirement],
+    ax: Axes | None = None,
+    *,
+    exposure: float | None = None,
+    title: str = "",
+) -> Axes:
+    """Draw the largest vibration against its frequency, a curve for each angle from the pair.
+
+    Parameters
+    ----------
+    requirements : sequence of Requirement
+        Those of vibrations are drawn.
+    ax : matplotlib.axes.Axes, optional
+    exposure : float, optional
+        s; without it the axis counts cycles an exposure.
+    title : str
+    """
+    ax = axes_or_new(ax, (5.6, 4.2))
+    every = [one for one in requirements if one.motion == "vibration"]
+    angles = sorted({one.angle for one in every})
+    for angle, colour, marker in zip(
+        angles, curve_colours(len(angles)), "osD^v<>"[: len(angles)], strict=False
+    ):
+        mine = [one for one in every if one.angle == angle]
+        x = np.array([one.cycles for one in mine]) / (exposure or 1.0)
+        ax.loglog(x, [one.size for one in mine], color=colour, marker=marker, ms=4, label=f"{angle:g}°")
+    for cycles, regime in ((0.2, "low"), (3.0, "high")):
+        ax.axvline(cycles / (exposure or 1.0), color=INK, lw=0.8, ls=":")
+        side = -1 if regime == "low" else 1
+        ax.annotate(f"{regime} frequency", (cycles / (exposure or 1.0), 0.02),
+                    xycoords=("data", "axes fraction"), fontsize=8, ha="right" if side < 0 else "left",
+                    xytext=(4 * side, 0), textcoords="offset points")  # fmt: skip
+    ax.set(
+        xlabel="frequency [Hz]" if exposure else "cycles an exposure", ylabel="largest peak to peak [arcsec]"
+    )
+    ax.set_title(title)
+    ax.legend(title="from the pair", frameon=False, fontsize=8)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter(_PLAIN)
+        axis.set_minor_formatter(_PLAIN)
+    ax.tick_params(which="minor", labelsize=8)
+    x = np.array([one.cycles for one in every]) / (exposure or 1.0)
+    ax.set_xlim(x.min() * 0.7, x.max() * 3)
+    ax.spines[["top", "right"]].set_visible(False)
+    return ax
+
+
+def plot_shears(
+    sweeps: dict[float, Sweep],
+    *,
+    still: float,
+    plate_scale: float,
+    exposure: float | None,
+    target: float = 1e-6,
+) -> Figure:
+    """Draw errors under a normal jitter, a row for each shear, with its kernel beside it.
+
+    Parameters
+    ----------
+    sweeps : dict of shear to Sweep
+        Each over ``sigma_major`` and ``angle``.
+    still, plate_scale, exposure, target
+        As for :func:`plot_errors`.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        An axis above each row counts FWHM of the major axis; every row has the same scales.
+    """
+    figure = Figure(figsize=(8.4, 3.3 * len(sweeps)), layout="constrained")
+    rows = figure.subplots(len(sweeps), 2, width_ratios=[2.6, 1], squeeze=False)
+    top = max(float(sweep.error().max()) for sweep in sweeps.values())
+    for (left, right), (shear, sweep) in zip(rows, sweeps.items(), strict=True):
+        plot_errors(sweep, left, still=still, exposure=exposure, target=target, title=f"shear {shear:g}")
+        left.set_ylim(1e6 * still * 0.9, 1e6 * top * 1.05)
+        width = left.secondary_xaxis("top", functions=(_to_fwhm, _from_fwhm))
+        width.set_xlabel("FWHM of the major axis [arcsec]")
+        largest = float(sweep.axes["sigma_major"][-1])
+        plot_kernel(
+            Mvn.sheared(largest, shear), right, plate_scale=plate_scale, title=f"σ {largest:.3g}″, 0°"
+        )
+    return figure
+
+
+def _to_fwhm(sigma):
+    return sigma * FWHM_PER_SIGMA
+
+
+def _from_fwhm(width):
+    return width / FWHM_PER_SIGMA

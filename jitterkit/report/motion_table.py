@@ -1,0 +1,104 @@
+"""A motion as a table with units and as sentences for a person.
+
+Reach for :func:`motion_table`, a row a source of motion, and :func:`motion_sentences`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from astropy import units
+from astropy.table import QTable
+
+from jitterkit.loci import principal_axes
+from jitterkit.motion import PARTS, Assessment, Share, critical_frequency
+from jitterkit.report.words import angle_size, ellipse_size, number
+
+__all__ = ["motion_sentences", "motion_table"]
+
+_SMALL = 0.15
+"""Pixels rms of a blur below which a normal serves any shape: a bias below 1 µas a frame on TOLIMAN."""
+
+_FEW = 10
+"""Exposures of which a mean says little."""
+
+_DECIMALS = 6
+"""Of a size in mas; beyond them there is rounding."""
+
+
+def motion_table(assessed: Assessment) -> QTable:
+    """Tabulate the sources of a motion and, last, all together.
+
+    Parameters
+    ----------
+    assessed : Assessment
+
+    Returns
+    -------
+    table : QTable
+        Ends of the frequencies [Hz], of a line its amplitude [arcsec] and angle [deg], regime, locus, and of
+        displacement, smear and jitter one sigma along x and y [mas] and second moments [arcsec²].  A smear's
+        rms length is √12 times its sigma.  ``meta`` has exposure, cadence, bandwidth, and the second moments
+        of the motion between frames [arcsec²].
+    """
+    shares, lines = assessed.shares, [*(share.line for share in assessed.shares), None]
+    table = QTable({"source": [*("random" if share.line is None else "line" for share in shares), "all"]})
+    table["from"] = _column([*(share.low for share in shares), np.nan], units.Hz)
+    table["to"] = _column([*(share.high for share in shares), np.nan], units.Hz)
+    table["amplitude"] = _column([np.nan if line is None else line.amplitude for line in lines], units.arcsec)
+    table["angle"] = _column([np.nan if line is None else line.angle for line in lines], units.deg)
+    table["regime"] = [*(share.regime for share in shares), ""]
+    table["locus"] = [*(share.locus for share in shares), assessed.names]
+    for part in PARTS:
+        moments = np.array([getattr(split, part) for split in (*(s.split for s in shares), assessed.split)])
+        sizes = np.round(1e3 * np.sqrt(np.maximum(moments, 0)), _DECIMALS)
+        table[f"{part}_x"], table[f"{part}_y"] = (_column(sizes[:, k], units.mas) for k in (0, 2))
+        for k, name in enumerate(("sxx", "sxy", "syy")):
+            table[f"{part}_{name}"] = _column(moments[:, k], units.arcsec**2)
+    table.meta |= {
+        "exposure": assessed.exposure,
+        "cadence": assessed.cadence,
+        "bandwidth": assessed.bandwidth,
+    }
+    table.meta["between_frames"] = [float(moment) for moment in assessed.steps]
+    return table
+
+
+def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
+    """Say what exposures see of a motion, for pixels of so many arcsec."""
+    critical = critical_frequency(assessed.exposure)
+    said = [f"Exposures of {assessed.exposure:g} s: the critical frequency is {critical:g} Hz."]
+    said += [_of_share(share, assessed.exposure) for share in assessed.shares]
+    if assessed.frames is not None:
+        doubt = "; their mean says little" if assessed.frames < _FEW else ""
+        said.append(f"{assessed.frames} exposures in the trace{doubt}.")
+    after, before = assessed.split, assessed.unguided
+    if assessed.bandwidth is not None:
+        said.append(
+            f"A loop of {assessed.bandwidth:g} Hz leaves {_rms(after.blur)} of {_rms(before.blur)} of blur, "
+            f"and {_rms(after.displacement)} of {_rms(before.displacement)} of displacement (rms)."
+        )
+    said.append(f"Between frames {assessed.cadence:g} s apart the image moves by {_rms(assessed.steps)} rms.")
+    major, minor, angle = principal_axes(after.blur)
+    size = f", {ellipse_size(major, minor)} rms, the longer axis at {angle:.0f}°" if major > 0 else ""
+    said.append(f"Blur of a typical frame: {assessed.names}{size}.")
+    if 0 < major < _SMALL * plate_scale:
+        pixels = f"{major / plate_scale:.2g} pixel"
+        said.append(f"At {pixels} an image shows second moments and no more of it: mvn will do.")
+    return said
+
+
+def _of_share(share: Share, exposure: float) -> str:
+    if share.line is None:
+        return f"{share.low:.3g} to {share.high:.3g} Hz: {share.regime}; {share.locus}."
+    size = " x ".join(number(size, 2) for size in (share.line.amplitude, share.line.minor) if size) or "0"
+    cycles = f"{share.low * exposure:.2g} cycles an exposure"
+    return f"{share.low:g} Hz, {size} arcsec: {share.regime} ({cycles}); {share.locus}."
+
+
+def _rms(moments) -> str:
+    """Root of the variance in both axes together."""
+    return angle_size(round(max(float(moments[0] + moments[2]), 0.0) ** 0.5, 3 + _DECIMALS))
+
+
+def _column(values, unit: units.UnitBase) -> units.Quantity:
+    return np.array(values, float) * unit

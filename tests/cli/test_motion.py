@@ -1,0 +1,146 @@
+"""``jitterkit motion``, and ``simulate`` shaken by a spectrum."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from astropy.io import fits
+from typer.testing import CliRunner
+
+from jitterkit.cli.motion import motion
+from jitterkit.cli.runtime import tells_errors
+from jitterkit.cli.simulate import simulate
+from jitterkit.motion import Line, PowerSpectrum, split_spectrum
+from jitterkit.report.table import read_table
+
+runner = CliRunner()
+app = typer.Typer()
+for command in (motion, simulate):
+    app.command()(tells_errors(command))
+HST = Path(__file__).parents[2] / "sample_frames" / "motion" / "hst.csv"
+
+
+def assess(*arguments):
+    return runner.invoke(app, ["motion", *map(str, arguments), "-i", "smallsat"])
+
+
+@pytest.fixture
+def lines(tmp_path):
+    path = tmp_path / "lines.csv"
+    path.write_text("frequency,amplitude,angle\n61,0.4,30\n900,0.2,90\n")
+    return path
+
+
+def test_hst_is_a_worked_example_in_tables_on_stdout_and_talk_on_stderr(tmp_path):
+    done = assess(HST, "--exposure", "0.1", "--no-loss")
+    assert done.exit_code == 0, done.output
+    rows = [line.split() for line in done.stdout.splitlines() if line.split()[:1] == ["line"]]
+    assert {(row[1], row[5], row[6]) for row in rows} >= {
+        ("0.1", "low", "linear"),
+        ("4", "medium", "partial"),
+        ("61", "high", "shm"),
+        ("300", "high", "shm"),
+    }
+    assert "critical frequency is 10 Hz" in done.stderr
+    assert "61 Hz, 0.020 arcsec: high (6.1 cycles an exposure); shm." in done.stderr
+
+
+def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path):
+    table, picture = tmp_path / "budget.ecsv", tmp_path / "motion.png"
+    done = assess(lines, "-o", table, "--plot", picture, "--cadence", "0.5")
+    assert done.exit_code == 0, done.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    kept = read_table(table)
+    assert kept["amplitude"][:2].to_value("arcsec").tolist() == [0.4, 0.2]
+    expected = split_spectrum(PowerSpectrum(lines=(Line(61, 0.4, 30), Line(900, 0.2, 90))), 0.1).jitter
+    for name, value in zip(("sxx", "sxy", "syy"), expected, strict=True):
+        assert kept[f"jitter_{name}"][-1].to_value("arcsec2") == pytest.approx(value, rel=1e-12)
+    loss = kept.meta["loss"]
+    along, across = loss["more_time"]
+    assert along > across > 0  # light smeared along the pair tells least of its separation
+    ratio = np.divide(loss["error_with"], loss["error_without"]) ** 2 - 1
+    np.testing.assert_allclose(ratio, [along, across])
+    assert "more_time" in done.stdout
+    again = assess(lines, "-o", table)
+    assert again.exit_code == 2
+    assert "--overwrite" in again.stderr
+
+
+def test_no_motion_costs_what_free_moments_cost(tmp_path):
+    path = tmp_path / "still.csv"
+    path.write_text("frequency,amplitude,angle\n61,0,0\n")
+    done = assess(path)
+    assert done.exit_code == 0, done.output
+    percents = [float(word[:-1]) for word in done.stdout.split() if word.endswith("%")]
+    assert len(percents) == 2
+    assert all(0 <= percent < 1 for percent in percents)
+
+
+def test_a_trace_is_split_and_a_loop_takes_its_slow_part(tmp_path):
+    path = tmp_path / "gyro.csv"
+    t = np.linspace(0, 5, 2001)
+    x = 0.3 * np.sin(2 * np.pi * t) + 0.02 * np.sin(2 * np.pi * 70 * t)
+    path.write_text("t,x,y\n" + "\n".join(f"{a},{b},0" for a, b in zip(t, x, strict=True)))
+    free, held = assess(path, "--no-loss"), assess(path, "--no-loss", "--bandwidth", "10")
+    for done in (free, held):
+        assert done.exit_code == 0, done.output
+        assert "50 exposures in the trace." in done.stderr
+    smear = [float(done.stdout.split()[-4]) for done in (free, held)]
+    assert smear[1] < 0.2 * smear[0]
+    assert "A loop of 10 Hz leaves" in held.stderr
+
+
+def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path):
+    path = tmp_path / "shaken.fits"
+    arguments = [
+        "simulate",
+        str(path),
+        "-i",
+        "smallsat",
+        "--spectrum",
+        str(lines),
+        "--frames",
+        "2",
+        "--seed",
+        "5",
+    ]
+    done = runner.invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    headers = [fits.getheader(tmp_path / f"shaken-{k}.fits") for k in (0, 1)]
+    for header in headers:
+        assert header["TRULOCUS"] == "trace*shm"  # 61 Hz is drawn; 900 Hz, 90 cycles, is a blur
+        # of 6.1 cycles a piece has the variance to a few percent; along y the fast line adds 0.02
+        assert header["TRUSXX"] == pytest.approx(0.08 * 0.75, rel=0.1)
+        assert header["TRUSYY"] == pytest.approx(0.08 * 0.25 + 0.02, rel=0.1)
+    assert headers[0]["TRUSXX"] != headers[1]["TRUSXX"]
+    places = [(header["TRUX"], header["TRUY"]) for header in headers]
+    np.testing.assert_allclose(np.sum(places, axis=0), 0, atol=1e-12)  # about the mean of both
+    assert 0 < np.hypot(*places[0]) < 0.4  # and by no more than the slower line's amplitude
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["motion", "none.csv"], "none.csv: cannot be read"),
+        (["motion", "short.csv"], "holds no exposure of 0.1 s"),
+        (["motion", "lines.csv", "--exposure", "-1"], "An exposure of -1 s is impossible"),
+        (["motion", "lines.csv", "--cadence", "0.05"], "Exposures of 0.1 s cannot follow every 0.05 s"),
+        (["motion", "lines.csv", "--bandwidth", "0"], "bandwidth of 0 Hz is impossible"),
+        (["motion", "lines.csv", "--plot", "nowhere/a.png"], "nowhere is not a directory"),
+        (["simulate", "a.fits", "--spectrum", "short.csv"], "short.csv is a trace; give it by --trace."),
+        (["simulate", "a.fits", "--spectrum", "lines.csv", "--trace", "short.csv"], "leave out --trace"),
+        (["simulate", "a.fits", "--spectrum", "lines.csv", "--locus", "shm"], "leave out --locus"),
+        (
+            ["simulate", "a.fits", "--spectrum", "lines.csv", "--length", "1"],
+            "leave out the sizes of a locus",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence_and_exit_status_two(arguments, sentence, lines, monkeypatch):
+    monkeypatch.chdir(lines.parent)
+    Path("short.csv").write_text("t,x,y\n0,0,0\n0.01,0,0\n")
+    done = runner.invoke(app, [*arguments, "-i", "smallsat"])
+    assert done.exit_code == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,152 @@
+"""``jitterkit photons``: the table, the files it reads and writes, and what it refuses."""
+
+import inspect
+import sys
+
+import numpy as np
+import pytest
+import typer
+from astropy.table import QTable
+from typer.testing import CliRunner
+
+from jitterkit.cli.photons import photons
+from jitterkit.cli.runtime import tells_errors
+from jitterkit.photons.stars import MAGNITUDES, TEMPERATURES
+from jitterkit.photons.throughput import GLASS, PLATES
+
+pytest.importorskip("synphot")
+runner = CliRunner()
+app = typer.Typer()
+app.command()(tells_errors(photons))
+
+
+def run(*arguments):
+    return runner.invoke(app, ["-i", "smallsat", *map(str, arguments)])
+
+
+def table(tmp_path, *arguments):
+    """The table that a run writes, by quantity; the last of those that share a name."""
+    path = tmp_path / "table.ecsv"
+    done = run(*arguments, "-o", path, "--overwrite")
+    assert done.exit_code == 0, done.output
+    return {row["quantity"]: row for row in QTable.read(path, format="ascii.ecsv")}
+
+
+def test_the_defaults_are_the_room_s():
+    defaults = {name: given.default for name, given in inspect.signature(photons).parameters.items()}
+    assert defaults["temperatures"] == TEMPERATURES
+    assert defaults["magnitudes"] == MAGNITUDES
+    assert (defaults["glass"], defaults["plates"]) == (GLASS, PLATES)
+
+
+def test_the_table_says_rates_area_and_photons():
+    done = run()
+    assert done.exit_code == 0, done.output
+    lines = [line.split("  ") for line in done.stdout.splitlines()]
+    assert [line[0] for line in lines if line[0]] == [
+        "rate of A",
+        "rate of B",
+        "rate of both",
+        "contrast in the band",
+        "mean wavelength",
+        "exposure",
+        "area of the pupil",
+        "photons by it",
+    ]
+    assert "paper" not in done.stdout  # which describes another telescope
+
+
+def test_toliman_is_set_beside_the_paper_and_its_notebook():
+    done = runner.invoke(app, ["--area", "114.67"])  # no need of the diffractive pupil
+    assert done.exit_code == 0, done.output
+    said = {line[:27].rstrip(): line[27:].split() for line in done.stdout.splitlines()}
+    assert said["rate of both"][-3:] == ["830900", "830900", "photons/s/cm²"]
+    assert said["area, diameters for radii"][:3] == ["458.7"] * 3
+    assert said["contrast in the band"][-2:] == ["3.370", "3.224"]
+    assert "3.811 × 10⁷" in done.stdout.splitlines()[-1]
+
+
+def test_options_and_files_change_the_count_as_they_should(tmp_path):
+    plain = table(tmp_path)
+    photons_of = lambda rows: rows["photons by it"]["here"]  # noqa: E731
+    assert photons_of(table(tmp_path, "--exposure", 0.2)) == pytest.approx(2 * photons_of(plain))
+    assert photons_of(table(tmp_path, "--plates", 0)) == pytest.approx(photons_of(plain) / 0.91**2)
+    half = tmp_path / "filter.csv"
+    half.write_text("wavelength_nm,value\n530,0.5\n640,0.5\n")
+    assert photons_of(table(tmp_path, "--filter", half)) == pytest.approx(photons_of(plain) / 2, rel=1e-9)
+    fainter = table(tmp_path, "--magnitudes", 0.01, 3.83)
+    assert fainter["contrast in the band"]["here"] == pytest.approx(
+        10 * plain["contrast in the band"]["here"]
+    )
+
+
+def test_spectra_and_efficiency_come_from_files(tmp_path):
+    nm = np.arange(400, 801)
+    for name, values in (("a", np.ones(401)), ("b", 5 * np.ones(401)), ("qe", np.full(401, 0.5))):
+        rows = "\n".join(f"{x},{y}" for x, y in zip(nm, values, strict=True))
+        (tmp_path / f"{name}.csv").write_text("wavelength_nm,value\n" + rows)
+    rows = table(
+        tmp_path,
+        *(
+            "--spectrum-a",
+            tmp_path / "a.csv",
+            "--spectrum-b",
+            tmp_path / "b.csv",
+            "--qe",
+            tmp_path / "qe.csv",
+        ),
+        *("--magnitudes", 1.0, 3.5),
+    )
+    assert rows["contrast in the band"]["here"] == pytest.approx(10.0)  # 2.5 magnitudes, whatever the units
+    assert rows["mean wavelength"]["here"] == pytest.approx(585.0)
+
+
+def test_the_picture_is_a_png(tmp_path):
+    done = run("--plot", tmp_path / "p.png")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    assert "wrote" in done.stderr
+    assert "wrote" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--spectrum-a", "none.csv"], "none.csv: cannot be read"),
+        (["--spectrum-b", "short.csv"], "short.csv: A spectrum of 530 to 640 nm has no V magnitude"),
+        (["--filter", "percent.csv"], "The filter reaches 90; give shares of 1, not per cent."),
+        (["--glass", "0"], "glass = 0.0 is no transmission"),
+        (["--area", "-1"], "area = -1.0 is not positive; give it in cm²."),
+        (["--plot", "p.pdf"], "p.pdf does not end in .png"),
+        (["--output", "there.ecsv"], "there.ecsv exists; give --overwrite"),
+        (["-i", "psf.toml", "--filter", "short.csv"], "has no pupil; give --area in cm2."),
+        (["-i", "psf.toml"], "has no band; give --filter."),
+        (["-i", "lines.toml"], "no flat band, and so no filter; give the filter."),
+    ],
+)
+def test_what_cannot_be_counted_is_one_sentence_and_exit_status_two(
+    arguments, sentence, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "short.csv").write_text("530,1\n640,1\n")
+    (tmp_path / "percent.csv").write_text("530,90\n640,90\n")
+    (tmp_path / "there.ecsv").touch()
+    head = '[instrument]\nname = "x"\nplate_scale = 0.4\nshape = [16, 16]\nexposure = 0.1\n'
+    (tmp_path / "psf.toml").write_text(head + '[psf]\nfile = "star.fits"\n')
+    (tmp_path / "lines.toml").write_text(
+        head + "[telescope]\ndiameter = 0.1\n[spectrum]\nlines = [532, 560, 633]\n"
+    )
+    from jitterkit.frames import write_fits
+
+    write_fits(tmp_path / "star.fits", np.pad([[100.0]], 8)[:-1, :-1].astype("float32"))
+    done = run(*arguments)
+    assert done.exit_code == 2, done.output
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_without_synphot_one_sentence_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "synphot", None)
+    done = run()
+    assert done.exit_code == 2
+    assert 'run: pip install "jitterkit[spectra]"' in done.stderr

@@ -1,0 +1,115 @@
+"""Wrong models: the science's biases, another optimiser's, and the same draws fitted in two ways."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+
+from jitterkit.conventions import FWHM_PER_SIGMA
+from jitterkit.forecast import linearised_draws, noise_free_fit, refitted_draws
+from jitterkit.forward import expected_image, to_vector
+from jitterkit.loci import Linear, Mvn, Shm, Stable
+
+SIGMA = 0.225 / FWHM_PER_SIGMA
+
+
+@pytest.mark.parametrize(
+    ("truth", "fitted", "expected"),
+    [
+        (Mvn.sheared(SIGMA, 0.1, 0), "stable", -591),
+        (Mvn.sheared(SIGMA, 0.1, 45), "stable", -394),
+        (Mvn.sheared(SIGMA, 0.1, 90), "stable", -439),
+        (Mvn.sheared(SIGMA, 0.7, 0), "linear", 16),
+        (Mvn.sheared(SIGMA, 0.7, 45), "linear", -79),
+        (Mvn.sheared(SIGMA, 0.7, 90), "linear", -66),
+        (Linear.of(0.225), "mvn", 0.9),
+        (Linear.of(0.375), "mvn", 7.4),
+        (Linear.of(0.75), "mvn", 133),
+        (Shm.of(0.225), "mvn", 2.6),
+        (Shm.of(0.375), "mvn", 22),
+        (Shm.of(0.75), "mvn", 386),
+        (Linear.of(0.75), "shm", -32),
+        (Shm.of(0.75), "linear", 74),
+    ],
+)
+def test_a_wrong_locus_biases_the_separation_as_the_science_says(paper, truth, fitted, expected):
+    found = noise_free_fit(paper.under(truth), fitted, paper.optics, otf=paper.otf)
+    assert 1e6 * found.bias == pytest.approx(expected, rel=0.03, abs=0.1)
+
+
+def test_the_right_locus_has_no_bias_and_the_scatter_of_its_bound(bench):
+    found = noise_free_fit(bench.under(Linear.of(0.5, 30.0)), "linear", bench.optics, otf=bench.otf)
+    assert abs(found.bias) < 1e-6 * found.error
+    assert found.scatter == pytest.approx(found.error, rel=1e-6)
+    assert found.misfit < 1e-6
+
+
+def test_a_hopeless_locus_is_biased_as_another_optimiser_finds(bench):
+    truth = bench.under(Mvn.of(0.25, 0.22, 40.0))
+    found = noise_free_fit(truth, "linear", bench.optics, otf=bench.otf)
+    mean = jnp.asarray(expected_image(truth, bench.otf))
+    vector, unravel = to_vector(found.fit.parameters)
+    size = jnp.append(np.sqrt(np.diag(found.fit.covariance)), 0.0)
+
+    def lost(moved):
+        parameters = unravel(vector + jnp.append(moved, 0.0) * size)
+        image = expected_image(parameters, bench.optics.otf(parameters.aberrations, derivatives=False))
+        return jnp.sum(image - mean - mean * jnp.log(image / mean))
+
+    away = np.full(len(vector) - 1, 3.0)  # three errors off in everything
+    end = scipy.optimize.minimize(
+        jax.value_and_grad(lost), away, jac=True, method="BFGS", options={"gtol": 1e-3}
+    )
+    # that optimiser stops within a hundredth of an error
+    assert abs(end.x[0]) < 0.01
+    assert abs(found.bias) > 0.3 * found.error  # there was something to find
+
+
+@pytest.fixture(scope="module")
+def fits(bench):
+    truth = bench.under(Linear.of(0.6, 20.0))
+    return [noise_free_fit(truth, name, bench.optics, otf=bench.otf) for name in ("linear", "mvn", "stable")]
+
+
+def test_linearised_draws_scatter_as_the_linear_response_does(fits):
+    drawn = linearised_draws(fits, 2000, np.random.default_rng(4))
+    assert drawn.separations.shape == drawn.evidence.shape == (3, 2000)
+    for values, fit in zip(drawn.separations, fits, strict=True):
+        # standard errors of mean and deviation of 2000 draws; four of them
+        assert abs(values.mean() - 5.0 - fit.bias) < 4 * fit.scatter / np.sqrt(2000)
+        assert values.std() == pytest.approx(fit.scatter, rel=4 / np.sqrt(4000))
+    assert fits[0].scatter == pytest.approx(fits[0].error, rel=1e-6)
+    assert fits[2].scatter > 1.02 * fits[2].error  # a wrong locus scatters by more than it believes
+
+
+def test_the_same_generator_draws_the_same_frames_for_both_ways_of_fitting(fits, bench):
+    quick = linearised_draws(fits[:2], 12, np.random.default_rng(9))
+    full = refitted_draws(fits[:2], bench.optics, 12, np.random.default_rng(9), auto=True)
+    assert (quick.loci, full.loci) == (("linear", "mvn"), ("linear", "mvn", "auto"))
+    off = full.separations[:2] - quick.separations
+    # a step leaves out a few hundredths of an error; another draw would be off by one
+    assert np.all(np.abs(off) < 0.2 * fits[0].error)
+    assert np.std(off[0]) < 0.05 * fits[0].error
+    # so do differences of evidence, to a nat of forty: cubic terms of the likelihood, where mvn is wrong
+    known = [d.evidence[0] - d.evidence[1] for d in (quick, full)]
+    np.testing.assert_allclose(*known, rtol=0, atol=1.0)
+    assert np.std(known[0]) > 2  # they do differ from frame to frame
+    assert np.all(np.isfinite(full.separations[2]))
+    np.testing.assert_array_equal(quick, linearised_draws(fits[:2], 12, np.random.default_rng(9)))
+    assert not np.any(quick.separations == linearised_draws(fits[:2], 12, np.random.default_rng(10))[1])
+
+
+def test_the_evidence_of_many_frames_finds_the_locus_that_one_frame_cannot(fits):
+    drawn = linearised_draws(fits, 400, np.random.default_rng(2))
+    name, separations = drawn.by_sequence()
+    assert name == "linear"
+    np.testing.assert_array_equal(separations, drawn.separations[0])
+    chosen = drawn.by_frame()
+    assert np.all((chosen == drawn.separations[0]) | (chosen == drawn.separations[1]))
+    assert np.all(np.isneginf(drawn.evidence[2]))  # stable has no evidence, and is never chosen
+
+
+def test_a_stable_telescope_fitted_with_a_normal_is_unbiased(bench):
+    found = noise_free_fit(bench.under(Stable.of()), "mvn", bench.optics, otf=bench.otf)
+    assert abs(found.bias) < 1e-6 * found.error

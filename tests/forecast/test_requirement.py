@@ -1,0 +1,85 @@
+"""The inverse question, asked back: the size that was found costs what was allowed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.forecast import (
+    forecast,
+    jitter_requirements,
+    largest_size,
+    noise_free_fit,
+    one_step_bias,
+    sweep,
+)
+from jitterkit.forecast.requirement import MOTIONS
+from jitterkit.loci import Linear, PartialShm, Shm
+
+
+def test_the_largest_size_is_found_from_any_guess():
+    for guess in (1e-4, 0.1, 20.0):
+        assert largest_size(lambda size: 3 * size**2, 0.12, guess) == pytest.approx(0.2, rel=2e-3)
+    assert largest_size(lambda size: 0.0, 0.1) == math.inf
+    assert largest_size(lambda size: 1.0, 0.1) == 0.0
+
+
+def test_jitter_as_large_as_allowed_costs_the_time_that_was_allowed(bench):
+    found = jitter_requirements(bench.under(), bench.otf, 0.2, angles=(0.0, 90.0), cycles=(0.2,))
+    still = forecast(bench.under(), bench.otf).error("separation")
+    assert [one.motion for one in found] == [m for m in [*MOTIONS, "vibration"] for _ in range(2)]
+    for one in found:
+        turned = one.angle + 150.0  # the pair's own direction
+        if one.motion != "vibration":
+            loci = [MOTIONS[one.motion](one.size, turned)]
+        else:
+            loci = [PartialShm.of(one.size, turned, 0.2, phase) for phase in np.arange(8) * 45.0]
+        told = np.mean([forecast(bench.under(locus), bench.otf).error("separation") ** -2 for locus in loci])
+        # the size is found to 0.1 %, and the loss grows with its square
+        assert 1 / (told * still**2) - 1 == pytest.approx(0.2, rel=5e-3)
+    along, across = (one.size for one in found if one.motion == "linear")
+    assert along < across  # jitter along the pair hurts more
+
+
+def test_a_slow_vibration_may_be_as_large_as_its_frames_are_smeared(bench):
+    # a loss of 2 %, which grows with the square of the size: the mean over phases is then that of squares
+    (linear, *_, slow) = jitter_requirements(bench.under(), bench.otf, 0.02, angles=(0.0,), cycles=(0.05,))
+    # a frame sees 2 pi a cos(phase) of the amplitude; the mean over phases of its square is a half
+    assert 2 * math.pi * 0.05 * slow.size / 2 * 0.5**0.5 == pytest.approx(linear.size, rel=0.02)
+    assert slow.rms == pytest.approx(linear.rms, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "locus", [Linear.of(0.375, 0.0), Shm.of(0.375, 40.0), PartialShm.of(0.3, 10.0, 0.7, 30.0)]
+)
+def test_one_step_finds_the_bias_of_a_locus_that_is_nearly_right(paper, locus):
+    exact = noise_free_fit(paper.under(locus), "mvn", paper.optics, otf=paper.otf).bias
+    # what a step leaves out is of second order in the misfit; 3 % is the science's own tolerance
+    assert one_step_bias(paper.under(locus), "mvn", paper.otf) == pytest.approx(exact, rel=0.03)
+
+
+def test_with_its_own_locus_nothing_is_biased_and_any_jitter_is_allowed(bench):
+    found = jitter_requirements(bench.under(), bench.otf, 1e-6, fitted="mvn", angles=(30.0,), cycles=())
+    sizes = {one.motion: one.size for one in found}
+    assert sizes["mvn, round"] == sizes["mvn, shear 0.7"] == math.inf
+    assert 0 < sizes["shm"] < sizes["linear"] < math.inf
+    assert abs(
+        one_step_bias(bench.under(Linear.of(sizes["linear"], 180.0)), "mvn", bench.otf)
+    ) == pytest.approx(1e-6, rel=0.01)
+
+
+def test_nothing_allowed_is_refused(bench):
+    with pytest.raises(ConfigurationError, match=r"must be positive; got 0"):
+        jitter_requirements(bench.under(), bench.otf, 0)
+
+
+def test_a_sweep_holds_the_forecast_of_every_combination(bench):
+    def point(length, flux):
+        return forecast(bench.under(Linear.of(length), flux=flux), bench.otf)
+
+    grid = sweep(point, {"length": [0.2, 0.5], "flux": [1e5, 4e5, 1.6e6]})
+    assert grid.error().shape == (2, 3)
+    assert grid.error()[1, 2] == point(0.5, 1.6e6).error("separation")
+    np.testing.assert_allclose(grid.error()[:, 0], 2 * grid.error()[:, 1])  # four times the photons
+    np.testing.assert_array_equal(grid.points()["flux"], [1e5, 4e5, 1.6e6] * 2)

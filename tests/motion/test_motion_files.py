@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.motion import Line, PowerSpectrum, Record, read_motion
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(text: str) -> Path:
+        path = tmp_path / "motion.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_densities_are_read_with_and_without_a_cross_spectrum(table):
+    plain = read_motion(table("# Hz\nf,x,y\n\n1,2,3\n 10, 0.2 ,0.3\n"))
+    np.testing.assert_array_equal(plain.frequencies, [1, 10])
+    np.testing.assert_array_equal(plain.density, [[2, 0, 3], [0.2, 0, 0.3]])
+    crossed = read_motion(table("f,x,y,xy\n1,2,3,-1\n10,2,3,0.5\n"))
+    np.testing.assert_array_equal(crossed.density[:, 1], [-1, 0.5])
+
+
+def test_lines_are_read_alone_or_below_the_densities(table):
+    lines = read_motion(table("frequency,amplitude,angle\n61,0.02,30\n")).lines
+    assert lines == (Line(61, 0.02, 30),)
+    both = read_motion(table("f,x,y\n1,2,3\n2,2,3\nfrequency,amplitude,angle,minor\n61,0.02,30,0.01\n"))
+    assert isinstance(both, PowerSpectrum)
+    assert (len(both.frequencies), both.lines) == (2, (Line(61, 0.02, 30, 0.01),))
+
+
+def test_a_trace_is_told_by_its_header(table):
+    record = read_motion(table("t,x,y\n0,1,2\n0.5,3,4\n"))
+    assert isinstance(record, Record)
+    np.testing.assert_array_equal(record, [[0, 0.5], [1, 3], [2, 4]])
+
+
+def test_hst_s_frequencies_are_read():
+    lines = read_motion(Path(__file__).parents[2] / "sample_frames" / "motion" / "hst.csv").lines
+    assert {0.1, 4, 15, 30, 61, 300} <= {line.frequency for line in lines}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "motion.csv: holds no motion; give a table of densities f,x,y"),
+        ("f,x,y\n", "holds no motion"),
+        ("f,x,y\n1,2,3\n", "line 2 is the only density; give two or more"),
+        ("freq,psd\n1,2\n", "line 1 is 'freq,psd'; give a table"),
+        ("f,x,y\n1,2\n", "line 2 has 2 columns; give f,x,y"),
+        ("#\nf,x,y\n1,2,three\n", "line 3, column y is 'three'; give a finite number"),
+        ("f,x,y\n1,2,nan\n", "line 2, column y is 'nan'"),
+        ("f,x,y\n2,1,1\n1,1,1\n", "row 2 is 1 Hz; give them ascending"),
+        ("f,x,y\n1,1,1\n2,1,1\nf,x,y,xy\n", "line 4 begins a second table of one kind"),
+        ("frequency,amplitude,angle\n-1,1,0\n", "line 2: A line's frequency is -1"),
+        ("t,x,y\n0,0,0\n0,0,0\n", "times must ascend"),
+    ],
+)
+def test_what_is_no_motion_is_one_sentence_with_its_place(text, sentence, table):
+    with pytest.raises(ConfigurationError, match=sentence) as refused:
+        read_motion(table(text))
+    assert str(refused.value).startswith(str(table("")))
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"none\.csv: cannot be read .* give a table"):
+        read_motion(tmp_path / "none.csv")

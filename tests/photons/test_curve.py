@@ -1,0 +1,70 @@
+"""Curves: straight lines between rows, nothing outside, and sentences for what is none."""
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.optics import Spectrum, flat_band, lines
+from jitterkit.photons import Curve, band_of, flat_curve, read_curve
+
+
+def test_a_curve_is_straight_between_rows_and_nothing_outside():
+    curve = Curve(np.array([500.0, 600.0]), np.array([0.2, 0.6]))
+    assert curve(np.array([499.9, 500.0, 525.0, 600.0, 600.1])) == pytest.approx([0, 0.2, 0.3, 0.6, 0])
+
+
+def test_the_support_reaches_to_the_zero_next_to_the_last_light():
+    curve = Curve(np.arange(500.0, 570.0, 10.0), np.array([0, 0, 0.5, 0, 0.5, 0, 0]))
+    assert curve.support == (510.0, 550.0)
+    assert flat_curve(530, 640).support == (530.0, 640.0)
+
+
+@pytest.mark.parametrize("samples", [2, 13])
+def test_the_filter_of_a_flat_band_has_its_edges(samples):
+    assert band_of(flat_band(530, 640, samples)).support == pytest.approx((530, 640), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "spectrum", [lines(550.0), lines(532.0, 560.0, 633.0), Spectrum((530.0, 550.0, 570.0), (1.0, 2.0, 1.0))]
+)
+def test_what_is_no_flat_band_has_no_filter(spectrum):
+    with pytest.raises(ConfigurationError, match="no flat band, and so no filter; give the filter"):
+        band_of(spectrum)
+
+
+def test_a_curve_is_read_with_names_comments_and_blank_lines(tmp_path):
+    path = tmp_path / "filter.csv"
+    path.write_text("wavelength,value\n# by the maker\n530,0.9\n\n640,0.8\n")
+    curve = read_curve(path)
+    np.testing.assert_array_equal(curve.wavelengths, [530, 640])
+    np.testing.assert_array_equal(curve.values, [0.9, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("w,v\n530,0.5\n540;0.5\n", r"c\.csv: line 3 is '540;0\.5'; give wavelength_nm, value"),
+        ("530,1\n", r"c\.csv: A curve of 1 wavelengths and 1 values is none"),
+        ("540,1\n530,1\n", r"c\.csv: A curve's wavelengths must be positive and ascend"),
+        ("530,1\nnan,1\n", r"c\.csv: A curve's wavelengths must be positive and ascend"),
+        ("530,-1\n540,1\n", r"c\.csv: A curve must not be negative"),
+        ("530,0\n540,0\n", r"c\.csv: A curve must not be negative, nor zero everywhere"),
+    ],
+)
+def test_a_table_that_is_no_curve_is_refused(tmp_path, text, sentence):
+    path = tmp_path / "c.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match=sentence):
+        read_curve(path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(
+        ConfigurationError, match=r"none\.csv: cannot be read .* give a CSV of wavelength_nm, value"
+    ):
+        read_curve(tmp_path / "none.csv")
+
+
+def test_a_band_out_of_order_is_refused():
+    with pytest.raises(ConfigurationError, match="0 < low < high in nm; got 640 to 530"):
+        flat_curve(640, 530)

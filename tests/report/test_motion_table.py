@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from astropy import units
+
+from jitterkit.motion import Line, PowerSpectrum, Record, assess_motion, split_line
+from jitterkit.report.motion_table import motion_sentences, motion_table
+
+LINES = (Line(61.0, 0.02, 90.0), Line(0.1, 0.05, 20.0), Line(4.0, 0.01, 20.0, 0.005))
+MOTION = PowerSpectrum([1.0, 900.0], [[1e-6, 2e-7, 2e-6], [1e-10, 2e-11, 2e-10]], LINES)
+
+
+def test_a_table_has_a_row_a_source_with_units_and_the_whole_last():
+    assessed = assess_motion(MOTION, 0.1, cadence=0.3)
+    table = motion_table(assessed)
+    assert list(table["source"]) == ["random"] * 3 + ["line"] * 3 + ["all"]
+    assert list(table["locus"])[3:] == ["linear", "path", "shm", "smear*path*shm"]
+    row = table[-2]
+    assert (row["from"], row["amplitude"], row["angle"]) == (
+        61 * units.Hz,
+        0.02 * units.arcsec,
+        90 * units.deg,
+    )
+    moments = split_line(LINES[0], 0.1).jitter
+    assert row["jitter_y"].to_value("arcsec") == pytest.approx(np.sqrt(moments[2]), rel=1e-5)
+    assert row["jitter_x"].to_value("mas") == 0  # not 1e-15
+    for name in ("displacement_sxy", "smear_syy", "jitter_sxx"):
+        column = table[name].to_value("arcsec2")
+        assert column[-1] == pytest.approx(column[:-1].sum(), rel=1e-9)
+    assert (table.meta["exposure"], table.meta["cadence"], table.meta["bandwidth"]) == (0.1, 0.3, None)
+    assert table.meta["between_frames"] == pytest.approx(list(assessed.steps))
+
+
+def test_sentences_say_regime_and_locus_of_each_source():
+    said = motion_sentences(assess_motion(MOTION, 0.1), 0.375)
+    assert said[0] == "Exposures of 0.1 s: the critical frequency is 10 Hz."
+    assert "2 to 30 Hz: medium; smear." in said
+    assert "61 Hz, 0.020 arcsec: high (6.1 cycles an exposure); shm." in said
+    assert "4 Hz, 0.010 x 0.0050 arcsec: medium (0.4 cycles an exposure); path." in said
+    assert "mvn will do" in said[-1]
+
+
+def test_a_wide_blur_is_not_called_a_normal_one():
+    wide = assess_motion(PowerSpectrum(lines=(Line(61.0, 1.0),)), 0.1)
+    assert "mvn" not in motion_sentences(wide, 0.375)[-1]
+    assert "shm, 707 × 0 mas rms, the longer axis at 0°." in motion_sentences(wide, 0.375)[-1]
+
+
+def test_what_a_loop_leaves_is_said():
+    # at its bandwidth it leaves half the power: 14.1 of 20 mas
+    said = motion_sentences(
+        assess_motion(PowerSpectrum(lines=(Line(1e4 + 1, 0.02),)), 1.0, bandwidth=1e4 + 1), 0.375
+    )
+    assert "A loop of 10001 Hz leaves 10.0 mas of 14.1 mas of blur, " in " ".join(said)
+
+
+def test_a_short_record_is_doubted():
+    record = Record(np.linspace(0, 0.5, 200), np.linspace(0, 1, 200), np.zeros(200))
+    said = motion_sentences(assess_motion(record, 0.1), 0.375)
+    assert "5 exposures in the trace; their mean says little." in said
