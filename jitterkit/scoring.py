@@ -51,6 +51,15 @@ class Prior(eqx.Module):
         """No prior on any of ``size`` parameters."""
         return cls(jnp.zeros(size), jnp.zeros((size, size)))
 
+    def costs(self, values, moments) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """What the prior adds to the deviance: its quadratic forms of the parameters and of the moments."""
+        off, beside = values - self.mean, moments - self.moments
+        return off @ (self.precision @ off), beside @ self.moments_precision @ beside
+
+    def stiffness(self, slope) -> Float[Array, "p p"]:
+        """What it adds to the information, where the moments change by ``slope`` (3, p) with the parameters."""
+        return self.precision + slope.T @ self.moments_precision @ slope
+
 
 class Climb(NamedTuple):
     """Where a climb ended.
@@ -146,13 +155,14 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         equations = normal_equations(parameters_at(values), otf, data, free)
         pull, slope = prior.precision @ (values - prior.mean), jax.jacfwd(moments_at)(values)
         off = moments_at(values) - prior.moments
-        objective = equations.deviance + (values - prior.mean) @ pull + off @ prior.moments_precision @ off
+        objective = sum(prior.costs(values, moments_at(values)), equations.deviance)
         pull = pull + slope.T @ prior.moments_precision @ off
-        stiffness = prior.precision + slope.T @ prior.moments_precision @ slope
         lawful = parameters_at(values).scene.lawful() & jnp.isfinite(objective)
         objective = jnp.where(lawful, objective, jnp.inf)
         information = equations.information
-        return _Point(values, objective, equations.score - pull, information, information + stiffness)
+        return _Point(
+            values, objective, equations.score - pull, information, information + prior.stiffness(slope)
+        )
 
     def keep_climbing(state: _State):
         return ~state.converged & (state.iterations < steps)

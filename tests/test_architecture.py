@@ -40,8 +40,22 @@ ONLY_IN = {
     "dLux": set(),
     "dLuxToliman": {"optics/toliman.py"},
     "matplotlib": {"report/axes.py", "report/plots.py"}
-    | {f"report/{noun}_plots.py" for noun in ("field", "forecast", "kernel", "motion", "photon", "scene", "separation")},
+    | {
+        f"report/{noun}_plots.py"
+        for noun in (
+            "crossfit",
+            "field",
+            "forecast",
+            "kernel",
+            "motion",
+            "photon",
+            "posterior",
+            "scene",
+            "separation",
+        )
+    },
     "jinja2": {"report/html.py"},
+    "blackjax": {"refit/sampling.py"},
     "synphot": {"photons/stars.py"},
     "rich": {"cli/runtime.py"},
 }

@@ -1,4 +1,4 @@
-"""``jitterkit``: info, simulate, estimate, process, forecast, motion, photons."""
+"""``jitterkit``: info, simulate, estimate, process, forecast, crossfit, motion, photons."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from jitterkit.cli.crossfit import crossfit
 from jitterkit.cli.estimate import estimate
 from jitterkit.cli.forecast import forecast
 from jitterkit.cli.info import info
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (info, simulate, estimate, process, forecast, motion, photons):
+for command in (info, simulate, estimate, process, forecast, crossfit, motion, photons):
     app.command()(tells_errors(command))
 
 

@@ -9,19 +9,25 @@ from jitterkit.forecast.bound import Forecast, expected_data, forecast
 from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
 from jitterkit.forecast.directions import Direction, degenerate_directions
 from jitterkit.forecast.ensemble import Draws, linearised_draws, refitted_draws
+from jitterkit.forecast.kinds import KINDS, jitter_of_kind
 from jitterkit.forecast.requirement import Requirement, jitter_requirements, largest_size, one_step_bias
+from jitterkit.forecast.study import Panel, cross_fit
 from jitterkit.forecast.sweep import Sweep, sweep
 
 __all__ = [
+    "KINDS",
     "CrossFit",
     "Direction",
     "Draws",
     "Forecast",
+    "Panel",
     "Requirement",
     "Sweep",
+    "cross_fit",
     "degenerate_directions",
     "expected_data",
     "forecast",
+    "jitter_of_kind",
     "jitter_requirements",
     "largest_size",
     "linearised_draws",

@@ -170,10 +170,9 @@ def forecast(
     prior = options.priors.over(names, parameters.locus)
     information = np.asarray(normal_equations(parameters, otf, data, free).information)
     vector, unravel = to_vector(parameters)
-    slope = np.asarray(jax.jacfwd(lambda v: unravel(v).locus.moments())(vector))[:, list(free)]
-    stiffness = np.asarray(prior.precision) + slope.T @ np.asarray(prior.moments_precision) @ slope
+    slope = jax.jacfwd(lambda v: unravel(v).locus.moments())(vector)[:, np.array(free, int)]
     masked = int(np.sum(~np.asarray(data.used)))
-    covariance, _ = invert_information(information + stiffness)
+    covariance, _ = invert_information(information + np.asarray(prior.stiffness(slope)))
     return Forecast(parameters, names, information, covariance, np.asarray(vector)[list(free)], masked)
 
 

@@ -244,6 +244,6 @@ def one_step_bias(
     start = truth.with_locus(locus_class(fitted).near(truth.locus.moments()))
     names, free = free_parameters(start, otf, options.hold)
     equations = normal_equations(start, otf, data, free)
-    prior = options.priors.over(names, start.locus)
-    covariance, _ = invert_information(np.asarray(equations.information) + np.asarray(prior.precision))
+    leash = options.priors.over(names, start.locus).precision
+    covariance, _ = invert_information(np.asarray(equations.information + leash))
     return float(covariance[names.index("separation")] @ np.asarray(equations.score))

@@ -6,9 +6,11 @@ Reach for :func:`fit_best_locus` first; :func:`fit_locus` fits a locus of your c
 
 from jitterkit.refit.choose import fit_best_locus, fit_locus, single_star
 from jitterkit.refit.fit import FitOptions, fit_frame
+from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
 from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
 from jitterkit.refit.result import POOR, Candidate, FitResult, Status
+from jitterkit.refit.sampling import sample_posterior
 
 __all__ = [
     "POOR",
@@ -16,6 +18,7 @@ __all__ = [
     "FitOptions",
     "FitResult",
     "KernelPrior",
+    "Posterior",
     "Priors",
     "Status",
     "fit_best_locus",
@@ -24,6 +27,7 @@ __all__ = [
     "kernel_prior",
     "moments_prior",
     "read_kernel_prior",
+    "sample_posterior",
     "sequence_prior",
     "single_star",
     "trace_prior",

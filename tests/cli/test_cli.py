@@ -48,6 +48,7 @@ def test_help_loads_nothing_heavy():
         ["estimate", "ready", "--reference", "ready/results.ecsv"],
         ["simulate", "ready/a.fits"],
         ["forecast", "-o", "ready/results.ecsv"],
+        ["crossfit", "-o", "ready/results.ecsv"],
         ["photons", "-o", "ready/results.ecsv"],
         ["motion", "ready/a.csv", "-o", "ready/results.ecsv"],
     ],
@@ -67,7 +68,7 @@ def test_what_is_wrong_with_paths_is_told_before_jax_is_loaded(arguments, tmp_pa
 
 
 def test_every_command_has_help():
-    for command in ("info", "simulate", "estimate", "process", "forecast", "motion", "photons"):
+    for command in ("info", "simulate", "estimate", "process", "forecast", "crossfit", "motion", "photons"):
         done = runner.invoke(app, [command, "--help"])
         assert done.exit_code == 0
         assert "--help" in done.output

@@ -83,3 +83,18 @@ def test_angles_and_shares_are_read_with_their_units():
     assert parse_sweeps(["flux=1:100:3:log"]) == {"flux": pytest.approx([1, 10, 100])}
     with pytest.raises(ConfigurationError, match="3 settings are swept"):
         parse_sweeps(["a=1", "b=1", "c=1"])
+
+
+def test_a_cross_fit_is_a_table_and_a_picture(tmp_path):
+    table, picture = tmp_path / "cross.ecsv", tmp_path / "cross.png"
+    asked = ["--data", "linear", "--fit", "stable", "--fit", "linear", "--size", "0.5", "--angle", "0"]
+    done = runner.invoke(
+        app, ["crossfit", "-i", "smallsat", *asked, "--draws", "50", "-o", str(table), "--plot", str(picture)]
+    )
+    assert done.exit_code == 0, done.output
+    kept = read_table(table)
+    assert list(kept["fitted"]) == ["stable", "linear"]
+    still, right = (abs(value) for value in kept["bias"].to_value("uas"))
+    assert right < 0.1 < still
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert runner.invoke(app, ["crossfit", "--data", "wobble"]).exit_code == 2

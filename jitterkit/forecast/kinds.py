@@ -1,0 +1,77 @@
+"""Kinds of jitter that one size and one angle describe, as the paper varies them.
+
+The size is the whole extent of the motion: full length, peak to peak, full width at half maximum of a normal
+along its major axis, whole major axis of an ellipse.  Equal sizes are therefore not equal jitter: of a size
+of one, the rms is 0.289 (linear), 0.354 (shm), 0.425 (mvn).
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+
+from jitterkit.conventions import FWHM_PER_SIGMA
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm
+
+__all__ = ["KINDS", "jitter_of_kind"]
+
+
+def _mvn(size: float, angle: float, shear: float = 0.1) -> Locus:
+    return Mvn.sheared(size / FWHM_PER_SIGMA, shear, angle)
+
+
+def _ellipse(size: float, angle: float, ratio: float = 0.5) -> Locus:
+    return Ellipse.of(size / 2, ratio * size / 2, angle)
+
+
+def _partial(size: float, angle: float, cycles: float = 0.7, phase: float = 30.0) -> Locus:
+    return PartialShm.of(size, angle, cycles, phase)
+
+
+KINDS: dict[str, Callable[..., Locus]] = {
+    "linear": Linear.of,
+    "shm": Shm.of,
+    "mvn": _mvn,
+    "ellipse": _ellipse,
+    "partial": _partial,
+}
+
+
+def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
+    """Make a jitter of a kind.
+
+    Parameters
+    ----------
+    kind : str
+        A name in :data:`KINDS`, and after commas what shapes it: ``"mvn,shear=0.7"``,
+        ``"ellipse,ratio=0.3"``, ``"partial,cycles=0.7,phase=30"``.
+    size : float
+        arcsec.
+    angle : float
+        Degrees counter-clockwise from +x.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such kind, or it is not shaped so.
+
+    >>> jitter_of_kind("mvn,shear=0.5", 0.2355, 30.0).describe()["sigma_minor"].__round__(4)
+    0.05
+    """
+    name, *settings = kind.split(",")
+    if name not in KINDS:
+        raise ConfigurationError(f"There is no kind of jitter {name!r}; choose from {', '.join(KINDS)}.")
+    shapes = [word for word in inspect.signature(KINDS[name]).parameters if word not in _GIVEN]
+    try:
+        shape = {word.strip(): float(value) for word, value in (s.split("=") for s in settings)}
+    except ValueError:
+        raise ConfigurationError(f"{kind!r} is not understood; write mvn,shear=0.7.") from None
+    foreign = [word for word in shape if word not in shapes]
+    if foreign:
+        may = f"it may have {', '.join(shapes)}" if shapes else "it has a size and an angle only"
+        raise ConfigurationError(f"The kind {name} has no {foreign[0]}; {may}.")
+    return KINDS[name](size, angle, **shape)
+
+
+_GIVEN = ("size", "length", "angle")

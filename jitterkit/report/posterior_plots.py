@@ -1,0 +1,65 @@
+"""Pictures of a posterior: what the draws say of one number, and what the fit said.
+
+Reach for :func:`plot_marginal`; like its neighbours it takes ``ax=None`` and returns the axes it drew on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.ticker import MaxNLocator
+
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+
+__all__ = ["plot_marginal"]
+
+_BINS, _REACH = 50, 4.5
+"""Bars, and how many standard deviations of the draws the axis shows on either side of their median."""
+
+
+def plot_marginal(
+    draws: np.ndarray,
+    fitted: float,
+    error: float,
+    ax: Axes | None = None,
+    *,
+    label: str,
+    truth: float | None = None,
+) -> Axes:
+    """Draw how one number is distributed in a posterior, under the normal law that its fit stands for.
+
+    Parameters
+    ----------
+    draws : (n,) array
+    fitted, error : float
+        Of the fit, in the unit of the draws; without a finite, positive error there is no curve.
+    ax : matplotlib.axes.Axes, optional
+    label : str
+        What it is, with its unit.
+    truth : float, optional
+        Where known; the triangle at the foot.
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        Densities: bars and curve each hold an area of one, what lies beyond the axis included.
+    """
+    ax = axes_or_new(ax, (4.2, 3.0))
+    draws = np.asarray(draws, float)
+    middle, spread = np.median(draws), draws.std(ddof=1)
+    edges = middle + _REACH * spread * np.linspace(-1, 1, _BINS + 1)
+    density = np.histogram(draws, edges)[0] / (len(draws) * np.diff(edges))
+    ax.stairs(density, edges, fill=True, fc=to_rgba(BLUE, 0.35), ec=BLUE, lw=0.8, label="posterior")
+    if np.isfinite(error) and error > 0:
+        x = np.linspace(edges[0], edges[-1], 400)
+        normal = np.exp(-(((x - fitted) / error) ** 2) / 2) / (np.sqrt(2 * np.pi) * error)
+        ax.plot(x, normal, color=RUST, lw=1.8, ls="--", label="Laplace")
+    if truth is not None:
+        foot = ax.get_xaxis_transform()
+        ax.plot(truth, 0.03, "^", color=INK, ms=7, mew=0, transform=foot, label="truth")
+    ax.set(xlabel=label, ylabel="density", yticks=[], xlim=(edges[0], edges[-1]), ylim=(0, None))
+    ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(frameon=False, fontsize=9)
+    return ax

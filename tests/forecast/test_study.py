@@ -1,0 +1,84 @@
+"""The cross-fit of kinds of jitter with loci, and the rows that choose."""
+
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.forecast import KINDS, cross_fit, jitter_of_kind
+from jitterkit.loci import principal_axes
+
+
+@pytest.fixture(scope="module")
+def panels(bench):
+    columns = {
+        kind: [jitter_of_kind(kind, 0.6, angle) for angle in (20.0, 110.0)] for kind in ("linear", "mvn")
+    }
+    rows = ["stable", "linear", "mvn", "auto", "auto, a frame"]
+    found = cross_fit(columns, rows, bench.under(), bench.optics, 300, np.random.default_rng(6))
+    return {(panel.data, panel.fitted): panel for panel in found}
+
+
+def test_every_pair_of_data_and_locus_has_a_panel(panels):
+    assert list(panels) == [
+        (d, f) for d in ("linear", "mvn") for f in ("stable", "linear", "mvn", "auto", "auto, a frame")
+    ]
+    for panel in panels.values():
+        assert panel.offsets.shape == (2, 300)
+
+
+def test_the_rows_of_a_column_see_the_same_frames(panels):
+    right, wrong = panels["linear", "linear"], panels["linear", "mvn"]
+    # the noise they share correlates them; unshared it would not
+    assert np.corrcoef(right.offsets[0], wrong.offsets[0])[0, 1] > 0.9
+    assert abs(np.corrcoef(right.offsets[0], right.offsets[1])[0, 1]) < 4 / np.sqrt(300)
+
+
+def test_the_mean_is_the_noise_free_bias_within_its_error(panels):
+    for (_, fitted), panel in panels.items():
+        if fitted == "auto, a frame":
+            assert np.all(np.isnan(panel.bias))
+            continue
+        mean, error = panel.mean
+        assert abs(mean - panel.bias.mean()) < 4 * error
+        assert (
+            error == pytest.approx(panel.offsets.std() / np.sqrt(600), rel=0.2)
+            or abs(panel.bias).max() > error
+        )
+
+
+def test_auto_takes_the_locus_of_the_data_and_is_not_biased(panels):
+    assert set(panels["linear", "auto"].chosen) == {"linear"}
+    assert set(panels["mvn", "auto"].chosen) <= {"mvn", "ellipse"}
+    assert panels["linear", "auto"].worst < 1e-3
+    assert panels["linear", "mvn"].worst > 1 > panels["mvn", "auto"].worst
+    np.testing.assert_array_equal(panels["linear", "auto"].offsets, panels["linear", "linear"].offsets)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rms"), [("linear", 12**-0.5), ("shm", 8**-0.5), ("mvn", 1 / 2.354820), ("ellipse", 8**-0.5)]
+)
+def test_equal_sizes_are_not_equal_jitter(kind, rms):
+    major, _, angle = principal_axes(jitter_of_kind(kind, 1.0, 25.0).moments())
+    assert (major, angle) == (pytest.approx(rms, rel=1e-6), pytest.approx(25.0))
+
+
+def test_a_kind_is_shaped_by_name():
+    sheared = jitter_of_kind("mvn,shear=0.7", 0.3, 0.0).describe()
+    assert sheared["sigma_minor"] == pytest.approx(0.3 * sheared["sigma_major"])
+    partial = jitter_of_kind("partial,cycles=1.2, phase=-20", 0.3, 0.0).describe()
+    assert (partial["cycles"], partial["phase"]) == (pytest.approx(1.2), pytest.approx(-20))
+    assert set(KINDS) == {"linear", "shm", "mvn", "ellipse", "partial"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("wobble", "no kind of jitter 'wobble'; choose from linear"),
+        ("mvn,shear", "'mvn,shear' is not understood"),
+        ("mvn,cycles=1", "The kind mvn has no cycles; it may have shear"),
+        ("linear,shear=1", "it has a size and an angle only"),
+    ],
+)
+def test_what_is_no_kind_is_told_in_a_sentence(kind, words):
+    with pytest.raises(ConfigurationError, match=words):
+        jitter_of_kind(kind, 0.1, 0.0)
