@@ -57,7 +57,7 @@ class Prior(eqx.Module):
         return off @ (self.precision @ off), beside @ self.moments_precision @ beside
 
     def stiffness(self, slope) -> Float[Array, "p p"]:
-        """What it adds to the information, where the moments change by ``slope`` (3, p) with the parameters."""
+        """What it adds to the information, where the moments change by ``slope`` (3, p)."""
         return self.precision + slope.T @ self.moments_precision @ slope
 
 
