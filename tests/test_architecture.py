@@ -43,6 +43,7 @@ ONLY_IN = {
     | {
         f"report/{noun}_plots.py"
         for noun in (
+            "arcsine",
             "crossfit",
             "field",
             "forecast",

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli import options
+from jitterkit.cli.pair import check_products, pair_before
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
 __all__ = ["crossfit"]
@@ -76,11 +77,7 @@ def crossfit(
     misfit is the chi-squared that a wrong locus adds to a frame, whose own noise is about 180 for 128 x 128
     pixels.
     """
-    from jitterkit.report.outputs import check_file
-
-    for path in (plot, output):
-        if path is not None:
-            check_file(path, overwrite)
+    check_products(plot, output, overwrite)
     prepare_jax()
     import numpy as np
 
@@ -92,14 +89,17 @@ def crossfit(
     from jitterkit.report.plots import png
     from jitterkit.report.table import write_table
     from jitterkit.scene import Binary
+    from jitterkit.simulate import check_reach, check_scene
 
     telescope = load_instrument(instrument)
-    photons = telescope.flux if flux is None else flux
-    scene = Binary(separation, theta, 0.0, 0.0, photons, contrast)
-    still = Parameters(scene, Stable.of(), np.zeros(len(telescope.aberrations)))
+    scene = pair_before(telescope, flux, separation=separation, theta=theta, x=0.0, y=0.0, contrast=contrast)
+    still = Parameters(Binary(**scene), Stable.of(), np.zeros(len(telescope.aberrations)))
     settings = list(itertools.product(size or _SIZES, angle or _ANGLES))
     columns = {kind: [jitter_of_kind(kind, *setting) for setting in settings] for kind in data or _DATA}
     optics = telescope.system()
+    for locus in itertools.chain(*columns.values()):
+        check_scene(still.binary, locus)
+        check_reach(still.binary, locus, optics.nominal)
     rng = np.random.default_rng(seed)
     panels = []
     for panel in cross_fit(columns, fit or _FITTED, still, optics, draws, rng, telescope.detector):

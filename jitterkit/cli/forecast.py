@@ -9,6 +9,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, parse_sizes
+from jitterkit.cli.pair import check_products, pair_before
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
@@ -76,26 +77,18 @@ def forecast(
     knowing the others inflates it; with --sweep a row a setting; with --allow a row a motion, at 0, 45 and 90
     degrees from the pair. The detector's noise and saturated pixels are counted.
     """
-    from jitterkit.report.outputs import check_file
-
-    for path in (plot, output):
-        if path is not None:
-            check_file(path, overwrite)
+    check_products(plot, output, overwrite)
     sweeps, goal = parse_sweeps(sweep or []), parse_angle(target, "--target")
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
     given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
+    if allow is not None:
+        _check_question(locus, given, sweeps)
     prepare_jax()
-    from jitterkit.errors import ConfigurationError
     from jitterkit.instruments import load_instrument
 
     telescope = load_instrument(instrument)
-    photons = telescope.flux if flux is None else flux
-    if photons is None:
-        raise ConfigurationError(f"The instrument {telescope.name!r} has no usual flux; give --flux.")
-    scene = {"separation": separation, "theta": theta, "x": x, "y": y, "flux": photons, "contrast": contrast}
+    scene = pair_before(telescope, flux, separation=separation, theta=theta, x=x, y=y, contrast=contrast)
     setup = _Setup(telescope, locus, given, scene)
-    if allow is not None and sweeps:
-        raise ConfigurationError("--allow and --sweep are two questions; ask them one at a time.")
     if allow is not None:
         table, draw = _ask_requirement(setup, allow, fitted)
     elif sweeps:
@@ -121,6 +114,16 @@ def _write(path: Path, figure, overwrite: bool) -> None:
     say(f"wrote {path}")
 
 
+def _check_question(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:
+    """Refuse what --allow does not ask about: it asks about every jitter."""
+    from jitterkit.errors import ConfigurationError
+
+    if sweeps:
+        raise ConfigurationError("--allow and --sweep are two questions; ask them one at a time.")
+    if locus != "stable" or sizes:
+        raise ConfigurationError("--allow asks about every jitter; leave out the locus and its sizes.")
+
+
 class _Setup:
     """A telescope, a scene and a jitter, of which any number may be changed by name."""
 
@@ -132,17 +135,33 @@ class _Setup:
         """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
         import numpy as np
 
+        from jitterkit.errors import ConfigurationError
         from jitterkit.forecast import forecast
         from jitterkit.forward import Parameters
         from jitterkit.loci import Stable
         from jitterkit.scene import Binary
+        from jitterkit.simulate import check_reach, check_scene
 
         scene = {name: changes.pop(name, value) for name, value in self.scene.items()}
         state = np.array([changes.pop(name, 0.0) for name in self.telescope.aberrations])
         detector = self._detector({name: changes.pop(name) for name in _DETECTOR if name in changes})
         jitter = Stable.of() if still else build_locus(self.locus, {**self.sizes, **changes})
-        parameters = Parameters(Binary(**scene), jitter, state)
-        return forecast(parameters, self.otf(state), detector)
+        parameters, otf = Parameters(Binary(**scene), jitter, state), self.otf(state)
+        check_scene(parameters.binary, jitter)
+        check_reach(parameters.binary, jitter, otf)
+        found = forecast(parameters, otf, detector)
+        if not np.all(np.isfinite(found.covariance)):
+            raise ConfigurationError(
+                f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
+                f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus."
+            )
+        return found
+
+    def still(self, changes: dict[str, float]) -> float:
+        """Error of the separation without jitter, at the same scene, optics and detector."""
+        known = {*_SCENE, *_DETECTOR, *self.telescope.aberrations}
+        beside = {name: value for name, value in changes.items() if name in known}
+        return self.point(still=True, **beside).error("separation")
 
     def otf(self, state):
         """The optics at aberrations [nm]; those without are computed once."""
@@ -182,15 +201,20 @@ def _ask_one(setup: _Setup, goal: float):
 
 
 def _ask_sweep(setup: _Setup, sweeps: dict[str, list[float]], goal: float):
+    import numpy as np
+
     from jitterkit.forecast import sweep
     from jitterkit.report.forecast_plots import plot_errors
     from jitterkit.report.forecast_table import sweep_table
 
     grid = sweep(setup.point, sweeps)
-    still = setup.point(still=True).error("separation")
+    points = zip(*grid.points().values(), strict=True)
+    still = [setup.still(dict(zip(grid.axes, point, strict=True))) for point in points]
     exposure, scale = setup.telescope.exposure, setup.telescope.plate_scale
-    drawn = {"still": still, "exposure": exposure, "target": goal, "title": setup.locus, "plate_scale": scale}
-    return sweep_table(grid, still, goal, exposure), lambda: plot_errors(grid, **drawn).figure
+    drawn = {"exposure": exposure, "target": goal, "title": setup.locus, "plate_scale": scale}
+    same = max(still) - min(still) < 1e-9 * max(still)  # where the jitter alone is swept
+    table = sweep_table(grid, np.reshape(still, grid.forecasts.shape), goal, exposure)
+    return table, lambda: plot_errors(grid, still=still[0] if same else None, **drawn).figure
 
 
 def _ask_requirement(setup: _Setup, allow: str, fitted: str):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
+from jitterkit.cli.pair import check_products
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def motion(
         bool,
         typer.Option(
             "--loss/--no-loss",
-            help="Forecast what the blur costs the separation; needs the instrument's optics.",
+            help="Forecast what the blur costs the separation; needs the instrument's optics and flux.",
         ),
     ] = True,
     plot: Annotated[
@@ -90,11 +91,7 @@ def motion(
     and once across it, without the motion and with it, and how much more time the same precision takes; at
     the instrument's usual flux a frame, whatever the exposure.
     """
-    from jitterkit.report.outputs import check_file
-
-    for path in (plot, output):
-        if path is not None:
-            check_file(path, overwrite)
+    check_products(plot, output, overwrite)
     prepare_jax()
     from jitterkit.instruments import load_instrument
     from jitterkit.motion import assess_motion, read_motion
@@ -109,7 +106,12 @@ def motion(
     table = motion_table(assessed)
     table.meta["command"] = command_line()
     _print(table[[name for name in table.colnames if not name.endswith(_MOMENTS)]])
-    if loss and telescope.flux is not None:
+    if loss and telescope.flux is None:
+        say(
+            f"What the blur costs is not forecast: the instrument {telescope.name!r} has no flux; give it "
+            "photons per frame in its file."
+        )
+    elif loss and telescope.flux is not None:
         costs = _loss_table(telescope, assessed.locus)
         typer.echo()
         _print(costs)
@@ -175,6 +177,6 @@ def _draw(assessed: Assessment, path: Path, title: str, overwrite: bool) -> None
     from jitterkit.report.motion_plots import plot_motion
     from jitterkit.report.plots import png
 
-    picture = png(plot_motion(assessed.spectrum, assessed.exposure, assessed.locus, title)[0])
+    picture = png(plot_motion(assessed, title)[0])
     with replacing(path, overwrite) as temporary:
         temporary.write_bytes(picture)

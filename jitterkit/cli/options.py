@@ -62,7 +62,7 @@ PlateScale = Annotated[float | None, typer.Option(help="Plate scale, arcsec/pixe
 Exposure = Annotated[float | None, typer.Option(help="Exposure time, s.", show_default=False)]
 TableOutput = Annotated[
     Path | None,
-    typer.Option("--output", "-o", metavar="FILE", help="Also keep the table: .ecsv, .fits or .csv.",
+    typer.Option("--output", "-o", metavar="FILE.ecsv", help="Also keep the table.",
                  show_default=False),
 ]  # fmt: skip
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
+from jitterkit.cli.pair import check_products
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def photons(
     overwrite: options.Overwrite = False,
 ) -> None:
     """Count the photons of alpha Cen AB in an exposure, beside the paper's."""
-    _check_paths(plot, output, overwrite)
+    check_products(plot, output, overwrite)
     prepare_jax()
     from jitterkit.instruments import load_instrument
     from jitterkit.photons import compare, count_photons
@@ -101,18 +102,6 @@ def photons(
         _write(output, lines, overwrite)
     if plot is not None:
         _draw(plot, budget, overwrite)
-
-
-def _check_paths(plot: Path | None, output: Path | None, overwrite: bool) -> None:
-    """Refuse files that cannot be written, before any work."""
-    from jitterkit.errors import ConfigurationError
-    from jitterkit.report.outputs import check_file
-
-    for path, ending in ((plot, ".png"), (output, ".ecsv")):
-        if path is not None and path.suffix.lower() != ending:
-            raise ConfigurationError(f"{path} does not end in {ending}; name it so.")
-        if path is not None:
-            check_file(path, overwrite)
 
 
 def _star(path: Path | None, temperature: float, magnitude: float) -> Curve:

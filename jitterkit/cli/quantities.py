@@ -71,6 +71,8 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     sweeps: dict[str, list[float]] = {}
     for text in texts:
         name, _, values = text.partition("=")
+        if name.strip() in sweeps:
+            raise ConfigurationError(f"{name.strip()} is swept twice; give all its values in one --sweep.")
         try:
             sweeps[name.strip()] = _values(values)
         except ValueError:
@@ -87,7 +89,7 @@ def _values(text: str) -> list[float]:
     if ":" not in text:
         return [float(value) for value in text.split(",")]
     first, last, count, *log = text.split(":")
-    if log not in ([], ["log"]) or int(count) < 1:
+    if log not in ([], ["log"]) or int(count) < 1 or (log and not float(first) * float(last) > 0):
         raise ValueError(text)
     spaced = np.geomspace if log else np.linspace
     return [float(value) for value in spaced(float(first), float(last), int(count))]

@@ -10,7 +10,7 @@ from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
 from jitterkit.forecast.directions import Direction, degenerate_directions
 from jitterkit.forecast.ensemble import Draws, linearised_draws, refitted_draws
 from jitterkit.forecast.kinds import KINDS, jitter_of_kind
-from jitterkit.forecast.requirement import Requirement, jitter_requirements, largest_size, one_step_bias
+from jitterkit.forecast.requirement import Requirement, jitter_requirements, largest_size, moment_bias
 from jitterkit.forecast.study import Panel, cross_fit
 from jitterkit.forecast.sweep import Sweep, sweep
 
@@ -31,8 +31,8 @@ __all__ = [
     "jitter_requirements",
     "largest_size",
     "linearised_draws",
+    "moment_bias",
     "noise_free_fit",
-    "one_step_bias",
     "refitted_draws",
     "sweep",
 ]

@@ -108,7 +108,8 @@ class Forecast:
         sizes : dict of name to (value, error)
             ``jitter_major`` and ``jitter_minor``, one sigma along the principal axes; ``jitter_angle`` of the
             major one, and ``length`` where the locus has one.  Errors by first-order propagation, which means
-            nothing where they are as large as the value; infinite where a size is zero that need not be.
+            nothing where they are as large as the value; infinite where a size is zero that need not be, or
+            is not all free.
         """
         locus = self.parameters.locus
         if not locus.names:
@@ -121,11 +122,24 @@ class Forecast:
             "jitter_minor": _root(minor, float(errors[2]) if errors[2] > _LINE * errors[0] else 0.0),
             "jitter_angle": (axis_angle(angle), math.degrees(_quotient(float(errors[1]), major - minor))),
         }
-        length = locus.describe().get("length")
-        if length is not None:
-            value, error = sizes["jitter_major"]
-            sizes["length"] = (length, length * error / value if value > 0 else math.inf)
+        if "length" in locus.describe():
+            sizes["length"] = self._length()
         return sizes
+
+    def _length(self) -> tuple[float, float]:
+        """Of the locus, with its error by differences over a thousandth of each coordinate's."""
+        locus = self.parameters.locus
+        length = locus.describe()["length"]
+        slots = [self.names.index(name) for name in locus.names if name in self.names]
+        if length == 0 or len(slots) < len(locus.names):
+            return length, math.inf
+        covariance = self.covariance[np.ix_(slots, slots)]
+        steps = 1e-3 * np.sqrt(np.diag(covariance)) * np.eye(len(slots))
+        ends = [
+            [locus.at(locus.coords + sign * step).describe()["length"] for sign in (1, -1)] for step in steps
+        ]
+        slope = (np.array(ends) @ [1, -1]) / (2 * np.diag(steps))
+        return length, float(np.sqrt(slope @ covariance @ slope))
 
     def _slot(self, name: str) -> int:
         if name not in self.names:

@@ -14,11 +14,12 @@ import numpy as np
 from jitterkit.detectors import Detector
 from jitterkit.errors import JitterkitError
 from jitterkit.forecast.bound import expected_data
-from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
-from jitterkit.likelihood import Data
+from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
+from jitterkit.likelihood import Data, normal_equations
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
+from jitterkit.scoring import invert_information
 
 __all__ = ["CrossFit", "noise_free_fit"]
 
@@ -26,6 +27,11 @@ _RESTARTS, _SETTLED = 20, 1e-4
 """A locus that is far from right (chi-squared thousands) climbs slowly, because the expected information is
 then not the curvature: it is started again where it ended, until it moves by less than this share of the
 error."""
+
+
+_WRONG, _STEP = 30.0, 0.1
+"""Chi-squared of a frame from which the curvature of a wrong locus is computed (at 300 its scatter is 0.1 %
+more than by the expected information), and the share of an error that is stepped for it."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,10 @@ class CrossFit:
         What the likelihood expects at the fit, read variance included.
     slopes : (p, ny, nx) array
         Change of the score for one more electron in a pixel; zero where masked.
+    response : (p, p) array
+        Change of the parameters for a score: the inverse curvature of the posterior of the expected image.
+        It is the fit's covariance where the locus is right; where it is wrong, the curvature is not the
+        expected information, and frames scatter by more than the fit believes.
     """
 
     truth: Parameters
@@ -50,6 +60,7 @@ class CrossFit:
     data: Data
     mean: np.ndarray
     slopes: np.ndarray
+    response: np.ndarray
 
     @property
     def bias(self) -> float:
@@ -63,8 +74,8 @@ class CrossFit:
 
     @property
     def leverage(self) -> np.ndarray:
-        """Change of the fitted separation for one more electron in a pixel (ny, nx), by one scoring step."""
-        return np.tensordot(self.fit.covariance[self.fit.names.index("separation")], self.slopes, 1)
+        """Change of the fitted separation for one more electron in a pixel (ny, nx)."""
+        return np.tensordot(self.response[self.fit.names.index("separation")], self.slopes, 1)
 
     @property
     def scatter(self) -> float:
@@ -121,13 +132,39 @@ def noise_free_fit(
         fit = replace(fit_frame(data, optics, fit.parameters, otf, options), locus=locus)
         moved = abs(fit.of_scene("separation") - before.of_scene("separation"))
         if moved < _SETTLED * before.error("separation"):
-            return _respond(truth, fit, otf, data, options)
+            return _respond(truth, fit, optics, otf, data, options)
     raise JitterkitError(f"{locus} does not settle on this jitter; the separation still moves.")
 
 
-def _respond(truth: Parameters, fit: FitResult, otf: OTF, data: Data, options: FitOptions) -> CrossFit:
+def _respond(
+    truth: Parameters, fit: FitResult, optics, otf: OTF, data: Data, options: FitOptions
+) -> CrossFit:
     assert fit.parameters is not None
     _, free = free_parameters(fit.parameters, otf, options.hold)
     image, jacobian = (np.asarray(a) for a in image_and_jacobian(fit.parameters, otf, free))
     mean = image + np.asarray(data.read_variance)
-    return CrossFit(truth, fit, data, mean, np.where(np.asarray(data.used), jacobian / mean, 0.0))
+    slopes = np.where(np.asarray(data.used), jacobian / mean, 0.0)
+    wrong = fit.chi2 > _WRONG
+    response = _response(fit, optics, otf, data, free) if wrong else fit.covariance
+    return CrossFit(truth, fit, data, mean, slopes, response)
+
+
+def _response(fit: FitResult, optics, otf: OTF, data: Data, free: tuple[int, ...]) -> np.ndarray:
+    """Inverse curvature at a fit, by differences of the score over a tenth of an error, optics exact."""
+    assert fit.parameters is not None
+    vector, unravel = to_vector(fit.parameters)
+    information = np.asarray(normal_equations(fit.parameters, otf, data, free).information)
+
+    def score(values) -> np.ndarray:
+        parameters = unravel(values)
+        moved = optics.otf(parameters.aberrations)
+        return np.asarray(normal_equations(parameters, moved, data, free).score)
+
+    rows = []
+    for i, name in zip(free, fit.names, strict=True):
+        step = _STEP * fit.error(name)
+        rows.append((score(vector.at[i].add(-step)) - score(vector.at[i].add(step))) / (2 * step))
+    curvature = (np.array(rows) + np.transpose(rows)) / 2
+    priors = np.linalg.inv(fit.covariance) - information
+    inverse, sound = invert_information(curvature + priors)
+    return inverse if sound else fit.covariance

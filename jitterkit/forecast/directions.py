@@ -60,8 +60,11 @@ def degenerate_directions(forecast: Forecast, least: float = 1.5) -> list[Direct
     -------
     directions : list of Direction
         The worst first: eigenvectors of the information in units that make its diagonal one, with
-        ``stretch = eigenvalue**-0.5``.  Priors do not count.
+        ``stretch = eigenvalue**-0.5``.  Priors do not count.  None where the frame does not determine its
+        parameters at all.
     """
+    if not np.all(np.isfinite(forecast.covariance)):
+        return []
     scale = np.sqrt(np.diag(forecast.information))
     values, vectors = np.linalg.eigh(forecast.information / np.outer(scale, scale))
     parts = (vectors[0] ** 2) / values

@@ -17,7 +17,7 @@ from jitterkit.forecast.crossfit import CrossFit
 from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
 from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit import FitOptions, fit_best_locus, fit_locus
+from jitterkit.refit import FitOptions, Status, fit_best_locus, fit_locus
 from jitterkit.refit.evidence import log_evidence
 
 __all__ = ["Draws", "linearised_draws", "refitted_draws"]
@@ -26,6 +26,9 @@ _CHUNK = 250
 """Frames drawn at once: 30 MB of a 128 x 128 frame."""
 
 _THREADS = 2
+
+_SETTLED = (Status.OK, Status.POOR_FIT)
+"""Ends of a full refit that count: a wrong locus is a poor fit, and its separation is what is asked for."""
 
 
 class Draws(NamedTuple):
@@ -60,7 +63,7 @@ class Draws(NamedTuple):
 
 
 def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Generator) -> Draws:
-    """Fit noisy frames by one scoring step from noise-free fits.
+    """Fit noisy frames by one step from noise-free fits.
 
     Parameters
     ----------
@@ -75,22 +78,25 @@ def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Genera
 
     Notes
     -----
-    With ``g`` the score that the noise makes at a noise-free fit and ``C`` its covariance, the step is
+    With ``g`` the score that the noise makes at a noise-free fit and ``C`` the response there, the step is
     ``C g``, and the log-posterior gains ``g'Cg/2``.  What this leaves out is measured by
-    :func:`refitted_draws` on the same frames: give it a generator in the same state.
+    :func:`refitted_draws` on the same frames: give it a generator in the same state.  The products are in
+    single precision, which is a millionth of the separation's error.
     """
     data = fits[0].data
     centre = np.asarray(data.electrons).ravel()
-    used = np.asarray(data.used).ravel()
-    scores = np.concatenate([fit.slopes.reshape(len(fit.slopes), -1) for fit in fits])
-    logs = np.stack([np.where(used, np.log(np.maximum(fit.mean.ravel(), 1e-300)), 0.0) for fit in fits])
-    ends = np.cumsum([len(fit.slopes) for fit in fits])[:-1]
+    scores = [fit.slopes.reshape(len(fit.slopes), -1) for fit in fits]
+    # about the first: what a frame's evidence has in common for all loci says nothing
+    logs = [np.where(np.asarray(data.used), np.log(fit.mean / fits[0].mean), 0.0).ravel() for fit in fits]
+    rows = np.concatenate([*scores, logs]).astype(np.float32)
+    ends = np.cumsum([len(score) for score in scores])
 
     def fitted(job: tuple[np.random.Generator, int]) -> np.ndarray:
-        noise = (_frames(data, *job).reshape(job[1], -1) - centre).T
+        noise = (_frames(data, *job).reshape(job[1], -1) - centre).astype(np.float32)
+        *responses, shares = np.split((rows @ noise.T).astype(float), ends)
         found = []
-        for fit, score, log in zip(fits, np.split(scores @ noise, ends), logs @ noise, strict=True):
-            step = fit.fit.covariance @ score
+        for fit, score, log in zip(fits, responses, shares, strict=True):
+            step = fit.response @ score
             separation = fit.fit.of_scene("separation") + step[fit.fit.names.index("separation")]
             found.append([separation, log_evidence(fit.fit) + log + np.sum(score * step, axis=0) / 2])
         return np.array(found)
@@ -135,7 +141,7 @@ def refitted_draws(
             if auto:
                 moments = truth.locus.moments()
                 results.append(fit_best_locus(data, optics, truth, moments, nominal, options))
-            usable = [r.of_scene("separation") if r.status.usable else np.nan for r in results]
+            usable = [r.of_scene("separation") if r.status in _SETTLED else np.nan for r in results]
             columns.append([usable, [log_evidence(r) for r in results]])
     separations, evidence = np.transpose(columns, (1, 2, 0))
     names = tuple(fit.fit.locus for fit in fits)

@@ -20,13 +20,12 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast.bound import expected_data, forecast
 from jitterkit.forward import Parameters, free_parameters
-from jitterkit.likelihood import normal_equations
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm, Stable, locus_class, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
-from jitterkit.scoring import invert_information
+from jitterkit.scoring import climb
 
-__all__ = ["CYCLES", "MOTIONS", "Requirement", "jitter_requirements", "largest_size", "one_step_bias"]
+__all__ = ["CYCLES", "MOTIONS", "Requirement", "jitter_requirements", "largest_size", "moment_bias"]
 
 CYCLES = (0.05, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Of a vibration in one exposure, that stand for its regimes: low to 0.2, high from 3."""
@@ -34,12 +33,18 @@ CYCLES = (0.05, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 _PHASES, _SHARES = (-90.0, -45.0, 0.0, 45.0, 90.0), (1.0, 2.0, 2.0, 2.0, 1.0)
 """Degrees at mid-exposure, and how many of eight equal steps round the circle look like each."""
 
+_LONGEST = 7.5
+"""arcsec times cycles: at 3 cycles and 2.5 arcsec the integral is good to 1e-6 at TOLIMAN's cutoff."""
+
 _GUESS = 0.08
 """arcsec: rms where the search begins."""
 
 _LEAST, _MOST, _STEP, _EXACT = 1e-9, 30.0, 1.5, 1e-3
 """arcsec: between which a size is sought; the factor by which the search goes; how exactly its logarithm is
 found."""
+
+_CLIMB, _NEAR = 400, 1e-4
+"""Steps at most (a round blur fitted with a streak takes 280), and the standard errors that may remain."""
 
 MOTIONS: dict[str, Callable[[float, float], Locus]] = {
     "linear": Linear.of,
@@ -66,7 +71,7 @@ class Requirement(NamedTuple):
     size : float
         arcsec: a streak's length, a vibration's peak to peak (of its whole motion, not of the part that an
         exposure sees), a normal's sigma along its major axis, an ellipse's whole major axis.  Infinite where
-        nothing up to 30 arcsec costs as much.
+        nothing up to 30 arcsec costs as much; NaN where a frame stops telling before.
     rms : float
         One sigma of the pointing along its major axis within an exposure, arcsec.
     """
@@ -116,23 +121,30 @@ def jitter_requirements(
     Raises
     ------
     ConfigurationError
-        If nothing is allowed.
+        If nothing is allowed, or the frame does not determine its parameters without jitter.
     """
     if not allowed > 0:
         raise ConfigurationError(f"The loss that is allowed must be positive; got {allowed}.")
     theta = float(still.binary.theta)
 
     def time_lost(loci: list[Locus]) -> float:
+        if any(_beyond_quadrature(one) for one in loci):
+            return math.nan
         errors = [forecast(still.with_locus(one), otf, detector, options).error("separation") for one in loci]
         told = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
         return 1 / (alone**2 * told) - 1
 
     def bias(loci: list[Locus]) -> float:
         assert fitted is not None
-        each = [one_step_bias(still.with_locus(one), fitted, otf, detector, options) for one in loci]
+        each = [moment_bias(still.with_locus(one), fitted, otf, detector, options) for one in loci]
         return abs(_over_phases(each))
 
     alone = forecast(still.with_locus(Stable.of()), otf, detector, options).error("separation")
+    if not math.isfinite(alone):
+        raise ConfigurationError(
+            "The frame does not determine its parameters even without jitter; look at flux, contrast and "
+            "saturation."
+        )
     loss = time_lost if fitted is None else bias
     found: list[Requirement] = []
     for angle in angles:
@@ -160,6 +172,13 @@ def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[.
         yield motion, math.nan, partial(one, of)
     for cycle in cycles:
         yield "vibration", cycle, partial(phases, cycle)
+
+
+def _beyond_quadrature(locus: Locus) -> bool:
+    """Whether a vibration is too long for the nodes of its integral over time, by its docstring."""
+    return (
+        isinstance(locus, PartialShm) and locus.describe()["length"] * locus.describe()["cycles"] > _LONGEST
+    )
 
 
 def _after(loss: Callable[[list[Locus]], float], build: Callable[..., list[Locus]]):
@@ -197,53 +216,61 @@ def largest_size(loss: Callable[[float], float], allowed: float, guess: float = 
     Returns
     -------
     size : float
-        arcsec, to 0.1 % of itself; infinite if the loss stays below up to 30 arcsec, or until there is no
-        telling it; zero if it is above down to 1e-9.
+        arcsec, to 0.1 % of itself; infinite if the loss stays below up to 30 arcsec, NaN if it is not a
+        number before; zero if it is above down to 1e-9.
 
     Examples
     --------
     >>> round(largest_size(lambda size: size**2, 0.25), 3)
     0.5
     """
-    enough = loss(guess) >= allowed
+    if math.isnan(first := loss(guess)):
+        return math.nan
+    enough = first >= allowed
     low, high = guess, guess
     while low > _LEAST and high < _MOST:
         low, high = (low / _STEP, low) if enough else (high, high * _STEP)
-        if not math.isfinite(reached := loss(low if enough else high)):
-            return math.inf
+        if math.isnan(reached := loss(low if enough else high)):
+            return math.nan
         if (reached >= allowed) != enough:
             span = math.log(low), math.log(high)
             return math.exp(scipy.optimize.brentq(lambda s: loss(math.exp(s)) - allowed, *span, xtol=_EXACT))
     return 0.0 if enough else math.inf
 
 
-def one_step_bias(
+def moment_bias(
     truth: Parameters,
     fitted: str,
     otf: OTF,
     detector: Detector | None = None,
     options: FitOptions | None = None,
 ) -> float:
-    """Bias of the separation where one locus is fitted with another, by one scoring step [arcsec].
+    """Bias of the separation where one locus is fitted with another, from the true moments on [arcsec].
 
     Parameters
     ----------
     truth : Parameters
         What the frame shows.
     fitted : str
-        Name of the locus that is fitted; the step starts where it has the true second moments.
+        Name of the locus that is fitted; the climb starts where it has the true second moments.
     otf, detector, options
         As for :func:`jitterkit.forecast.forecast`.
 
+    Returns
+    -------
+    bias : float
+        NaN where the frame does not tell, or the locus does not settle.
+
     Notes
     -----
-    Exact to first order in the misfit; :func:`jitterkit.forecast.noise_free_fit` is exact, and dearer.
+    The optics stay linear in the aberrations: :func:`jitterkit.forecast.noise_free_fit` is exact where the
+    locus is so wrong that it bends them (chi-squared of thousands), and dearer.
     """
     options = FitOptions() if options is None else options
     data = expected_data(truth, otf, detector)
     start = truth.with_locus(locus_class(fitted).near(truth.locus.moments()))
     names, free = free_parameters(start, otf, options.hold)
-    equations = normal_equations(start, otf, data, free)
-    leash = options.priors.over(names, start.locus).precision
-    covariance, _ = invert_information(np.asarray(equations.information + leash))
-    return float(covariance[names.index("separation")] @ np.asarray(equations.score))
+    prior = options.priors.over(names, start.locus)
+    end = climb(start, otf, data, free, prior, steps=_CLIMB, tolerance=_NEAR)
+    settled = bool(end.converged) and np.all(np.isfinite(np.asarray(end.information)))
+    return float(end.parameters.binary.separation - truth.binary.separation) if settled else math.nan

@@ -1,4 +1,4 @@
-"""Every locus fitted with every other: the paper's figure 6, for any set of loci.
+"""Every locus fitted with every other: the paper's cross-fit, for any set of loci.
 
 Reach for :func:`cross_fit`.  Beside the rows that fit one locus to all data stand two that choose one:
 ``auto`` chooses for a whole sequence of frames with the same jitter, by the evidence of all of them, and

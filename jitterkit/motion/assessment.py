@@ -62,7 +62,7 @@ class Assessment:
         slow = [share.split for share in self.shares if share.line is None or share.regime == REGIMES[0]]
         smooth = smooth_locus(sum(slow, Split()) if self.shares else self.split)
         lines = [share.locus for share in self.shares if share.line and share.regime != REGIMES[0]]
-        return "*".join(dict.fromkeys([*([] if smooth == "stable" else [smooth]), *lines])) or "stable"
+        return "*".join(name for name in dict.fromkeys([smooth, *lines]) if name != "stable") or "stable"
 
 
 def assess_motion(

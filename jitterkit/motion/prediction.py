@@ -75,6 +75,8 @@ def smeared_locus(split: Split) -> Locus:
 def _line(line: Line, exposure: float) -> Locus:
     """A medium or a fast line; sizes such that moments are those of its split."""
     cycles, name = line.frequency * exposure, line_locus(line, exposure)
+    if name == "stable":
+        return Stable.of()
     if name == "partial":
         along = line.amplitude >= line.minor
         angle, size = (line.angle, line.amplitude) if along else (line.angle + 90, line.minor)

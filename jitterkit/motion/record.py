@@ -22,6 +22,10 @@ _SEGMENTS = 8
 """Of a record, for its spectrum: overlapping by half they are 15, and a density is good to about a third."""
 
 
+_FEWEST = 4
+"""Samples that have two frequencies beside zero."""
+
+
 class Record(NamedTuple):
     """Pointing at given times: ``t`` [s], ascending, ``x`` and ``y`` [arcsec], all (n,)."""
 
@@ -119,7 +123,8 @@ def trace_spectrum(record: Record, segments: int = _SEGMENTS) -> PowerSpectrum:
     Returns
     -------
     spectrum : PowerSpectrum
-        Without lines: a vibration is a peak of the density, as wide as a segment resolves.
+        Without lines: a vibration is a peak of the density, as wide as a segment resolves.  Empty where a
+        record of two or three samples has no two frequencies.
 
     Notes
     -----
@@ -127,6 +132,8 @@ def trace_spectrum(record: Record, segments: int = _SEGMENTS) -> PowerSpectrum:
     not need a spectrum.
     """
     n = len(record.t)
+    if n < _FEWEST:
+        return PowerSpectrum()
     t = np.linspace(record.t[0], record.t[-1], n)
     x, y = (np.interp(t, record.t, values) for values in (record.x, record.y))
     options = {"fs": (n - 1) / (t[-1] - t[0]), "nperseg": max(n // segments, min(n, 16))}

@@ -6,6 +6,8 @@ above, a vibration draws the whole of its path; about it, a frame catches a piec
 
 from __future__ import annotations
 
+import numpy as np
+
 from jitterkit.motion.spectrum import Line
 from jitterkit.motion.split import Split, check_exposure
 
@@ -42,6 +44,8 @@ def regime(cycles: float) -> str:
 
 def line_locus(line: Line, exposure: float) -> str:
     """Name of the locus that a line draws in one exposure [s], for ``--locus``."""
+    if not np.any(line.moments()):
+        return "stable"
     round_ = min(line.amplitude, line.minor) > _THIN * max(line.amplitude, line.minor)
     names = {
         "low": "linear",

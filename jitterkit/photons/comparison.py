@@ -53,7 +53,6 @@ def compare(budget: PhotonBudget, published: bool = True) -> list[Line]:
     Returns
     -------
     lines : list of Line
-        The published rate by the area without struts is what the paper would have found.
     """
     rates, both, area = "photons/s/cm²", budget.rate, budget.area
     true, slip = annulus_area(_DIAMETER, _OBSCURATION), annulus_area(2 * _DIAMETER, 2 * _OBSCURATION)
@@ -67,7 +66,7 @@ def compare(budget: PhotonBudget, published: bool = True) -> list[Line]:
         Line("area of the pupil", "cm²", area),
         Line("photons by it", "", budget.photons),
         Line("area without struts", "cm²", true),
-        Line("photons by it", "", budget.photons_through(true), _RATE * true * _EXPOSURE),
+        Line("photons by it", "", budget.photons_through(true)),
         Line("area, diameters for radii", "cm²", slip, _AREA, _AREA),
         Line("photons by it", "", budget.photons_through(slip), _PHOTONS, _PHOTONS),
     ]

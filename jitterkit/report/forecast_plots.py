@@ -17,19 +17,33 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
+from scipy.optimize import isotonic_regression
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Forecast, Requirement, Sweep
-from jitterkit.loci import Mvn
 from jitterkit.report.axes import INK, RUST, axes_or_new, colour_bar
 from jitterkit.report.forecast_table import observing_time, unit_of
 from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.words import MINUS
 
-__all__ = ["curve_colours", "plot_errors", "plot_matrices", "plot_matrix", "plot_requirements", "plot_shears"]
+__all__ = [
+    "curve_colours",
+    "plot_errors",
+    "plot_matrices",
+    "plot_matrix",
+    "plot_requirements",
+    "plot_shears",
+    "spread",
+]
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")
 """Ticks of a logarithmic axis that spans a decade or two."""
+
+_LABEL = 0.046
+"""Height of a curve's label, of that of axes of two inches, the lowest here."""
+
+_FEW = 10
+"""Points of a curve up to which they are marked."""
 
 _SHORT = {"separation": "sep", "contrast": "cont", "background": "bg"}
 
@@ -91,6 +105,7 @@ def plot_errors(
     exposure: float | None = None,
     target: float = 1e-6,
     marks: dict[str, float] | None = None,
+    limits: tuple[float, float] | None = None,
     title: str = "",
 ) -> Axes:
     """Draw the error of the separation against the first setting of a sweep, a curve for each of the second.
@@ -110,6 +125,8 @@ def plot_errors(
         Error of the mean to reach, arcsec.
     marks : dict of label to value, optional
         Vertical lines.
+    limits : (float, float), optional
+        Of the errors shown, µas.
     title : str
     """
     ax = axes_or_new(ax, (5.6, 4.2))
@@ -118,18 +135,28 @@ def plot_errors(
     unit = unit_of(names[0])
     error = 1e6 * sweep.error().reshape(len(along), -1)
     others = sweep.axes[names[1]] if len(names) > 1 else np.array([math.nan])
-    for column, value, colour in zip(error.T, others, curve_colours(len(others)), strict=True):
-        ax.plot(along, column, color=colour, lw=1.5)
-        if math.isfinite(value):
-            sign = "°" if unit_of(names[1]) == "deg" else ""
-            ax.annotate(f" {value:.3g}{sign}", (along[-1], column[-1]), color=colour, fontsize=7, va="center")
-    ax.set_xlim(right=along[-1] + 0.08 * (along[-1] - along[0]))
+    colours = curve_colours(len(others))
+    for column, colour in zip(error.T, colours, strict=True):
+        ax.plot(along, column, color=colour, lw=1.5, marker="o" if len(along) < _FEW else "", ms=3)
+    if logarithmic := _in_equal_ratios(along):
+        ax.loglog()
+        ax.set_xlim(right=along[-1] * (along[-1] / along[0]) ** 0.08)
+    elif len(along) > 1:
+        ax.set_xlim(right=along[-1] + 0.08 * (along[-1] - along[0]))
     if still is not None:
         ax.axhline(1e6 * still, color=INK, ls="--", lw=1)
         middle = (along[0] + along[-1]) / 2
         ax.annotate("no jitter", (middle, 1e6 * still), xytext=(0, -11), textcoords="offset points",
                     ha="center", fontsize=8, color=INK)  # fmt: skip
         ax.margins(y=0.08)
+    if limits is not None:
+        ax.set_ylim(limits)
+    if len(names) > 1:
+        sign = "°" if unit_of(names[1]) == "deg" else ""
+        to, back = (np.log, np.exp) if logarithmic else (np.asarray, np.asarray)
+        places = back(spread(to(error[-1]), _LABEL * float(np.ptp(to(ax.get_ylim())))))
+        for place, value, colour in zip(places, others, colours, strict=True):
+            ax.annotate(f" {value:.3g}{sign}", (along[-1], place), color=colour, fontsize=7, va="center")
     for label, value in (marks or {}).items():
         ax.axvline(value, color=RUST, lw=1, ls=":")
         ax.annotate(label, (value, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top",
@@ -143,6 +170,28 @@ def plot_errors(
     if exposure is not None:
         _add_time(ax, target, exposure)
     return ax
+
+
+def _in_equal_ratios(values: np.ndarray) -> bool:
+    """Whether values were asked for in equal ratios, three or more, and not in equal steps."""
+    if len(values) < 3 or values.min() <= 0:
+        return False
+    ratios, steps = np.diff(np.log(values)), np.diff(values)
+    return bool(np.ptp(ratios) < 1e-6 * abs(ratios[0]) and np.ptp(steps) > 1e-6 * abs(steps[0]))
+
+
+def spread(values, gap: float) -> np.ndarray:
+    """Places (n,) as near to values as they can be that lie a gap apart, in the order of the values.
+
+    >>> spread([5.0, 1.0, 1.0], 1.0)
+    array([5. , 0.5, 1.5])
+    """
+    values = np.asarray(values, float)
+    order = np.argsort(values, kind="stable")
+    steps = gap * np.arange(len(values))
+    places = np.empty(len(values))
+    places[order] = isotonic_regression(values[order] - steps).x + steps
+    return places
 
 
 def _pixels(plate_scale: float):
@@ -234,16 +283,16 @@ def plot_shears(
     """
     figure = Figure(figsize=(8.4, 3.3 * len(sweeps)), layout="constrained")
     rows = figure.subplots(len(sweeps), 2, width_ratios=[2.6, 1], squeeze=False)
-    top = max(float(sweep.error().max()) for sweep in sweeps.values())
+    limits = (0.84e6 * still, 1.12e6 * max(float(sweep.error().max()) for sweep in sweeps.values()))
     for (left, right), (shear, sweep) in zip(rows, sweeps.items(), strict=True):
-        plot_errors(sweep, left, still=still, exposure=exposure, target=target, title=f"shear {shear:g}")
-        left.set_ylim(1e6 * still * 0.9, 1e6 * top * 1.05)
+        scales: Any = {"still": still, "exposure": exposure, "target": target, "limits": limits}
+        plot_errors(sweep, left, **scales, title=f"shear {shear:g}")
         width = left.secondary_xaxis("top", functions=(_to_fwhm, _from_fwhm))
         width.set_xlabel("FWHM of the major axis [arcsec]")
         largest = float(sweep.axes["sigma_major"][-1])
-        plot_kernel(
-            Mvn.sheared(largest, shear), right, plate_scale=plate_scale, title=f"σ {largest:.3g}″, 0°"
-        )
+        locus = sweep.forecasts[-1, 0].parameters.locus
+        title = f"FWHM {_to_fwhm(largest):.3g}″, {sweep.axes['angle'][0]:g}°"
+        plot_kernel(locus, right, plate_scale=plate_scale, title=title)
     return figure
 
 

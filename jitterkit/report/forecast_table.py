@@ -35,6 +35,17 @@ _UNITS = {
     "jitter_angle": "deg",
     "semi_major": "arcsec",
     "semi_minor": "arcsec",
+    "length1": "arcsec",
+    "length2": "arcsec",
+    "angle1": "deg",
+    "angle2": "deg",
+    "sigma_angle": "deg",
+    "amplitude_x": "arcsec",
+    "amplitude_y": "arcsec",
+    "partial_x": "arcsec",
+    "partial_y": "arcsec",
+    "full_well": "electron",
+    "gain": "electron/adu",
 }
 
 
@@ -48,8 +59,9 @@ def unit_of(name: str) -> str:
         return _UNITS[name]
     if name.startswith("noll"):
         return "nm"
-    squares = ("_xx", "_xy", "_yy", "linear_c", "linear_s", "shm_c", "shm_s")
-    return "arcsec2" if name.endswith(squares) else ""
+    if name.startswith("path"):
+        return "arcsec"
+    return "arcsec2" if name.endswith(("_xx", "_xy", "_yy", "_c", "_s")) else ""
 
 
 def observing_time(error: float, target: float, exposure: float) -> float:
@@ -74,14 +86,14 @@ def parameter_table(forecast: Forecast) -> QTable:
     return _short(QTable(rows=rows, names=("parameter", "value", "error", "unit", "inflation")))
 
 
-def sweep_table(sweep: Sweep, still: float, target: float, exposure: float | None) -> QTable:
+def sweep_table(sweep: Sweep, still, target: float, exposure: float | None) -> QTable:
     """One row a point: its settings, the error of the separation, and what that takes in frames and time.
 
     Parameters
     ----------
     sweep : Sweep
-    still : float
-        Error of the separation without jitter, arcsec.
+    still : float or (n, m, ...) array
+        Error of the separation without jitter, arcsec, at every point.
     target : float
         Error to reach, arcsec.
     exposure : float or None
@@ -92,10 +104,12 @@ def sweep_table(sweep: Sweep, still: float, target: float, exposure: float | Non
         table[name] = values * units.Unit(unit_of(name))
     error = sweep.error().ravel()
     table["separation_err"] = error * units.arcsec
-    table["time_ratio"] = (error / still) ** 2
+    table["time_ratio"] = (error / np.broadcast_to(still, sweep.forecasts.shape).ravel()) ** 2
     table["frames"] = np.ceil((error / target) ** 2)
     if exposure is not None:
         table["time"] = (error / target) ** 2 * exposure / 3600 * units.hour
+    table["masked"] = [one.masked for one in sweep.forecasts.ravel()]
+    table["masked"].info.description = "pixels that saturate"
     table["time_ratio"].info.description = "observing time over that without jitter"
     table["frames"].info.description = f"to {target * 1e6:g} uas"
     table = _short(table)

@@ -2,7 +2,6 @@
 
 Reach for :func:`plot_motion`, a page of four panels; each panel is a function of its own.  As in
 :mod:`~jitterkit.report.plots`, every function takes ``ax=None`` and returns the axes it drew on.
-:func:`plot_arcsine` is the paper's check of its appendix B.
 """
 
 from __future__ import annotations
@@ -15,17 +14,24 @@ from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
-from jitterkit.motion import PARTS, PowerSpectrum, arcsine_shares, cumulative_split, part_weights
+from jitterkit.motion import (
+    PARTS,
+    Assessment,
+    PowerSpectrum,
+    Split,
+    cumulative_split,
+    part_weights,
+)
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
 
 __all__ = [
-    "plot_arcsine",
     "plot_budget",
     "plot_locus_transfer",
     "plot_motion",
     "plot_motion_spectrum",
+    "plot_parts",
     "plot_pointing",
 ]
 
@@ -39,6 +45,9 @@ _STYLES: dict[str, dict[str, Any]] = {
 _DECADES = 8
 """Of a density that are shown, down from its peak."""
 
+_DECIMALS = 6
+"""Of a size in mas; beyond them there is rounding."""
+
 _POINTS, _DRAWS, _CELLS = 4096, 1_000_000, 81
 """Of each motion, of all together, and of the raster they are drawn on along a side."""
 
@@ -46,34 +55,37 @@ _REACH = 0.02
 """A transfer function is drawn until a normal of its moments has fallen to that along the longer axis."""
 
 
-def plot_motion(spectrum: PowerSpectrum, exposure: float, locus: Locus, title: str = "") -> list[Axes]:
+def plot_motion(assessed: Assessment, title: str = "") -> list[Axes]:
     """Draw a motion on one page.
 
     Parameters
     ----------
-    spectrum : PowerSpectrum
-    exposure : float
-        s.
-    locus : Locus
-        Predicted for a typical frame.
+    assessed : Assessment
     title : str
 
     Returns
     -------
     axes : list of matplotlib.axes.Axes
-        Spectrum, budget, locus, transfer function.
+        Spectrum, budget, locus, transfer function.  The budget of a record is that of its exposures, not of
+        its spectrum.
     """
+    spectrum, exposure, measured = assessed.spectrum, assessed.exposure, assessed.frames is not None
     figure = Figure(figsize=(10, 7.4), layout="constrained")
     figure.suptitle(title)
     axes = list(figure.subplots(2, 2).ravel())
-    plot_motion_spectrum(spectrum, exposure, axes[0])
-    plot_budget(spectrum, exposure, axes[1])
-    plot_pointing(locus, axes[2])
-    plot_locus_transfer(locus, axes[3])
+    plot_motion_spectrum(spectrum, exposure, axes[0], estimated=measured)
+    if measured:
+        plot_parts(assessed.split, axes[1])
+    else:
+        plot_budget(spectrum, exposure, axes[1])
+    plot_pointing(assessed.locus, axes[2])
+    plot_locus_transfer(assessed.locus, axes[3])
     return axes
 
 
-def plot_motion_spectrum(spectrum: PowerSpectrum, exposure: float, ax: Axes | None = None) -> Axes:
+def plot_motion_spectrum(
+    spectrum: PowerSpectrum, exposure: float, ax: Axes | None = None, *, estimated: bool = False
+) -> Axes:
     """Draw densities and lines, under the shares of displacement, smear and jitter.
 
     Parameters
@@ -82,6 +94,9 @@ def plot_motion_spectrum(spectrum: PowerSpectrum, exposure: float, ax: Axes | No
     exposure : float
         s.
     ax : matplotlib.axes.Axes, optional
+    estimated : bool
+        Whether it is Welch's estimate, which knows nothing slower than a segment of the record; the title
+        says so.
 
     Returns
     -------
@@ -90,22 +105,25 @@ def plot_motion_spectrum(spectrum: PowerSpectrum, exposure: float, ax: Axes | No
         on the right.
     """
     ax = axes_or_new(ax, (5.6, 4.0))
-    f, density = spectrum.frequencies, spectrum.density
+    f, density = spectrum.frequencies, np.where(spectrum.density > 0, spectrum.density, np.nan)
     peaks = np.array([np.sum(line.moments()[[0, 2]]) * exposure for line in spectrum.lines])
     for column, name, style in ((0, "x", "-"), (2, "y", ":")):
-        if len(f):
+        if np.any(density[:, column] > 0):
             ax.plot(f[f > 0], density[f > 0, column], style, color=INK, lw=1.3, label=f"density of {name}")
-    if len(peaks):
-        places = [line.frequency for line in spectrum.lines]
-        ax.vlines(places, 0, peaks, color=INK, lw=1.1)
-        ax.plot(places, peaks, "o", color=INK, ms=4, label="lines: variance × T")
-    top = max([*peaks, *density[:, [0, 2]].ravel(), 0.0])
+    if np.any(peaks > 0):
+        places = np.array([line.frequency for line in spectrum.lines])[peaks > 0]
+        ax.vlines(places, 0, peaks[peaks > 0], color=INK, lw=1.1)
+        ax.plot(places, peaks[peaks > 0], "o", color=INK, ms=4, label="lines: variance × T")
+    shown = np.concatenate([peaks, density[:, 0], density[:, 2]])
+    shown = shown[shown > 0]
     low, high = _range(spectrum, exposure)
-    ax.set(xscale="log", yscale="log", xlim=(low, high), xlabel="frequency [Hz]")
-    ax.set(ylabel="density [arcsec²/Hz]", title=f"spectrum, and what {exposure:g} s makes of it")
-    if top > 0:
-        least = min([*peaks[peaks > 0], *density[:, [0, 2]][density[:, [0, 2]] > 0]])
-        ax.set_ylim(max(least / 3, top * 10.0**-_DECADES), top * 10)
+    ax.set(xscale="log", xlim=(low, high), xlabel="frequency [Hz]", ylabel="density [arcsec²/Hz]")
+    ax.set_title(_estimate(spectrum) if estimated else f"spectrum, and what {exposure:g} s makes of it")
+    if len(shown):
+        top = shown.max()
+        ax.set(yscale="log", ylim=(max(shown.min() / 3, top * 10.0**-_DECADES), top * 10))
+    else:
+        ax.set_yticks([])
     _draw_weights(ax, np.geomspace(low, high, 2000), exposure)
     return ax
 
@@ -137,6 +155,30 @@ def plot_budget(spectrum: PowerSpectrum, exposure: float, ax: Axes | None = None
     ax.set(xlabel="frequency [Hz]", ylabel="rms up to there [mas]", title="budget")
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(frameon=False, fontsize=8, loc="upper left")
+    return ax
+
+
+def plot_parts(split: Split, ax: Axes | None = None) -> Axes:
+    """Draw displacement, smear and jitter as they were measured.
+
+    Parameters
+    ----------
+    split : Split
+        Of a record's exposures.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        A bar a part: root of the variance in both axes together, mas.
+    """
+    ax = axes_or_new(ax, (5.6, 4.0))
+    moments = np.array([getattr(split, part) for part in PARTS])
+    rms = np.round(1e3 * np.sqrt(np.maximum(moments[:, 0] + moments[:, 2], 0)), _DECIMALS)
+    bars = ax.bar(PARTS, rms, 0.6, color=[_STYLES[part]["color"] for part in PARTS])
+    ax.bar_label(bars, [f"{number(size, 3)} mas" for size in rms], padding=3)
+    ax.set(ylim=(0, 1.2 * max(rms.max(), 1e-6)), ylabel="rms [mas]", title="budget of the exposures")
+    ax.spines[["top", "right"]].set_visible(False)
     return ax
 
 
@@ -206,37 +248,6 @@ def plot_locus_transfer(locus: Locus, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_arcsine(
-    rng: np.random.Generator, amplitude: float = 1.0, draws: int = 100_000, ax: Axes | None = None
-) -> Axes:
-    """Draw the histogram of a vibration at random times against its density (the paper's appendix B).
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    amplitude : float
-        Zero to peak.
-    draws : int
-    ax : matplotlib.axes.Axes, optional
-
-    Returns
-    -------
-    ax : matplotlib.axes.Axes
-        The histogram filled, the exact mean of the density over each cell as points.
-    """
-    ax = axes_or_new(ax, (5.6, 4.0))
-    edges = amplitude * np.linspace(-1, 1, 61)
-    counts, _ = np.histogram(amplitude * np.sin(rng.uniform(-np.pi / 2, np.pi / 2, draws)), edges)
-    width = np.diff(edges)
-    ax.stairs(counts / draws / width, edges, fill=True, color="0.8", label=f"{draws:,} random times")
-    law: Any = {"color": RUST, "ms": 4, "label": "arcsine law, over each cell"}
-    ax.plot((edges[1:] + edges[:-1]) / 2, arcsine_shares(edges, amplitude) / width, "o", **law)
-    ax.set(xlabel="place [amplitude's unit]", ylabel="density [1/unit]", ylim=(0, None))
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, loc="upper center")
-    return ax
-
-
 def _draw_weights(ax: Axes, f: np.ndarray, exposure: float) -> None:
     """The shares of a tone on axes of their own, and one legend for both."""
     right = ax.twinx()
@@ -246,6 +257,12 @@ def _draw_weights(ax: Axes, f: np.ndarray, exposure: float) -> None:
     right.axvline(1 / exposure, color="0.75", lw=0.8, zorder=1)
     handles = [both for axes in (ax, right) for both in zip(*axes.get_legend_handles_labels(), strict=True)]
     right.legend(*zip(*handles, strict=True), frameon=False, fontsize=8, ncols=2, loc="upper center")
+
+
+def _estimate(spectrum: PowerSpectrum) -> str:
+    """What Welch's estimate shows, for a title."""
+    slowest = spectrum.frequencies[:1].tolist()
+    return f"Welch's estimate: nothing below {slowest[0]:.2g} Hz" if slowest else "too short for a spectrum"
 
 
 def _range(spectrum: PowerSpectrum, exposure: float) -> tuple[float, float]:

@@ -16,7 +16,16 @@ from jitterkit.report.words import angle_size, ellipse_size, number
 __all__ = ["motion_sentences", "motion_table"]
 
 _SMALL = 0.15
-"""Pixels rms of a blur below which a normal serves any shape: a bias below 1 µas a frame on TOLIMAN."""
+"""Pixels rms of a blur below which a normal serves any symmetric shape: on TOLIMAN the separation of a pair
+along it is biased by 0.6 µas (linear) and 0.8 µas (shm) there."""
+
+_LOPSIDED = 10.0
+"""µas by which a normal biases a frame at that size that caught a lopsided piece of a motion, as the cube of
+the size: 2 to 11 for pieces of a vibration at the worst phase, 7 to 10 rms for random motion.  On the mean
+over frames the pieces have 0.7 to 0.9, as a symmetric shape has."""
+
+_PIECES = {"partial", "path", "smear"}
+"""Loci of motion whose single frames are lopsided; in a record an mvn may hold such pieces too."""
 
 _FEW = 10
 """Exposures of which a mean says little."""
@@ -82,9 +91,19 @@ def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
     size = f", {ellipse_size(major, minor)} rms, the longer axis at {angle:.0f}°" if major > 0 else ""
     said.append(f"Blur of a typical frame: {assessed.names}{size}.")
     if 0 < major < _SMALL * plate_scale:
-        pixels = f"{major / plate_scale:.2g} pixel"
-        said.append(f"At {pixels} an image shows second moments and no more of it: mvn will do.")
+        said.append(_of_small(major / plate_scale, assessed))
     return said
+
+
+def _of_small(pixels: float, assessed: Assessment) -> str:
+    lopsided = _PIECES if assessed.frames is None else {*_PIECES, "mvn"}
+    off = _LOPSIDED * (pixels / _SMALL) ** 3
+    if off < 1 or not lopsided & set(assessed.names.split("*")):
+        return f"At {pixels:.2g} pixel an image shows second moments and no more of it: mvn will do."
+    return (
+        f"At {pixels:.2g} pixel an image shows little more than second moments of it: mvn will do on the "
+        f"mean over frames, but one that caught a lopsided piece may be off by about {off:.0f} µas."
+    )
 
 
 def _of_share(share: Share, exposure: float) -> str:

@@ -75,13 +75,15 @@ def make_directory(directory: Path, patterns: Iterable[str], overwrite: bool) ->
         raise _unwritable(directory, error.strerror or str(error)) from None
 
 
-def check_file(path: Path, overwrite: bool) -> None:
-    """Refuse a file that exists and may not be replaced, or whose directory does not.
+def check_file(path: Path, overwrite: bool, ending: str = "") -> None:
+    """Refuse a file that exists and may not be replaced, or whose directory does not; or another ending.
 
     Raises
     ------
     ConfigurationError
     """
+    if not path.name.lower().endswith(ending):
+        raise ConfigurationError(f"{path} does not end in {ending}; name it so.")
     if not path.parent.is_dir():
         raise ConfigurationError(
             f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."

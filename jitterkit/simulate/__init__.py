@@ -1,6 +1,16 @@
 """Frames whose truth is known, and the truth as header cards."""
 
 from jitterkit.simulate.cards import fits_header, tiff_metadata, truth_cards
+from jitterkit.simulate.checks import check_reach, check_scene
 from jitterkit.simulate.frames import Simulated, simulate_frame, simulate_sequence
 
-__all__ = ["Simulated", "fits_header", "simulate_frame", "simulate_sequence", "tiff_metadata", "truth_cards"]
+__all__ = [
+    "Simulated",
+    "check_reach",
+    "check_scene",
+    "fits_header",
+    "simulate_frame",
+    "simulate_sequence",
+    "tiff_metadata",
+    "truth_cards",
+]

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.detectors.detector import ASSUMED
-from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary
+from jitterkit.simulate.checks import check_reach, check_scene
 
 __all__ = ["Simulated", "simulate_frame", "simulate_sequence"]
 
@@ -93,11 +93,11 @@ def simulate_frame(
         If the aberrations do not fit the instrument, a value is impossible, or light would leave the
         padded grid and come back on its other side.
     """
-    _check(scene, locus, background)
+    check_scene(scene, locus, background)
     state = np.zeros(len(instrument.aberrations)) if aberrations is None else np.asarray(aberrations, float)
     if otf is None:
         otf = instrument.optics(state, pad=pad, derivatives=False)
-    _check_reach(scene, locus, otf)
+    check_reach(scene, locus, otf)
     truth = Parameters(scene, locus, state, background)
     # an OTF without derivatives is exact at its own state, whatever the parameters say
     expected = np.asarray(expected_image(truth, otf), dtype=float)
@@ -170,38 +170,6 @@ def simulate_sequence(
             otf=otf,
         )
         yield replace(simulated, raw=replace(simulated.raw, index=index, several=frames > 1))
-
-
-def _check(scene: Binary, locus: Locus, background: float) -> None:
-    """Refuse what cannot be, in a sentence."""
-    rules = {
-        "separation": (float(scene.separation), 0.0, "must not be negative, in arcsec"),
-        "flux": (float(scene.flux), np.nextafter(0, 1), "must be positive, in electrons per frame"),
-        "contrast": (float(scene.contrast), 1.0, "must be at least one: A is the brighter star"),
-        "background": (float(background), 0.0, "must not be negative, in electrons per pixel"),
-    }
-    for name, (value, least, rule) in rules.items():
-        if not least <= value < np.inf:
-            raise ConfigurationError(f"{name} = {value:g} {rule}.")
-    others = {"theta": scene.theta, "x": scene.x, "y": scene.y, "jitter": locus.coords.sum()}
-    for name, other in others.items():
-        if not np.isfinite(float(other)):
-            raise ConfigurationError(f"{name} = {float(other):g} is not a finite number; give one.")
-
-
-def _check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
-    """Refuse stars so far out, or a blur so wide, that their light would wrap around."""
-    grid = otf.grid
-    major, _, _ = principal_axes(locus.moments())
-    sources = np.abs(np.array(scene.sources()[:2]))
-    for axis, star, n in zip("xy", sources, grid.shape[::-1], strict=True):
-        limit = (n / 2 + grid.pad) * grid.plate_scale
-        if star.max() + 2 * major > limit:
-            raise ConfigurationError(
-                f"A star {star.max():g} arcsec from the centre along {axis}, with a blur of {major:g} arcsec "
-                f"rms, leaves the modelled field of {limit:g} arcsec on each side; move it in, or give more "
-                "padding."
-            )
 
 
 def _states(instrument: Instrument, aberrations, frames: int) -> np.ndarray:

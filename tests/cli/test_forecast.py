@@ -41,6 +41,18 @@ def test_four_times_the_light_halves_the_error_of_a_bright_star():
     assert done.exit_code == 2
 
 
+def test_what_is_no_jitter_costs_no_more_time_than_without_jitter(tmp_path):
+    table = tmp_path / "flux.ecsv"
+    done = runner.invoke(
+        app, [*SMALL, "--sweep", "flux=1e4:1e5:3:log", "--sweep", "separation=5,10", "-o", str(table)]
+    )
+    assert done.exit_code == 0, done.output
+    kept = read_table(table)
+    np.testing.assert_allclose(kept["time_ratio"], 1)
+    assert np.all(np.diff(kept["separation_err"].to_value("uas")[::2]) < 0)
+    assert np.all(kept["masked"] == 0)
+
+
 def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path):
     table, picture = tmp_path / "sweep.ecsv", tmp_path / "sweep.png"
     sweep = ["--locus", "shm", "--sweep", "length=0.1:0.5:3", "--sweep", "angle=0,90"]
@@ -68,6 +80,13 @@ def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path):
         (["--allow", "10%", "--sweep", "flux=1e5"], "two questions; ask them one at a time"),
         (["--locus", "linear"], "The locus linear needs --length"),
         (["--fitted", "wobble", "--allow", "1uas"], "There is no jitter locus 'wobble'"),
+        (["--allow", "10%", "--locus", "shm"], "--allow asks about every jitter; leave out the locus"),
+        (["--sweep", "flux=1e5", "--sweep", "flux=1e6"], "flux is swept twice"),
+        (["--sweep", "length=-1:1:3:log"], "is not understood"),
+        (["--contrast", "-2"], "contrast = -2 must be at least one"),
+        (["--x", "96"], "leaves the modelled field"),
+        (["--flux", "1e12"], "does not determine its parameters"),
+        (["--plot", "x.pdf"], "x.pdf does not end in .png"),
     ],
 )
 def test_what_is_wrong_is_told_in_a_sentence(arguments, words):

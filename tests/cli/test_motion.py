@@ -77,6 +77,28 @@ def test_no_motion_costs_what_free_moments_cost(tmp_path):
     assert all(0 <= percent < 1 for percent in percents)
 
 
+def test_without_a_flux_it_is_said_that_no_cost_is_forecast(lines, tmp_path):
+    plain = tmp_path / "plain.toml"
+    plain.write_text(
+        '[instrument]\nname = "plain"\nplate_scale = 0.4\nshape = [32, 32]\nexposure = 0.1\n'
+        "[telescope]\ndiameter = 0.1\n[spectrum]\nlines = [550]\n"
+    )
+    done = runner.invoke(app, ["motion", str(lines), "-i", str(plain)])
+    assert done.exit_code == 0, done.output
+    assert "is not forecast: the instrument 'plain' has no flux; give it" in " ".join(done.stderr.split())
+    assert "more_time" not in done.stdout
+    unasked = runner.invoke(app, ["motion", str(lines), "-i", str(plain), "--no-loss"])
+    assert "flux" not in unasked.stderr
+
+
+def test_a_trace_of_two_samples_is_assessed_and_drawn(tmp_path):
+    path, picture = tmp_path / "two.csv", tmp_path / "two.png"
+    path.write_text("t,x,y\n0,0,0\n1,0.3,0\n")
+    done = assess(path, "--no-loss", "--plot", picture)
+    assert done.exit_code == 0, done.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 def test_a_trace_is_split_and_a_loop_takes_its_slow_part(tmp_path):
     path = tmp_path / "gyro.csv"
     t = np.linspace(0, 5, 2001)
@@ -127,6 +149,8 @@ def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path
         (["motion", "lines.csv", "--exposure", "-1"], "An exposure of -1 s is impossible"),
         (["motion", "lines.csv", "--cadence", "0.05"], "Exposures of 0.1 s cannot follow every 0.05 s"),
         (["motion", "lines.csv", "--bandwidth", "0"], "bandwidth of 0 Hz is impossible"),
+        (["motion", "none.csv", "--plot", "a.pdf"], "a.pdf does not end in .png; name it so."),
+        (["motion", "none.csv", "-o", "a.txt"], "a.txt does not end in .ecsv; name it so."),
         (["motion", "lines.csv", "--plot", "nowhere/a.png"], "nowhere is not a directory"),
         (["simulate", "a.fits", "--spectrum", "short.csv"], "short.csv is a trace; give it by --trace."),
         (["simulate", "a.fits", "--spectrum", "lines.csv", "--trace", "short.csv"], "leave out --trace"),

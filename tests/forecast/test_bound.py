@@ -7,7 +7,7 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast import Forecast, degenerate_directions, expected_data, forecast
 from jitterkit.forward import expected_image, parameter_names, to_vector
-from jitterkit.loci import Linear, Mvn, Shm
+from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Smear
 from jitterkit.refit import FitOptions, Priors, fit_frame, moments_prior
 
 SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
@@ -79,6 +79,23 @@ def test_a_streaks_length_has_the_error_that_small_changes_of_it_would(bench, ki
     assert (length, error) == (pytest.approx(0.6), pytest.approx(expected, rel=1e-5))
     assert found.jitter()["jitter_minor"] == (pytest.approx(0.0, abs=1e-6), 0.0)
     assert found.jitter()["jitter_angle"][0] == pytest.approx(35.0)
+
+
+@pytest.mark.parametrize(
+    "locus", [PartialShm.of(0.6, 30.0, 0.7, 30.0), Smear.of(0.6, 20.0, 0.2)], ids=["partial", "smear"]
+)
+def test_a_length_that_is_not_the_rms_alone_has_its_own_error(bench, locus):
+    found = forecast(bench.under(locus), bench.otf)
+    slots = [found.names.index(name) for name in locus.names]
+    covariance = found.covariance[np.ix_(slots, slots)]
+    # lengths of loci drawn within a hundredth of the errors: linear there to a hundredth
+    drawn = np.random.default_rng(3).multivariate_normal(np.zeros(len(slots)), covariance * 1e-4, 4000)
+    lengths = [locus.at(locus.coords + step).describe()["length"] for step in drawn]
+    length, error = found.jitter()["length"]
+    assert length == pytest.approx(0.6)
+    assert error == pytest.approx(100 * np.std(lengths), rel=0.05)
+    major, major_err = found.jitter()["jitter_major"]
+    assert error > 1.2 * length * major_err / major
 
 
 def test_the_angle_of_a_round_jitter_and_the_length_of_none_are_not_known(bench):

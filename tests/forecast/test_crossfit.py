@@ -96,8 +96,23 @@ def test_the_same_generator_draws_the_same_frames_for_both_ways_of_fitting(fits,
     np.testing.assert_allclose(*known, rtol=0, atol=1.0)
     assert np.std(known[0]) > 2  # they do differ from frame to frame
     assert np.all(np.isfinite(full.separations[2]))
-    np.testing.assert_array_equal(quick, linearised_draws(fits[:2], 12, np.random.default_rng(9)))
+    again = linearised_draws(fits[:2], 12, np.random.default_rng(9))
+    np.testing.assert_array_equal(quick.separations, again.separations)
     assert not np.any(quick.separations == linearised_draws(fits[:2], 12, np.random.default_rng(10))[1])
+
+
+def test_a_wrong_locus_scatters_as_full_refits_of_its_frames_do(bench):
+    truth = bench.under(Mvn.of(0.3, 0.2, 40.0))
+    fits = [noise_free_fit(truth, "stable", bench.optics, otf=bench.otf)]
+    quick = linearised_draws(fits, 60, np.random.default_rng(5)).separations[0]
+    full = refitted_draws(fits, bench.optics, 60, np.random.default_rng(5)).separations[0]
+    assert np.all(np.isfinite(full))  # poor fits, all of them
+    slope = np.polyfit(quick - quick.mean(), full - full.mean(), 1)[0]
+    # by the expected information, as for a right locus, the slope is off by more
+    believed = fits[0].fit.covariance[0] @ fits[0].slopes.reshape(len(fits[0].slopes), -1)
+    variance = np.asarray(fits[0].data.electrons).ravel()
+    assert slope == pytest.approx(1, abs=0.02)
+    assert np.sqrt(believed**2 @ variance) / fits[0].scatter != pytest.approx(1, abs=0.03)
 
 
 def test_the_evidence_of_many_frames_finds_the_locus_that_one_frame_cannot(fits):

@@ -5,17 +5,18 @@ import math
 import numpy as np
 import pytest
 
+from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast import (
     forecast,
     jitter_requirements,
     largest_size,
+    moment_bias,
     noise_free_fit,
-    one_step_bias,
     sweep,
 )
 from jitterkit.forecast.requirement import MOTIONS
-from jitterkit.loci import Linear, PartialShm, Shm
+from jitterkit.loci import Linear, Mvn, PartialShm
 
 
 def test_the_largest_size_is_found_from_any_guess():
@@ -23,6 +24,7 @@ def test_the_largest_size_is_found_from_any_guess():
         assert largest_size(lambda size: 3 * size**2, 0.12, guess) == pytest.approx(0.2, rel=2e-3)
     assert largest_size(lambda size: 0.0, 0.1) == math.inf
     assert largest_size(lambda size: 1.0, 0.1) == 0.0
+    assert math.isnan(largest_size(lambda size: 0.0 if size < 1 else math.nan, 0.1))
 
 
 def test_jitter_as_large_as_allowed_costs_the_time_that_was_allowed(bench):
@@ -51,12 +53,19 @@ def test_a_slow_vibration_may_be_as_large_as_its_frames_are_smeared(bench):
 
 
 @pytest.mark.parametrize(
-    "locus", [Linear.of(0.375, 0.0), Shm.of(0.375, 40.0), PartialShm.of(0.3, 10.0, 0.7, 30.0)]
+    ("locus", "fitted"),
+    [
+        (Linear.of(0.6, 0.0), "mvn"),
+        (PartialShm.of(0.5, 10.0, 0.7, 30.0), "mvn"),
+        (Mvn.of(0.05), "linear"),
+        (Mvn.of(0.05, 0.01, 40.0), "stable"),
+    ],
 )
-def test_one_step_finds_the_bias_of_a_locus_that_is_nearly_right(paper, locus):
-    exact = noise_free_fit(paper.under(locus), "mvn", paper.optics, otf=paper.otf).bias
-    # what a step leaves out is of second order in the misfit; 3 % is the science's own tolerance
-    assert one_step_bias(paper.under(locus), "mvn", paper.otf) == pytest.approx(exact, rel=0.03)
+def test_a_climb_finds_the_bias_that_the_exact_fit_has(bench, locus, fitted):
+    exact = noise_free_fit(bench.under(locus), fitted, bench.optics, otf=bench.otf)
+    found = moment_bias(bench.under(locus), fitted, bench.otf)
+    # optics linear in the aberrations, and 1e-4 of an error that the climb may leave, are all that differs
+    assert found == pytest.approx(exact.bias, rel=0.01, abs=1e-4 * exact.error)
 
 
 def test_with_its_own_locus_nothing_is_biased_and_any_jitter_is_allowed(bench):
@@ -65,11 +74,15 @@ def test_with_its_own_locus_nothing_is_biased_and_any_jitter_is_allowed(bench):
     assert sizes["mvn, round"] == sizes["mvn, shear 0.7"] == math.inf
     assert 0 < sizes["shm"] < sizes["linear"] < math.inf
     assert abs(
-        one_step_bias(bench.under(Linear.of(sizes["linear"], 180.0)), "mvn", bench.otf)
+        moment_bias(bench.under(Linear.of(sizes["linear"], 180.0)), "mvn", bench.otf)
     ) == pytest.approx(1e-6, rel=0.01)
 
 
-def test_nothing_allowed_is_refused(bench):
+def test_nothing_allowed_is_refused_and_so_is_a_frame_that_tells_nothing(bench):
+    with pytest.raises(
+        ConfigurationError, match=r"even without jitter; look at flux, contrast and saturation"
+    ):
+        jitter_requirements(bench.under(), bench.otf, 0.1, Detector(gain=1.0, saturation=1.0))
     with pytest.raises(ConfigurationError, match=r"must be positive; got 0"):
         jitter_requirements(bench.under(), bench.otf, 0)
 

@@ -1,56 +1,20 @@
 """Parity mode: with the public model's own numerics put in, its own numbers come out.
 
 dLuxToliman samples each pixel at 4 x 4 points and a smear at five, both end points included.  In the
-language of transfer functions that is sinc(fp) / sinc(fp/4) and a sum of five phasors.  The
-discretisations live here and not in the package, because they are wrong by tens of microarcseconds.
+language of transfer functions that is sinc(fp) / sinc(fp/4) and a sum of five phasors.  The discretisations
+live beside ``scripts/reproduce_paper`` and not in the package, because they are wrong by tens of
+microarcseconds.
 """
 
-from typing import ClassVar
-
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from paper_numerics import PUBLIC_LOCI, FiveArcsineImages, FiveEqualImages, point_sampled
 
 from jitterkit.conventions import theta_from_dlux
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.loci import Linear, Stable
+from jitterkit.loci import Stable
 from jitterkit.optics import Grid, expand, lines
 from jitterkit.scene import Binary
-
-NODES = np.linspace(-0.5, 0.5, 5)
-EQUAL = np.full(5, 0.2)
-EDGES = np.concatenate([[-1.0], NODES[:-1] + NODES[1:], [1.0]])  # half-cells, in amplitudes
-ARCSINE = np.diff(np.arcsin(EDGES)) / np.pi
-
-
-class FiveImages(Linear):
-    """Five images along a streak, as the public model has them."""
-
-    weights: ClassVar[np.ndarray]
-
-    def transfer(self, fx, fy):
-        phase = 2 * jnp.pi * jnp.sqrt(jnp.maximum(self.along(fx, fy), 1e-30))
-        return sum(w * jnp.cos(phase * node) for w, node in zip(self.weights, NODES, strict=True))
-
-
-class FiveEqualImages(FiveImages):
-    weights = EQUAL
-
-
-class FiveArcsineImages(FiveImages):
-    weights = ARCSINE
-
-
-PUBLIC = {"linear": FiveEqualImages, "shm": FiveArcsineImages}
-
-
-def point_sampled(otf, samples=4):
-    """Replace the integral over a pixel by the mean over ``samples`` x ``samples`` points in it."""
-    fy, fx = otf.grid.frequencies
-    p = otf.grid.plate_scale
-    inverse = 1 / (np.sinc(p * fx / samples) * np.sinc(p * fy / samples))
-    return eqx.tree_at(lambda o: (o.value, o.jacobian), otf, (otf.value * inverse, otf.jacobian * inverse))
 
 
 @pytest.mark.parametrize(
@@ -66,12 +30,6 @@ def test_the_public_models_numerics_give_the_public_models_errors(
     reference_otf, sigma_separation, locus, flux, published
 ):
     assert sigma_separation(point_sampled(reference_otf), locus, flux) == pytest.approx(published, rel=0.005)
-
-
-def test_five_equal_images_have_the_variance_of_harmonic_motion():
-    # L^2/8 and not L^2/12: half of what was published as "linear and SHM are almost identical".
-    assert np.sum(EQUAL * NODES**2) == pytest.approx(1 / 8, rel=1e-14)
-    assert np.sum(ARCSINE * NODES**2) == pytest.approx(1.11 / 8, rel=2e-3)
 
 
 def binned(image):
@@ -91,7 +49,7 @@ def public(system, locus, **source):
     else:
         shape, length, angle = locus
         telescope = dLuxToliman.JitteredToliman(optics, source, length, angle, n_psfs=5, jitter_shape=shape)
-        image, ours = telescope.jitter_model(), PUBLIC[shape].of(length, angle)
+        image, ours = telescope.jitter_model(), PUBLIC_LOCI[shape].of(length, angle)
     theta = theta_from_dlux(source.position_angle)
     scene = Binary(
         source.separation, theta, source.x_position, source.y_position, 10**source.log_flux, source.contrast

@@ -73,7 +73,8 @@ def test_a_budget_sums_to_the_whole_and_names_random_motion_by_its_regime():
         (PowerSpectrum(lines=(Line(63.0, 0.05, 130.0),)), Shm),
         (PowerSpectrum(lines=(Line(63.0, 0.05, 130.0, 0.02),)), Ellipse),
         (PowerSpectrum(*BROAD, (Line(0.5, 0.5, 20.0), Line(7.0, 0.02, 80.0), Line(63.0, 0.05))), Product),
-        (PowerSpectrum(lines=(Line(5.0, 0.0),)), PartialShm),
+        (PowerSpectrum(lines=(Line(5.0, 0.0), Line(63.0, 0.0))), Stable),
+        (PowerSpectrum(lines=(Line(5.0, 0.0), Line(63.0, 0.05))), Shm),
     ],
 )
 def test_a_typical_frame_has_the_mean_blur(spectrum, kind):
@@ -132,5 +133,9 @@ def test_a_spectrum_and_a_record_are_assessed_alike(rng):
 def test_everything_together_is_named_once():
     lines = (Line(0.5, 0.5), Line(7.0, 0.02), Line(8.0, 0.02), Line(63.0, 0.05), Line(90.0, 0.05, 0, 0.05))
     assert assess_motion(PowerSpectrum(lines=lines), 0.1).names == "linear*partial*shm*ellipse"
+    held = (Line(0.5, 0.0), Line(7.0, 0.0), Line(63.0, 0.0, 0.0, 0.0))
+    assert assess_motion(PowerSpectrum(lines=held), 0.1).names == "stable"
+    assert assess_motion(PowerSpectrum(lines=(*held, Line(64.0, 0.0, 0.0, 0.05))), 0.1).names == "shm"
+    assert [share.locus for share in assess_motion(PowerSpectrum(lines=held), 0.1).shares] == ["stable"] * 3
     still = Record(np.linspace(0, 1, 50), np.zeros(50), np.zeros(50))
     assert assess_motion(still, 0.1).names == "stable"

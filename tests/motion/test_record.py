@@ -78,6 +78,13 @@ def test_welch_s_spectrum_has_the_variance_and_the_sign_of_the_correlation(rng):
     assert f.frequencies[-1] == pytest.approx(50)
 
 
+@pytest.mark.parametrize(("samples", "rows"), [(2, 0), (3, 0), (4, 2), (17, 8)])
+def test_a_record_of_a_few_samples_has_an_empty_spectrum_and_a_split(samples, rows, rng):
+    record = Record(np.linspace(0, 1, samples), *rng.normal(size=(2, samples)))
+    assert len(trace_spectrum(record).frequencies) == rows
+    assert len(measure_exposures(record, 0.1).starts) == 10
+
+
 def test_records_that_hold_no_exposure_are_refused():
     record = Record(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2))
     with pytest.raises(ConfigurationError, match=r"lasts 1 s and holds no exposure of 2 s"):

@@ -3,15 +3,17 @@ import pytest
 from matplotlib.figure import Figure
 
 from jitterkit.loci import Linear, Mvn, Product, Shm, Stable
-from jitterkit.motion import Line, PowerSpectrum, split_spectrum
+from jitterkit.motion import Line, PowerSpectrum, Record, Split, assess_motion, split_spectrum
+from jitterkit.report.arcsine_plots import plot_arcsine
 from jitterkit.report.motion_plots import (
-    plot_arcsine,
     plot_budget,
     plot_locus_transfer,
     plot_motion,
     plot_motion_spectrum,
+    plot_parts,
     plot_pointing,
 )
+from jitterkit.report.plots import png
 
 MOTION = PowerSpectrum(
     [0.1, 300.0], [[1e-5, 0, 2e-5], [1e-9, 0, 2e-9]], (Line(61.0, 0.02, 30.0), Line(4.0, 0.01, 90.0))
@@ -22,6 +24,7 @@ def test_functions_draw_on_the_axes_they_are_given(rng):
     for draw in (
         lambda ax: plot_motion_spectrum(MOTION, 0.1, ax),
         lambda ax: plot_budget(MOTION, 0.1, ax),
+        lambda ax: plot_parts(Split(), ax),
         lambda ax: plot_pointing(Mvn.of(0.1), ax),
         lambda ax: plot_locus_transfer(Mvn.of(0.1), ax),
         lambda ax: plot_arcsine(rng, draws=100, ax=ax),
@@ -31,7 +34,7 @@ def test_functions_draw_on_the_axes_they_are_given(rng):
 
 
 def test_a_page_has_four_panels_with_units():
-    axes = plot_motion(MOTION, 0.1, Mvn.of(0.1), "a motion")
+    axes = plot_motion(assess_motion(MOTION, 0.1), "a motion")
     assert [ax.get_xlabel() for ax in axes] == [
         "frequency [Hz]",
         "frequency [Hz]",
@@ -47,10 +50,36 @@ def test_a_page_has_four_panels_with_units():
 
 
 @pytest.mark.parametrize(
-    "part", [PowerSpectrum(lines=MOTION.lines), PowerSpectrum(MOTION.frequencies, MOTION.density)]
+    "part",
+    [
+        PowerSpectrum(lines=MOTION.lines),
+        PowerSpectrum(MOTION.frequencies, MOTION.density),
+        PowerSpectrum(lines=(Line(4.0, 0.0), Line(61.0, 0.02))),
+        PowerSpectrum(lines=(Line(4.0, 0.0),)),
+        PowerSpectrum([1.0, 9.0], np.zeros((2, 3))),
+        Record(np.linspace(0, 1, 3), np.arange(3.0), np.zeros(3)),
+        Record(np.linspace(0, 1, 50), np.zeros(50), np.zeros(50)),
+    ],
 )
-def test_lines_alone_and_densities_alone_are_drawn(part):
-    plot_motion(part, 0.1, Mvn.of(0.1))
+def test_any_part_of_a_motion_alone_is_drawn_without_a_warning(part):
+    png(plot_motion(assess_motion(part, 0.1))[0])
+
+
+def test_the_budget_of_a_record_is_that_of_its_exposures_and_its_spectrum_is_said_to_be_welch_s():
+    # 0.02"/s for 10 s: 100 means 2 mas apart, of variance n (n + 1) / 12 steps², and smears of 2 mas / √12
+    t = np.linspace(0, 10, 1001)
+    spectrum, budget, *_ = plot_motion(assess_motion(Record(t, 0.02 * t, 0 * t), 0.1))
+    assert [text.get_text() for text in budget.texts] == ["58.0 mas", "0.577 mas", "0 mas"]
+    expected = [2 * np.sqrt(100 * 101 / 12), 2 / np.sqrt(12), 0]
+    np.testing.assert_allclose([bar.get_height() for bar in budget.patches], expected, atol=1e-6)
+    assert [label.get_text() for label in budget.get_xticklabels()] == ["displacement", "smear", "jitter"]
+    # eight segments of 125 samples
+    assert spectrum.get_title() == "Welch's estimate: nothing below 0.8 Hz"
+
+
+def test_a_record_too_short_for_a_spectrum_is_said_to_be():
+    short = Record(np.linspace(0, 1, 3), np.arange(3.0), np.zeros(3))
+    assert plot_motion(assess_motion(short, 0.5))[0].get_title() == "too short for a spectrum"
 
 
 def test_parts_differ_without_their_colours_and_end_at_their_sizes():

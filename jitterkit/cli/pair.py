@@ -1,0 +1,37 @@
+"""A pair of stars before a telescope, as the commands that forecast have it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["check_products", "pair_before"]
+
+
+def pair_before(telescope, flux: float | None, **scene: float) -> dict[str, float]:
+    """The scene's parameters by name, with the instrument's usual flux where none is given.
+
+    Raises
+    ------
+    ConfigurationError
+        If nobody says the flux.
+    """
+    from jitterkit.errors import ConfigurationError
+
+    photons = telescope.flux if flux is None else flux
+    if photons is None:
+        raise ConfigurationError(f"The instrument {telescope.name!r} has no usual flux; give --flux.")
+    return {**scene, "flux": photons}
+
+
+def check_products(plot: Path | None, output: Path | None, overwrite: bool) -> None:
+    """Refuse a picture that is no PNG, a table that is no ECSV, and files that cannot be written.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    from jitterkit.report.outputs import check_file
+
+    for path, ending in ((plot, ".png"), (output, ".ecsv")):
+        if path is not None:
+            check_file(path, overwrite, ending)

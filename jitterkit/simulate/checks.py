@@ -1,0 +1,55 @@
+"""What cannot be simulated, or forecast: refused in a sentence before any work."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci import Locus, principal_axes
+from jitterkit.optics.otf import OTF
+from jitterkit.scene import Binary
+
+__all__ = ["check_reach", "check_scene"]
+
+
+def check_scene(scene: Binary, locus: Locus, background: float = 0.0) -> None:
+    """Refuse what cannot be.
+
+    Raises
+    ------
+    ConfigurationError
+        With the value and what is possible.
+    """
+    rules = {
+        "separation": (float(scene.separation), 0.0, "must not be negative, in arcsec"),
+        "flux": (float(scene.flux), np.nextafter(0, 1), "must be positive, in electrons per frame"),
+        "contrast": (float(scene.contrast), 1.0, "must be at least one: A is the brighter star"),
+        "background": (float(background), 0.0, "must not be negative, in electrons per pixel"),
+    }
+    for name, (value, least, rule) in rules.items():
+        if not least <= value < np.inf:
+            raise ConfigurationError(f"{name} = {value:g} {rule}.")
+    others = {"theta": scene.theta, "x": scene.x, "y": scene.y, "jitter": locus.coords.sum()}
+    for name, other in others.items():
+        if not np.isfinite(float(other)):
+            raise ConfigurationError(f"{name} = {float(other):g} is not a finite number; give one.")
+
+
+def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
+    """Refuse stars so far out, or a blur so wide, that their light would wrap around the padded grid.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    grid = otf.grid
+    major, _, _ = principal_axes(locus.moments())
+    sources = np.abs(np.array(scene.sources()[:2]))
+    for axis, star, n in zip("xy", sources, grid.shape[::-1], strict=True):
+        limit = (n / 2 + grid.pad) * grid.plate_scale
+        if star.max() + 2 * major > limit:
+            raise ConfigurationError(
+                f"A star {star.max():g} arcsec from the centre along {axis}, with a blur of {major:g} arcsec "
+                f"rms, leaves the modelled field of {limit:g} arcsec on each side; move it in, or give more "
+                "padding."
+            )
