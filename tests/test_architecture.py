@@ -48,6 +48,7 @@ ONLY_IN = {
             "field",
             "forecast",
             "kernel",
+            "matrix",
             "motion",
             "photon",
             "posterior",

@@ -175,8 +175,8 @@ class _Setup:
 
 def _ask_one(setup: _Setup, goal: float):
     from jitterkit.forecast import degenerate_directions
-    from jitterkit.report.forecast_plots import plot_matrices
     from jitterkit.report.forecast_table import parameter_table
+    from jitterkit.report.matrix_plots import plot_matrices
     from jitterkit.report.words import angle_size, number
 
     found, still = setup.point(), setup.point(still=True)
