@@ -72,7 +72,7 @@ def columns() -> dict[str, list[Locus]]:
 
 
 def run_study(still: Parameters, optics: OpticalSystem, draws: int, refits: int, seed: int) -> CrossFitStudy:
-    """Fit all panels by one scoring step a frame, and one of them in full on the same draws."""
+    """Fit all panels by one step a frame, and one of them in full on the same draws."""
     panels, seconds, began = [], 0.0, time.perf_counter()
     rng = np.random.default_rng(seed)
     for panel in cross_fit(columns(), (*PAPER_ROWS, "auto"), still, optics, draws, rng):

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.pair import check_products, pair_before
+from jitterkit.cli.pair import pair_before
+from jitterkit.cli.products import check_products, write_picture
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
 __all__ = ["crossfit"]
@@ -56,7 +57,7 @@ def crossfit(
         ),
     ] = None,
     draws: Annotated[
-        int, typer.Option(min=2, help="Noisy frames of each setting, fitted by one scoring step.")
+        int, typer.Option(min=2, help="Noisy frames of each setting, fitted by one step.")
     ] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="Of the generator of the draws.")] = 0,
     instrument: options.InstrumentName = "toliman",
@@ -86,7 +87,6 @@ def crossfit(
     from jitterkit.instruments import load_instrument
     from jitterkit.loci import Stable
     from jitterkit.report.crossfit_plots import crossfit_table, plot_crossfit
-    from jitterkit.report.plots import png
     from jitterkit.report.table import write_table
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_reach, check_scene
@@ -112,9 +112,5 @@ def crossfit(
     if output is not None:
         write_table(output, table, overwrite=overwrite)
     if plot is not None:
-        from jitterkit.frames.whole import replacing
-
         alone = forecast(still, optics.nominal, telescope.detector).error("separation")
-        with replacing(plot, overwrite) as temporary:
-            temporary.write_bytes(png(plot_crossfit(panels, alone).axes[0]))
-        say(f"wrote {plot}")
+        write_picture(plot, plot_crossfit(panels, alone).axes[0], overwrite)

@@ -9,7 +9,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, parse_sizes
-from jitterkit.cli.pair import check_products, pair_before
+from jitterkit.cli.pair import pair_before
+from jitterkit.cli.products import check_products, write_picture
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
@@ -73,9 +74,10 @@ def forecast(
 ) -> None:
     """Forecast errors, frames and time from the expected Fisher information.
 
-    Prints the least standard error of every parameter of one frame (the Cramer-Rao bound), and how far not
-    knowing the others inflates it; with --sweep a row a setting; with --allow a row a motion, at 0, 45 and 90
-    degrees from the pair. The detector's noise and saturated pixels are counted.
+    Prints the least standard error of every parameter of one frame (the Cramer-Rao bound), how far not
+    knowing the others inflates it, and its correlation with the separation's; with --sweep a row a setting;
+    with --allow a row a motion, at 0, 45 and 90 degrees from the pair. The detector's noise and saturated
+    pixels are counted.
     """
     check_products(plot, output, overwrite)
     sweeps, goal = parse_sweeps(sweep or []), parse_angle(target, "--target")
@@ -102,16 +104,7 @@ def forecast(
         table.meta["command"] = command_line()
         write_table(output, table, overwrite=overwrite)
     if plot is not None:
-        _write(plot, draw(), overwrite)
-
-
-def _write(path: Path, figure, overwrite: bool) -> None:
-    from jitterkit.frames.whole import replacing
-    from jitterkit.report.plots import png
-
-    with replacing(path, overwrite) as temporary:
-        temporary.write_bytes(png(figure.axes[0]))
-    say(f"wrote {path}")
+        write_picture(plot, draw().axes[0], overwrite)
 
 
 def _check_question(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:
@@ -130,6 +123,7 @@ class _Setup:
     def __init__(self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float]) -> None:
         self.telescope, self.locus, self.sizes, self.scene = telescope, locus, sizes, scene
         self.optics = telescope.system()
+        self._still: dict[tuple[tuple[str, float], ...], float] = {}
 
     def point(self, still: bool = False, **changes: float):
         """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
@@ -160,8 +154,10 @@ class _Setup:
     def still(self, changes: dict[str, float]) -> float:
         """Error of the separation without jitter, at the same scene, optics and detector."""
         known = {*_SCENE, *_DETECTOR, *self.telescope.aberrations}
-        beside = {name: value for name, value in changes.items() if name in known}
-        return self.point(still=True, **beside).error("separation")
+        beside = tuple((name, value) for name, value in changes.items() if name in known)
+        if beside not in self._still:  # where the jitter alone is swept there is one
+            self._still[beside] = self.point(still=True, **dict(beside)).error("separation")
+        return self._still[beside]
 
     def otf(self, state):
         """The optics at aberrations [nm]; those without are computed once."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.pair import check_products
+from jitterkit.cli.products import check_products, write_picture
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from jitterkit.instruments import Instrument
     from jitterkit.loci import Locus
-    from jitterkit.motion import Assessment
 
 __all__ = ["motion"]
 
@@ -119,7 +118,10 @@ def motion(
     if output is not None:
         write_table(output, table, overwrite=overwrite)
     if plot is not None:
-        _draw(assessed, plot, f"{file.name}, exposures of {assessed.exposure:g} s", overwrite)
+        from jitterkit.report.motion_plots import plot_motion
+
+        title = f"{file.name}, exposures of {assessed.exposure:g} s"
+        write_picture(plot, plot_motion(assessed, title)[0], overwrite)
 
 
 def _exposure(telescope: Instrument, exposure: float | None) -> float:
@@ -170,13 +172,3 @@ def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
     for name, form in zip(names, ("{:.1f}", "{:.1f}", "{:.1f}", "{:.2%}"), strict=True):
         table[name].info.format = form
     return table
-
-
-def _draw(assessed: Assessment, path: Path, title: str, overwrite: bool) -> None:
-    from jitterkit.frames.whole import replacing
-    from jitterkit.report.motion_plots import plot_motion
-    from jitterkit.report.plots import png
-
-    picture = png(plot_motion(assessed, title)[0])
-    with replacing(path, overwrite) as temporary:
-        temporary.write_bytes(picture)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-__all__ = ["check_products", "pair_before"]
+__all__ = ["pair_before"]
 
 
 def pair_before(telescope, flux: float | None, **scene: float) -> dict[str, float]:
@@ -21,17 +19,3 @@ def pair_before(telescope, flux: float | None, **scene: float) -> dict[str, floa
     if photons is None:
         raise ConfigurationError(f"The instrument {telescope.name!r} has no usual flux; give --flux.")
     return {**scene, "flux": photons}
-
-
-def check_products(plot: Path | None, output: Path | None, overwrite: bool) -> None:
-    """Refuse a picture that is no PNG, a table that is no ECSV, and files that cannot be written.
-
-    Raises
-    ------
-    ConfigurationError
-    """
-    from jitterkit.report.outputs import check_file
-
-    for path, ending in ((plot, ".png"), (output, ".ecsv")):
-        if path is not None:
-            check_file(path, overwrite, ending)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.pair import check_products
+from jitterkit.cli.products import check_products, write_picture
 from jitterkit.cli.runtime import command_line, prepare_jax, say
 
 if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
-    from jitterkit.photons import Curve, Line, PhotonBudget, Throughput
+    from jitterkit.photons import Curve, Line, Throughput
 
 __all__ = ["photons"]
 
@@ -101,7 +101,9 @@ def photons(
     if output is not None:
         _write(output, lines, overwrite)
     if plot is not None:
-        _draw(plot, budget, overwrite)
+        from jitterkit.report.photon_plots import plot_photons
+
+        write_picture(plot, plot_photons(budget)[0], overwrite)
 
 
 def _star(path: Path | None, temperature: float, magnitude: float) -> Curve:
@@ -172,14 +174,4 @@ def _write(path: Path, lines: list[Line], overwrite: bool) -> None:
     names = ("quantity", "unit", "here", "paper", "notebook")
     columns = [[getattr(line, name) for line in lines] for name in names]
     write_table(path, QTable(columns, names=names, meta={"command": command_line()}), overwrite=overwrite)
-    say(f"wrote {path}")
-
-
-def _draw(path: Path, budget: PhotonBudget, overwrite: bool) -> None:
-    from jitterkit.frames.whole import replacing
-    from jitterkit.report.photon_plots import plot_photons
-    from jitterkit.report.plots import png
-
-    with replacing(path, overwrite) as temporary:
-        temporary.write_bytes(png(plot_photons(budget)[0], dpi=200))
     say(f"wrote {path}")

@@ -19,8 +19,9 @@ import scipy.optimize
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast.bound import expected_data, forecast
+from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forward import Parameters, free_parameters
-from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm, Stable, locus_class, principal_axes
+from jitterkit.loci import Locus, PartialShm, Stable, locus_class, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scoring import climb
@@ -46,15 +47,8 @@ found."""
 _CLIMB, _NEAR = 400, 1e-4
 """Steps at most (a round blur fitted with a streak takes 280), and the standard errors that may remain."""
 
-MOTIONS: dict[str, Callable[[float, float], Locus]] = {
-    "linear": Linear.of,
-    "shm": Shm.of,
-    "mvn, round": lambda size, angle: Mvn.of(size),
-    "mvn, shear 0.7": lambda size, angle: Mvn.sheared(size, 0.7, angle),
-    "ellipse, axes 2:1": lambda size, angle: Ellipse.of(size / 2, size / 4, angle),
-}
-"""Motions that are asked about, built from their size and angle: a streak's length, a normal's sigma along
-its major axis, an ellipse's whole major axis."""
+MOTIONS = ("linear", "shm", "mvn,shear=0", "mvn,shear=0.7", "ellipse,ratio=0.5")
+"""Kinds of jitter that are asked about, as :func:`jitterkit.forecast.jitter_of_kind` makes them."""
 
 
 class Requirement(NamedTuple):
@@ -69,9 +63,9 @@ class Requirement(NamedTuple):
     angle : float
         Of the motion, degrees from the pair's own direction.
     size : float
-        arcsec: a streak's length, a vibration's peak to peak (of its whole motion, not of the part that an
-        exposure sees), a normal's sigma along its major axis, an ellipse's whole major axis.  Infinite where
-        nothing up to 30 arcsec costs as much; NaN where a frame stops telling before.
+        arcsec: the whole extent of the kind, or a vibration's peak to peak (of its whole motion, not of the
+        part that an exposure sees).  Infinite where nothing up to 30 arcsec costs as much; NaN where a frame
+        stops telling before.
     rms : float
         One sigma of the pointing along its major axis within an exposure, arcsec.
     """
@@ -162,14 +156,14 @@ def jitter_requirements(
 def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[..., list[Locus]]]]:
     """Name, cycles, and loci (of all phases) by size and angle, of every motion."""
 
-    def one(of, size, angle):
-        return [of(size, angle)]
+    def one(kind, size, angle):
+        return [jitter_of_kind(kind, size, angle)]
 
     def phases(cycle, size, angle):
         return [PartialShm.of(size, angle, cycle, phase) for phase in _PHASES]
 
-    for motion, of in MOTIONS.items():
-        yield motion, math.nan, partial(one, of)
+    for kind in MOTIONS:
+        yield kind, math.nan, partial(one, kind)
     for cycle in cycles:
         yield "vibration", cycle, partial(phases, cycle)
 

@@ -76,7 +76,7 @@ def cross_fit(
     rng: np.random.Generator,
     detector: Detector | None = None,
 ) -> Iterator[Panel]:
-    """Fit data of several kinds with several loci, one scoring step a frame.
+    """Fit data of several kinds with several loci, one step a frame.
 
     Parameters
     ----------

@@ -6,7 +6,6 @@ It has no coordinates to fit.  Multiply it by a normal for what its sensor misse
 
 from __future__ import annotations
 
-import csv
 import pathlib
 from typing import ClassVar, Self
 
@@ -16,6 +15,7 @@ from jaxtyping import Array, Float
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.loci.csv_table import csv_rows, row_numbers
 from jitterkit.loci.phasor import gauss_legendre, mean_phasor
 
 __all__ = ["Trace", "read_trace"]
@@ -146,21 +146,14 @@ def read_trace(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray, np.nda
         If the file is not such a table; the message names the file, the line and the column.
     """
     path = pathlib.Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as handle:
-            rows = [
-                (number, line) for number, line in enumerate(handle, 1) if line.strip() and line[0] != "#"
-            ]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: cannot be read ({error}); give a CSV of t,x,y.") from None
-    cells = [(number, [cell.strip() for cell in next(csv.reader([line]))]) for number, line in rows]
+    cells = csv_rows(path, "give a CSV of t,x,y")
     if not cells or cells[0][1] != list(_COLUMNS):
         found = ",".join(cells[0][1]) if cells else "nothing"
         raise ConfigurationError(
             f"{path}: begins with {found!r}; its first line must be t,x,y (s, arcsec, arcsec)."
         )
     try:
-        table = np.array([_numbers(number, row) for number, row in cells[1:]]).reshape(-1, 3)
+        table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
         _check(*table.T)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
@@ -169,21 +162,6 @@ def read_trace(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 _COLUMNS = ("t", "x", "y")
-
-
-def _numbers(number: int, row: list[str]) -> list[float]:
-    if len(row) != len(_COLUMNS):
-        raise ConfigurationError(f"line {number} has {len(row)} columns; give t,x,y.")
-    values = []
-    for name, cell in zip(_COLUMNS, row, strict=True):
-        try:
-            value = float(cell)
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise ConfigurationError(f"line {number}, column {name} is {cell!r}; give a finite number.")
-        values.append(value)
-    return values
 
 
 def _check(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:

@@ -5,13 +5,13 @@ Reach for :func:`read_motion`, which tells them by their headers.
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci import read_trace
+from jitterkit.loci.csv_table import CsvRow, csv_rows, row_numbers
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
@@ -24,9 +24,6 @@ _FORMATS = (
     "give a table of densities f,x,y[,xy] (Hz, arcsec²/Hz), of lines frequency,amplitude,angle[,minor] (Hz, "
     "arcsec, degrees), the one below the other, or a trace t,x,y (s, arcsec)"
 )
-
-Row = tuple[int, list[str]]
-"""Number of the line in the file, and its cells."""
 
 
 def read_motion(path: str | Path) -> PowerSpectrum | Record:
@@ -50,7 +47,7 @@ def read_motion(path: str | Path) -> PowerSpectrum | Record:
         If the file is not such a table; the message names file, line and remedy.
     """
     path = Path(path)
-    rows = _rows(path)
+    rows = csv_rows(path, _FORMATS)
     if rows and tuple(rows[0][1]) == _TRACE:
         return Record(*read_trace(path))
     try:
@@ -59,16 +56,7 @@ def read_motion(path: str | Path) -> PowerSpectrum | Record:
         raise ConfigurationError(f"{path}: {error}") from None
 
 
-def _rows(path: Path) -> list[Row]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as handle:
-            lines = [(n, line) for n, line in enumerate(handle, 1) if line.strip() and line[0] != "#"]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: cannot be read ({error}); {_FORMATS}.") from None
-    return [(n, [cell.strip() for cell in next(csv.reader([line]))]) for n, line in lines]
-
-
-def _spectrum(rows: list[Row]) -> PowerSpectrum:
+def _spectrum(rows: list[CsvRow]) -> PowerSpectrum:
     tables: dict[tuple[str, ...], list[tuple[int, list[float]]]] = {}
     header: tuple[str, ...] = ()
     for n, cells in rows:
@@ -83,7 +71,7 @@ def _spectrum(rows: list[Row]) -> PowerSpectrum:
         elif not header:
             raise ConfigurationError(f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
         else:
-            tables[header].append((n, _numbers(n, cells, header)))
+            tables[header].append((n, row_numbers((n, cells), header)))
     densities, lines = (
         [row for header in kind for row in tables.get(header, [])] for kind in (_DENSITIES, _LINES)
     )
@@ -100,18 +88,3 @@ def _line(n: int, row: list[float]) -> Line:
         return Line(*row)
     except ConfigurationError as error:
         raise ConfigurationError(f"line {n}: {error}") from None
-
-
-def _numbers(n: int, cells: list[str], header: tuple[str, ...]) -> list[float]:
-    if len(cells) != len(header):
-        raise ConfigurationError(f"line {n} has {len(cells)} columns; give {','.join(header)}.")
-    values = []
-    for name, cell in zip(header, cells, strict=True):
-        try:
-            value = float(cell)
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise ConfigurationError(f"line {n}, column {name} is {cell!r}; give a finite number.")
-        values.append(value)
-    return values

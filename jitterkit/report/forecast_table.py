@@ -75,15 +75,20 @@ def parameter_table(forecast: Forecast) -> QTable:
     Returns
     -------
     table : QTable
-        ``parameter``, ``value``, ``error``, ``unit``, and ``inflation``: times by which not knowing the
-        others widens the error (NaN for sizes, which are derived).
+        ``parameter``, ``value``, ``error``, ``unit``; ``inflation``, times by which not knowing the others
+        widens the error; and ``correlation`` of the error with that of the first parameter, the separation.
+        NaN for sizes, which are derived.
     """
     rows = [
-        (name, value, forecast.error(name), unit_of(name), forecast.inflation(name))
-        for name, value in zip(forecast.names, forecast.values, strict=True)
+        (name, value, forecast.error(name), unit_of(name), forecast.inflation(name), correlation)
+        for name, value, correlation in zip(
+            forecast.names, forecast.values, forecast.correlation[0], strict=True
+        )
     ]
-    rows += [(name, *size, unit_of(name), math.nan) for name, size in forecast.jitter().items()]
-    return _short(QTable(rows=rows, names=("parameter", "value", "error", "unit", "inflation")))
+    rows += [(name, *size, unit_of(name), math.nan, math.nan) for name, size in forecast.jitter().items()]
+    return _short(
+        QTable(rows=rows, names=("parameter", "value", "error", "unit", "inflation", "correlation"))
+    )
 
 
 def sweep_table(sweep: Sweep, still, target: float, exposure: float | None) -> QTable:
@@ -129,7 +134,7 @@ def requirement_table(requirements: Sequence[Requirement], exposure: float | Non
     table["size"] = np.array([one.size for one in requirements]) * units.arcsec
     table["rms"] = np.array([one.rms for one in requirements]) * units.arcsec
     table["angle"].info.description = "of the motion from the pair's direction"
-    table["size"].info.description = "largest length, peak to peak, sigma of the major axis or major axis"
+    table["size"].info.description = "largest length, peak to peak, FWHM or whole major axis"
     table["rms"].info.description = "one sigma along the major axis within an exposure"
     return _short(table)
 

@@ -9,6 +9,7 @@ from jitterkit.forecast import Forecast, degenerate_directions, expected_data, f
 from jitterkit.forward import expected_image, parameter_names, to_vector
 from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Smear
 from jitterkit.refit import FitOptions, Priors, fit_frame, moments_prior
+from jitterkit.report.forecast_table import parameter_table
 
 SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
 
@@ -120,6 +121,18 @@ def test_the_midpoint_is_confused_with_what_moves_the_brighter_star_as_it_does(b
     # x of A, where most photons are, moves with x and, along the pair, with the separation
     (worst, *_) = degenerate_directions(forecast(bench.under(theta=180.0), bench.otf), least=1.1)
     assert set(list(worst.weights)[:2]) in ({"separation", "x"}, {"theta", "y"})
+
+
+def test_the_table_correlates_every_error_with_the_separations(bench):
+    found = forecast(bench.under(Mvn.of(0.2, 0.1, 20.0)), bench.otf)
+    table = parameter_table(found)
+    rows = {row["parameter"]: row for row in table}
+    own, x = (found.names.index(name) for name in ("separation", "x"))
+    expected = found.covariance[own, x] / (found.error("separation") * found.error("x"))
+    assert rows["x"]["correlation"] == pytest.approx(expected)
+    assert rows["separation"]["correlation"] == pytest.approx(1)
+    assert np.isnan(rows["jitter_major"]["correlation"])
+    assert list(rows)[: len(found.names)] == list(found.names)
 
 
 def test_a_direction_says_how_much_less_it_is_known_than_its_parts():

@@ -9,6 +9,7 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast import (
     forecast,
+    jitter_of_kind,
     jitter_requirements,
     largest_size,
     moment_bias,
@@ -34,7 +35,7 @@ def test_jitter_as_large_as_allowed_costs_the_time_that_was_allowed(bench):
     for one in found:
         turned = one.angle + 150.0  # the pair's own direction
         if one.motion != "vibration":
-            loci = [MOTIONS[one.motion](one.size, turned)]
+            loci = [jitter_of_kind(one.motion, one.size, turned)]
         else:
             loci = [PartialShm.of(one.size, turned, 0.2, phase) for phase in np.arange(8) * 45.0]
         told = np.mean([forecast(bench.under(locus), bench.otf).error("separation") ** -2 for locus in loci])
@@ -71,7 +72,7 @@ def test_a_climb_finds_the_bias_that_the_exact_fit_has(bench, locus, fitted):
 def test_with_its_own_locus_nothing_is_biased_and_any_jitter_is_allowed(bench):
     found = jitter_requirements(bench.under(), bench.otf, 1e-6, fitted="mvn", angles=(30.0,), cycles=())
     sizes = {one.motion: one.size for one in found}
-    assert sizes["mvn, round"] == sizes["mvn, shear 0.7"] == math.inf
+    assert sizes["mvn,shear=0"] == sizes["mvn,shear=0.7"] == math.inf
     assert 0 < sizes["shm"] < sizes["linear"] < math.inf
     assert abs(
         moment_bias(bench.under(Linear.of(sizes["linear"], 180.0)), "mvn", bench.otf)
