@@ -213,9 +213,11 @@ class Frame(_Placed):
     Parameters
     ----------
     electrons : (ny, nx) float64 array
-        Bias-subtracted signal [e-]; row index upwards.
+        Signal [e-] of an even detector: free of bias and dark current, linear, divided by ``response``;
+        row index upwards.
     read_variance : (ny, nx) array or float
-        Variance of the read-out alone [e-²]; a number is spread over the image.
+        Variance that the scene does not make [e-²], of the counts *before* the division by ``response``:
+        read-out, rounding and dark current.  A number is spread over the image.
     mask : (ny, nx) bool array, optional
         True where a pixel is unusable.
     exposure : float, optional
@@ -232,11 +234,17 @@ class Frame(_Placed):
         How many of the masked pixels were saturated.
     flags : tuple of str
         What a reader of the results should know.
+    response : (ny, nx) array or float
+        The relative response (flat) by which the counts were divided; positive.
+    ceiling : (ny, nx) array or float
+        Level [e-, as ``electrons``] at and above which a count is only known to be at least that.
+    full : (ny, nx) bool array, optional
+        True where a pixel is masked for no other reason than being at or above the ceiling.
 
     Raises
     ------
     JitterkitError
-        If shapes disagree, a variance is negative or not finite, or a scale is not positive.
+        If shapes disagree, a variance is negative or not finite, or a scale or response is not positive.
     """
 
     electrons: np.ndarray
@@ -252,6 +260,9 @@ class Frame(_Placed):
     digest: str = ""
     saturated: int = 0
     flags: tuple[str, ...] = ()
+    response: np.ndarray | float = 1.0
+    ceiling: np.ndarray | float = math.inf
+    full: np.ndarray = field(default_factory=lambda: NONE_MASKED)
 
     def __post_init__(self) -> None:
         electrons = _image("electrons", self.electrons)
@@ -261,6 +272,13 @@ class Frame(_Placed):
         object.__setattr__(self, "electrons", np.where(np.isfinite(electrons), electrons, 0.0))
         object.__setattr__(self, "read_variance", variance)
         object.__setattr__(self, "mask", mask)
+        object.__setattr__(self, "full", _matching("full", self.full, electrons.shape, bool))
+        for name in ("response", "ceiling"):
+            object.__setattr__(self, name, _number_or_map(name, getattr(self, name), electrons.shape))
+        if not (np.isfinite(self.response) & (np.asarray(self.response) > 0)).all():
+            raise JitterkitError(
+                "response has values that are not positive; mask a dead pixel and give it 1."
+            )
         if not (np.isfinite(variance) & (variance >= 0)).all():
             raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
         _require_positive("exposure", self.exposure, "s", zero_allowed=True)
@@ -268,8 +286,16 @@ class Frame(_Placed):
 
     @property
     def variance(self) -> np.ndarray:
-        """``max(electrons, 0) + read_variance`` [e-²]: photon noise estimated from the data themselves."""
-        return np.maximum(self.electrons, 0.0) + self.read_variance
+        """Variance of ``electrons`` [e-²], its photon noise estimated from the data themselves.
+
+        ``max(electrons, 0)/response + read_variance/response²``.
+        """
+        return np.maximum(self.electrons, 0.0) / self.response + self.read_variance / self.response**2
+
+
+def _number_or_map(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray | float:
+    """One number stays one: it costs nothing where a detector is even."""
+    return float(values) if np.ndim(values) == 0 else _matching(name, values, shape, np.float64)
 
 
 def _require_positive(name: str, value: float | None, unit: str, zero_allowed: bool = False) -> None:

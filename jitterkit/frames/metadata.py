@@ -16,7 +16,16 @@ from typing import Any
 
 from jitterkit.errors import ConfigurationError
 
-__all__ = ["QUANTITIES", "RANKS", "UNITS", "Known", "Metadata", "Quantity", "resolve_unit"]
+__all__ = [
+    "QUANTITIES",
+    "RANKS",
+    "ROWS_ARE_COLUMNS",
+    "UNITS",
+    "Known",
+    "Metadata",
+    "Quantity",
+    "resolve_unit",
+]
 
 #: The first words of a source, from the most to the least authoritative.
 RANKS = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
@@ -59,7 +68,12 @@ QUANTITIES: Mapping[str, Quantity] = {
     "saturation": Quantity("ADU", 0.0, 1e12, zero_allowed=False),
     "bias": Quantity("ADU", -1e9, 1e9),
     "plate_scale": Quantity("arcsec/pixel", 0.0, 1e5, zero_allowed=False),
+    "line_time": Quantity("s", -10.0, 10.0),
 }
+
+
+#: What is said of a rolling shutter whose rows have become columns.
+ROWS_ARE_COLUMNS = "the file's rows are columns here, so that its line_time is not used"
 
 
 @dataclass(frozen=True)
@@ -131,6 +145,10 @@ class Metadata:
         Level of an unexposed pixel [ADU].
     plate_scale : Known, optional
         Side of a pixel on the sky [arcsec/pixel].
+    line_time : Known, optional
+        From the start of one row's exposure to that of the row above it [s]; negative where rows are
+        exposed downwards, zero where all are at once.  Rows as held in memory, which a TIFF's are not:
+        see ``row_order``.
     time : Known, optional
         Start (or middle, the source says which) of the exposure, ISO 8601, UTC.
     unit : Known, optional
@@ -139,6 +157,9 @@ class Metadata:
         Celestial part of the frame's world coordinates, for the *original* frame's 0-based pixels.
     warnings : tuple of str
         What was found odd and how it was understood.
+    row_order : {1, -1, 0}
+        What became of the file's rows: kept in their order (1), turned over (-1: a TIFF stores its top row
+        first), or made into columns (0).
     """
 
     exposure: Known | None = None
@@ -147,10 +168,12 @@ class Metadata:
     saturation: Known | None = None
     bias: Known | None = None
     plate_scale: Known | None = None
+    line_time: Known | None = None
     time: Known | None = None
     unit: Known | None = None
     wcs: Any = None
     warnings: tuple[str, ...] = ()
+    row_order: int = 1
 
     def override(self, source: str, **values: Any) -> Metadata:
         """Return a copy in which the given values replace what was known.
@@ -186,6 +209,21 @@ class Metadata:
         """Return a copy with further warnings, each kept once."""
         return replace(self, warnings=tuple(dict.fromkeys(self.warnings + messages)))
 
+    def reordered(self, order: int) -> Metadata:
+        """Return a copy for an image whose rows are no longer in the file's order.
+
+        Parameters
+        ----------
+        order : {1, -1, 0}
+            See ``row_order``.  A ``line_time`` that was said of the file's rows becomes that of the
+            image's.
+        """
+        line_time, told = self.line_time, self.value("line_time", 0.0)
+        if line_time is not None:
+            line_time = replace(line_time, value=told * order if told else 0.0)
+        changed = replace(self, row_order=order, line_time=line_time)
+        return changed.warn(ROWS_ARE_COLUMNS) if told and not order else changed
+
     def known(self) -> dict[str, Known]:
         """Return the known values by name, in the order of the fields."""
         values = {name: getattr(self, name) for name in FIELDS}
@@ -203,7 +241,7 @@ class Metadata:
         return [*rows, ("wcs", axes or "unknown", "", "header" if axes else "")]
 
 
-FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings"))
+FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings", "row_order"))
 
 
 def _row(name: str, known: Known | None) -> tuple[str, str, str, str]:

@@ -38,6 +38,9 @@ ORIENTATIONS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     8: lambda a: a.T,
 }
 
+ROW_ORDERS = {1: -1, 2: -1, 3: 1, 4: 1}
+"""Rows upwards are the stored rows as they come (1) or turned over (-1); else they are columns (0)."""
+
 CHANNELS = {"RGB": "red, green, blue", "CMYK": "cyan, magenta, yellow, black", "YCBCR": "luma and two chroma"}
 #: A page that unpacks to more than this times its bytes, and is large, is not believed.
 MOST_PACKING, SMALL = 5000, 1 << 28
@@ -81,7 +84,8 @@ class TiffFile(FrameFile):
         self._count = len(self._pages) if self._planes is None else self._planes
         _refuse_missing_planes(self.path, self._tiff, self._count)
         self.shape, self.dtype = _shape(page), np.dtype(page.dtype).newbyteorder("=")
-        self.metadata = _own_metadata(self._tiff, page, read_sidecars(self.path))
+        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(_orientation(page), 0))
+        self.metadata = _own_metadata(self._tiff, page, sidecars)
 
     def _page(self, index: int) -> Any:
         page = self._tiff.pages[self._pages[index]]

@@ -112,7 +112,7 @@ class Instrument:
         plate_scale: float | None = None,
         pad: int | None = None,
     ) -> OpticalSystem | FixedOptics:
-        """The optics on a frame's grid.
+        """The optics on a frame's grid, and the diffusion of charge in the detector.
 
         Parameters
         ----------
@@ -141,10 +141,11 @@ class Instrument:
         if self.pupil is None or self.spectrum is None:
             return system.FixedOptics(empirical.empirical_otf(np.asarray(self.psf), scale, shape, pad=pad))
         samples = otf.grid_for(self.pupil, self.spectrum, shape, scale, pad)
-        return system.OpticalSystem(self.pupil, self.spectrum, samples)
+        diffusion = (self.detector.diffusion or 0.0) * scale
+        return system.OpticalSystem(self.pupil, self.spectrum, samples, diffusion)
 
     def optics(self, aberrations=None, *, pad: int | None = None, derivatives: bool = True) -> OTF:
-        """The transfer function on the instrument's own frame.
+        """The transfer function on the instrument's own frame, as :meth:`system` has it.
 
         Parameters
         ----------

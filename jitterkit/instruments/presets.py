@@ -3,7 +3,8 @@
 The detector of TOLIMAN is a Sony IMX183 (in a camera such as the FLIR BFS-U3-200S6M): 2.4 um pixels,
 12 bits, a full well of about 15 ke- and about 3.7 e-/ADU.  Its read noise of 2.4 e- is an estimate; the
 bias of 30 ADU is our choice, 46 sigma above zero and low enough for the well to fill (4084 ADU) before
-the converter ends (4095 ADU).
+the converter ends (4095 ADU).  ``toliman-camera`` has the numbers that are published, and what else a
+camera does, from :mod:`jitterkit.detectors.presets`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 
-from jitterkit.detectors import Detector
+from jitterkit.detectors import Detector, detector_preset
 from jitterkit.errors import ConfigurationError
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
@@ -73,9 +74,23 @@ def smallsat() -> Instrument:
     )
 
 
+def toliman_camera() -> Instrument:
+    """TOLIMAN with the whole camera as far as it is known: rolling shutter, dark current, noise by EMVA 1288.
+
+    See :mod:`jitterkit.detectors.presets`.  The brightest pixel of a sharp frame is just full.
+    """
+    return replace(
+        toliman(),
+        name="toliman-camera",
+        detector=detector_preset("imx183"),
+        sources=dict.fromkeys(_QUANTITIES, "preset toliman-camera"),
+    )
+
+
 PRESETS: Mapping[str, Callable[[], Instrument]] = {
     "toliman": toliman,
     "toliman-paper": toliman_paper,
+    "toliman-camera": toliman_camera,
     "smallsat": smallsat,
 }
 """Every preset by name."""

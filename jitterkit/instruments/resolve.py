@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from jitterkit.detectors.detector import supplement
+from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
 from jitterkit.instruments.instrument import Instrument
 

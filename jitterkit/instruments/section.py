@@ -102,6 +102,15 @@ class Section:
             self.refuse(key, f"give {'a list of' if count is None else f'[{count}]'} numbers, in {unit}")
         return [float(v) for v in value]
 
+    def number_or_path(self, key: str, unit: str, what: str) -> float | Path:
+        """Return a number as float, or the path of a file that exists."""
+        value = self.values[key]
+        if isinstance(value, str):
+            return self.path(key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.refuse(key, f"give a number, in {unit}, or the name of {what}")
+        return float(value)
+
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:
         """Return a list of whole numbers, of a given length if there is one; it may be empty otherwise."""
         value = self.values[key]

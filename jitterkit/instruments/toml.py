@@ -27,14 +27,10 @@
     # lines = [532, 633]        # nm
     # file = "spectrum.csv"     # wavelength_nm, photons
 
-    [detector]                  # all optional
+    [detector]                  # all optional: see jitterkit.instruments.detector_section
+    base = "imx183"             # a detector that fills what is not said here
     gain = 3.7                  # e-/ADU
-    read_noise = 2.4            # e-
-    bias = 30                   # ADU
-    full_well = 15000           # e-
-    saturation = 4000           # ADU
     bits = 12
-    bad_pixels = "bad.fits"     # not zero where bad
 
 Files are looked for beside the TOML.
 """
@@ -48,12 +44,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
-from jitterkit.frames import open_frames
 from jitterkit.instruments import pupils
+from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
@@ -67,7 +61,7 @@ SECTIONS = {
     "telescope": ("diameter", "obscuration", "struts", "strut_width", "noll", "samples", "pupil"),
     "psf": ("file", "hdu"),
     "spectrum": ("band", "samples", "lines", "weights", "file"),
-    "detector": ("gain", "read_noise", "bias", "full_well", "saturation", "bits", "bad_pixels"),
+    "detector": DETECTOR_KEYS,
 }
 """Every table of an instrument file and its keys."""
 
@@ -107,7 +101,9 @@ def read_instrument(path: str | Path) -> Instrument:
             if name in sections:
                 fields |= reader(sections[name])
         detector = Detector() if base is None else base.detector
-        fields["detector"] = _detector(sections["detector"], detector) if "detector" in sections else detector
+        fields["detector"] = (
+            read_detector(sections["detector"], detector) if "detector" in sections else detector
+        )
         return _assemble(path, fields, base)
     except ConfigurationError as error:
         text = str(error)
@@ -226,18 +222,3 @@ def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
     if not 0 < low < high:
         section.refuse("band", "give [shortest, longest], in nm")
     return flat_band(low, high, samples)
-
-
-def _detector(section: Section, base: Detector) -> Detector:
-    units = {"gain": "e-/ADU", "read_noise": "e-", "bias": "ADU", "full_well": "e-", "saturation": "ADU"}
-    fields: dict[str, Any] = {key: section.number(key, unit) for key, unit in units.items()}
-    fields["bits"] = section.integer("bits")
-    fields["bad_pixels"] = _bad_pixels(section.path("bad_pixels")) if "bad_pixels" in section else None
-    fields = {key: value for key, value in fields.items() if value is not None}
-    return replace(base, **fields, sources={**base.sources, **{key: section.source(key) for key in fields}})
-
-
-def _bad_pixels(path: Path) -> np.ndarray:
-    with open_frames(path) as frames:
-        frame = frames[0]
-    return (frame.data != 0) | frame.mask

@@ -125,11 +125,36 @@ def test_a_frame_is_cut_with_everything_in_it():
         ({"read_variance": np.ones((2, 2))}, r"read_variance has shape \(2, 2\)"),
         ({"plate_scale": 0.0}, "plate_scale = 0.0 arcsec/pixel is not positive"),
         ({"exposure": np.nan}, "exposure = nan s is not positive"),
+        ({"response": 0.0}, "response has values that are not positive; mask a dead pixel and give it 1"),
+        ({"response": np.full((3, 4), np.nan)}, "response has values that are not positive"),
+        ({"response": np.ones((2, 2))}, r"response has shape \(2, 2\), the image \(3, 4\)"),
+        ({"ceiling": np.ones((2, 2))}, r"ceiling has shape \(2, 2\), the image \(3, 4\)"),
+        ({"full": np.ones((2, 2), bool)}, r"full has shape \(2, 2\), the image \(3, 4\)"),
     ],
 )
 def test_a_frame_that_cannot_be_is_refused(values, message):
     with pytest.raises(JitterkitError, match=message):
         Frame(**{"electrons": IMAGE, "read_variance": 1.0, **values})
+
+
+def test_an_uneven_response_divides_photon_noise_once_and_the_rest_twice():
+    # counts c = f s have variance f s + r; s = c/f has (f s + r)/f²
+    flat = np.linspace(0.5, 2.0, 12).reshape(3, 4)
+    frame = Frame(IMAGE, 9.0, response=flat)
+    np.testing.assert_allclose(frame.variance, (flat * IMAGE + 9.0) / flat**2)
+    assert frame.response.shape == (3, 4)
+    assert Frame(IMAGE, 9.0).response == 1.0
+    assert Frame(IMAGE, 9.0).ceiling == np.inf
+    assert not Frame(IMAGE, 9.0).full.any()
+
+
+def test_response_ceiling_and_full_pixels_are_cut_with_the_rest():
+    frame = Frame(IMAGE, 1.0, response=IMAGE + 1, ceiling=IMAGE + 100, full=IMAGE == 6)
+    cut = frame.region(1, 1, 2, 2)
+    np.testing.assert_array_equal(cut.response, cut.electrons + 1)
+    np.testing.assert_array_equal(cut.ceiling, cut.electrons + 100)
+    assert np.argwhere(cut.full).tolist() == [[0, 1]]
+    assert Frame(IMAGE, 1.0, ceiling=7).region(1, 1, 2, 2).ceiling == 7.0
 
 
 def test_records_are_frozen():

@@ -83,3 +83,12 @@ def test_a_warning_is_kept_once():
 def test_bare_values_have_defaults():
     assert Metadata().value("gain", 1.0) == 1.0
     assert Metadata().override("preset", gain=2).value("gain", 1.0) == 2.0
+
+
+def test_turning_the_rows_over_turns_the_time_between_them():
+    said = Metadata().override("header X", line_time=1e-5)
+    assert said.row_order == 1
+    turned = said.reordered(-1)
+    assert (turned.row_order, turned.value("line_time"), turned.line_time.source) == (-1, -1e-5, "header X")
+    assert Metadata().reordered(-1).line_time is None
+    assert Metadata().override("header X", line_time=0.0).reordered(0).warnings == ()

@@ -220,3 +220,23 @@ def test_the_exposure_is_read_from_ome(tmp_path):
             0.25,
             "header OME ExposureTime",
         )
+
+
+@pytest.mark.parametrize("orientation", SIDES)
+def test_what_became_of_the_stored_rows_is_told(tmp_path, orientation):
+    tag = [(274, "H", 1, orientation, True)]
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE, extratags=tag, metadata=None)
+    # the first stored row at the top: our rows, upwards, are the stored ones from the last to the first
+    wanted = {"top": -1, "bottom": 1}.get(SIDES[orientation][0], 0)
+    assert only(tmp_path / "a.tif").metadata.row_order == wanted
+
+
+def test_a_line_time_beside_a_tiff_is_of_its_stored_rows(tmp_path):
+    write_tiff(tmp_path / "a.tif", IMAGE, metadata={"line_time": 2e-5})
+    known = only(tmp_path / "a.tif").metadata.line_time
+    assert (known.value, known.unit, known.source) == (-2e-5, "s", "sidecar a.toml")
+    tag = [(274, "H", 1, 6, True)]
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE, extratags=tag, metadata=None)
+    turned = only(tmp_path / "a.tif").metadata
+    assert turned.value("line_time") == 0.0
+    assert any("rows are columns here" in text for text in turned.warnings)

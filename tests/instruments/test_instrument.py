@@ -10,8 +10,9 @@ import pytest
 
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
-from jitterkit.frames import RawFrame
+from jitterkit.frames import RawFrame, read_frames, write_fits, write_tiff
 from jitterkit.instruments import PRESETS, Instrument, load_instrument, resolve
+from jitterkit.instruments.description import describe_detector, describe_instrument
 from jitterkit.optics import flat_band, obstructed_circle
 
 BAND = flat_band(530.0, 640.0, 3)
@@ -34,7 +35,7 @@ def test_every_preset_says_where_each_number_comes_from(name):
     raw = resolve(RawFrame.from_array(np.zeros((4, 4))), instrument)
     assert instrument.name == name
     for known in (*raw.metadata.known().values(),):
-        assert known.source.startswith(f"preset {name}")
+        assert known.source.startswith((f"preset {name}", "preset imx183 ("))
     assert instrument.source("flux").startswith(f"preset {name}")
 
 
@@ -195,3 +196,37 @@ def test_reading_an_instrument_and_resolving_a_frame_need_no_jax_of_this_package
         "sys.exit('jax' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_time_between_rows_is_of_the_file_s_rows_and_turns_with_them(tmp_path):
+    # a TIFF's first stored row is its top one: in memory, upwards, its rows are exposed in the other order
+    image = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    camera = load_instrument("toliman-camera")
+    line_time = camera.detector.line_time
+    assert line_time > 0
+    for path, wanted in (
+        (write_tiff(tmp_path / "a.tif", image), -line_time),
+        (write_fits(tmp_path / "a.fits", image), line_time),
+    ):
+        (raw,) = read_frames(path)
+        known = resolve(raw, camera).metadata.line_time
+        assert known.value == wanted, path
+        assert known.source.startswith("preset imx183 (")
+        assert camera.detector.calibrate(raw).metadata.value("line_time") == wanted
+    (raw,) = read_frames(write_tiff(tmp_path / "b.tif", image, metadata={"line_time": 4e-6}))
+    assert resolve(raw, camera).metadata.value("line_time") == -4e-6
+    assert resolve(raw, load_instrument("toliman")).metadata.value("line_time") == -4e-6
+
+
+def test_an_instrument_is_described_with_who_says_each_number():
+    rows = {row[0]: row[1:] for row in describe_instrument(load_instrument("toliman-camera"))}
+    assert rows["plate_scale"] == ("0.375", "arcsec/pixel", "preset toliman-camera")
+    assert rows["shape"][0] == "128 x 128"
+    assert rows["full_well"][2].startswith("preset imx183 (EMVA 1288")
+    assert rows["flat"] == ("not modelled", "shares of the mean response", "")
+    bad = np.eye(4, 5, dtype=bool)
+    maps = Detector(bias=np.full((4, 5), 31.5), bad_pixels=bad, nonlinearity=[-1e-6, 2e-11], full_well=1e4)
+    rows = {row[0]: row[1:] for row in describe_detector(maps)}
+    assert rows["bias"] == ("map 5 x 4, median 31.5", "ADU", "argument Detector")
+    assert rows["bad_pixels"][0] == "map 5 x 4, 4 bad"
+    assert rows["nonlinearity"][0] == "-1e-06, 2e-11"

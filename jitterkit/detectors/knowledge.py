@@ -1,0 +1,92 @@
+"""What a detector adds to the knowledge about a frame: numbers, and the end of the range.
+
+:func:`inform` lays a detector's numbers under what the frame says of itself, by the ranks of
+:mod:`jitterkit.frames.metadata`; :func:`ceiling` finds the level that ends the range;
+:func:`own` decides between a detector's map and the one number that a frame's metadata can hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jitterkit.detectors.characteristics import Characteristics
+from jitterkit.detectors.linearity import measured
+from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Known, Metadata
+
+__all__ = ["ASSUMED", "WELL_MARGIN", "ceiling", "inform", "own", "sets_saturation", "supplement"]
+
+ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
+"""What is taken where nobody says: a counter of electrons without noise."""
+
+WELL_MARGIN = 5.0
+"""Read-out sigmas below the full well from which a pixel counts as full: one in 3 million escapes."""
+
+_SAME = 1e-6
+"""Relative difference below which two numbers are one: what a header's decimals leave."""
+
+
+def supplement(metadata: Metadata, name: str, value: Any, source: str) -> Metadata:
+    """Add a value to what is known about a frame, unless somebody as authoritative has spoken.
+
+    Of two sources of one rank the one already there is heard: a frame is nearer to itself.
+    """
+    present: Known | None = getattr(metadata, name)
+    if present is not None and present.rank <= Known(value, "", source).rank:
+        return metadata
+    return metadata.override(source, **{name: value})
+
+
+def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
+    """Add what a detector knows to what is known about a frame; see :meth:`Detector.inform`."""
+    for name, assumed in ASSUMED.items():
+        metadata = supplement(metadata, name, detector.nominal(name), detector.source(name))
+        metadata = metadata.fill("assumed, as nothing says it", **{name: assumed})
+    metadata = _with_line_time(detector, metadata)
+    name, level = ceiling(detector, metadata)
+    # our own earlier word may rest on a gain that has been corrected since
+    words = {detector.source(name) for name in ("saturation", "full_well", "bits")}
+    said = metadata.saturation is not None and metadata.saturation.source in words
+    metadata = replace(metadata, saturation=None) if said else metadata
+    return supplement(metadata, "saturation", None if math.isinf(level) else level, detector.source(name))
+
+
+def _with_line_time(detector: Characteristics, metadata: Metadata) -> Metadata:
+    told, order = detector.line_time, metadata.row_order
+    if told and not order:
+        metadata = metadata.warn(ROWS_ARE_COLUMNS)
+    return supplement(metadata, "line_time", told * order if told else told, detector.source("line_time"))
+
+
+def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
+    """The lowest level that ends the range, ADU, and which of a detector's numbers sets it."""
+    gain, noise, bias = (metadata.value(name) for name in ASSUMED)
+    levels = {"saturation": detector.saturation if detector.saturation is not None else math.inf}
+    levels["bits"] = detector.largest
+    well = detector.full_well
+    if well is not None:
+        margin, shown = min(WELL_MARGIN * (noise**2 + gain**2 / 12) ** 0.5, well / 2), well
+        if detector.nonlinearity is not None:
+            shown = float(measured(np.asarray(well), detector.nonlinearity, well))
+        levels["full_well"] = bias + (shown - margin) / gain
+    name = min(levels, key=lambda key: levels[key])
+    return name, levels[name]
+
+
+def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray | float:
+    """A number of a frame: the detector's map where the metadata hold that map's nominal value."""
+    value, told = getattr(detector, name), metadata.value(name)
+    return value if np.ndim(value) and _same(told, detector.nominal(name)) else told
+
+
+def sets_saturation(detector: Characteristics, metadata: Metadata) -> bool:
+    """Whether the level at which a frame saturates is the one that the detector itself would set."""
+    return _same(metadata.value("saturation"), ceiling(detector, metadata)[1])
+
+
+def _same(a: float | None, b: float | None) -> bool:
+    return a is not None and b is not None and math.isclose(a, b, rel_tol=_SAME)

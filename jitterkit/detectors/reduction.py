@@ -1,0 +1,168 @@
+"""From the numbers of a file to electrons, with what is to be thought of each pixel.
+
+The steps of :mod:`jitterkit.detectors.readout` backwards: bias, gain, non-linearity, coupling, dark
+current, flat; and beside the counts their noise, the level at which they end and who is masked why.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from jitterkit.detectors.characteristics import Characteristics
+from jitterkit.detectors.coupling import beside, decouple, decoupled_variance
+from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
+from jitterkit.detectors.linearity import collected, slope
+from jitterkit.detectors.maps import piece
+from jitterkit.frames.frame import Frame, RawFrame
+from jitterkit.frames.metadata import Known, Metadata
+
+__all__ = ["reduce"]
+
+_ROUNDING = 1e-12
+"""By this share a charge may miss the level of a full well and still be at it."""
+
+Values = np.ndarray | float
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """Counts before the flat, the variance that the scene does not make, and where they end."""
+
+    electrons: np.ndarray
+    variance: Values
+    ceiling: Values
+    full: np.ndarray
+    unknown: np.ndarray
+
+
+def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
+    """Turn a frame as it was read into electrons; see :meth:`Detector.calibrate`."""
+    metadata = inform(detector, raw.metadata)
+    counts = (_of_adu if raw.unit == "adu" else _of_electrons)(detector, raw, metadata)
+    response = _piece(detector, "flat", raw) if raw.unit == "adu" else 1.0
+    bad = _bad(detector, raw) | counts.unknown
+    response = np.where(response > 0, response, 1.0) if np.ndim(response) else response
+    full = counts.full & ~raw.mask
+    return Frame(
+        electrons=counts.electrons / response,
+        read_variance=np.broadcast_to(counts.variance, raw.shape),
+        mask=raw.mask | counts.full | bad,
+        exposure=metadata.value("exposure"),
+        plate_scale=metadata.value("plate_scale"),
+        metadata=metadata,
+        path=raw.path,
+        index=raw.index,
+        origin=raw.origin,
+        several=raw.several,
+        saturated=int(np.sum(full)),
+        flags=_flags(detector, raw, metadata, bool(np.any(full))),
+        response=response,
+        ceiling=counts.ceiling / response,
+        full=full & ~bad,
+    )
+
+
+def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
+    gain = metadata.value("gain")
+    bias, noise = (_own(detector, name, raw, metadata) for name in ("bias", "read_noise"))
+    clips, well = _ends(detector, metadata)
+    charge, steepness = _linear(detector, np.asarray((raw.data - bias) * gain))
+    variance = (noise**2 + gain**2 / 12) / steepness**2
+    clipped = raw.data >= clips
+    unknown = np.zeros(raw.shape, dtype=bool)
+    if detector.coupling:
+        # the share that a pixel without a reading has given to its neighbours is not known
+        missing = raw.mask | clipped
+        unknown = beside(missing) & ~missing
+        charge = decouple(charge, detector.coupling)
+        variance = decoupled_variance(variance, detector.coupling)
+    dark = _dark(detector, raw, metadata)
+    brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
+    top = np.minimum(brim, _linear(detector, np.asarray((clips - bias) * gain))[0])
+    return _Counts(
+        electrons=charge - dark,
+        variance=variance + dark,
+        ceiling=top - dark,
+        full=clipped | (charge >= brim * (1 - _ROUNDING)),
+        unknown=unknown | (dark >= top),  # a pixel that is full in the dark
+    )
+
+
+def _of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
+    """Electrons are another's work, and are taken as finished."""
+    level = _in_electrons(detector, metadata)
+    variance = np.square(_own(detector, "read_noise", raw, metadata))
+    return _Counts(raw.data, variance, level, raw.data >= level, np.zeros(raw.shape, dtype=bool))
+
+
+def _ends(detector: Characteristics, metadata: Metadata) -> tuple[float, float]:
+    """The ADU from which readings are not to be trusted, and the charge of a full well, e-.
+
+    A well that is full is read rightly: with coupling it shows a lower reading than the well's, beside an
+    empty neighbour, so that it is looked for in the charge.
+    """
+    saturation = metadata.value("saturation", math.inf)
+    if detector.full_well is None or not sets_saturation(detector, metadata):
+        return saturation, math.inf
+    by_well = ceiling(detector, metadata)[0] == "full_well"
+    others = min(detector.largest, detector.saturation or math.inf)
+    return (others if by_well else saturation), detector.full_well
+
+
+def _linear(detector: Characteristics, measured: np.ndarray) -> tuple[np.ndarray, Values]:
+    """Charge of what was measured, and the slope of the law there."""
+    if detector.nonlinearity is None or detector.full_well is None:
+        return measured, 1.0
+    charge = collected(measured, detector.nonlinearity, detector.full_well)
+    return charge, slope(charge, detector.nonlinearity, detector.full_well)
+
+
+def _dark(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Values:
+    """Expected dark electrons; none where nobody knows the exposure, and a flag says so."""
+    current = 0.0 if detector.dark_current is None else _piece(detector, "dark_current", raw)
+    return current * metadata.value("exposure", 0.0)
+
+
+def _own(detector: Characteristics, name: str, raw: RawFrame, metadata: Metadata) -> Values:
+    return piece(name, own(detector, name, metadata), raw.name, raw.origin, raw.shape)
+
+
+def _piece(detector: Characteristics, name: str, raw: RawFrame) -> Values:
+    values = getattr(detector, name)
+    return 1.0 if values is None else piece(name, values, raw.name, raw.origin, raw.shape)
+
+
+def _bad(detector: Characteristics, raw: RawFrame) -> np.ndarray:
+    """Pixels that the maps call bad or dead."""
+    bad = np.zeros(raw.shape, dtype=bool)
+    if detector.bad_pixels is not None:
+        bad |= np.asarray(_piece(detector, "bad_pixels", raw), dtype=bool)
+    return bad if detector.flat is None else bad | (_piece(detector, "flat", raw) <= 0)
+
+
+def _flags(detector: Characteristics, raw: RawFrame, metadata: Metadata, saturated: bool) -> tuple[str, ...]:
+    converted = raw.unit == "adu"
+    needed = ASSUMED if converted else ("read_noise",)
+    flags = [f"{name}_assumed" for name in needed if _nobody_said(getattr(metadata, name))]
+    beyond = converted and bool(np.any(raw.data[~raw.mask] > detector.largest))
+    dark = detector.dark_current is not None and bool(np.any(detector.dark_current))
+    undated = converted and dark and metadata.exposure is None
+    conditions = {"saturated": saturated, "above_adc_range": beyond, "dark_not_subtracted": undated}
+    return (*flags, *(word for word, holds in conditions.items() if holds))
+
+
+def _nobody_said(known: Known) -> bool:
+    return known.source.startswith(("preset", "assumed"))
+
+
+def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:
+    """The saturation level, e-; a header gives it in the unit of its own pixels."""
+    saturation = metadata.saturation
+    if saturation is None:
+        return math.inf
+    if saturation.source.startswith(("header", "sidecar")):
+        return float(saturation.value)
+    return float(_linear(detector, (saturation.value - metadata.value("bias")) * metadata.value("gain"))[0])

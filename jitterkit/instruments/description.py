@@ -1,0 +1,56 @@
+"""Instruments and detectors as a table: every number, and who says so."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from jitterkit.detectors import Detector
+from jitterkit.detectors.checks import NUMBERS
+from jitterkit.detectors.maps import nominal
+from jitterkit.frames.metadata import QUANTITIES
+from jitterkit.instruments.instrument import Instrument
+
+__all__ = ["describe_detector", "describe_instrument"]
+
+Row = tuple[str, str, str, str]
+
+_UNITS = {"shape": "pixel", "flux": "photons per frame", "bits": "bit", "nonlinearity": "1/e-, 1/e-², ..."}
+_NO_MODEL = {"flat", "nonlinearity", "coupling", "diffusion", "cosmic_rays", "dark_current", "bad_pixels"}
+
+
+def describe_instrument(instrument: Instrument) -> list[Row]:
+    """Return ``(name, value, unit, source)`` of an instrument and its detector, as text."""
+    names = ("plate_scale", "shape", "exposure", "flux")
+    rows = [_row(name, getattr(instrument, name), instrument.source(name)) for name in names]
+    band = instrument.spectrum
+    if band is not None:
+        text = f"{min(band.wavelengths):g} to {max(band.wavelengths):g}"
+        rows.append(("spectrum", text, "nm", instrument.source("spectrum")))
+    return rows + describe_detector(instrument.detector)
+
+
+def describe_detector(detector: Detector) -> list[Row]:
+    """Return ``(name, value, unit, source)`` of a detector, as text; a map by its size and median."""
+    names = [f.name for f in fields(Detector) if f.name != "sources"]
+    return [_row(name, getattr(detector, name), detector.source(name)) for name in names]
+
+
+def _row(name: str, value: Any, source: str) -> Row:
+    quantity = NUMBERS.get(name) or QUANTITIES.get(name)
+    unit = _UNITS.get(name, "" if quantity is None else quantity.unit)
+    if value is None:
+        return (name, "not modelled" if name in _NO_MODEL else "unknown", unit, "")
+    return (name, _text(name, value), unit, source)
+
+
+def _text(name: str, value: Any) -> str:
+    if np.ndim(value) == 2:
+        ny, nx = np.shape(value)
+        what = f"{np.count_nonzero(value)} bad" if name == "bad_pixels" else f"median {nominal(value):g}"
+        return f"map {nx} x {ny}, {what}"
+    if name == "shape":
+        return f"{value[1]} x {value[0]}"
+    return ", ".join(f"{v:g}" for v in np.atleast_1d(value))

@@ -1,0 +1,128 @@
+"""The table ``[detector]`` of an instrument file: numbers, and maps from files.
+
+::
+
+    [detector]                  # all optional
+    base = "imx183"             # a detector that fills what is not said here
+    gain = 3.7                  # e-/ADU
+    read_noise = 2.4            # e-, or a file
+    bias = 30                   # ADU, or a file: "bias.fits"
+    dark_current = 0.5          # e-/s, or a file; a hot pixel has more
+    flat = "flat.fits"          # response relative to the mean; zero where dead
+    bad_pixels = "bad.fits"     # not zero where bad
+    full_well = 15000           # e-
+    saturation = 4000           # ADU
+    bits = 12
+    nonlinearity = [-1e-6]      # c1, c2, ...: q e- are measured as q (1 + c1 q + c2 q² + ...)
+    coupling = 0.002            # share of a pixel's charge with which each neighbour is read
+    diffusion = 0.2             # pixel, one sigma
+    line_time = 15e-6           # s, from one row of the file to the next; 0 for a global shutter
+    cosmic_rays = 1e-6          # hits per pixel and second, for simulations
+
+A map is a FITS or TIFF file of the whole detector, on the rows of the frames it is for; a pixel without
+a finite number in it counts as bad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jitterkit.detectors import Detector, detector_preset
+from jitterkit.frames import open_frames
+from jitterkit.instruments.section import Section
+
+__all__ = ["DETECTOR_KEYS", "read_detector"]
+
+_NUMBERS_OR_MAPS: Mapping[str, str] = {"read_noise": "e-", "bias": "ADU", "dark_current": "e-/s"}
+_NUMBERS: Mapping[str, str] = {
+    "gain": "e-/ADU",
+    "full_well": "e-",
+    "saturation": "ADU",
+    "coupling": "shares of a pixel's charge",
+    "diffusion": "pixels",
+    "line_time": "s",
+    "cosmic_rays": "hits per pixel and second",
+}
+_MAP = "a FITS or TIFF file of the whole detector"
+
+
+def read_detector(section: Section, base: Detector) -> Detector:
+    """Read the table.
+
+    Parameters
+    ----------
+    section : Section
+    base : Detector
+        Fills what the table does not say, unless the table names a base of its own.
+
+    Returns
+    -------
+    detector : Detector
+        Every number of the file has the source ``"instrument file NAME [detector] key"``; what a base
+        fills keeps its own.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is of the wrong type or impossible, there is no such file, or the maps are not of one
+        detector.
+    FrameError
+        If a map cannot be read.
+    """
+    base = detector_preset(section.text("base")) if "base" in section else base
+    fields = {key: read(section, key) for key, read in _READERS.items() if key in section}
+    sources = {**base.sources, **{key: section.source(key) for key in fields}}
+    return replace(base, **fields, sources=sources)
+
+
+def _number(section: Section, key: str) -> float:
+    value: float = section.number(key, _NUMBERS[key])
+    return value
+
+
+def _number_or_map(section: Section, key: str) -> float | np.ndarray:
+    value = section.number_or_path(key, _NUMBERS_OR_MAPS[key], _MAP)
+    return _map(value) if isinstance(value, Path) else value
+
+
+def _flat(section: Section, key: str) -> np.ndarray:
+    return _map(section.path(key))
+
+
+def _bad_pixels(section: Section, key: str) -> np.ndarray:
+    return ~(_map(section.path(key)) == 0)
+
+
+def _bits(section: Section, key: str) -> int:
+    bits: int = section.integer(key)
+    return bits
+
+
+def _nonlinearity(section: Section, key: str) -> tuple[float, ...]:
+    return tuple(section.numbers(key, None, "1/e-, 1/e-², ..."))
+
+
+def _map(path: Path) -> np.ndarray:
+    """A map in single precision, which is finer than any detector is known; NaN where it is masked."""
+    with open_frames(path) as frames:
+        frame = frames[0]
+    return np.where(frame.mask, np.nan, frame.data).astype(np.float32)
+
+
+_READERS: Mapping[str, Any] = {
+    "gain": _number,
+    **dict.fromkeys(_NUMBERS_OR_MAPS, _number_or_map),
+    **dict.fromkeys(_NUMBERS, _number),
+    "bits": _bits,
+    "nonlinearity": _nonlinearity,
+    "flat": _flat,
+    "bad_pixels": _bad_pixels,
+}
+
+DETECTOR_KEYS = (*_READERS, "base")
+"""Keys of the table."""

@@ -1,0 +1,37 @@
+"""``jitterkit info`` about instruments and detectors."""
+
+import pytest
+from typer.testing import CliRunner
+
+from jitterkit.cli.main import app
+
+runner = CliRunner()
+
+
+def rows(output):
+    return {line.split()[0]: line for line in output.splitlines() if line.split()}
+
+
+@pytest.mark.parametrize("name", ["toliman-camera", "imx183"])
+def test_info_tells_a_preset_with_the_provenance_of_each_number(name):
+    done = runner.invoke(app, ["info", name])
+    assert done.exit_code == 0
+    told = rows(done.stdout)
+    assert "SNRmax 41.6 dB" in told["full_well"]
+    assert "a choice" in told["dark_current"]
+    assert "an estimate" in told["line_time"]
+    assert "not modelled" in told["flat"]
+
+
+def test_info_tells_an_instrument_file(tmp_path):
+    path = tmp_path / "cam.toml"
+    path.write_text('[instrument]\nbase = "smallsat"\n[detector]\nbase = "imx183"\ncoupling = 0.004\n')
+    told = rows(runner.invoke(app, ["info", str(path)]).stdout)
+    assert "instrument file cam.toml [detector] coupling" in told["coupling"]
+    assert "preset smallsat" in told["plate_scale"]
+
+
+def test_info_of_nothing_says_so():
+    done = runner.invoke(app, ["info", "imx138"])
+    assert done.exit_code == 2
+    assert "imx138: does not exist" in done.stderr

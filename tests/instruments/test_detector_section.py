@@ -1,0 +1,134 @@
+"""The table [detector] of an instrument file: numbers, maps, and a detector to begin with."""
+
+import numpy as np
+import pytest
+
+from jitterkit.detectors import detector_preset
+from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.frames import RawFrame, write_fits, write_tiff
+from jitterkit.instruments import read_instrument
+
+NUMBERS = """
+gain = 2.0
+read_noise = 3.0
+bias = 100
+dark_current = 0.5
+full_well = 20000
+bits = 14
+nonlinearity = [-1e-6, 2e-11]
+coupling = 0.004
+diffusion = 0.2
+line_time = -15e-6
+cosmic_rays = 1e-6
+"""
+
+
+@pytest.fixture
+def detector(tmp_path):
+    """A function that reads a [detector]."""
+
+    def read(table, head='base = "smallsat"'):
+        path = tmp_path / "cam.toml"
+        path.write_text(f"[instrument]\n{head}\n[detector]\n{table}\n")
+        return read_instrument(path).detector
+
+    return read
+
+
+def test_every_number_of_a_camera_may_be_said(detector):
+    found = detector(NUMBERS)
+    said = {
+        "gain": 2.0, "read_noise": 3.0, "bias": 100.0, "dark_current": 0.5, "full_well": 20000.0, "bits": 14,
+        "nonlinearity": (-1e-6, 2e-11), "coupling": 0.004, "diffusion": 0.2, "line_time": -15e-6,
+        "cosmic_rays": 1e-6,
+    }  # fmt: skip
+    for name, value in said.items():
+        assert getattr(found, name) == value
+        assert found.source(name) == f"instrument file cam.toml [detector] {name}"
+
+
+@pytest.mark.parametrize("write", [write_fits, write_tiff])
+def test_maps_come_from_files_beside_the_toml_on_the_rows_of_the_frames(detector, tmp_path, write):
+    rng = np.random.default_rng(1)
+    maps = {
+        "bias": rng.uniform(90, 110, (6, 8)).astype(np.float32),
+        "read_noise": rng.uniform(2, 5, (6, 8)).astype(np.float32),
+        "dark_current": rng.uniform(0, 9, (6, 8)).astype(np.float32),
+        "flat": (1 + np.linspace(-0.1, 0.1, 48).reshape(6, 8)).astype(np.float32),
+        "bad_pixels": (rng.random((6, 8)) < 0.2).astype(np.uint8),
+    }
+    for name, values in maps.items():
+        write(tmp_path / f"{name}.map", values)
+    found = detector("\n".join(f'{name} = "{name}.map"' for name in maps))
+    for name, values in maps.items():
+        np.testing.assert_array_equal(getattr(found, name), values)
+        assert found.source(name) == f"instrument file cam.toml [detector] {name}"
+
+
+def test_what_has_no_number_in_a_map_is_bad(detector, tmp_path):
+    flat = np.ones((6, 8), np.float32)
+    flat[2, 3] = np.nan
+    write_fits(tmp_path / "flat.fits", flat)
+    assert np.argwhere(detector('flat = "flat.fits"').bad_pixels).tolist() == [[2, 3]]
+    assert np.argwhere(detector('bad_pixels = "flat.fits"\n').bad_pixels).size == 2 * 48  # none is zero
+
+
+def test_a_detector_preset_fills_what_is_not_said(detector):
+    found, preset = detector('base = "imx183"\ngain = 3.5'), detector_preset("imx183")
+    assert (found.gain, found.read_noise, found.line_time) == (3.5, preset.read_noise, preset.line_time)
+    assert found.source("gain").startswith("instrument file cam.toml")
+    assert found.source("read_noise") == preset.source("read_noise")
+    assert detector('base = "imx183"\nline_time = 0').line_time == 0.0
+
+
+def test_a_map_of_another_detector_is_found_out_at_the_frame(detector, tmp_path):
+    write_fits(tmp_path / "bias.fits", np.full((6, 8), 100.0))
+    found = detector('bias = "bias.fits"')
+    with pytest.raises(
+        FrameError, match="ends at column 9, row 5, beyond the map bias of 8 x 6; give a map of"
+    ):
+        found.calibrate(RawFrame.from_array(np.zeros((6, 10))))
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        (
+            "read_noise = [1]",
+            r"\[detector\] read_noise = \[1\]; give a number, in e-, or the name of a FITS or TIFF",
+        ),
+        (
+            "bias = true",
+            r"\[detector\] bias = True; give a number, in ADU, or the name of a FITS or TIFF file of",
+        ),
+        ('dark_current = "no.fits"', r"\[detector\] dark_current = 'no.fits'; there is no file .*no\.fits"),
+        (
+            'flat = "no.fits"',
+            r"\[detector\] flat = 'no.fits'; there is no file .*no\.fits: give a path relative to",
+        ),
+        ('flat = "bright.fits"', r"flat has a mean of 2000 over its good pixels; divide it by that"),
+        ('flat = "even.fits"\nbias = "bright.fits"', r"bias is a map of 8 x 6 pixels and flat one of 4 x 4"),
+        ("nonlinearity = 1e-6", r"\[detector\] nonlinearity = 1e-06; give a list of numbers, in 1/e-"),
+        (
+            "nonlinearity = [-1e-4]",
+            r"nonlinearity = \[-0.0001\] stops rising at 5000 e-, below the full_well",
+        ),
+        ("coupling = 0.2", r"coupling = 0.2 is outside 0 to 0.125 of a pixel's charge"),
+        ('base = "imx138"', r"There is no detector 'imx138'; did you mean 'imx183'\?"),
+        ("linetime = 0", r"the key of \[detector\] 'linetime' is unknown; did you mean 'line_time'\?"),
+    ],
+)
+def test_a_mistake_gets_a_sentence_with_the_file_the_value_and_the_remedy(
+    detector, tmp_path, table, sentence
+):
+    write_fits(tmp_path / "bright.fits", np.full((6, 8), 2000.0))
+    write_fits(tmp_path / "even.fits", np.ones((4, 4)))
+    with pytest.raises(ConfigurationError, match=sentence) as caught:
+        detector(table)
+    assert str(caught.value).startswith(str(tmp_path / "cam.toml"))
+
+
+def test_a_map_that_is_no_image_is_refused_by_its_own_name(detector, tmp_path):
+    (tmp_path / "flat.fits").write_text("hello")
+    with pytest.raises(FrameError, match=r"flat\.fits: is a text file"):
+        detector('flat = "flat.fits"')
