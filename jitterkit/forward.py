@@ -3,8 +3,9 @@
     image = crop . IFFT{ OTF(f) sinc(p fx) sinc(p fy) M(f) sum_s F_s exp(-2 pi i f.r_s) }
 
 Every factor is exact at every frequency of the grid, and the optics pass no frequency beyond it, so
-the image is exact too, up to the light that the padding lets wrap around.  One formula serves
-fitting, forecasting and simulation; :func:`image_and_jacobian` differentiates it.
+the image is exact too, up to the light that the padding lets wrap around.  A rolling shutter blends a few
+such images row by row: :mod:`jitterkit.shutter`.  One formula serves fitting, forecasting and simulation;
+:func:`image_and_jacobian` differentiates it.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from jaxtyping import Array, Float
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus
+from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary, Scene
+from jitterkit.shutter import Shutter
 
 __all__ = [
     "Parameters",
@@ -44,21 +47,45 @@ class Parameters(eqx.Module):
         nm, in the order of the OTF's names.
     background : float
         Electrons per pixel.
+    diffusion : float, optional
+        Variance per axis, arcsec², of the charge's diffusion beyond what the OTF holds; signed, because the
+        OTF may hold too much.  None if there is no such parameter.
+    shutter : Shutter, optional
+        When which row was exposed, and to what motion; known, not fitted.  None for a global shutter.
     """
 
     scene: Scene
     locus: Locus
     aberrations: Float[Array, " k"]
     background: Float[Array, ""]
+    diffusion: Float[Array, ""] | None
+    shutter: Shutter | None
 
-    def __init__(self, scene: Scene, locus: Locus, aberrations=(), background=0.0) -> None:
-        self.scene, self.locus = scene, locus
+    def __init__(
+        self,
+        scene: Scene,
+        locus: Locus,
+        aberrations=(),
+        background=0.0,
+        *,
+        diffusion=None,
+        shutter: Shutter | None = None,
+    ) -> None:
+        self.scene, self.locus, self.shutter = scene, locus, shutter
         self.aberrations = jnp.asarray(aberrations, float)
         self.background = jnp.asarray(background, float)
+        self.diffusion = None if diffusion is None else jnp.asarray(diffusion, float)
 
     def with_locus(self, locus: Locus) -> Parameters:
         """The same with another locus."""
-        return Parameters(self.scene, locus, self.aberrations, self.background)
+        return Parameters(
+            self.scene,
+            locus,
+            self.aberrations,
+            self.background,
+            diffusion=self.diffusion,
+            shutter=self.shutter,
+        )
 
     @property
     def binary(self) -> Binary:
@@ -70,7 +97,8 @@ class Parameters(eqx.Module):
 
 def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tuple[str, ...]:
     """Name of each element of :func:`to_vector`."""
-    return (*parameters.scene.names, *parameters.locus.names, *aberrations, "background")
+    last = ("background",) if parameters.diffusion is None else ("background", "diffusion")
+    return (*parameters.scene.names, *parameters.locus.names, *aberrations, *last)
 
 
 def free_parameters(
@@ -122,15 +150,16 @@ def to_vector(parameters: Parameters):
     vector : (p,) array
         In the order of :func:`parameter_names`.
     unravel : callable
-        Keeps what a locus holds beside its coordinates: a measured trace, say.
+        Keeps what a locus holds beside its coordinates, a measured trace say, and the shutter.
     """
     locus = parameters.locus
-    varied = (parameters.scene, locus.coords, parameters.aberrations, parameters.background)
+    last = (parameters.background, parameters.diffusion)
+    varied = (parameters.scene, locus.coords, parameters.aberrations, *last)
     vector, unravel = jax.flatten_util.ravel_pytree(varied)
 
     def rebuild(values) -> Parameters:
-        scene, coords, aberrations, background = unravel(values)
-        return Parameters(scene, locus.at(coords), aberrations, background)
+        scene, coords, *rest, diffusion = unravel(values)
+        return Parameters(scene, locus.at(coords), *rest, diffusion=diffusion, shutter=parameters.shutter)
 
     return vector, rebuild
 
@@ -157,12 +186,12 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     smaller than the jitter: light then wraps around.
     """
     optics, jitter, stars = _factors(parameters, otf)
-    return _to_pixels(optics * jitter * stars, otf.grid) + parameters.background
+    return _to_pixels(optics * jitter * stars, otf.grid, parameters.shutter) + parameters.background
 
 
 def _factors(parameters: Parameters, otf: OTF):
     """The three factors of the spectrum: optics and pixel, jitter, stars."""
-    optics = otf.at(parameters.aberrations) * _pixel(otf)
+    optics = otf.at(parameters.aberrations) * _pixel(otf, parameters.diffusion)
     return optics, parameters.locus.transfer(*_fx_fy(otf)), _point_sources(parameters.scene, otf.grid)
 
 
@@ -171,15 +200,32 @@ def _fx_fy(otf: OTF):
     return fx, fy
 
 
-def _pixel(otf: OTF):
-    """Transfer function of a square pixel, unless the optics' already holds it."""
+def _pixel(otf: OTF, diffusion):
+    """Transfer function of a square pixel, unless the optics' already holds it, and of diffused charge."""
     fx, fy = _fx_fy(otf)
     p = otf.grid.plate_scale
-    return 1.0 if otf.pixel_included else np.sinc(p * fx) * np.sinc(p * fy)
+    pixel = 1.0 if otf.pixel_included else np.sinc(p * fx) * np.sinc(p * fy)
+    return pixel if diffusion is None else pixel * _round(diffusion).transfer(fx, fy)
 
 
-def _to_pixels(spectrum, grid):
-    return grid.refine**2 * grid.crop(jnp.fft.irfft2(spectrum, s=grid.fine_shape))
+def _round(variance):
+    """A normal blur of one variance along both axes [arcsec²]."""
+    return Mvn(variance * jnp.array([1.0, 0.0, 1.0]))
+
+
+def _to_pixels(spectrum, grid, shutter):
+    """The frame's pixels from spectra (..., My, Mx//2 + 1); rows one after the other where they are."""
+    if shutter is None:
+        return grid.refine**2 * grid.crop(jnp.fft.irfft2(spectrum, s=grid.fine_shape))
+    (fy, fx), ny = grid.frequencies, grid.shape[0]
+
+    def add(image, window):
+        share, transfer = window
+        return image + share[:, None] * _to_pixels(spectrum * transfer, grid, None), None
+
+    dark = jnp.zeros((*spectrum.shape[:-2], *grid.shape), spectrum.real.dtype)
+    windows = (jnp.asarray(shutter.blend(ny)), shutter.transfers(fx, fy, ny))
+    return jax.lax.scan(add, dark, windows)[0]
 
 
 def _point_sources(scene: Scene, grid):
@@ -218,7 +264,10 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
         (scene, lambda part: optics * jitter * part),
         (locus, lambda part: optics * stars * part),
-        (lambda rows: aberrations[rows], lambda part: _pixel(otf) * jitter * stars * part),
+        (
+            lambda rows: aberrations[rows],
+            lambda part: _pixel(otf, parameters.diffusion) * jitter * stars * part,
+        ),
     ]
     sizes = [len(vector), len(coords), len(parameters.aberrations)]
     spectra, first = [], 0
@@ -227,10 +276,14 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
         if rows.size:
             spectra.append(complete(derivative(rows)))
         first += size
-    image = _to_pixels(optics * jitter * stars, otf.grid)
-    jacobian = [_to_pixels(jnp.concatenate(spectra), otf.grid)] if spectra else []
+    spectrum, shutter = optics * jitter * stars, parameters.shutter
+    image = _to_pixels(spectrum, otf.grid, shutter)
+    jacobian = [_to_pixels(jnp.concatenate(spectra), otf.grid, shutter)] if spectra else []
     if first in free:
         jacobian.append(jnp.ones((1, *image.shape)))
+    if first + 1 in free:  # diffusion: the logarithm of its factor is linear in it
+        fx, fy = _fx_fy(otf)
+        jacobian.append(_to_pixels(-2 * np.pi**2 * (fx**2 + fy**2) * spectrum, otf.grid, shutter)[None])
     return image + parameters.background, jnp.concatenate(jacobian)
 
 

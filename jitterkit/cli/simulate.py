@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus, parse_sizes, trace_of
+from jitterkit.cli.loci import build_locus, parse_sizes
+from jitterkit.cli.pointing import drifting, resting, shaken, traced
 from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["simulate"]
@@ -49,6 +50,15 @@ def simulate(
             show_default=False,
         ),
     ] = None,
+    drift: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VX,VY",
+            help="A uniform drift beside the locus, arcsec/s. The frames follow each other without a gap: "
+            "each is smeared by speed times exposure, and the pair moves on; --x and --y are its middle.",
+            show_default=False,
+        ),
+    ] = None,
     separation: options.Separation = 10.0,
     theta: options.Theta = 180.0,
     x: options.MiddleX = 0.0,
@@ -70,7 +80,10 @@ def simulate(
     ] = True,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Simulate frames and write them with their truth in the header."""
+    """Simulate frames and write them with their truth in the header.
+
+    Where the detector rolls, its rows are exposed one after the other to a drift, a trace or a spectrum.
+    """
     paths = _paths(output, frames)
     _check_paths(paths, overwrite)
     prepare_jax()
@@ -85,15 +98,21 @@ def simulate(
     generator = np.random.default_rng(seed)
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
     given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
-    drawn: dict[str, Any] = {}
+    tiff = output.name.lower().endswith((".tif", ".tiff"))
+    row_order = -1 if tiff else 1
     if spectrum is not None:
-        _check_alone(given, locus, trace)
-        jitter, places = _shaken(spectrum, telescope, frames, generator)
-        drawn = {"x": x + places[:, 0], "y": y + places[:, 1]}
+        _check_alone("--spectrum", given, locus, **{"--trace": trace, "--drift": drift})
+        pointing = shaken(spectrum, telescope, frames, row_order, generator)
     elif trace is not None:
-        jitter = trace_of(trace, telescope.exposure, locus, given)
+        _check_alone("--trace", {}, "stable", **{"--drift": drift})
+        pointing = traced(trace, telescope, locus, given, row_order)
+    elif drift is not None:
+        pointing = drifting(drift, telescope, build_locus(locus, given), frames)
     else:
-        jitter = build_locus(locus, given)
+        pointing = resting(build_locus(locus, given), locus, telescope.detector)
+    drawn: dict[str, Any] = {}
+    if pointing.places is not None:
+        drawn = {"x": x + pointing.places[:, 0], "y": y + pointing.places[:, 1]}
     if scatter:
         drawn = {
             "theta": generator.uniform(0, 360, frames),
@@ -104,16 +123,19 @@ def simulate(
     sequence = simulate_sequence(
         telescope,
         Binary(separation, theta, x, y, photons, contrast),
-        jitter,
+        pointing.loci,
         frames,
         aberrations=aberrations * generator.standard_normal((frames, len(telescope.aberrations))),
         background=background,
+        velocity=pointing.velocity,
+        shutter=pointing.shutters,
+        row_order=row_order,
         rng=generator if noise else None,
         detector=detector,
         **drawn,
     )
     for path, simulated in zip(paths, sequence, strict=True):
-        if path.name.lower().endswith((".tif", ".tiff")):
+        if tiff:
             write_tiff(
                 path,
                 _stored(simulated.raw),
@@ -126,29 +148,15 @@ def simulate(
         say(f"wrote {path}")
 
 
-def _check_alone(sizes: dict[str, Any], locus: str, trace: Path | None) -> None:
-    """Refuse another motion beside a spectrum."""
+def _check_alone(option: str, sizes: dict[str, Any], locus: str, **motions: Any) -> None:
+    """Refuse another motion beside a measured or a drawn one."""
     from jitterkit.errors import ConfigurationError
 
-    others = [*(["--trace"] if trace is not None else []), *(["--locus"] if locus != "stable" else [])]
+    others = [name for name, motion in motions.items() if motion is not None]
+    others += ["--locus"] if locus != "stable" else []
     others += ["the sizes of a locus"] if sizes else []
     if others:
-        raise ConfigurationError(f"A --spectrum takes the place of a locus; leave out {others[0]}.")
-
-
-def _shaken(path: Path, telescope, frames: int, generator) -> tuple:
-    """Loci and places of consecutive frames in a motion drawn from the spectrum in a file."""
-    from jitterkit.errors import ConfigurationError
-    from jitterkit.motion import PowerSpectrum, read_motion, simulate_exposures
-
-    motion = read_motion(path)
-    if not isinstance(motion, PowerSpectrum):
-        raise ConfigurationError(f"{path} is a trace; give it by --trace.")
-    if telescope.exposure is None:
-        raise ConfigurationError(
-            f"The instrument {telescope.name!r} has no exposure; give it one for a --spectrum to shake it."
-        )
-    return simulate_exposures(motion, telescope.exposure, frames, generator)
+        raise ConfigurationError(f"A {option} takes the place of a locus; leave out {others[0]}.")
 
 
 def _paths(path: Path, frames: int) -> list[Path]:

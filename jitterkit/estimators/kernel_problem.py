@@ -158,7 +158,10 @@ def _place(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes
 def _displaced(template: Parameters, otf: OTF, x: float, y: float) -> np.ndarray:
     """The sharp template (ny, nx), without background, moved by ``x, y`` arcsec."""
     scene = eqx.tree_at(lambda s: (s.x, s.y), template.scene, (template.scene.x + x, template.scene.y + y))
-    return np.asarray(expected_image(Parameters(scene, Stable.of(), template.aberrations), otf))
+    still = Parameters(
+        scene, Stable.of(), template.aberrations, diffusion=template.diffusion, shutter=template.shutter
+    )
+    return np.asarray(expected_image(still, otf))
 
 
 def _trimmed(image: np.ndarray, margin: int) -> np.ndarray:

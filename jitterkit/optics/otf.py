@@ -2,7 +2,7 @@
 
 The image of a point source is band-limited: no frequency above ``diameter / wavelength`` reaches
 the focal plane.  Sampled at least twice as finely, its transfer function is therefore the whole
-truth about the optics, and everything that follows (pixels, jitter, stars) multiplies it.
+truth about the optics, and everything that follows (diffused charge, pixels, jitter, stars) multiplies it.
 
 :func:`expand` computes an :class:`OTF` from a pupil, with its exact derivatives with respect to the
 aberrations; :meth:`OTF.at` uses them for small changes.  A fit expands again where it has moved, so
@@ -19,6 +19,7 @@ from jaxtyping import Array, Complex, Float
 
 from jitterkit.conventions import ARCSEC
 from jitterkit.errors import ConfigurationError
+from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
 from jitterkit.optics.pupil import Pupil
@@ -62,6 +63,13 @@ class OTF(eqx.Module):
         if not self.names:
             return self.value
         return self.value + jnp.tensordot(aberrations - self.state, self.jacobian, 1)
+
+    def diffused(self, sigma: float) -> OTF:
+        """The same with charge diffused in the detector: a round normal, ``sigma`` arcsec along each axis."""
+        fy, fx = self.grid.frequencies
+        blur = Mvn.of(sigma).transfer(fx, fy)
+        value, jacobian = self.value * blur, self.jacobian * blur
+        return OTF(value, jacobian, self.state, self.grid, self.names, self.pixel_included)
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""

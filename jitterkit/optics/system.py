@@ -17,16 +17,26 @@ __all__ = ["FixedOptics", "OpticalSystem"]
 
 @dataclass(frozen=True)
 class OpticalSystem:
-    """A pupil, a spectrum and a grid; its aberrations can be changed."""
+    """A pupil, a spectrum and a grid, and the detector's charge diffusion; its aberrations can be changed.
+
+    Parameters
+    ----------
+    pupil : Pupil
+    spectrum : Spectrum
+    grid : Grid
+    diffusion : float
+        How far charge wanders before it is collected: 1 sigma along each axis, arcsec.
+    """
 
     pupil: Pupil
     spectrum: Spectrum
     grid: Grid
+    diffusion: float = 0.0
 
     @cached_property
     def nominal(self) -> OTF:
         """Transfer function without aberrations, computed once."""
-        return expand(self.pupil, self.spectrum, self.grid)
+        return self.otf(None)
 
     @cached_property
     def _gram(self) -> np.ndarray:
@@ -42,12 +52,13 @@ class OpticalSystem:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted."""
-        return expand(self.pupil, self.spectrum, self.grid, aberrations, derivatives=derivatives)
+        otf = expand(self.pupil, self.spectrum, self.grid, aberrations, derivatives=derivatives)
+        return otf.diffused(self.diffusion) if self.diffusion else otf
 
 
 @dataclass(frozen=True)
 class FixedOptics:
-    """A transfer function that is what it is: an empirical PSF."""
+    """A transfer function that is what it is: an empirical PSF, which holds the detector's diffusion too."""
 
     nominal: OTF
 

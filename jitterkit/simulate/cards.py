@@ -16,6 +16,7 @@ import numpy as np
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
 from jitterkit.scene import Binary
+from jitterkit.shutter import Drifting, Shutter
 from jitterkit.simulate.frames import Simulated
 
 __all__ = ["fits_header", "tiff_metadata", "truth_cards"]
@@ -74,11 +75,15 @@ def truth_cards(simulated: Simulated, seed: int | None = None) -> Cards:
         Keyword to ``(value, comment)``; keywords of at most 8 characters but for Roman's two.
     """
     truth = simulated.truth
-    cards = {**_scene_cards(truth.binary), **_jitter_cards(truth.locus)}
+    shutter = truth.shutter
+    locus = truth.locus if shutter is None else shutter.completed(truth.locus)
+    cards = {**_scene_cards(truth.binary), **_jitter_cards(locus)}
     for k, (name, value) in enumerate(zip(simulated.aberrations, np.asarray(truth.aberrations), strict=True)):
         keyword = f"TRUN{name[4:]}" if name.startswith("noll") else f"TRUA{k}"
         cards[keyword] = (float(value), f"[nm] true {name}")
     cards["TRUBKG"] = (float(truth.background), "[electron/pixel] true background")
+    if shutter is not None:
+        cards |= _shutter_cards(shutter)
     if seed is not None:
         cards["TRUSEED"] = (seed, "seed of the noise")
     return cards
@@ -133,15 +138,18 @@ def tiff_metadata(
     -------
     metadata : dict
         The truth is in the table ``truth``, which no reader takes for knowledge; what differs between
-        the pages is a list.
+        the pages is a list.  ``line_time`` is that of the stored rows, from the top down.
     """
     frames = _several(simulated)
     tables = [truth_cards(frame, seed) for frame in frames]
-    truth = {}
+    truth: dict[str, Any] = {}
     for keyword in tables[0]:
         values = [table[keyword][0] for table in tables]
         truth[keyword] = values[0] if _same(values) else values
-    return {**_numbers(frames[0]), "unit": frames[0].raw.unit, "time": time, "truth": truth}
+    numbers, upwards = _numbers(frames[0]), frames[0].raw.metadata.value("line_time")
+    # of the stored rows, of which the first is the top one
+    line_time = None if upwards is None else -upwards
+    return {**numbers, "line_time": line_time, "unit": frames[0].raw.unit, "time": time, "truth": truth}
 
 
 def _several(simulated: Simulated | Sequence[Simulated]) -> Sequence[Simulated]:
@@ -174,6 +182,14 @@ def _jitter_cards(locus: Locus) -> Cards:
     for axis, value in zip(("XX", "XY", "YY"), moments, strict=True):
         cards[f"TRUS{axis}"] = (value, "[arcsec2] true second moment of the pointing")
     return cards | jitter_cards(moments, normal=isinstance(locus, Mvn))
+
+
+def _shutter_cards(shutter: Shutter) -> Cards:
+    cards: Cards = {"TRULINE": (float(shutter.line_time), "[s] true, from a row to the one above it")}
+    if isinstance(shutter, Drifting):
+        for axis, value in zip("XY", shutter.velocity, strict=True):
+            cards[f"TRUV{axis}"] = (float(value), f"[arcsec/s] true drift of the image along {axis.lower()}")
+    return cards
 
 
 def _merged(tables: list[Mapping[str, tuple[Any, str]]]) -> Cards:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.detectors.detector import ASSUMED
+from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
@@ -21,7 +22,9 @@ from jitterkit.instruments.instrument import Instrument
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary
+from jitterkit.shutter import Shutter, with_enough_nodes
 from jitterkit.simulate.checks import check_reach, check_scene
+from jitterkit.simulate.rolling import drifting_shutter, line_time_of
 
 __all__ = ["Simulated", "simulate_frame", "simulate_sequence"]
 
@@ -57,6 +60,9 @@ def simulate_frame(
     *,
     aberrations=None,
     background: float = 0.0,
+    velocity=None,
+    shutter: Shutter | None = None,
+    row_order: int = 1,
     rng: np.random.Generator | None = None,
     detector: bool = True,
     pad: int | None = None,
@@ -73,6 +79,15 @@ def simulate_frame(
         nm, in the order of ``instrument.aberrations``; none if omitted.
     background : float
         Electrons per pixel.
+    velocity : (2,) array, optional
+        At which the image drifts along x and y, arcsec/s: where the detector has a ``line_time`` its rows are
+        exposed one after the other.  The streak of the drift is the locus's.
+    shutter : Shutter, optional
+        In place of a velocity, whatever the detector: a measured motion under
+        :class:`jitterkit.shutter.Following`, say.  It gets as many nodes as it needs.
+    row_order : {1, -1}
+        Whether the rows will be stored in their order, as FITS does, or turned over, as TIFF does: the
+        detector's ``line_time`` is that of the stored rows.
     rng : numpy.random.Generator, optional
         Draws photon and read noise; without it the frame has none.
     detector : bool
@@ -93,15 +108,23 @@ def simulate_frame(
         If the aberrations do not fit the instrument, a value is impossible, or light would leave the
         padded grid and come back on its other side.
     """
+    if velocity is not None and shutter is not None:
+        raise ConfigurationError("Give a velocity or a shutter, not both: a shutter holds its own motion.")
     check_scene(scene, locus, background)
     state = np.zeros(len(instrument.aberrations)) if aberrations is None else np.asarray(aberrations, float)
     if otf is None:
         otf = instrument.optics(state, pad=pad, derivatives=False)
-    check_reach(scene, locus, otf)
-    truth = Parameters(scene, locus, state, background)
+    if shutter is None:
+        shutter = drifting_shutter(instrument.detector, velocity, row_order)
+    if shutter is not None:
+        shutter = with_enough_nodes(shutter, otf.grid.shape[0], otf.grid.nyquist)
+    check_reach(scene, locus if shutter is None else shutter.completed(locus), otf)
+    truth = Parameters(scene, locus, state, background, shutter=shutter)
     # an OTF without derivatives is exact at its own state, whatever the parameters say
     expected = np.asarray(expected_image(truth, otf), dtype=float)
-    raw = _read_out(instrument, expected, rng) if detector else _counted(instrument, expected, rng)
+    known = _known(instrument, shutter, row_order)
+    read_out = _read_out if detector else _counted
+    raw = read_out(instrument, expected, rng, known)
     return Simulated(raw, truth, expected, instrument.aberrations)
 
 
@@ -111,11 +134,16 @@ def simulate_sequence(
     locus: Locus | Sequence[Locus],
     frames: int,
     *,
+    separation=None,
     theta=None,
     x=None,
     y=None,
+    flux=None,
     aberrations=None,
     background: float = 0.0,
+    velocity=None,
+    shutter: Shutter | Sequence[Shutter] | None = None,
+    row_order: int = 1,
     rng: np.random.Generator | None = None,
     detector: bool = True,
     pad: int | None = None,
@@ -124,16 +152,21 @@ def simulate_sequence(
 
     Parameters
     ----------
-    instrument, scene, background, rng, detector, pad
+    instrument, scene, background, row_order, rng, detector, pad
         As in :func:`simulate_frame`.
     locus : Locus or sequence of Locus
         Common to all, or frame by frame; of one kind and shape nothing is compiled twice.
     frames : int
         How many.
-    theta, x, y : (frames,) array, optional
-        In place of the scene's, frame by frame: degrees, arcsec, arcsec.
+    separation, theta, x, y, flux : (frames,) array, optional
+        In place of the scene's, frame by frame: arcsec, degrees, arcsec, arcsec, electrons.
     aberrations : (k,) or (frames, k) array, optional
         nm; common to all, or frame by frame.
+    velocity : (2,) or (frames, 2) array, optional
+        arcsec/s; common to all, or frame by frame.  It rolls the rows and no more: where the frames of a
+        drift stand is up to ``x`` and ``y``, its streak to the locus.
+    shutter : Shutter or sequence of Shutter, optional
+        Likewise.
 
     Yields
     ------
@@ -144,7 +177,8 @@ def simulate_sequence(
     ValueError
         If an array has another length; the message gives it.
     """
-    changes = {name: values for name, values in (("theta", theta), ("x", x), ("y", y)) if values is not None}
+    changes = {"separation": separation, "theta": theta, "x": x, "y": y, "flux": flux}
+    changes = {name: values for name, values in changes.items() if values is not None}
     for name, values in changes.items():
         if np.shape(values) != (frames,):
             raise ValueError(
@@ -153,7 +187,11 @@ def simulate_sequence(
     loci = [locus] * frames if isinstance(locus, Locus) else locus
     if len(loci) != frames:
         raise ValueError(f"locus has {len(loci)} loci; give one, or one for each of {frames} frames.")
-    states = _states(instrument, aberrations, frames)
+    shutters = shutter if isinstance(shutter, Sequence) else [shutter] * frames
+    if len(shutters) != frames:
+        raise ValueError(f"shutter has {len(shutters)}; give one, or one for each of {frames} frames.")
+    velocities = [None] * frames if velocity is None else _each("velocity", velocity, 2, frames, "arcsec/s")
+    states = _each("aberrations", aberrations, len(instrument.aberrations), frames, "nm")
     otf = None
     for index in range(frames):
         if otf is None or not np.array_equal(states[index], states[index - 1]):
@@ -165,6 +203,9 @@ def simulate_sequence(
             loci[index],
             aberrations=states[index],
             background=background,
+            velocity=velocities[index],
+            shutter=shutters[index],
+            row_order=row_order,
             rng=rng,
             detector=detector,
             otf=otf,
@@ -172,15 +213,14 @@ def simulate_sequence(
         yield replace(simulated, raw=replace(simulated.raw, index=index, several=frames > 1))
 
 
-def _states(instrument: Instrument, aberrations, frames: int) -> np.ndarray:
-    """Aberrations (frames, k)."""
-    modes = len(instrument.aberrations)
-    given = np.zeros(modes) if aberrations is None else np.asarray(aberrations, float)
-    if given.shape not in ((modes,), (frames, modes)):
+def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
+    """Values (frames, width), zero if not given, from one row for all frames or one for each."""
+    given = np.zeros(width) if values is None else np.asarray(values, float)
+    if given.shape not in ((width,), (frames, width)):
         raise ValueError(
-            f"aberrations has shape {given.shape}; give ({modes},) or ({frames}, {modes}), in nm."
+            f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."
         )
-    return np.broadcast_to(given, (frames, modes))
+    return np.broadcast_to(given, (frames, width))
 
 
 def _moved(scene: Binary, changes: dict[str, float]) -> Binary:
@@ -188,19 +228,21 @@ def _moved(scene: Binary, changes: dict[str, float]) -> Binary:
     return Binary(**{name: changes.get(name, getattr(scene, name)) for name in names})
 
 
-def _read_out(instrument: Instrument, expected: np.ndarray, rng) -> RawFrame:
+def _read_out(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:
     detector = instrument.detector
-    numbers = {name: getattr(detector, name) for name in ASSUMED}
-    metadata = _common(instrument).override(_SOURCE, unit="adu", **ASSUMED).override(_SOURCE, **numbers)
-    return RawFrame(detector.expose(expected, rng), metadata=detector.inform(metadata))
+    numbers = {name: detector.nominal(name) for name in ASSUMED}
+    metadata = known.override(_SOURCE, unit="adu", **ASSUMED).override(_SOURCE, **numbers)
+    readings = detector.expose(expected, rng, exposure=instrument.exposure)
+    return RawFrame(readings, metadata=detector.inform(metadata))
 
 
-def _counted(instrument: Instrument, expected: np.ndarray, rng) -> RawFrame:
+def _counted(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:
     electrons = expected if rng is None else rng.poisson(np.maximum(expected, 0.0)).astype(float)
-    return RawFrame(
-        electrons, metadata=_common(instrument).override(_SOURCE, unit="electron", read_noise=0.0)
-    )
+    return RawFrame(electrons, metadata=known.override(_SOURCE, unit="electron", read_noise=0.0))
 
 
-def _common(instrument: Instrument) -> Metadata:
-    return Metadata().override(_SOURCE, exposure=instrument.exposure, plate_scale=instrument.plate_scale)
+def _known(instrument: Instrument, shutter: Shutter | None, row_order: int) -> Metadata:
+    """What a frame knows of itself, whether it is read out or not."""
+    line_time = line_time_of(instrument.detector, row_order) if shutter is None else float(shutter.line_time)
+    numbers = {"exposure": instrument.exposure, "plate_scale": instrument.plate_scale, "line_time": line_time}
+    return Metadata(row_order=row_order).override(_SOURCE, **numbers)
