@@ -60,7 +60,7 @@ class BinaryMeasurer:
         estimate, start = estimated
         scale = frame.plate_scale or self.processor.instrument.plate_scale
         sharp, blurred = template_images(estimate, start.parameters, start.otf)
-        data = Data(frame.electrons, frame.read_variance, ~frame.mask)
+        data = Data.of(frame)
         misfit, message = pearson(blurred, data), ""
         if not _per_pixel(misfit) <= POOR:
             best = _per_pixel(self._fitted(data, start))

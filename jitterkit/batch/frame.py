@@ -78,6 +78,8 @@ class Processor:
     prior : KernelPrior or None
         What other data say about the jitter: of each frame, whatever was not made of that frame itself.
         It joins the priors in the options.
+    censored : bool
+        Whether pixels at their ceiling count with the probability of being there, or are left out.
     """
 
     instrument: Instrument
@@ -86,6 +88,7 @@ class Processor:
     kernel: str = "score"
     options: FitOptions = field(default_factory=FitOptions)
     prior: KernelPrior | None = None
+    censored: bool = False
     _systems: dict[tuple, OpticalSystem | FixedOptics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -144,7 +147,7 @@ class Processor:
 
     def estimate(self, frame: Frame) -> tuple[KernelEstimate, Start] | FitResult:
         """Find the pair and estimate the kernel, or say why not."""
-        data = Data(frame.electrons, frame.read_variance, ~frame.mask)
+        data = Data.of(frame, censored=self.censored)
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
         if min(frame.shape) < _FEWEST:
@@ -178,7 +181,7 @@ class Processor:
         if isinstance(estimated, FitResult):
             return estimated
         estimate, start = estimated
-        data = Data(frame.electrons, frame.read_variance, ~frame.mask)
+        data = Data.of(frame, censored=self.censored)
         options = self._options(frame)
         common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, options)
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)

@@ -9,8 +9,8 @@ import numpy as np
 
 from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.kernel_estimate import is_detected
-from jitterkit.loci import principal_axes
 from jitterkit.refit import FitResult, Status, single_star
+from jitterkit.refit.absurd import absurdity
 
 __all__ = ["judge", "midpoint_pixel", "position_angle", "scale_hint", "why_unusable"]
 
@@ -33,7 +33,7 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     if result.status in (Status.OK, Status.NOT_CONVERGED) and single_star(result):
         message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
         return replace(result, status=Status.NO_PAIR, message=message)
-    absurd = _absurd(frame, result, frame.plate_scale or expected_scale)
+    absurd = absurdity(result.parameters, frame.shape, frame.plate_scale or expected_scale)
     if absurd:
         return replace(result, status=Status.POOR_FIT, message=f"{Status.POOR_FIT.value}: {absurd}.")
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
@@ -73,20 +73,6 @@ def why_unusable(frame: Frame) -> str:
             f"({saturation.source}), the rest masked"
         )
     return "every pixel is masked or not a number"
-
-
-def _absurd(frame: Frame, result: FitResult, plate_scale: float) -> str:
-    """What no frame can show, or nothing: stars outside it, a blur as wide as it is."""
-    assert result.parameters is not None
-    half = (np.array(frame.shape[::-1]) - 1) / 2 * plate_scale
-    scene = result.parameters.binary
-    middle = np.abs(np.array([float(scene.x), float(scene.y)]))
-    if not np.all(middle <= half) or float(scene.separation) > 2 * np.hypot(*half):
-        return "it puts the stars outside the frame"
-    major, _, _ = principal_axes(result.parameters.locus.moments())
-    if 4 * major > 2 * half.max():
-        return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
-    return ""
 
 
 def _jitter_hint(result: FitResult) -> str:

@@ -143,7 +143,7 @@ class _Setup:
         parameters, otf = Parameters(Binary(**scene), jitter, state), self.otf(state)
         check_scene(parameters.binary, jitter)
         check_reach(parameters.binary, jitter, otf)
-        found = forecast(parameters, otf, detector)
+        found = forecast(parameters, otf, detector, exposure=self.telescope.exposure or 0.0)
         if not np.all(np.isfinite(found.covariance)):
             raise ConfigurationError(
                 f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
@@ -187,7 +187,7 @@ def _ask_one(setup: _Setup, goal: float):
         alone = angle_size(still.error("separation"))
         say(f"The jitter costs {number(more, 3)} % more time than none ({alone}).")
     if found.masked:
-        say(f"{found.masked} pixels saturate and are left out.")
+        say(f"{found.masked} pixels saturate, or come near it, and are left out.")
     for direction in degenerate_directions(found):
         share = (
             f"; {100 * direction.share:.0f} % of the separation's variance" if direction.share > 0.05 else ""

@@ -13,6 +13,7 @@ __all__ = [
     "Angle",
     "Background",
     "Bias",
+    "Censored",
     "Contrast",
     "Exposure",
     "Files",
@@ -53,6 +54,14 @@ Hdu = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 Background = Annotated[
     bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")
+]
+Censored = Annotated[
+    bool,
+    typer.Option(
+        "--censored",
+        help="Count pixels at saturation as holding at least so much, instead of leaving out all that come "
+        "near it: costs nothing of the error, and asks that the response is linear up to there.",
+    ),
 ]
 Gain = Annotated[float | None, typer.Option(help="Gain, e-/ADU.", show_default=False)]
 ReadNoise = Annotated[float | None, typer.Option(help="Read noise, e-.", show_default=False)]

@@ -38,6 +38,7 @@ def process(
             show_default=False,
         ),
     ] = None,
+    censored: options.Censored = False,
     background: options.Background = False,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
@@ -74,6 +75,7 @@ def process(
         kernel=estimator,
         options=FitOptions(hold=() if background else ("background",)),
         prior=known,
+        censored=censored,
     )
     with watching(len(paths), "files") as advance:
         seen: set[str] = set()

@@ -8,7 +8,7 @@ errors on average.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -148,7 +148,13 @@ class Forecast:
 
 
 def forecast(
-    parameters: Parameters, otf: OTF, detector: Detector | None = None, options: FitOptions | None = None
+    parameters: Parameters,
+    otf: OTF,
+    detector: Detector | None = None,
+    options: FitOptions | None = None,
+    *,
+    exposure: float = 0.0,
+    censored: bool = False,
 ) -> Forecast:
     """Forecast what a frame tells about its parameters.
 
@@ -163,6 +169,11 @@ def forecast(
         electrons without noise.
     options : FitOptions, optional
         What a fit holds and what it knows beforehand.
+    exposure : float
+        s, for the detector's dark current.
+    censored : bool
+        Whether full pixels count with the probability of being full, as in
+        :meth:`jitterkit.likelihood.Data.of`.
 
     Returns
     -------
@@ -180,7 +191,7 @@ def forecast(
     """
     options = FitOptions() if options is None else options
     names, free = free_parameters(parameters, otf, options.hold)
-    data = expected_data(parameters, otf, detector)
+    data = expected_data(parameters, otf, detector, exposure=exposure, censored=censored)
     prior = options.priors.over(names, parameters.locus)
     information = np.asarray(normal_equations(parameters, otf, data, free).information)
     vector, unravel = to_vector(parameters)
@@ -190,25 +201,33 @@ def forecast(
     return Forecast(parameters, names, information, covariance, np.asarray(vector)[list(free)], masked)
 
 
-def expected_data(parameters: Parameters, otf: OTF, detector: Detector | None = None) -> Data:
+def expected_data(
+    parameters: Parameters,
+    otf: OTF,
+    detector: Detector | None = None,
+    *,
+    exposure: float = 0.0,
+    censored: bool = False,
+) -> Data:
     """A frame as it is expected, without noise, and how far a detector's pixels are to be trusted.
 
     Parameters
     ----------
-    parameters, otf, detector
+    parameters, otf, detector, exposure, censored
         As for :func:`forecast`.
 
     Returns
     -------
     data : Data
-        Of the expected electrons.  What saturates is read out by the detector and found by its own
-        calibration: a pixel counts as full where its expected electrons do.
+        Of the expected electrons, read out by the detector and calibrated.  What comes near its ceiling is
+        left out as in a fit, or counts as far as it tells anything.
     """
     image = np.asarray(expected_image(parameters, otf))
     if detector is None:
         return Data(image)
-    frame = detector.calibrate(RawFrame.from_array(detector.expose(image)))
-    return Data(image, frame.read_variance, ~frame.mask)
+    readings = detector.expose(image, exposure=exposure)
+    frame = detector.calibrate(RawFrame.from_array(readings, exposure=exposure))
+    return Data.of(replace(frame, electrons=image), censored=censored).clear(image)
 
 
 def _root(variance: float, error: float) -> tuple[float, float]:

@@ -135,6 +135,7 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
     normal, otf = _fit(frame, "mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
+    frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):
         return _conclude([normal])
     if not _detected(normal):

@@ -30,6 +30,7 @@ __all__ = ["FitOptions", "fit_and_expand", "fit_frame"]
 
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _EXPANSIONS = 10
+_CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _SETTLED = 0.1  # sigmas of the whole image that the linearised optics may be off by
 _PATIENCE, _SLACK = 100, 0.03
 """Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
@@ -108,13 +109,21 @@ def fit_and_expand(
         few = f"{Status.NO_DATA.value}: fewer than the {len(free)} parameters."
         return FitResult(Status.NO_DATA, few), otf
     prior = options.priors.over(names, start.locus)
-    end, otf, iterations = _climb_and_expand(data, optics, start, otf, free, prior)
+    clear = data.clear(expected_image(start, otf)) if data.trims else data
+    end, otf, iterations = _climb_and_expand(clear, optics, start, otf, free, prior)
+    for _ in range(_CLEARINGS if data.trims else 0):
+        again = data.clear(expected_image(end.parameters, otf))
+        if np.array_equal(again.used, clear.used):
+            break
+        clear = again
+        end, otf, more = _climb_and_expand(clear, optics, end.parameters, otf, free, prior)
+        iterations += more
     tidy = end.parameters.scene.tidied()
     if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
-        end, otf, more = _climb_and_expand(data, optics, tidied, otf, free, prior)
+        end, otf, more = _climb_and_expand(clear, optics, tidied, otf, free, prior)
         iterations += more
-    result = _conclude(data, otf, end, names, iterations, time.perf_counter() - began)
+    result = _conclude(clear, otf, end, names, iterations, time.perf_counter() - began)
     return _heed(result, options.priors, free, end), otf
 
 
