@@ -1,0 +1,41 @@
+"""Calibration: what bias, dark and flat frames say about a detector.
+
+    stacks = open_stacks("bias", ["bias/"])[0], open_stacks("dark", ["dark/"]), open_stacks("flat", ["flat/"])
+    calibration = calibrate(*stacks)
+    calibration.gain, calibration.read_noise.number, calibration.dark_current.values
+
+:func:`calibrate` does all of it: masters without cosmic rays (:func:`combine`), dark current, response, bad
+pixels, and photon transfer (:func:`photon_transfer`): gain, full well and linearity from how the variance
+rises with the light.  :func:`write_calibration` leaves maps and an instrument file for the other commands.
+"""
+
+from jitterkit.calibration.calibration import Calibration, calibrate
+from jitterkit.calibration.level import Level
+from jitterkit.calibration.linearity import Linearity, fit_linearity
+from jitterkit.calibration.master import Master, combine
+from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.products import together, write_calibration
+from jitterkit.calibration.settings import FLAGS, Settings
+from jitterkit.calibration.stack import Shot, Stack
+from jitterkit.calibration.stack_files import open_stacks
+from jitterkit.calibration.transfer import PhotonTransfer, photon_transfer
+
+__all__ = [
+    "FLAGS",
+    "Calibration",
+    "Level",
+    "Linearity",
+    "Master",
+    "MeasuredMap",
+    "PhotonTransfer",
+    "Settings",
+    "Shot",
+    "Stack",
+    "calibrate",
+    "combine",
+    "fit_linearity",
+    "open_stacks",
+    "photon_transfer",
+    "together",
+    "write_calibration",
+]

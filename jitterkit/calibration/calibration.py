@@ -1,0 +1,240 @@
+"""From stacks to everything that a detector needs to be told.
+
+Reach for :func:`calibrate`; its :class:`Calibration` holds what was measured, and only what was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jitterkit.calibration.bias_frames import bias_map, noisy_pixels, read_noise_map
+from jitterkit.calibration.checks import check_stacks, split_by_light
+from jitterkit.calibration.dark_frames import DarkSlope, hot_pixels
+from jitterkit.calibration.flat_frames import Response, lamp, surface
+from jitterkit.calibration.level import Level, measure_level, unlit_level
+from jitterkit.calibration.master import Master, combine
+from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.settings import FLAGS, Settings
+from jitterkit.calibration.stack import Stack
+from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["Calibration", "calibrate"]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What calibration frames say about a detector; None where no frames were given for it.
+
+    Parameters
+    ----------
+    shape : (int, int)
+    gain, gain_error : float
+        e-/ADU, as used for the others.
+    bias, read_noise, dark_current, flat : MeasuredMap, optional
+        ADU, e-, e-/s, relative.
+    local : MeasuredMap, optional
+        The flat over the smooth surface through it.
+    transfer : PhotonTransfer, optional
+    bad : (ny, nx) uint8 array
+        Bits of :data:`FLAGS`.
+    hot_limit : float, optional
+        Dark current from which a pixel was called hot [e-/s].
+    settings : Settings
+    rejected : mapping
+        Values left out as outliers, and how many there were, by kind of frame.
+    gradient : float
+        Largest over smallest value of the smooth surface through the flat, less one.
+    """
+
+    shape: tuple[int, int]
+    gain: float
+    gain_error: float
+    bad: np.ndarray
+    settings: Settings
+    bias: MeasuredMap | None = None
+    read_noise: MeasuredMap | None = None
+    dark_current: MeasuredMap | None = None
+    flat: MeasuredMap | None = None
+    local: MeasuredMap | None = None
+    transfer: PhotonTransfer | None = None
+    hot_limit: float | None = None
+    gradient: float = 0.0
+    rejected: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def maps(self) -> tuple[MeasuredMap, ...]:
+        """Those that were measured."""
+        found = (self.bias, self.read_noise, self.dark_current, self.flat)
+        return tuple(each for each in found if each is not None)
+
+    @property
+    def prnu(self) -> tuple[float, float]:
+        """Spread of the pixels' response and its standard error, relative; NaN without flats."""
+        if self.local is None:
+            return float("nan"), float("nan")
+        pixels, spread = float((self.bad == 0).sum()), self.local.true_spread
+        return spread, self.local.spread**2 / max(spread, 1e-12) / (2 * pixels) ** 0.5
+
+    def count(self, flag: str) -> int:
+        """How many pixels are bad in a way of :data:`FLAGS`."""
+        return int(np.count_nonzero(self.bad & FLAGS[flag]))
+
+
+def calibrate(
+    bias: Stack | None = None,
+    darks: Sequence[Stack] = (),
+    flats: Sequence[Stack] = (),
+    *,
+    bias_level: float | None = None,
+    gain: float | None = None,
+    settings: Settings | None = None,
+) -> Calibration:
+    """Measure a detector.
+
+    Parameters
+    ----------
+    bias : Stack, optional
+        Frames without exposure.
+    darks, flats : sequence of Stack
+        Frames without light and evenly lit, a stack an exposure time.
+    bias_level : float, optional
+        ADU, where there are no bias frames.
+    gain : float, optional
+        e-/ADU, where there are no flats that tell it.
+    settings : Settings, optional
+
+    Returns
+    -------
+    calibration : Calibration
+
+    Raises
+    ------
+    ConfigurationError
+        If frames do not belong together, or something is missing without which the others say nothing.
+    """
+    chosen = settings or Settings()
+    check_stacks(bias, darks, flats)
+    work = _Work(chosen, bias, bias_level)
+    rate = work.dark(darks)
+    levels, response = work.flat(flats, rate)
+    transfer = photon_transfer(levels) if len(flats) else None
+    if transfer is None and gain is None:
+        raise ConfigurationError(
+            "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats."
+        )
+    known = (gain or 0.0, 0.0) if transfer is None else (transfer.gain, transfer.gain_error)
+    return work.result(known, transfer, response)
+
+
+class _Work:
+    """What is handed from one kind of frame to the next."""
+
+    def __init__(self, settings: Settings, bias: Stack | None, level: float | None) -> None:
+        self.settings = settings
+        self.rejected: dict[str, tuple[int, int]] = {}
+        self.master = None if bias is None else self.combined(bias)
+        self.level = level if self.master is None else float(np.median(self.master.mean))
+        self.slope: DarkSlope | None = None
+        self.hot_limit: float | None = None
+        self.bad: np.ndarray = np.zeros((1, 1), np.uint8)
+        if self.master is not None:
+            self.spoil("blank", self.master.unusable)
+            self.spoil("noisy", noisy_pixels(self.master) & ~self.master.unusable)
+
+    def combined(self, stack: Stack, scales: np.ndarray | None = None, pedestal: float = 0.0) -> Master:
+        chosen = self.settings
+        master = combine(stack, clip=chosen.clip, memory=chosen.memory, scales=scales, pedestal=pedestal)
+        before = self.rejected.get(stack.kind, (0, 0))
+        self.rejected[stack.kind] = before[0] + master.rejected, before[1] + len(stack) * master.mean.size
+        return master
+
+    def spoil(self, flag: str, where: np.ndarray) -> None:
+        self.bad = self.bad | np.where(where, FLAGS[flag], 0).astype(np.uint8)
+
+    def good(self, shape: tuple[int, ...]) -> np.ndarray:
+        return np.broadcast_to(self.bad == 0, shape)
+
+    def dark(self, stacks: Sequence[Stack]) -> np.ndarray | float:
+        """Dark current of each pixel [ADU/s]; zero where nobody measured it."""
+        if not stacks:
+            return 0.0
+        level = self.level if len(stacks) == 1 else None
+        self.slope = DarkSlope(level if self.master is None else self.master)
+        for stack in stacks:
+            self.spoil("blank", stack.unusable)
+            self.slope.add(self.combined(stack))
+        rate = self.slope.rate()[0]
+        hot, self.hot_limit = hot_pixels(rate, (self.bad & FLAGS["blank"]) == 0, self.settings.hot)
+        self.spoil("hot", hot)
+        return rate
+
+    def flat(self, stacks: Sequence[Stack], rate: np.ndarray | float) -> tuple[list[Level], Response | None]:
+        """Levels of light, and the response they sum up to."""
+        if not stacks:
+            return [], None
+        if self.level is None:
+            raise ConfigurationError(
+                "flats say nothing without the bias they stand on; give --bias, or its level by --bias-level."
+            )
+        zero: Master | float = self.level if self.master is None else self.master
+        response = Response(zero, rate)
+        levels: list[Level] = []
+        if self.master is not None:
+            levels.append(unlit_level(self.master, self.good(self.master.mean.shape)))
+        split = [split_by_light(stack, self.level) for stack in stacks]
+        for stack in sorted((s for group in split for s in group), key=lambda s: s.level):
+            self.spoil("blank", stack.unusable)
+            scales = self._lamp(stack)
+            master = self.combined(stack, scales, self.level)
+            good = self.good(master.mean.shape)
+            piled = float(np.mean([shot.saturated for shot in stack.shots])) >= 0.5
+            level = measure_level(master, zero, good, scales=scales, saturated=piled)
+            levels = mark_saturated([*levels, level])
+            if not levels[-1].saturated:
+                response.add(master)
+        return levels, response
+
+    def _lamp(self, stack: Stack) -> np.ndarray:
+        samples = min(stack.shape[0] * stack.shape[1], 65536)
+        errors = np.array([shot.scatter for shot in stack.shots]) / samples**0.5
+        return lamp(np.array([shot.level - (self.level or 0.0) for shot in stack.shots]), errors)
+
+    def result(
+        self, gain: tuple[float, float], transfer: PhotonTransfer | None, response: Response | None
+    ) -> Calibration:
+        """Everything in electrons."""
+        shape = self.bad.shape
+        if response is not None:
+            usable = (self.bad & (FLAGS["blank"] | FLAGS["hot"])) == 0
+            self.spoil("dead", response.dead_pixels(usable, self.settings.dead))
+        good = self.bad == 0
+        if not good.any():
+            raise ConfigurationError(f"none of the {good.size} pixels is good; check which frames are which.")
+        flat = local = None
+        gradient = 0.0
+        if response is not None:
+            bend = 1.0 if transfer is None else transfer.bend
+            flat, local = response.map(good, smooth=self.settings.smooth, bend=bend)
+            lit = surface(response.sums, good)
+            gradient = float(lit.max() / lit.min() - 1)
+        master = self.master
+        return Calibration(
+            shape=(shape[0], shape[1]),
+            gain=gain[0],
+            gain_error=gain[1],
+            bad=self.bad,
+            settings=self.settings,
+            bias=None if master is None else bias_map(master, good),
+            read_noise=None if master is None else read_noise_map(master, good, *gain),
+            dark_current=None if self.slope is None else self.slope.map(good, *gain),
+            flat=flat,
+            local=local,
+            transfer=transfer,
+            hot_limit=None if self.hot_limit is None else self.hot_limit * gain[0],
+            gradient=gradient,
+            rejected=self.rejected,
+        )

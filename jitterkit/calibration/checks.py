@@ -1,0 +1,131 @@
+"""What cannot be calibration frames: one sentence for each, before anything is computed.
+
+Reach for :func:`check_stacks`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from jitterkit.calibration.stack import Shot, Stack
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["check_stacks", "split_by_light"]
+
+_ODD = 10.0
+"""Scatters of the pixels by which the level of a frame may differ from that of its stack."""
+
+_SAME_LIGHT = 0.15
+"""Relative difference of brightness up to which two flats of one exposure are of one level of light: lamps
+change by less, and who turns one up turns it further."""
+
+_SAME_GAIN = 1e-3
+"""Relative."""
+
+
+def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Stack]) -> None:
+    """Refuse stacks that do not belong together, and frames that do not belong to their stack.
+
+    Raises
+    ------
+    ConfigurationError
+        With the file, the value and the remedy.
+    """
+    stacks = [*([bias] if bias is not None else []), *darks, *flats]
+    if not stacks:
+        raise ConfigurationError("there are neither bias nor dark nor flat frames; give some.")
+    for stack in stacks[1:]:
+        if stack.shape != stacks[0].shape:
+            (ny, nx), (rows, columns) = stack.shape, stacks[0].shape
+            raise ConfigurationError(
+                f"{_file(stack.shots[0])}: has {nx} x {ny} pixels, the {stacks[0].kind} frames {columns} x "
+                f"{rows}; give frames of one size."
+            )
+    _check_gains(stacks)
+    for stack in stacks:
+        if len(stack) < 2:
+            raise ConfigurationError(f"there is one {stack.name} frame; give at least two.")
+        if stack.kind != "flat":
+            _check_alike(stack)
+    if bias is not None:
+        _check_against(bias, darks, flats)
+
+
+def _check_gains(stacks: Sequence[Stack]) -> None:
+    shots = [shot for stack in stacks for shot in stack.shots if shot.gain is not None]
+    for shot in shots:
+        if shot.gain and shots[0].gain and abs(shot.gain / shots[0].gain - 1) > _SAME_GAIN:
+            raise ConfigurationError(
+                f"{_file(shot)}: says a gain of {shot.gain:g} e-/ADU, {_file(shots[0])} one of "
+                f"{shots[0].gain:g}; calibrate each setting of the camera by itself."
+            )
+
+
+def _check_alike(stack: Stack) -> None:
+    scatter = float(np.median([shot.scatter for shot in stack.shots]))
+    for shot in stack.shots:
+        if abs(shot.level - stack.level) > _ODD * scatter:
+            raise ConfigurationError(
+                f"{_file(shot)}: its level is {shot.level:.5g} ADU, that of the {stack.name} frames "
+                f"{stack.level:.5g} ± {scatter:.2g}; take it out, or put it where it belongs."
+            )
+
+
+def _check_against(bias: Stack, darks: Sequence[Stack], flats: Sequence[Stack]) -> None:
+    scatter = float(np.median([shot.scatter for shot in bias.shots]))
+    for stack in (*darks, *flats):
+        if stack.level < bias.level - _ODD * scatter:
+            raise ConfigurationError(
+                f"{_file(stack.shots[0])}: the {stack.name} frames lie at {stack.level:.5g} ADU, below the "
+                f"bias of {bias.level:.5g}; check which are which, and that they are of one setting."
+            )
+
+
+def split_by_light(stack: Stack, pedestal: float) -> list[Stack]:
+    """Split flats of one exposure where the lamp was turned up or down, the dimmest first.
+
+    Parameters
+    ----------
+    stack : Stack
+    pedestal : float
+        Bias [ADU].
+
+    Returns
+    -------
+    stacks : list of Stack
+
+    Raises
+    ------
+    ConfigurationError
+        If a frame stands alone, or holds no light.
+    """
+    order = sorted(range(len(stack)), key=lambda i: stack.shots[i].level)
+    groups: list[list[int]] = [[order[0]]]
+    for before, i in pairwise(order):
+        low, high = (stack.shots[k].level - pedestal for k in (before, i))
+        slack = 2 * stack.shots[i].scatter / 256
+        if high > low + abs(low) * _SAME_LIGHT + slack:
+            groups.append([i])
+        else:
+            groups[-1].append(i)
+    for group in groups:
+        shot = stack.shots[group[0]]
+        if shot.level - pedestal <= shot.scatter / 16:
+            raise ConfigurationError(
+                f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g}); leave it "
+                "out of the flats."
+            )
+        if len(group) < 2:
+            others = stack.take(i for i in range(len(stack)) if i != group[0])
+            raise ConfigurationError(
+                f"{_file(shot)}: is the only {stack.name} frame of {shot.level:.5g} ADU (the others have "
+                f"{others.level:.5g}); leave it out, or give two or more."
+            )
+    return [stack.take(sorted(group)) for group in groups]
+
+
+def _file(shot: Shot) -> str:
+    return shot.name if shot.path is None else str(shot.path)

@@ -1,0 +1,140 @@
+"""Dark frames: electrons that nobody's light made, and the pixels that make too many of them.
+
+Reach for :class:`DarkSlope`: give it the masters one after the other, and ask it for the map.  It keeps
+sums only, so any number of exposure times fits into memory.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jitterkit.calibration.master import Master
+from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["HOT", "DarkSlope", "hot_pixels"]
+
+HOT = 10.0
+"""Robust standard deviations over the median from which a pixel is hot."""
+
+
+class DarkSlope:
+    """The straight line through what each pixel reads against the exposure time.
+
+    A weighted least-squares fit, the weights those of the stacks' typical pixel, the same for all pixels.
+
+    Parameters
+    ----------
+    bias : Master or float, optional
+        The reading without exposure: of frames, with their noise, or a level [ADU] taken as exact; None
+        where the line is to find it.
+    """
+
+    def __init__(self, bias: Master | float | None) -> None:
+        self._points: list[tuple[float, float]] = []
+        self._sums: list[np.ndarray] = []
+        self.frames = 0
+        self._fixed = bias if isinstance(bias, int | float) else None
+        if isinstance(bias, Master):
+            self._add(bias, 0.0)
+
+    def add(self, master: Master) -> None:
+        """Add the dark frames of an exposure time."""
+        self.frames += master.frames
+        self._add(master, float(master.exposure or 0.0))
+
+    def _add(self, master: Master, seconds: float) -> None:
+        weight = master.frames / float(np.median(master.usual))
+        values = [master.mean, master.variance / master.kept]
+        if not self._sums:
+            self._sums = [np.zeros(master.mean.shape) for _ in range(5)]
+        for place, (factor, value) in enumerate(
+            (
+                (weight, values[0]),
+                (weight * seconds, values[0]),
+                (weight**2, values[1]),
+                (weight**2 * seconds, values[1]),
+                (weight**2 * seconds**2, values[1]),
+            )
+        ):
+            self._sums[place] += factor * value
+        self._points.append((seconds, weight))
+
+    def rate(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slope of each pixel and its standard error [ADU/s].
+
+        Raises
+        ------
+        ConfigurationError
+            If there is one exposure time only, and no bias.
+        """
+        seconds, weights = np.array(self._points).T
+        ones, times, v0, v1, v2 = self._sums
+        if self._fixed is not None:
+            square = float(np.sum(weights * seconds**2))
+            if not square > 0:
+                raise ConfigurationError(_NO_TIME)
+            return (times - self._fixed * float(weights @ seconds)) / square, np.sqrt(v2) / square
+        middle = float(np.average(seconds, weights=weights))
+        square = float(np.sum(weights * (seconds - middle) ** 2))
+        if not square > 0:
+            raise ConfigurationError(_NO_TIME)
+        variance = np.maximum(v2 - 2 * middle * v1 + middle**2 * v0, 0.0)
+        return (times - middle * ones) / square, np.sqrt(variance) / square
+
+    def map(self, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
+        """The dark current of each pixel [e-/s].
+
+        Parameters
+        ----------
+        good : (ny, nx) bool array
+        gain, gain_error : float
+            e-/ADU.
+
+        Returns
+        -------
+        dark_current : MeasuredMap
+            Negative where noise makes it so.
+        """
+        rate, error = (array * gain for array in self.rate())
+        values, typical = rate[good], float(np.sqrt(np.mean(error[good] ** 2)))
+        number = float(values.mean())
+        number_error = float(np.hypot(typical / values.size**0.5, number * gain_error / gain))
+        return MeasuredMap(
+            "dark_current", "e-/s", rate, typical, number, number_error, float(values.std()), self.frames
+        )
+
+
+_NO_TIME = (
+    "the dark frames have one exposure time only and there is no bias; give --bias, --bias-level, or darks "
+    "of several exposure times."
+)
+
+
+def hot_pixels(rate: np.ndarray, usable: np.ndarray, times: float = HOT) -> tuple[np.ndarray, float]:
+    """Pixels whose dark current lies far above that of the others.
+
+    Parameters
+    ----------
+    rate : (ny, nx) array
+        Dark current, in any unit.
+    usable : (ny, nx) bool array
+        Pixels to look at.
+    times : float
+        Robust standard deviations over the median.
+
+    Returns
+    -------
+    hot : (ny, nx) bool array
+    limit : float
+        In the unit of ``rate``.
+
+    Notes
+    -----
+    The standard deviation is 1.4826 times the median deviation: what noise and the usual spread of the
+    pixels make together.
+    """
+    values = rate[usable]
+    middle = float(np.median(values))
+    limit = middle + times * 1.4826 * float(np.median(np.abs(values - middle)))
+    return usable & (rate > limit), limit

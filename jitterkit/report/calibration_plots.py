@@ -1,0 +1,234 @@
+"""The picture of a calibration: photon transfer, linearity, dark current and response.
+
+Reach for :func:`plot_calibration`, a page of what was measured; each panel is a function of its own.  As in
+:mod:`~jitterkit.report.plots`, every function takes ``ax=None`` and returns the axes it drew on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from jitterkit.calibration import Calibration
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.report.words import with_error
+
+__all__ = [
+    "plot_calibration",
+    "plot_dark",
+    "plot_linearity",
+    "plot_read_noise",
+    "plot_response",
+    "plot_transfer",
+]
+
+_SIZE = (5.2, 3.7)
+"""Inches, of axes of their own."""
+
+_BINS, _ALL = 120, "all pixels, those beyond in the last bar"
+_HEADROOM, _BELOW = 12, 0.78
+"""Times the fullest bar, for the words above; share of the axes that lines take below them."""
+
+_POINTS: Any = {
+    "fmt": "o",
+    "ms": 5,
+    "color": BLUE,
+    "mfc": "white",
+    "mew": 1.3,
+    "elinewidth": 1.0,
+    "zorder": 3,
+}
+
+
+def plot_calibration(calibration: Calibration, title: str = "") -> list[Axes]:
+    """Draw what was measured on a new figure, two panels a row.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    title : str
+
+    Returns
+    -------
+    axes : list of matplotlib.axes.Axes
+        Of the panels there are: photon transfer, linearity, dark current, response, read noise.
+    """
+    draws: list[Callable[..., Axes]] = []
+    if calibration.transfer is not None:
+        draws += [plot_transfer, plot_linearity]
+    if calibration.dark_current is not None:
+        draws.append(plot_dark)
+    if calibration.flat is not None:
+        draws.append(plot_response)
+    if (calibration.read_noise is not None and len(draws) % 2 == 1) or not draws:
+        draws.append(plot_read_noise)
+    rows = (len(draws) + 1) // 2
+    figure = Figure(figsize=(10.4 if len(draws) > 1 else 5.4, 3.7 * rows), layout="constrained")
+    figure.suptitle(title)
+    grid = figure.subplots(rows, 2 if len(draws) > 1 else 1, squeeze=False).ravel()
+    for spare in grid[len(draws) :]:
+        spare.set_axis_off()
+    return [draw(calibration, ax) for draw, ax in zip(draws, grid, strict=False)]
+
+
+def plot_transfer(calibration: Calibration, ax: Axes | None = None) -> Axes:
+    """Draw variance against signal with the line fitted, and the variance over the pixels of one frame.
+
+    Both axes are logarithmic: read noise is level, photon noise rises by one decade a decade, the response of
+    the pixels by two.
+    """
+    ax = axes_or_new(ax, _SIZE)
+    transfer, (prnu, _) = calibration.transfer, calibration.prnu
+    if transfer is None:
+        return say(ax, "no flats")
+    lit = [level for level in transfer.levels if level.exposure > 0 and level.signal > 0]
+    used = [level for level in lit if not level.saturated]
+    spatial = [level for level in used if level.spatial_variance > 0]
+    signals = [level.signal for level in lit]
+    at = np.geomspace(min(signals) / 30, max(signals) * 2, 300)
+    line = transfer.variance(at)
+    said = with_error(transfer.gain, transfer.gain_error)
+    ax.plot(at, line, color=INK, lw=1.4, label=f"gain {said} e-/ADU")
+    ax.errorbar(*_points(used, "variance"), label="frame to frame", **_POINTS)
+    if spatial and prnu > 0:
+        said = f"with PRNU of {100 * prnu:.2g} %"
+        ax.plot(at, line + (prnu * at) ** 2, color=RUST, lw=1.1, ls="--", label=said)
+        x, y = ([getattr(level, name) for level in spatial] for name in ("signal", "spatial_variance"))
+        ax.plot(x, y, "^", ms=5.5, color=RUST, mfc="none", mew=1.2, label="pixel to pixel")
+    for number, level in enumerate(level for level in lit if level.saturated):
+        ax.axvline(level.signal, color="0.55", lw=1.1, ls=":", label="" if number else "saturated")
+    top = float(line[-1] + (prnu * at[-1]) ** 2) if prnu > 0 else float(line[-1])
+    ax.set(xscale="log", yscale="log", xlim=(at[0], at[-1]), ylim=(float(line[0]) / 3, 2 * top))
+    ax.set(xlabel="signal above bias [ADU]", ylabel="variance [ADU²]", title="photon transfer")
+    return _finish(ax, loc="upper left")
+
+
+def plot_linearity(calibration: Calibration, ax: Axes | None = None) -> Axes:
+    """Draw by how many per cent the signal departs from a straight line through the dim levels."""
+    ax = axes_or_new(ax, _SIZE)
+    linearity = None if calibration.transfer is None else calibration.transfer.linearity
+    ax.set_title("linearity")
+    if linearity is None:
+        ax.set_axis_off()
+        return say(ax, "linearity takes three exposure times")
+    ax.axhline(0, color="0.6", lw=0.9)
+    ax.errorbar(
+        linearity.signals,
+        100 * linearity.residuals,
+        100 * linearity.residual_errors,
+        label="levels",
+        **_POINTS,
+    )
+    charge = np.linspace(0, linearity.signals.max() * 1.08, 200)[1:]
+    if linearity.coefficients:
+        law = linearity.measured(charge)
+        count = len(linearity.coefficients)
+        ax.plot(
+            law,
+            100 * (law / charge - 1),
+            color=INK,
+            lw=1.4,
+            label=f"law, {count} coefficient{'s' * (count > 1)}",
+        )
+    else:
+        ax.plot([], [], " ", label="no bend is significant")
+    around = 100 * (linearity.residuals + np.outer((-1, 1), linearity.residual_errors))
+    low, high = min(float(around.min()), 0.0), max(float(around.max()), 0.0)
+    margin = 0.2 * (high - low)
+    ax.set(
+        xlim=(0, charge[-1]),
+        ylim=(low - margin, high + margin),
+        xlabel="signal above bias [ADU]",
+        ylabel="off the line [%]",
+    )
+    return _finish(ax, loc="best")
+
+
+def plot_dark(calibration: Calibration, ax: Axes | None = None) -> Axes:
+    """Draw how many pixels have which dark current, and where the hot ones begin."""
+    ax = axes_or_new(ax, _SIZE)
+    measured, limit = calibration.dark_current, calibration.hot_limit
+    if measured is None or limit is None:
+        return say(ax, "no dark frames")
+    low, middle = np.percentile(measured.values, (0.01, 50))
+    _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), _ALL)
+    ax.axvline(
+        limit,
+        ymax=_BELOW,
+        color=RUST,
+        lw=1.2,
+        ls="--",
+        label=f"hot above {limit:.3g} e-/s: {calibration.count('hot')}",
+    )
+    said = with_error(measured.number, measured.number_error)
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {said} e-/s")
+    ax.set(xlabel="dark current [e-/s]", title="dark current")
+    return _finish(ax, loc="upper right")
+
+
+def plot_response(calibration: Calibration, ax: Axes | None = None) -> Axes:
+    """Draw how many pixels have which response, with and without what is smooth over the frame."""
+    ax = axes_or_new(ax, _SIZE)
+    flat, local = calibration.flat, calibration.local
+    if flat is None or local is None:
+        return say(ax, "no flats")
+    good = calibration.bad == 0
+    low, high = np.percentile(flat.values[good], (0.01, 99.99))
+    margin = 0.15 * (high - low)
+    low, high = float(low - margin), float(high + margin)
+    if not calibration.settings.smooth:
+        _histogram(ax, flat.values[good], low, high, "as it is")
+    prnu, error = calibration.prnu
+    counts, edges = np.histogram(local.values[good], _BINS, (low, high))
+    ax.stairs(
+        counts, edges, color=RUST, lw=1.4, label=f"locally: PRNU {with_error(100 * prnu, 100 * error)} %"
+    )
+    ax.plot([], [], " ", label=f"dead: {calibration.count('dead')}")
+    ax.set_ylim(0.7, _HEADROOM * float(counts.max()))
+    ax.set(
+        yscale="log",
+        ylabel="pixels",
+        xlim=(low, high),
+        xlabel="relative response",
+        title="response",
+    )
+    return _finish(ax, loc="upper left")
+
+
+def plot_read_noise(calibration: Calibration, ax: Axes | None = None) -> Axes:
+    """Draw how many pixels have which read noise."""
+    ax = axes_or_new(ax, _SIZE)
+    measured = calibration.read_noise
+    if measured is None:
+        return say(ax, "no bias frames")
+    high = max(float(np.percentile(measured.values, 99.9)), 2 * measured.number)
+    _histogram(ax, measured.values, 0.0, high, _ALL)
+    said = with_error(measured.number, measured.number_error)
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"root mean square {said} e-")
+    ax.set(xlabel="read noise [e-]", title="read noise")
+    return _finish(ax, loc="upper right")
+
+
+def _points(levels: list, name: str) -> tuple[list[float], list[float], list[float]]:
+    values, errors = ([getattr(level, name + end) for level in levels] for end in ("", "_error"))
+    return [level.signal for level in levels], values, errors
+
+
+def _histogram(ax: Axes, values: np.ndarray, low: float, high: float, label: str) -> None:
+    inside = np.clip(values, low, high)
+    counts, edges = np.histogram(inside, _BINS, (low, high))
+    ax.stairs(counts, edges, fill=True, color=BLUE, alpha=0.75, label=label)
+    top = _HEADROOM * float(counts.max())
+    ax.set(yscale="log", ylim=(0.7, top), xlim=(low, high), ylabel="pixels")
+
+
+def _finish(ax: Axes, loc: Any) -> Axes:
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(frameon=False, fontsize=8.5, loc=loc)
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    return ax

@@ -1,0 +1,134 @@
+"""A calibration in rows and sentences, and its levels of light as a table.
+
+Reach for :func:`calibration_rows`, :func:`calibration_sentences` and :func:`levels_table`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from astropy import units
+from astropy.table import QTable
+
+from jitterkit.calibration import FLAGS, Calibration
+from jitterkit.report.words import number
+
+__all__ = ["calibration_rows", "calibration_sentences", "levels_table"]
+
+_UNEVEN = 0.01
+"""Of the smooth surface through the flat, from which it is said."""
+
+_NAMES = {"bias": "bias", "read_noise": "read noise", "dark_current": "dark current"}
+
+Row = tuple[str, float, float, str]
+
+
+def calibration_rows(calibration: Calibration) -> list[Row]:
+    """Return ``(quantity, value, error, unit)`` of what was measured; NaN where there is no error."""
+    transfer = calibration.transfer
+    rows: list[Row] = []
+    if transfer is not None:
+        rows.append(("gain", transfer.gain, transfer.gain_error, "e-/ADU"))
+    for measured in calibration.maps:
+        if measured.name in _NAMES:
+            rows.append((_NAMES[measured.name], measured.number, measured.number_error, measured.unit))
+    if transfer is not None:
+        if calibration.read_noise is None and transfer.read_noise > 0:
+            rows.append(("read noise", transfer.read_noise, transfer.read_noise_error, "e-"))
+        prnu, error = calibration.prnu
+        rows.append(("PRNU", 100 * prnu, 100 * error, "%"))
+        if transfer.coupling:
+            rows.append(("coupling", 100 * transfer.coupling, 100 * transfer.coupling_error, "%"))
+        if transfer.linearity is not None:
+            values, errors = transfer.linearity.in_electrons(transfer.gain)
+            for k, (value, error) in enumerate(zip(values, errors, strict=True), 1):
+                rows.append((f"nonlinearity c{k}", value, error, "1/e-" if k == 1 else f"1/e-^{k}"))
+        if transfer.full_well is not None:
+            rows.append(("full well", transfer.full_well, math.nan, "e-"))
+        if transfer.saturation is not None and calibration.bias is not None:
+            rows.append(("saturation", transfer.saturation + calibration.bias.number, math.nan, "ADU"))
+    counted = (("hot pixels", "hot", calibration.dark_current), ("dead pixels", "dead", calibration.flat),
+               ("noisy pixels", "noisy", calibration.read_noise))  # fmt: skip
+    rows += [
+        (name, calibration.count(flag), math.nan, "") for name, flag, made in counted if made is not None
+    ]
+    return rows
+
+
+def calibration_sentences(calibration: Calibration) -> list[str]:
+    """What a reader of the numbers should know, a sentence each."""
+    # of the response what is local: the light's unevenness is no merit of the flats
+    maps = [calibration.local if measured.name == "flat" else measured for measured in calibration.maps]
+    said = [measured.sentence() for measured in maps if measured is not None]
+    for kind, (left_out, of) in calibration.rejected.items():
+        said.append(
+            f"{kind} frames: {left_out} of {of} values left out beyond {calibration.settings.clip:g} sigma."
+        )
+    if calibration.hot_limit is not None:
+        said.append(f"Hot: a dark current above {number(calibration.hot_limit, 3)} e-/s.")
+    if calibration.gradient > _UNEVEN:
+        said.append(_of_gradient(calibration))
+    said += [] if calibration.transfer is None else _of_transfer(calibration)
+    bad, pixels = int(np.count_nonzero(calibration.bad)), calibration.bad.size
+    by = ", ".join(f"{calibration.count(flag)} {flag}" for flag in FLAGS if calibration.count(flag))
+    said.append(f"{bad} of {pixels} pixels are bad" + (f" ({by})." if by else "."))
+    return said
+
+
+def _of_gradient(calibration: Calibration) -> str:
+    size = f"The flats change smoothly by {100 * calibration.gradient:.1f} % over the frame"
+    if calibration.settings.smooth:
+        return f"{size}; that is divided out (--smooth), as the lamp's."
+    return (
+        f"{size}; that is kept, as if it were the detector's or the telescope's: if it is the lamp's, "
+        "give --smooth."
+    )
+
+
+def _of_transfer(calibration: Calibration) -> list[str]:
+    transfer = calibration.transfer
+    assert transfer is not None
+    lit = [level for level in transfer.levels if level.exposure > 0]
+    full = sum(level.saturated for level in lit)
+    said = [
+        f"Photon transfer: {len(lit)} levels of light"
+        + (f", {full} saturated and left out." if full else ".")
+    ]
+    if transfer.freedom:
+        said[0] = said[0][:-1] + f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}."
+    if transfer.linearity is None:
+        said.append("Linearity is not measured: it takes three exposure times below saturation, of one lamp.")
+    elif not transfer.linearity.coefficients:
+        worst = 100 * float(np.max(np.abs(transfer.linearity.residuals)))
+        said.append(f"No non-linearity is significant; the levels lie within {worst:.2g} % of a line.")
+    if not transfer.coupling and math.isfinite(transfer.coupling_error):
+        said.append(
+            f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."
+        )
+    return said
+
+
+def levels_table(calibration: Calibration, command: str = "") -> QTable:
+    """The levels of light, a row each, with units; empty without flats."""
+    transfer = calibration.transfer
+    levels = () if transfer is None else transfer.levels
+    adu = units.adu
+    columns = {
+        "exposure": ("exposure", units.s),
+        "signal": ("signal", adu),
+        "signal_err": ("signal_error", adu),
+        "variance": ("variance", adu**2),
+        "variance_err": ("variance_error", adu**2),
+        "covariance": ("covariance", adu**2),
+        "spatial_variance": ("spatial_variance", adu**2),
+        "prnu": ("prnu", units.dimensionless_unscaled),
+    }
+    table = QTable(meta={"command": command})
+    for name, (attribute, unit) in columns.items():
+        table[name] = np.array([getattr(level, attribute) for level in levels], dtype=float) << unit
+    table.add_column(np.array([level.frames for level in levels], dtype=int), 1, "frames")
+    table["saturated"] = np.array([level.saturated for level in levels], dtype=bool)
+    for name, value, error, unit in calibration_rows(calibration):
+        table.meta[name] = [value, None if math.isnan(error) else error, unit]
+    return table

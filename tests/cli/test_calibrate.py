@@ -1,0 +1,135 @@
+"""``jitterkit calibrate``: the rows it prints, the files it leaves, and what it refuses."""
+
+import re
+
+import numpy as np
+import pytest
+import typer
+from astropy.table import QTable
+from typer.testing import CliRunner
+
+from jitterkit.calibration import Settings
+from jitterkit.cli.calibrate import calibrate
+from jitterkit.cli.runtime import tells_errors
+from jitterkit.frames import write_fits, write_tiff
+
+runner = CliRunner()
+app = typer.Typer()
+app.command()(tells_errors(calibrate))
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """Directories of bias (a TIFF stack), dark and flat frames of 128 x 128 pixels: 3.7 e-/ADU, 2.4 e-."""
+    root, rng = tmp_path_factory.mktemp("frames"), np.random.default_rng(20262)
+    shape = (128, 128)
+    places = rng.choice(128**2, 15, replace=False)
+    dark, response = np.full(shape, 0.8), 1 + 0.006 * rng.normal(size=shape)
+    dark.flat[places[:9]], response.flat[places[9:]] = 50.0, 0.1
+
+    def read(light, seconds, count):
+        mean = light * response * (1 + 0.004 * rng.normal(size=(count, 1, 1))) + dark * seconds
+        charge = np.minimum(rng.poisson(mean), 15000)
+        return np.rint(100 + (charge + rng.normal(0, 2.4, charge.shape)) / 3.7).astype(np.uint16)
+
+    for kind in ("bias", "dark", "flat"):
+        (root / kind).mkdir()
+    write_tiff(root / "bias" / "biases.tif", read(0.0, 0.0, 12))
+    write_fits(root / "dark" / "darks.fits", read(0.0, 20.0, 6), header={"EXPTIME": 20.0})
+    for t in (0.1, 0.4, 0.9, 1.3):
+        write_fits(root / "flat" / f"{t}.fits", read(14000 * t, t, 4), header={"EXPTIME": t})
+    return root
+
+
+def run(*arguments):
+    return runner.invoke(app, ["-i", "smallsat", *map(str, arguments)])
+
+
+def rows(done):
+    assert done.exit_code == 0, done.output
+    cells = (re.split(r" {2,}", line) for line in done.stdout.splitlines())
+    return {name: " ".join(rest).split() for name, *rest in cells}
+
+
+def test_the_defaults_are_the_room_s():
+    defaults = {p.name: p.default for p in typer.main.get_command(app).params}
+    chosen = Settings()
+    for name in ("clip", "hot", "dead", "smooth"):
+        assert defaults[name] == getattr(chosen, name)
+    assert defaults["memory"] * 1e6 == chosen.memory
+
+
+def test_everything_is_measured_and_written(frames, tmp_path):
+    out = tmp_path / "out"
+    done = run("--bias", frames / "bias", "--dark", frames / "dark", "--flat", frames / "flat", "-o", out)
+    said = rows(done)
+    for name, truth, unit in (("gain", 3.7, "e-/ADU"), ("read noise", 2.4, "e-"), ("PRNU", 0.6, "%")):
+        value, _, error, written = said[name]
+        assert float(value) == pytest.approx(truth, abs=4 * float(error) + 0.01 * truth)
+        assert written == unit
+    assert said["hot pixels"] == ["9"]
+    assert said["dead pixels"] == ["6"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "bad_pixels.fits",
+        "bias.fits",
+        "calibration.png",
+        "dark_current.fits",
+        "detector.toml",
+        "flat.fits",
+        "photon_transfer.ecsv",
+        "read_noise.fits",
+    ]
+    assert (out / "calibration.png").read_bytes().startswith(b"\x89PNG")
+    table = QTable.read(out / "photon_transfer.ecsv", format="ascii.ecsv")
+    assert table["saturated"].tolist() == [False] * 4 + [True]
+    assert table["signal"].unit == "adu"
+    assert table["exposure"].to_value("s").tolist() == [0, 0.1, 0.4, 0.9, 1.3]
+    assert table.meta["gain"][2] == "e-/ADU"
+    assert "wrote" in done.stderr
+    assert "wrote" not in done.stdout
+
+
+def test_biases_alone_take_the_gain_of_the_instrument(frames, tmp_path):
+    done = run("--bias", frames / "bias", "-o", tmp_path / "out")
+    assert set(rows(done)) == {"bias", "read noise", "noisy pixels"}
+    assert "A gain of 3.7 e-/ADU is taken from the instrument 'smallsat'." in done.stderr
+    assert "A gain of 2 e-/ADU is taken from --gain." in (
+        run("--bias", frames / "bias", "--gain", 2, "-o", tmp_path / "other").stderr
+    )
+
+
+def test_flats_alone_stand_on_a_level(frames, tmp_path):
+    done = run("--flat", frames / "flat", "--bias-level", 100, "-o", tmp_path / "out")
+    value, _, error, _ = rows(done)["gain"]
+    assert float(value) == pytest.approx(3.7, abs=4 * float(error))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "there are neither bias nor dark nor flat frames"),
+        (["--bias", "none"], "none: does not exist"),
+        (["--bias", "FRAMES/bias", "-i", "nowhere"], "There is no instrument 'nowhere'"),
+        (["--bias", "FRAMES/bias", "--clip", "1"], "clip = 1 is out of range"),
+        (["--dark", "FRAMES/bias"], "biases.tif: the dark frame does not say its exposure; give --exposure"),
+        (["--bias", "FRAMES/bias", "--dark", "FRAMES/flat/0.4.fits", "--bias", "FRAMES/flat/0.4.fits"],
+         "its level is"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_measured_is_one_sentence_and_nothing_is_written(
+    arguments, sentence, frames, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    done = run(*(a.replace("FRAMES", str(frames)) for a in arguments), "-o", "out")
+    assert done.exit_code == 2, done.output
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_there_is_not_replaced_unasked(frames, tmp_path):
+    (tmp_path / "bias.fits").touch()
+    done = run("--bias", frames / "bias", "-o", tmp_path)
+    assert done.exit_code == 2
+    assert "bias.fits exists; give --overwrite" in done.stderr
+    assert run("--bias", frames / "bias", "-o", tmp_path, "--overwrite").exit_code == 0
