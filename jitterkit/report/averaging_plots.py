@@ -1,0 +1,136 @@
+"""Pictures of averages of a series: how far they can be trusted.
+
+Reach for :func:`plot_allan`, and for :func:`plot_root_n` to see block means as they are.  Values are
+separations in arcsec; times are seconds where nothing else is said.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.words import angle_size, angle_unit, number, with_error
+from jitterkit.series import AllanDeviation, BlockScatter, Floor
+
+__all__ = ["finish", "plot_allan", "plot_root_n", "suited_angle", "suited_time"]
+
+_SIZE = (5.2, 3.6)
+_TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
+"""Seconds up to which a time is told in so many, and their name."""
+
+
+def plot_root_n(scatter: BlockScatter, ax: Axes | None = None, *, time_unit: str = "s") -> Axes:
+    """Draw the scatter of block means against their length, with error/sqrt(n) where errors are stated."""
+    ax = axes_or_new(ax, _SIZE)
+    scale, angle = suited_angle(scatter.scatter)
+    y, bars = scatter.scatter * scale, scatter.error * scale
+    low = np.minimum(bars, 0.9 * y)  # a bar to zero has no end on a logarithmic axis
+    ax.errorbar(
+        scatter.lengths, y, [low, bars], fmt="o", color=BLUE, ms=4, elinewidth=1.0, label="of block means"
+    )
+    if np.isfinite(scatter.expected).all():
+        ax.plot(
+            scatter.lengths, scatter.expected * scale, color=INK, ls="--", lw=1.2, label="errors/√n", zorder=1
+        )
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel=f"{_steps(scatter, time_unit)} in a block",
+        ylabel=f"scatter [{angle}]",
+    )
+    return finish(ax)
+
+
+def plot_allan(
+    allan: AllanDeviation, ax: Axes | None = None, *, floor: Floor | None = None, time_unit: str = "s"
+) -> Axes:
+    """Draw an Allan deviation with its confidence band, and the noise that was fitted to the series.
+
+    Parameters
+    ----------
+    allan : AllanDeviation
+    ax : matplotlib.axes.Axes, optional
+    floor : Floor, optional
+        The curve; a floor that was detected is a dotted line, with a ring where the white noise meets it,
+        and one that was not an upper limit.
+    time_unit : str
+        Of the times.
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        Steps of the cadence below, time above.
+    """
+    ax = axes_or_new(ax, _SIZE)
+    scale, angle = suited_angle(allan.deviation)
+    n = allan.lengths
+    ax.fill_between(n, allan.low * scale, allan.high * scale, color=BLUE, alpha=0.25, lw=0)
+    ax.plot(n, allan.deviation * scale, "o-", color=BLUE, ms=3, lw=1.0, label="Allan deviation, 1σ")
+    if np.isfinite(allan.expected).all():
+        ax.plot(n, allan.expected * scale, color=INK, ls="--", lw=1.2, label="errors/√n")
+    if floor is not None:
+        ax.plot(n, floor.deviation(n) * scale, color=RUST, lw=1.8, label="fitted noise")
+        _draw_floor(ax, floor, scale, time_unit)
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel=f"{_steps(allan, time_unit)} averaged",
+        ylabel=f"Allan deviation [{angle}]",
+    )
+    per, unit = suited_time(float(allan.times[-1]), time_unit)
+    if unit != "frame":
+        per_frame = float(allan.times[0] / n[0]) / per
+        there_and_back: Any = (lambda x: x * per_frame, lambda x: x / per_frame)
+        above = ax.secondary_xaxis("top", functions=there_and_back)
+        above.set_xlabel(f"time averaged [{unit}]")
+    return finish(ax, loc="lower left")
+
+
+def _draw_floor(ax: Axes, floor: Floor, scale: float, time_unit: str) -> None:
+    if not (floor.detected and floor.floor > 0):
+        label = f"floor below {angle_size(floor.upper, 2)} (95 %)"
+        ax.axhline(floor.upper * scale, color=RUST, ls=":", lw=1.4, label=label)
+        return
+    factor, unit = angle_unit(floor.floor)
+    label = f"floor {with_error(floor.floor * factor, floor.error * factor)}{unit}"
+    ax.axhline(floor.floor * scale, color=RUST, ls=":", lw=1.4, label=label)
+    if floor.meets < 1:
+        return
+    per, unit = suited_time(floor.meets * floor.cadence, time_unit)
+    time = number(floor.meets * floor.cadence / per, 2)
+    steps = "frames" if unit == "frame" else f"steps, {time} {unit}"
+    style: Any = {"ls": "", "marker": "o", "ms": 9, "mfc": "none", "mec": INK, "mew": 1.4, "zorder": 5}
+    ax.plot(floor.meets, floor.floor * scale, **style, label=f"met at {number(floor.meets, 2)} {steps}")
+
+
+def _steps(means: AllanDeviation | BlockScatter, time_unit: str) -> str:
+    """What lengths are counted in."""
+    if time_unit == "frame":
+        return "frames"
+    step = float(means.times[0] / means.lengths[0])
+    per, unit = suited_time(step, time_unit)
+    return f"steps of {number(step / per, 3)} {unit}"
+
+
+def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
+    """How many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
+    factor, unit = angle_unit(float(np.median(sizes)))
+    return factor, unit.strip().replace("″", "arcsec")
+
+
+def suited_time(span: float, unit: str) -> tuple[float, str]:
+    """How many of the times' unit make the unit that suits a span, and its name."""
+    if unit != "s":
+        return 1.0, unit
+    return next((per, name) for most, per, name in _TIMES if span < most)
+
+
+def finish(ax: Axes, **place: Any) -> Axes:
+    """Take off what frames a picture, and say what is drawn in it."""
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(frameon=False, fontsize=8, **place)
+    return ax

@@ -1,0 +1,31 @@
+"""A series of measurements of one number: how it averages, what it does meanwhile, what does not belong."""
+
+from jitterkit.series.allan import AllanDeviation, BlockScatter, allan_deviation, block_scatter
+from jitterkit.series.floor import Floor, fit_floor
+from jitterkit.series.laws import NOISES, degrees_of_freedom, difference_correlation, difference_variance
+from jitterkit.series.noise import simulate_flicker
+from jitterkit.series.outliers import Outliers, find_outliers
+from jitterkit.series.period import Period, find_period
+from jitterkit.series.series import Series
+from jitterkit.series.trend import Trend, fit_trend
+
+__all__ = [
+    "NOISES",
+    "AllanDeviation",
+    "BlockScatter",
+    "Floor",
+    "Outliers",
+    "Period",
+    "Series",
+    "Trend",
+    "allan_deviation",
+    "block_scatter",
+    "degrees_of_freedom",
+    "difference_correlation",
+    "difference_variance",
+    "find_outliers",
+    "find_period",
+    "fit_floor",
+    "fit_trend",
+    "simulate_flicker",
+]
