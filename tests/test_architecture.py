@@ -16,15 +16,15 @@ ROOT = Path(jitterkit.__file__).parent
 
 FLOORS = [
     {"errors", "conventions"},
-    {"vision", "loci", "scene"},
+    {"vision", "loci", "scene", "series"},
     {"frames", "motion"},
-    {"optics", "detectors"},
-    {"forward", "instruments", "photons"},
+    {"optics", "detectors", "shutter"},
+    {"forward", "instruments", "photons", "calibration"},
     {"likelihood", "simulate"},
     {"scoring", "kernel_estimate"},
     {"locate", "estimators", "extended", "starfield", "kernels"},
     {"refit"},
-    {"forecast"},
+    {"forecast", "joint"},
     {"report"},
     {"batch"},
     {"cli"},
@@ -44,9 +44,13 @@ ONLY_IN = {
         f"report/{noun}_plots.py"
         for noun in (
             "arcsine",
+            "averaging",
+            "calibration",
+            "causes",
             "crossfit",
             "field",
             "forecast",
+            "joint",
             "kernel",
             "matrix",
             "motion",
@@ -54,6 +58,7 @@ ONLY_IN = {
             "posterior",
             "scene",
             "separation",
+            "series",
         )
     },
     "jinja2": {"report/html.py"},
@@ -63,7 +68,7 @@ ONLY_IN = {
 }
 """Libraries with sharp edges, each behind one module."""
 
-WITHOUT_JAX = ("frames", "detectors", "vision", "errors", "conventions")
+WITHOUT_JAX = ("frames", "detectors", "calibration", "series", "vision", "errors", "conventions")
 
 
 def files() -> list[Path]:

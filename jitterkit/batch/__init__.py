@@ -2,5 +2,6 @@
 
 from jitterkit.batch.frame import Processed, Processor
 from jitterkit.batch.run import Run, process_files
+from jitterkit.batch.sequence import FileExposures
 
-__all__ = ["Processed", "Processor", "Run", "process_files"]
+__all__ = ["FileExposures", "Processed", "Processor", "Run", "process_files"]

@@ -1,4 +1,4 @@
-"""``jitterkit``: info, simulate, estimate, process, forecast, crossfit, motion, photons."""
+"""The commands of ``jitterkit``, put together."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from jitterkit.cli.calibrate import calibrate
+from jitterkit.cli.causes import causes
 from jitterkit.cli.crossfit import crossfit
 from jitterkit.cli.estimate import estimate
 from jitterkit.cli.forecast import forecast
@@ -14,6 +16,7 @@ from jitterkit.cli.motion import motion
 from jitterkit.cli.photons import photons
 from jitterkit.cli.process import process
 from jitterkit.cli.runtime import set_talk, tells_errors
+from jitterkit.cli.sequence import sequence
 from jitterkit.cli.simulate import simulate
 
 __all__ = ["app", "run"]
@@ -26,7 +29,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (info, simulate, estimate, process, forecast, crossfit, motion, photons):
+for command in (
+    info,
+    simulate,
+    calibrate,
+    estimate,
+    process,
+    sequence,
+    forecast,
+    causes,
+    crossfit,
+    motion,
+    photons,
+):
     app.command()(tells_errors(command))
 
 

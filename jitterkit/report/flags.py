@@ -27,6 +27,8 @@ FLAGS: dict[str, str] = {
     "aberrations_held": "aberrations that the image does not show to first order were not fitted",
     "prior_contradicted": "the frame lies further from the prior it was given than chance allows",
     "prior_unused": "the prior holds this frame only and was not used",
+    "dark_not_subtracted": "the exposure is not known, so the dark current was not subtracted",
+    "outlier": "the frame contradicts the others of its sequence and was not counted",
 }
 
 

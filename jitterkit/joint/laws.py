@@ -1,0 +1,153 @@
+"""How a parameter that frames share changes with time.
+
+Reach for :func:`parse_law`.  A law is a small linear state: what a shared parameter is at a time is a row of
+numbers times the state, and the state moves by a factor and a noise from one frame to the next.  That is
+all that a filter needs, so that a constant, a polynomial and a Gaussian process cost the same a frame.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["Constant", "Law", "Polynomial", "Wander", "parse_law"]
+
+_MOST = 8
+"""Degree of a polynomial at most: one that bends more often is a wander."""
+
+
+class Law(ABC):
+    """How one shared parameter changes with time, as a linear state."""
+
+    @property
+    @abstractmethod
+    def states(self) -> int:
+        """Numbers in the state; the first is about what the parameter is."""
+
+    @abstractmethod
+    def row(self, u: float) -> np.ndarray:
+        """Weights (states,) of the state in the parameter, at a time that runs from -1 to 1 over the run."""
+
+    def memory(self, seconds: float) -> np.ndarray:
+        """Share (states,) of each state that is left after a time."""
+        return np.ones(self.states)
+
+    def variance(self) -> np.ndarray:
+        """Prior variance (states,), infinite where nothing is known; in the parameter's unit squared.
+
+        A state that forgets keeps this variance: what it loses is made up by noise.
+        """
+        return np.full(self.states, math.inf)
+
+
+@dataclass(frozen=True)
+class Constant(Law):
+    """The same in every frame."""
+
+    @property
+    def states(self) -> int:
+        return 1
+
+    def row(self, u: float) -> np.ndarray:
+        return np.ones(1)
+
+
+@dataclass(frozen=True)
+class Polynomial(Law):
+    """A polynomial in time, by Legendre's: the first state is the mean over the run.
+
+    Parameters
+    ----------
+    degree : int
+    """
+
+    degree: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.degree <= _MOST:
+            raise ConfigurationError(
+                f"A polynomial of degree {self.degree} is not offered; give 0 to {_MOST}, or 'wander'."
+            )
+
+    @property
+    def states(self) -> int:
+        return self.degree + 1
+
+    def row(self, u: float) -> np.ndarray:
+        return legendre.legvander(np.atleast_1d(u), self.degree)[0]
+
+
+@dataclass(frozen=True)
+class Wander(Law):
+    """A Gaussian process of exponential covariance, ``rms² exp(-|t|/timescale)``, about an unknown mean.
+
+    Parameters
+    ----------
+    rms : float
+        In the parameter's unit.
+    timescale : float
+        s.
+    """
+
+    rms: float
+    timescale: float
+
+    def __post_init__(self) -> None:
+        for name in ("rms", "timescale"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ConfigurationError(f"A wander's {name} = {getattr(self, name)} must be positive.")
+
+    @property
+    def states(self) -> int:
+        return 2
+
+    def row(self, u: float) -> np.ndarray:
+        return np.ones(2)
+
+    def memory(self, seconds: float) -> np.ndarray:
+        return np.array([1.0, math.exp(-abs(seconds) / self.timescale)])
+
+    def variance(self) -> np.ndarray:
+        return np.array([math.inf, self.rms**2])
+
+
+def parse_law(text: str) -> Law | None:
+    """Read a law from words.
+
+    Parameters
+    ----------
+    text : str
+        ``constant``; ``polynomial:2``; ``wander:3:60``, with rms in the parameter's unit and timescale in s;
+        or ``wander``, for one whose numbers the frames are to say.
+
+    Returns
+    -------
+    law : Law or None
+        None for a wander that is to be measured.
+
+    Raises
+    ------
+    ConfigurationError
+
+    >>> parse_law("polynomial:1"), parse_law("wander:3:60")
+    (Polynomial(degree=1), Wander(rms=3.0, timescale=60.0))
+    """
+    kind, *numbers = text.split(":")
+    try:
+        if kind == "constant" and not numbers:
+            return Constant()
+        if kind == "polynomial" and len(numbers) == 1:
+            return Polynomial(int(numbers[0]))
+        if kind == "wander" and len(numbers) in (0, 2):
+            return Wander(*(float(number) for number in numbers)) if numbers else None
+    except ValueError:
+        pass
+    raise ConfigurationError(
+        f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander, or wander:RMS:SECONDS."
+    )

@@ -1,0 +1,208 @@
+"""One frame, looked at with the shared parameters as they are believed to be.
+
+Its own parameters (place, flux, jitter) are climbed while the shared ones stand still; then the normal
+equations of all are taken once, and its own eliminated.  The fit is the refit of a single frame with the
+shared parameters held, nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.conventions import direction_angle
+from jitterkit.errors import ConfigurationError
+from jitterkit.forward import Parameters, free_parameters, parameter_names, to_vector
+from jitterkit.frames import Frame
+from jitterkit.joint.message import Message, eliminate
+from jitterkit.likelihood import Data, normal_equations
+from jitterkit.locate import locate_binary
+from jitterkit.loci import Mvn, axis_variances, locus_class
+from jitterkit.optics.otf import OTF
+from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.refit import FitOptions, FitResult, Priors, Status
+from jitterkit.refit.absurd import absurdity
+from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.starts import starting_point
+from jitterkit.shutter import Shutter
+
+__all__ = ["Looker"]
+
+_STRAIGHT = ("stable", "linear", "shm", "partial", "path")
+"""Loci that are lines: what blurs across them is not theirs."""
+
+
+@dataclass(frozen=True)
+class Looker:
+    """How to look at the frames of a sequence.
+
+    Attributes
+    ----------
+    optics : OpticalSystem or FixedOptics
+    locus : str
+        A name in ``LOCI``.
+    known : tuple of str
+        Parameters that are neither shared nor a frame's own.
+    priors : Priors
+        On a frame's own parameters.
+    diffusion : bool
+        Whether the frames share a charge diffusion, beyond what the optics hold, that is to be measured.
+    censored : bool
+        Whether full pixels count; see :meth:`jitterkit.likelihood.Data.of`.
+
+    Raises
+    ------
+    ConfigurationError
+        If diffusion is asked for with a locus that blurs all ways itself.
+    """
+
+    optics: OpticalSystem | FixedOptics
+    locus: str = "mvn"
+    known: tuple[str, ...] = ("background",)
+    priors: Priors = field(default_factory=Priors)
+    diffusion: bool = False
+    censored: bool = False
+
+    def __post_init__(self) -> None:
+        locus_class(self.locus)
+        if self.diffusion and self.locus not in _STRAIGHT and self.priors.moments is None:
+            raise ConfigurationError(
+                f"Jitter of the kind {self.locus!r} blurs all ways, as diffusion does, and no number of "
+                f"frames tells them apart. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter."
+            )
+
+    @cached_property
+    def hold(self) -> tuple[str, ...]:
+        """What no fit varies: what is known, and aberrations that do not show."""
+        return (*self.known, *self.optics.nominal.blind())
+
+    @cached_property
+    def shared(self) -> tuple[str, ...]:
+        """Names of what the frames share, in the order of the parameter vector."""
+        every = ("separation", "theta", "contrast", *self.optics.nominal.names)
+        return tuple(name for name in (*every, *["diffusion"] * self.diffusion) if name not in self.hold)
+
+    @cached_property
+    def own(self) -> tuple[str, ...]:
+        """Names of what each frame has of its own."""
+        every = ("x", "y", "flux", *locus_class(self.locus).names, "background")
+        return tuple(name for name in every if name not in self.hold)
+
+    def first(self, frame: Frame, shutter: Shutter | None) -> tuple[FitResult, OTF]:
+        """Fit a frame of which nothing is known: the pair is found, everything fitted, then its own again."""
+        data = self._data(frame)
+        nominal = self.optics.nominal
+        if not np.any(np.asarray(data.used)):
+            return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
+        start = locate_binary(data, self.optics, self.hold)
+        if start is None:
+            return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
+        p = start.parameters
+        begin = Parameters(p.scene, p.locus, p.aberrations, p.background, shutter=shutter)
+        options = FitOptions(hold=self.hold, priors=self.priors)
+        fit, otf = fit_and_expand(data, self.optics, begin, start.otf, options)
+        if self.diffusion and fit.parameters is not None:
+            fit = replace(fit, parameters=self._parted(fit.parameters))
+        fit, otf = self._with_locus(data, fit, otf, options)
+        if fit.parameters is None or not fit.status.usable:
+            return fit, otf
+        return self.again(frame, self.at(fit.parameters, self.values_of(fit.parameters)), otf)
+
+    def again(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
+        """Fit a frame's own parameters from near where they are, locus and all."""
+        return self._judged(*fit_and_expand(self._data(frame), self.optics, start, otf, self._options))
+
+    def anew(self, frame: Frame, start: Parameters, image, otf: OTF) -> tuple[FitResult, OTF]:
+        """Fit a frame's own parameters from another frame's, its jitter unknown.
+
+        Parameters
+        ----------
+        frame : Frame
+        start : Parameters
+            Of the other frame.
+        image : (ny, nx) array
+            That other frame as it was expected: where it fits best is where the pair stands.
+        otf : OTF
+        """
+        data = self._data(frame)
+        pitch = self.optics.nominal.grid.plate_scale
+        dy, dx = (pitch * shift for shift in _shift(np.asarray(data.electrons), np.asarray(image)))
+        start = start.with_locus(Mvn(jnp.zeros(3)))
+        start = self.at(start, {"x": float(start.scene.x) + dx, "y": float(start.scene.y) + dy})
+        normal, near = fit_and_expand(data, self.optics, start, otf, self._options)
+        return self._judged(*self._with_locus(data, normal, near, self._options))
+
+    def told(self, frame: Frame, fit: FitResult, otf: OTF, time: float) -> Message | None:
+        """What a fitted frame says about the shared parameters; None where it was not fitted."""
+        if fit.parameters is None or not fit.status.usable or not np.all(np.isfinite(fit.covariance)):
+            return None
+        names, free = free_parameters(fit.parameters, otf, self.hold)
+        shared = [names.index(name) for name in self.shared]
+        own = [names.index(name) for name in fit.names]
+        data = self._data(frame).clear(fit.image)
+        _, score, information = normal_equations(fit.parameters, otf, data, free)
+        at = np.array(list(self.values_of(fit.parameters).values()))
+        return Message(time, at, *eliminate(score, information, shared, own, fit.covariance))
+
+    def at(self, parameters: Parameters, values: Mapping[str, float]) -> Parameters:
+        """Parameters with some of them as given, by name."""
+        if self.diffusion and parameters.diffusion is None:
+            p = parameters
+            parameters = Parameters(
+                p.scene, p.locus, p.aberrations, p.background, diffusion=0.0, shutter=p.shutter
+            )
+        vector, unravel = to_vector(parameters)
+        names = parameter_names(parameters, self.optics.nominal.names)
+        numbers = np.array(vector)
+        for name, value in values.items():
+            numbers[names.index(name)] = direction_angle(value) if name == "theta" else value
+        return unravel(jnp.asarray(numbers))
+
+    def values_of(self, parameters: Parameters) -> dict[str, float]:
+        """The shared parameters by name."""
+        vector, _ = to_vector(parameters)
+        names = parameter_names(parameters, self.optics.nominal.names)
+        known = {"diffusion": 0.0, **dict(zip(names, np.asarray(vector), strict=True))}
+        return {name: float(known[name]) for name in self.shared}
+
+    def _parted(self, parameters: Parameters) -> Parameters:
+        """Parameters whose normal blur is parted: what it is across its axis is diffusion."""
+        _, minor, _ = axis_variances(parameters.locus.moments())
+        rest = Mvn(parameters.locus.coords - minor * jnp.array([1.0, 0.0, 1.0]))
+        return self.at(parameters.with_locus(rest), {"diffusion": minor})
+
+    @cached_property
+    def _options(self) -> FitOptions:
+        return FitOptions(hold=(*self.hold, *self.shared), priors=self.priors)
+
+    def _data(self, frame: Frame) -> Data:
+        return Data.of(frame, censored=self.censored)
+
+    def _judged(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
+        """The fit, or what is absurd about it."""
+        grid = self.optics.nominal.grid
+        absurd = "" if fit.parameters is None else absurdity(fit.parameters, grid.shape, grid.plate_scale)
+        if not absurd:
+            return fit, otf
+        told = f"{Status.POOR_FIT.value}: {absurd}."
+        return replace(fit, status=Status.POOR_FIT, message=told), otf
+
+    def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:
+        """The fit with the locus, from that with a normal."""
+        if self.locus == "mvn" or normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
+            return normal, otf
+        kind, moments = locus_class(self.locus), normal.moments()[0]
+        place = starting_point(kind, moments, normal.parameters, otf, data, options.hold, options.priors)
+        return fit_and_expand(data, self.optics, place, otf, options)
+
+
+def _shift(image: np.ndarray, template: np.ndarray) -> tuple[int, int]:
+    """Whole pixels, down rows and along columns, by which an image fits a template best."""
+    product = np.fft.rfft2(image) * np.conj(np.fft.rfft2(template))
+    peak = np.unravel_index(np.argmax(np.fft.irfft2(product, s=image.shape)), image.shape)
+    dy, dx = ((int(k) + n // 2) % n - n // 2 for k, n in zip(peak, image.shape, strict=True))
+    return dy, dx

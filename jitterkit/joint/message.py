@@ -1,0 +1,98 @@
+"""What one frame says about the parameters that all frames share.
+
+A frame's likelihood is a hill over its shared and its own parameters.  Its own (place, flux, jitter) are
+eliminated where they stand best: what remains is a quadratic form in the shared ones, a few dozen numbers
+however many pixels there are.  Such messages add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jitterkit.joint.spool import Spool
+
+__all__ = ["Message", "Messages", "eliminate"]
+
+
+class Message(NamedTuple):
+    """A frame's log-likelihood near a point: ``score (c - at) - (c - at)' information (c - at)/2``.
+
+    Attributes
+    ----------
+    time : float
+        s, of the middle of the exposure.
+    at : (k,) array
+        Shared parameters at which the frame was looked at.
+    score : (k,) array
+    information : (k, k) array
+        Expected Fisher information of the frame on the shared parameters, its own unknown.
+    """
+
+    time: float
+    at: np.ndarray
+    score: np.ndarray
+    information: np.ndarray
+
+
+class Messages:
+    """The messages of a run, in the order of time, on disk.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the shared parameters.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        k = len(self.names)
+        self._upper = np.triu_indices(k)
+        self._spool = Spool(1 + 2 * k + len(self._upper[0]))
+
+    def __len__(self) -> int:
+        return len(self._spool)
+
+    def append(self, message: Message) -> None:
+        """Add the next frame's."""
+        self._spool.append(message.time, message.at, message.score, message.information[self._upper])
+
+    def __iter__(self) -> Iterator[Message]:
+        return map(self._unpacked, self._spool)
+
+    def __reversed__(self) -> Iterator[Message]:
+        return map(self._unpacked, reversed(self._spool))
+
+    def _unpacked(self, record: np.ndarray) -> Message:
+        k = len(self.names)
+        half = np.zeros((k, k))
+        half[self._upper] = record[1 + 2 * k :]
+        information = half + half.T - np.diag(np.diag(half))
+        return Message(float(record[0]), record[1 : 1 + k], record[1 + k : 1 + 2 * k], information)
+
+
+def eliminate(score, information, shared: list[int], own: list[int], covariance) -> tuple:
+    """Eliminate a frame's own parameters from its normal equations.
+
+    Parameters
+    ----------
+    score : (p,) array
+    information : (p, p) array
+    shared, own : lists of int
+        Slots of either kind; together all.
+    covariance : (m, m) array
+        Of the own while the shared are held: the inverse of their block, with what priors add to it.
+
+    Returns
+    -------
+    score : (k,) array
+        Of the shared ones.
+    information : (k, k) array
+        Schur's complement.
+    """
+    score, information = np.asarray(score), np.asarray(information)
+    cross = information[np.ix_(own, shared)]
+    gain = covariance @ cross
+    return score[shared] - gain.T @ score[own], information[np.ix_(shared, shared)] - cross.T @ gain

@@ -1,0 +1,141 @@
+"""What is kept of every frame of a sequence: a line of numbers on disk, words only where there is news."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jitterkit.joint.spool import Spool
+from jitterkit.refit.result import FitResult, Status, moments_of
+
+__all__ = ["FrameRecord", "Records"]
+
+_STATUS = tuple(Status)
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One frame of a sequence and its own parameters.
+
+    Attributes
+    ----------
+    name : str
+    time : float
+        Middle of the exposure, s.
+    status : Status
+    message : str
+    flags : tuple of str
+    values, errors : (m,) arrays
+        Of its own parameters, in the order of :attr:`Records.own`; the errors are those with the shared ones
+        known.
+    moments, moment_errors : (3,) arrays
+        Of the jitter, arcsec².
+    chi2_dof : float
+    place : (2,) array
+        Of the pair on the whole detector, arcsec from its first pixel's part of the sky.
+    velocity : (2,) array
+        Of the image during the exposure, arcsec/s; NaN where nothing says.
+    told : bool
+        Whether it has a message about what is shared.
+    """
+
+    name: str
+    time: float
+    status: Status
+    message: str = ""
+    flags: tuple[str, ...] = ()
+    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    moments: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    moment_errors: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    chi2_dof: float = float("nan")
+    place: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    velocity: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    told: bool = False
+
+    @classmethod
+    def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
+        """The record of a fit of a frame's own parameters."""
+        if fit.parameters is None:
+            return cls(name, time, fit.status, fit.message, fit.flags)
+        scene, locus = fit.parameters.scene, fit.parameters.locus
+        known = {n: float(getattr(scene, n)) for n in ("x", "y", "flux")}
+        known |= dict(zip(locus.names, np.asarray(locus.coords), strict=True))
+        known["background"] = float(fit.parameters.background)
+        moments, covariance = moments_of(locus, fit.names, fit.covariance)
+        with np.errstate(invalid="ignore"):
+            return cls(
+                name,
+                time,
+                fit.status,
+                fit.message,
+                fit.flags,
+                np.array([known[n] for n in own]),
+                np.array([fit.error(n) for n in own]),
+                np.asarray(moments),
+                np.sqrt(np.diag(covariance)),
+                fit.chi2_dof,
+                **more,
+            )
+
+
+class Records:
+    """The records of a run, in order.
+
+    Parameters
+    ----------
+    own : tuple of str
+        Names of a frame's own parameters.
+    """
+
+    def __init__(self, own: tuple[str, ...]) -> None:
+        self.own = own
+        self._numbers = Spool(14 + 2 * len(own))
+        self._names: list[str] = []
+        self._words: dict[int, tuple[str, tuple[str, ...]]] = {}
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def append(self, record: FrameRecord) -> None:
+        """Add the next frame's."""
+        blank = np.full(len(self.own), np.nan)
+        parts = (
+            [record.time, _STATUS.index(record.status), record.told],
+            record.values if len(record.values) else blank,
+            record.errors if len(record.errors) else blank,
+            record.moments,
+            record.moment_errors,
+            [record.chi2_dof],
+            record.place,
+            record.velocity,
+        )
+        if record.status is not Status.OK or record.flags:
+            self._words[len(self)] = (record.message, record.flags)
+        self._numbers.append(*parts)
+        self._names.append(record.name)
+
+    def __iter__(self) -> Iterator[FrameRecord]:
+        m = len(self.own)
+        for index, numbers in enumerate(self._numbers):
+            status = _STATUS[int(numbers[1])]
+            chi2_dof = float(numbers[9 + 2 * m])
+            plain = (f"{Status.OK.value}: chi²/dof is {chi2_dof:.4g}.", ())
+            message, flags = self._words.get(index, plain)
+            yield FrameRecord(
+                self._names[index],
+                float(numbers[0]),
+                status,
+                message,
+                flags,
+                numbers[3 : 3 + m],
+                numbers[3 + m : 3 + 2 * m],
+                numbers[3 + 2 * m : 6 + 2 * m],
+                numbers[6 + 2 * m : 9 + 2 * m],
+                chi2_dof,
+                numbers[10 + 2 * m : 12 + 2 * m],
+                numbers[12 + 2 * m :],
+                bool(numbers[2]),
+            )

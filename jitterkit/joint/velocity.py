@@ -1,0 +1,82 @@
+"""How fast the image moved during each exposure: from where the frames stand, or from telemetry.
+
+One blurred frame does not tell which way it went; the motion from the frame before to the frame after does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+
+__all__ = ["velocity_between_frames", "velocity_from_trace"]
+
+
+def velocity_between_frames(times, places) -> np.ndarray:
+    """Velocity of the image from its places in frames.
+
+    Parameters
+    ----------
+    times : (n,) array
+        Middles of the exposures, s, ascending; NaN for frames without a place.
+    places : (n, 2) array
+        arcsec, on the detector as a whole.
+
+    Returns
+    -------
+    velocity : (n, 2) array
+        arcsec/s, by differences over both neighbours (one at the ends); NaN where a frame has no place, zero
+        where it is alone.
+
+    Notes
+    -----
+    *Fails when* the pointing turns round between frames: a vibration near or above half the frame rate, for
+    which only telemetry serves.
+    """
+    times, places = np.asarray(times, float), np.asarray(places, float)
+    known = np.isfinite(times) & np.all(np.isfinite(places), axis=1)
+    velocity = np.full(places.shape, np.nan)
+    t, p = times[known], places[known]
+    if len(t) < 2:
+        velocity[known] = 0.0
+        return velocity
+    before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
+    velocity[known] = (p[after] - p[before]) / (t[after] - t[before])[:, None]
+    return velocity
+
+
+def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
+    """Velocity of the image during exposures, from a measured pointing.
+
+    Parameters
+    ----------
+    trace : ((m,), (m,), (m,)) arrays
+        Times in s, ascending, and pointing along x and y, arcsec.
+    times : (n,) array
+        Middles of the exposures on the trace's clock, s.
+    exposure : float
+        s.
+
+    Returns
+    -------
+    velocity : (n, 2) array
+        arcsec/s: the change from the beginning of each exposure to its end over its length, which is what the
+        rows of a rolling shutter see to first order.
+
+    Raises
+    ------
+    ConfigurationError
+        If the trace does not cover the exposures.
+    """
+    t, x, y = (np.asarray(v, float) for v in trace)
+    times = np.asarray(times, float)
+    begin, end = times - exposure / 2, times + exposure / 2
+    slack = 1e-6 * exposure
+    if np.nanmin(begin) < t[0] - slack or np.nanmax(end) > t[-1] + slack:
+        raise ConfigurationError(
+            f"The telemetry runs from {t[0]:g} to {t[-1]:g} s, but the frames are exposed from "
+            f"{np.nanmin(begin):g} to {np.nanmax(end):g} s after the first one began; give a longer record, "
+            "on that clock."
+        )
+    ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
+    return np.stack(ends, axis=1) / exposure

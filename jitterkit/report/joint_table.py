@@ -1,0 +1,227 @@
+"""What a joint fit leaves behind: a row a frame, and a summary.
+
+Reach for :func:`frame_table` and :func:`joint_summary`; :func:`separation_series` is what averages are
+studied on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from astropy import units
+from astropy.table import QTable
+
+from jitterkit.conventions import direction_angle
+from jitterkit.joint import Law, SequenceFit
+from jitterkit.loci import principal_axes
+from jitterkit.refit import Status
+from jitterkit.report.flags import encode_flags, flag_meanings
+from jitterkit.report.forecast_table import unit_of
+from jitterkit.report.means import weighted_mean
+from jitterkit.report.words import angle_size, number, printable
+from jitterkit.series import Floor, Series, fit_floor
+
+__all__ = ["frame_table", "joint_summary", "say_joint", "separation_series"]
+
+_CERTAIN = 9.0
+"""Chi-squared of one degree of freedom from which a slope is said to be there: three sigmas."""
+
+_SERIES = 16
+"""Frames from which noise can be told from noise."""
+
+
+def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTable:
+    """A row a frame.
+
+    Parameters
+    ----------
+    fit : SequenceFit
+    meta : mapping, optional
+        Kept with the table.
+
+    Returns
+    -------
+    table : QTable
+        The frame's own parameters; ``separation`` as it alone says with all else known; the shared parameters
+        that change, at its time; ``surprise``, chi-squared against the others.
+    """
+    columns: dict[str, list[Any]] = {}
+
+    def put(name: str, value: Any) -> None:
+        columns.setdefault(name, []).append(value)
+
+    changing = [name for name, law in fit.laws.items() if law.states > 1]
+    for frame in fit.frames():
+        record = frame.record
+        status = record.status
+        flags = [*record.flags, *["outlier"] * (frame.shared is not None and not frame.kept)]
+        put("frame", printable(record.name))
+        put("time", record.time)
+        put("status", status.name.lower())
+        put("message", printable(record.message))
+        put("flags", encode_flags(flags))
+        put("counted", frame.kept)
+        put("separation", frame.separation)
+        put("separation_err", frame.separation_err)
+        _put_own(put, fit, record)
+        put("velocity_x", record.velocity[0])
+        put("velocity_y", record.velocity[1])
+        put("chi2_dof", record.chi2_dof)
+        put("surprise", math.nan if frame.shared is None else frame.shared.surprise)
+        for name in changing:
+            slot = fit.combined.names.index(name)
+            shared = frame.shared
+            put(f"shared_{name}", math.nan if shared is None else shared.values[slot])
+            put(f"shared_{name}_err", math.nan if shared is None else shared.errors[slot])
+    table = QTable(columns, meta={**(meta or {}), "flags": flag_meanings()})
+    for name in table.colnames:
+        unit = _unit(name)
+        if unit:
+            table[name] = table[name] << units.Unit(unit)
+    return table
+
+
+def _put_own(put, fit: SequenceFit, record) -> None:
+    """Columns of a frame's own parameters, and what the jitter amounts to."""
+    for name, value, error in zip(fit.records.own, record.values, record.errors, strict=True):
+        put(name, value)
+        put(f"{name}_err", error)
+    for name, value, error in zip(("sxx", "sxy", "syy"), record.moments, record.moment_errors, strict=True):
+        put(name, value)
+        put(f"{name}_err", error)
+    known = np.all(np.isfinite(record.moments))
+    major, minor, angle = principal_axes(record.moments) if known else (math.nan,) * 3
+    put("jitter_major", major)
+    put("jitter_minor", minor)
+    put("jitter_angle", angle)
+    put("smear_direction", _direction(angle, record.velocity))
+
+
+def _direction(angle: float, velocity: np.ndarray) -> float:
+    """The end of a smear's axis to which the image went [deg], as the motion between frames has it."""
+    along = float(velocity @ [math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+    if not math.isfinite(along) or along == 0:
+        return math.nan
+    return direction_angle(angle if along > 0 else angle + 180)
+
+
+def _unit(column: str) -> str:
+    name = column.removesuffix("_err").removeprefix("shared_")
+    own = {"time": "s", "velocity_x": "arcsec/s", "velocity_y": "arcsec/s", "smear_direction": "deg"}
+    if name in ("frame", "status", "message", "flags", "counted", "chi2_dof", "surprise"):
+        return ""
+    if name in ("sxx", "sxy", "syy"):
+        return "arcsec2"
+    return own.get(name) or unit_of(name)
+
+
+def separation_series(fit: SequenceFit) -> Series | None:
+    """The separations of the frames that count [arcsec], with times [s]; None of too few to study."""
+    kept = [(f.separation, f.separation_err, f.record.time) for f in fit.frames() if f.kept]
+    return Series.of(*np.array(kept).T) if len(kept) >= _SERIES else None
+
+
+def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any]:
+    """What the frames say together, as ``sequence.json`` holds it.
+
+    Returns
+    -------
+    summary : dict
+        ``frames``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being the joint
+        Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it; ``shared``,
+        value, error and law of each shared parameter; ``slope`` of the separation, arcsec/s; ``floor`` of its
+        averages [arcsec]; ``passes`` and by how many errors the last one ``moved`` anything; ``seconds``.
+    """
+    frames = list(fit.frames())
+    mean, error = fit.separation
+    kept = [frame for frame in frames if frame.kept]
+    scatter = weighted_mean(
+        np.array([f.separation for f in kept]), np.array([f.separation_err for f in kept])
+    )
+    slope = fit.slope()
+    statuses = [frame.record.status for frame in frames]
+    return {
+        "frames": len(frames),
+        "counted": len(kept),
+        "status": {s.name.lower(): statuses.count(s) for s in Status if s in statuses},
+        "outliers": [f.record.name for f in frames if f.shared is not None and not f.kept],
+        "separation": {
+            "unit": "arcsec",
+            "mean": mean,
+            "error": error,
+            "chi2_dof": scatter["chi2_dof"],
+            "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
+        },
+        "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},
+        "floor": None if floor is None else _floor(floor),
+        "shared": {
+            name: {
+                "unit": unit_of(name) if name != "diffusion" else "arcsec2",
+                "mean": fit.combined.value(name),
+                "error": fit.combined.error(name),
+                "law": describe_law(fit.laws[name]),
+            }
+            for name in fit.combined.names
+        },
+        "locus": fit.locus,
+        "passes": fit.passes,
+        "moved": fit.moves[-1],
+        "seconds": fit.seconds,
+    }
+
+
+def _floor(floor: Floor) -> dict[str, Any]:
+    return {
+        "unit": "arcsec",
+        "detected": bool(floor.detected),
+        "floor": floor.floor,
+        "error": floor.error,
+        "upper_95": floor.upper,
+        "met_at_frames": floor.meets,
+        "p_value": floor.p_value,
+    }
+
+
+def describe_law(law: Law) -> dict[str, Any]:
+    """A law by name and numbers."""
+    return {"kind": type(law).__name__.lower(), **asdict(law)}  # type: ignore[call-overload]
+
+
+def say_joint(summary: Mapping[str, Any]) -> list[str]:
+    """What a person should know beside the separation: sentences."""
+    told = []
+    if summary["outliers"]:
+        named = ", ".join(summary["outliers"][:5])
+        more = ", ..." if len(summary["outliers"]) > 5 else ""
+        told.append(
+            f"{len(summary['outliers'])} frames contradict the others and were not counted: {named}{more}."
+        )
+    slope = summary["slope"]
+    if slope["chi2"] > _CERTAIN:
+        told.append(
+            f"The separation changes by {angle_size(slope['rate'] * 3600, 3)} an hour "
+            f"({number(math.sqrt(slope['chi2']), 2)} sigma): its mean is that of the middle of the run."
+        )
+    floor = summary["floor"]
+    if floor is not None and floor["detected"]:
+        told.append(
+            f"Averaging stops at {angle_size(floor['floor'], 2)}, which "
+            f"{number(floor['met_at_frames'], 2)} frames reach: more frames do not make the mean better."
+        )
+    chi2_dof = summary["separation"]["chi2_dof"]
+    off = 5 * math.sqrt(2 / max(summary["counted"] - 1, 1))
+    if abs(chi2_dof - 1) > off:
+        told.append(
+            f"The separations scatter by {number(math.sqrt(chi2_dof), 3)} times their errors: something is "
+            "not in the model."
+        )
+    return told
+
+
+def averaging_floor(series: Series | None) -> Floor | None:
+    """The floor under the averages of a series, where there is enough of it."""
+    return None if series is None else fit_floor(series)

@@ -1,0 +1,170 @@
+"""The filter and the smoother against the same linear model solved at once, as one dense matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jitterkit.joint.combine import combine
+from jitterkit.joint.laws import Constant, Polynomial, Wander
+from jitterkit.joint.message import Message, Messages, eliminate
+from jitterkit.joint.wander import measure_wander
+
+FRAMES = 40
+
+
+def tell(rng, truth, times, *, scatter=1.0):
+    """Messages of frames that measure two parameters (n, 2), correlated, at points somewhat beside them."""
+    messages = Messages(("separation", "focus"))
+    noisy = []
+    for time, true in zip(times, truth, strict=True):
+        mix = rng.standard_normal((2, 2)) + 2 * np.eye(2)
+        information = mix @ mix.T
+        best = true + scatter * np.linalg.solve(mix.T, rng.standard_normal(2))
+        at = best + rng.standard_normal(2)
+        messages.append(Message(time, at, information @ (best - at), information))
+        noisy.append((best, information))
+    return messages, noisy
+
+
+def solved_at_once(noisy, prior):
+    """Mean and covariance of all parameters of all frames (2n), given their prior covariance."""
+    n = len(noisy)
+    information = np.zeros((2 * n, 2 * n))
+    right = np.zeros(2 * n)
+    for i, (best, told) in enumerate(noisy):
+        information[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = told
+        right[2 * i : 2 * i + 2] = told @ best
+    covariance = np.linalg.inv(np.linalg.inv(prior) + information)
+    return covariance @ right, covariance
+
+
+def prior_of(times, separation, focus):
+    """Prior covariance (2n, 2n) of two independent parameters, each (n, n)."""
+    n = len(times)
+    prior = np.zeros((n, 2, n, 2))
+    prior[:, 0, :, 0], prior[:, 1, :, 1] = separation, focus
+    return prior.reshape(2 * n, 2 * n) + 1e-7 * np.eye(2 * n)
+
+
+def test_constant_and_wander_are_the_dense_solution(rng):
+    times = np.sort(rng.uniform(0, 100, FRAMES))
+    truth = np.column_stack([np.full(FRAMES, 5.0), 3 * np.sin(times / 20)])
+    messages, noisy = tell(rng, truth, times)
+    found = combine(messages, {"focus": Wander(3.0, 25.0)}, flag=False)
+    apart = np.abs(np.subtract.outer(times, times))
+    wide = 1e4 * np.ones((FRAMES, FRAMES))
+    mean, covariance = solved_at_once(noisy, prior_of(times, wide, wide + 9 * np.exp(-apart / 25)))
+    shared = list(found.shared())
+    assert np.allclose([s.values for s in shared], mean.reshape(-1, 2), atol=2e-4)
+    assert np.allclose([s.errors for s in shared], np.sqrt(np.diag(covariance)).reshape(-1, 2), rtol=2e-4)
+    assert found.value("separation") == pytest.approx(mean[0], abs=2e-4)
+    assert found.error("separation") == pytest.approx(np.sqrt(covariance[0, 0]), rel=2e-4)
+
+
+def test_a_polynomial_is_the_weighted_least_squares_one(rng):
+    times = np.linspace(10, 50, FRAMES)
+    u = (times - 30) / 20
+    truth = np.column_stack([5 + 0.7 * u, np.full(FRAMES, -2.0)])
+    messages, noisy = tell(rng, truth, times)
+    found = combine(messages, {"separation": Polynomial(1)}, flag=False)
+    design = np.zeros((2 * FRAMES, 3))
+    design[::2, 0], design[::2, 1], design[1::2, 2] = 1, u, 1
+    weight = np.zeros((2 * FRAMES, 2 * FRAMES))
+    for i, (_, told) in enumerate(noisy):
+        weight[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = told
+    covariance = np.linalg.inv(design.T @ weight @ design)
+    best = covariance @ design.T @ weight @ np.concatenate([b for b, _ in noisy])
+    errors = np.sqrt(np.diag(covariance))
+    assert found.value("separation") == pytest.approx(best[0], abs=1e-5)
+    assert found.slopes[0] == pytest.approx(best[1], abs=1e-5)
+    assert found.slope_errors[0] == pytest.approx(errors[1], rel=1e-5)
+    assert found.error("focus") == pytest.approx(errors[2], rel=1e-5)
+
+
+def test_evidence_prefers_the_law_that_is_true(rng):
+    times = np.arange(200.0)
+    still = np.column_stack([np.full(200, 5.0), np.zeros(200)])
+    moving = still + np.column_stack([np.zeros(200), np.cumsum(rng.standard_normal(200)) * 0.5])
+    for truth, better, worse in (
+        (still, {"focus": Constant()}, {"focus": Wander(3.0, 20.0)}),
+        (moving, {"focus": Wander(3.0, 20.0)}, {"focus": Constant()}),
+    ):
+        messages, _ = tell(rng, truth, times)
+        assert (
+            combine(messages, better, flag=False).evidence > combine(messages, worse, flag=False).evidence + 3
+        )
+
+
+def test_surprise_is_chi_squared_of_the_frame_against_the_others(rng):
+    times = np.arange(float(FRAMES))
+    messages, noisy = tell(rng, np.zeros((FRAMES, 2)), times)
+    others = sum(told for i, (_, told) in enumerate(noisy) if i != 7)
+    centre = np.linalg.solve(others, sum(told @ best for i, (best, told) in enumerate(noisy) if i != 7))
+    best, told = noisy[7]
+    expected = (best - centre) @ np.linalg.solve(np.linalg.inv(told) + np.linalg.inv(others), best - centre)
+    shared = list(combine(messages, {}, flag=False).shared())
+    assert shared[7].surprise == pytest.approx(expected, rel=1e-4)
+    assert shared[7].dof == 2
+    # 40 frames of two degrees of freedom, nearly independent: mean 2, standard error 0.32
+    assert np.mean([s.surprise for s in shared]) == pytest.approx(2.0, abs=1.0)
+
+
+def test_frames_that_do_not_belong_are_left_out_and_the_rest_is_as_if_they_were_not_there(rng):
+    times = np.arange(100.0)
+    truth = np.zeros((100, 2))
+    bad = [3, 40, 41, 42, 99]
+    state = rng.bit_generator.state
+    clean, _ = tell(rng, truth, times)
+    rng.bit_generator.state = state
+    truth[bad] += [[50, 0], [8, 8], [30, -30], [9, 0], [0, 300]]
+    spoilt, _ = tell(rng, truth, times)
+    found = combine(spoilt, {})
+    assert np.flatnonzero(~found.kept).tolist() == bad
+    without = Messages(clean.names)
+    for i, message in enumerate(clean):
+        if i not in bad:
+            without.append(message)
+    expected = combine(without, {}, flag=False)
+    assert np.allclose(found.values, expected.values, atol=1e-4)
+    assert np.allclose(found.covariance, expected.covariance, rtol=1e-6)
+
+
+def test_good_frames_are_not_left_out(rng):
+    kept = [combine(tell(rng, np.zeros((100, 2)), np.arange(100.0))[0], {}).kept.all() for _ in range(30)]
+    assert sum(kept) >= 28  # 0.3 of 30 runs are expected to flag a frame; three would be 0.4 %
+
+
+def test_a_parameter_that_no_frame_tells_of_has_no_error(rng):
+    messages = Messages(("separation", "focus"))
+    for time in range(5):
+        messages.append(Message(time, np.zeros(2), np.array([0.3, 0.0]), np.diag([4.0, 0.0])))
+    found = combine(messages, {})
+    assert found.error("separation") == pytest.approx(1 / np.sqrt(20), rel=1e-5)
+    assert np.isnan(found.error("focus"))
+
+
+def test_a_wander_is_measured(rng):
+    n, rms, timescale = 1500, 3.0, 40.0
+    left = np.exp(-1 / timescale)
+    focus = np.empty(n)
+    focus[0] = rms * rng.standard_normal()
+    for i in range(1, n):
+        focus[i] = left * focus[i - 1] + rms * np.sqrt(1 - left**2) * rng.standard_normal()
+    messages, _ = tell(rng, np.column_stack([np.zeros(n), focus]), np.arange(float(n)))
+    found = measure_wander(messages, ("focus",), {})
+    # 1500/80 independent stretches: rms to 16 %; what is well known is the step, rms² / timescale
+    assert found.rms == pytest.approx(rms, rel=0.5)
+    assert found.rms**2 / found.timescale == pytest.approx(rms**2 / timescale, rel=0.25)
+
+
+def test_what_a_frame_has_of_its_own_is_eliminated(rng):
+    mix = rng.standard_normal((5, 5))
+    information, score = mix @ mix.T, rng.standard_normal(5)
+    own = np.linalg.inv(information[np.ix_([0, 2, 4], [0, 2, 4])])
+    told = eliminate(score, information, [1, 3], [0, 2, 4], own)
+    covariance = np.linalg.inv(information)
+    block = covariance[np.ix_([1, 3], [1, 3])]
+    assert np.allclose(np.linalg.inv(block), told[1])
+    step = (covariance @ score)[[1, 3]]
+    assert np.allclose(np.linalg.solve(told[1], told[0]), step)

@@ -1,0 +1,203 @@
+"""The joint fit: against one big fit of all frames, its own bound, and motions that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.frames import Frame
+from jitterkit.frames.metadata import Metadata
+from jitterkit.joint import (
+    Constant,
+    Exposure,
+    Looker,
+    Polynomial,
+    SequenceOptions,
+    Wander,
+    refit_sequence,
+)
+from jitterkit.loci import Linear, Mvn
+from jitterkit.optics import OpticalSystem, flat_band, grid_for, obstructed_circle
+from jitterkit.refit import FitResult, Status
+from jitterkit.scene import Binary
+from jitterkit.shutter import Drifting
+
+STEP = 0.1
+SCENE = Binary(5.0, 30.0, 0.0, 0.0, 2e6, 2.5)
+
+
+@pytest.fixture(scope="module")
+def optics():
+    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
+    return OpticalSystem(pupil, band, grid_for(pupil, band, (32, 32), 0.375, pad=16))
+
+
+def exposures(optics, count, rng, *, loci=None, states=None, scenes=None, velocity=None, line_time=None):
+    """Frames of counted electrons, ``STEP`` apart."""
+    made = []
+    for i in range(count):
+        scene = {name: float(getattr(SCENE, name)) for name in Binary.names}
+        scene |= {} if scenes is None else {name: float(values[i]) for name, values in scenes.items()}
+        state = np.zeros(2) if states is None else states[i]
+        shutter = None if velocity is None else Drifting(line_time, velocity, 4)
+        locus = Mvn.of(0.1) if loci is None else loci[i]
+        truth = Parameters(Binary(**scene), locus, state, shutter=shutter)
+        image = np.asarray(expected_image(truth, optics.otf(state, derivatives=False)))
+        counts = image if rng is None else rng.poisson(image).astype(float)
+        known = Metadata().override("argument", line_time=line_time)
+        frame = Frame(counts, 0.0, exposure=STEP, plate_scale=0.375, metadata=known)
+        made.append(Exposure(f"frame {i}", (i + 0.5) * STEP, frame))
+    return made
+
+
+def test_equal_frames_are_one_frame_of_their_sum(optics, rng):
+    # shared and own alike are the same in every frame, so the sum of the frames is as good as all of them
+    frames = exposures(optics, 6, None)
+    laws = {"aberrations": Constant()}
+    joint = refit_sequence(frames, Looker(optics), SequenceOptions(laws=laws))
+    single = refit_sequence(frames[:1], Looker(optics), SequenceOptions(laws=laws))
+    assert joint.separation[0] == pytest.approx(5.0, abs=1e-7)
+    assert joint.separation[1] == pytest.approx(single.separation[1] / np.sqrt(6), rel=1e-5)
+
+
+def test_separation_is_unbiased_and_its_error_honest(optics, rng):
+    pulls = []
+    for _ in range(12):
+        places = {"x": rng.normal(0, 0.4, 8), "y": rng.normal(0, 0.4, 8)}
+        fit = refit_sequence(exposures(optics, 8, rng, scenes=places), Looker(optics))
+        value, error = fit.separation
+        pulls.append((value - 5.0) / error)
+        assert fit.combined.kept.all()
+    assert abs(np.mean(pulls)) < 3 / np.sqrt(12)
+    assert 0.5 < np.std(pulls) < 1.7  # 12 pulls: 0.2
+
+
+def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
+    count = 24
+    states = np.cumsum(rng.normal(0, 0.5, (count, 2)), axis=0)
+    loci = [Linear.of(size, angle) for size, angle in zip(
+        rng.uniform(0.3, 0.6, count), rng.uniform(0, 180, count), strict=True)]  # fmt: skip
+    places = {"x": np.cumsum(rng.normal(0, 0.2, count)), "y": np.cumsum(rng.normal(0, 0.2, count))}
+    frames = exposures(optics, count, rng, loci=loci, states=states, scenes=places)
+    fit = refit_sequence(frames, Looker(optics, "linear"))
+    value, error = fit.separation
+    assert abs(value - 5.0) < 4 * error
+    assert isinstance(fit.laws["noll7"], Wander)
+    # a walk of 0.5 nm a step: rms²/timescale is the variance of a step over twice its length
+    assert fit.laws["noll7"].rms ** 2 / fit.laws["noll7"].timescale == pytest.approx(
+        0.25 / (2 * STEP), rel=1.0
+    )
+    shared = list(fit.combined.shared())
+    pulls = np.array(
+        [(one.values[3:] - state) / one.errors[3:] for one, state in zip(shared, states, strict=True)]
+    )
+    assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.4)  # 48 pulls: 0.1, smoothed ones more
+    lengths = [Linear(jnp.asarray(r.values[3:5])).describe()["length"] for r in fit.records]
+    assert np.allclose(lengths, [one.describe()["length"] for one in loci], atol=0.1)
+    assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
+
+
+def test_weighted_mean_of_the_frames_is_the_joint_separation(optics, rng):
+    fit = refit_sequence(exposures(optics, 10, rng), Looker(optics))
+    frames = list(fit.frames())
+    values, errors = (np.array([getattr(f, n) for f in frames]) for n in ("separation", "separation_err"))
+    assert np.average(values, weights=errors**-2) == pytest.approx(fit.separation[0], abs=1e-9)
+
+
+def test_a_rolling_shutter_is_undone_by_the_motion_between_frames(optics):
+    velocity, line_time = np.array([3.0, 5.0]), 1e-4
+    places = {"x": 0.3 * np.arange(10) - 1.5, "y": 0.5 * np.arange(10) - 2.5}
+    loci = [Linear.of(float(np.hypot(*velocity)) * STEP, np.degrees(np.arctan2(5, 3)))] * 10
+    frames = exposures(optics, 10, None, loci=loci, scenes=places, velocity=velocity, line_time=line_time)
+    with_rows = refit_sequence(frames, Looker(optics, "linear"))
+    without = refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(rolling=False))
+    # the rule: v tau sep sin²(theta) / p and the like for the cross term; of milliarcseconds here
+    assert abs(without.separation[0] - 5.0) > 2e-3
+    assert with_rows.separation[0] == pytest.approx(5.0, abs=2e-6)
+    assert np.allclose([r.velocity for r in with_rows.records], velocity, atol=2e-3)
+
+
+def test_telemetry_takes_the_place_of_the_motion_between_frames(optics):
+    velocity, line_time = np.array([0.0, 5.0]), 1e-4
+    frames = exposures(optics, 3, None, velocity=velocity, line_time=line_time)  # that stand still meanwhile
+    t = np.linspace(-0.1, 1.0, 50)
+    told = (t, 0 * t, 5.0 * t)
+    fit = refit_sequence(frames, Looker(optics), SequenceOptions(telemetry=told))
+    assert fit.separation[0] == pytest.approx(5.0, abs=2e-6)
+    short = (np.array([0.0, 0.2]), np.zeros(2), np.zeros(2))
+    with pytest.raises(ConfigurationError, match=r"telemetry runs from 0 to 0\.2 s, but the frames"):
+        refit_sequence(frames, Looker(optics), SequenceOptions(telemetry=short))
+
+
+def test_diffusion_is_told_from_streaks_that_differ(optics, rng):
+    loci = [Linear.of(0.5, angle) for angle in np.linspace(0, 180, 10, endpoint=False)]
+    frames = []
+    for exposure, locus in zip(exposures(optics, 10, rng, loci=loci), loci, strict=True):
+        truth = Parameters(SCENE, locus, np.zeros(2), diffusion=0.1**2)
+        counts = rng.poisson(np.asarray(expected_image(truth, optics.nominal))).astype(float)
+        frames.append(exposure._replace(frame=replace(exposure.frame, electrons=counts)))
+    fit = refit_sequence(frames, Looker(optics, "linear", diffusion=True))
+    value, error = fit.combined.value("diffusion"), fit.combined.error("diffusion")
+    assert error < 0.002
+    assert abs(value - 0.01) < 4 * error
+    with pytest.raises(ConfigurationError, match="'mvn' blurs all ways, as diffusion does"):
+        Looker(optics, "mvn", diffusion=True)
+
+
+def test_a_frame_that_does_not_belong_is_flagged_and_not_counted(optics, rng):
+    scenes = {"separation": np.full(10, 5.0)}
+    scenes["separation"][6] = 5.01
+    fit = refit_sequence(exposures(optics, 10, rng, scenes=scenes), Looker(optics))
+    assert np.flatnonzero(~fit.combined.kept).tolist() == [6]
+    assert [frame.kept for frame in fit.frames()] == [i != 6 for i in range(10)]
+    assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
+
+
+def test_a_slow_change_is_told(optics, rng):
+    scenes = {"separation": 5.0 + 2e-3 * np.linspace(-1, 1, 12)}
+    fit = refit_sequence(exposures(optics, 12, rng, scenes=scenes), Looker(optics))
+    slope = fit.slope()
+    true = 2e-3 / (11 * STEP / 2)
+    assert slope.rate == pytest.approx(true, abs=4 * slope.error)
+    assert slope.chi2 > 25
+    bent = refit_sequence(
+        exposures(optics, 12, rng, scenes=scenes),
+        Looker(optics),
+        SequenceOptions({"separation": Polynomial(1)}),
+    )
+    assert abs(bent.combined.value("separation") - 5.0) < 4 * bent.combined.error("separation")
+
+
+def test_frames_that_cannot_be_used_keep_their_rows(optics, rng):
+    frames = exposures(optics, 5, rng)
+    frames[1] = Exposure("torn", float("nan"), None, FitResult(Status.UNREADABLE, "torn: it is cut short."))
+    blank = replace(frames[3].frame, electrons=rng.poisson(20.0, (32, 32)).astype(float))
+    frames[3] = frames[3]._replace(frame=blank)
+    fit = refit_sequence(frames, Looker(optics))
+    rows = list(fit.frames())
+    assert [row.record.status.usable for row in rows] == [True, False, True, False, True]
+    assert rows[1].record.message == "torn: it is cut short."
+    assert [row.kept for row in rows] == [True, False, True, False, True]
+    assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
+
+
+def test_no_frame_at_all_is_an_error_with_the_first_reason(optics):
+    torn = Exposure("torn", 0.0, None, FitResult(Status.UNREADABLE, "torn: it is cut short."))
+    with pytest.raises(JitterkitError, match="No frame of the sequence can be fitted: torn: it is cut short"):
+        refit_sequence([torn], Looker(optics))
+
+
+def test_frames_out_of_order_are_refused(optics, rng):
+    frames = exposures(optics, 2, rng)
+    with pytest.raises(ConfigurationError, match=r"frame 0 was taken at 0\.05 s, not after"):
+        refit_sequence(frames[::-1], Looker(optics))
+
+
+def test_a_law_for_what_is_not_shared_is_refused(optics, rng):
+    with pytest.raises(ConfigurationError, match="'flux' is not shared by the frames"):
+        refit_sequence(exposures(optics, 1, rng), Looker(optics), SequenceOptions({"flux": Constant()}))
