@@ -26,11 +26,14 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit import FitOptions, FitResult, Priors, Status
 from jitterkit.refit.absurd import absurdity
-from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.fit import SETTLED, fit_and_expand
 from jitterkit.refit.starts import starting_point
 from jitterkit.shutter import Shutter
 
 __all__ = ["Looker"]
+
+_ROUGHLY = 1.0
+"""Sigmas of a whole image that the linearised optics may be off by at the first of several looks."""
 
 _STRAIGHT = ("stable", "linear", "shm", "partial", "path")
 """Loci that are lines: what blurs across them is not theirs."""
@@ -133,8 +136,8 @@ class Looker:
         dy, dx = (pitch * shift for shift in _shift(np.asarray(data.electrons), np.asarray(image)))
         start = start.with_locus(Mvn(jnp.zeros(3)))
         start = self.at(start, {"x": float(start.scene.x) + dx, "y": float(start.scene.y) + dy})
-        normal, near = fit_and_expand(data, self.optics, start, otf, self._options)
-        return self._judged(*self._with_locus(data, normal, near, self._options))
+        normal, near = fit_and_expand(data, self.optics, start, otf, self._options, _ROUGHLY)
+        return self._judged(*self._with_locus(data, normal, near, self._options, _ROUGHLY))
 
     def told(self, frame: Frame, fit: FitResult, otf: OTF, time: float) -> Message | None:
         """What a fitted frame says about the shared parameters; None where it was not fitted."""
@@ -191,13 +194,15 @@ class Looker:
         told = f"{Status.POOR_FIT.value}: {absurd}."
         return replace(fit, status=Status.POOR_FIT, message=told), otf
 
-    def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:
+    def _with_locus(
+        self, data: Data, normal: FitResult, otf: OTF, options, settled: float = SETTLED
+    ) -> tuple[FitResult, OTF]:
         """The fit with the locus, from that with a normal."""
         if self.locus == "mvn" or normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
         place = starting_point(kind, moments, normal.parameters, otf, data, options.hold, options.priors)
-        return fit_and_expand(data, self.optics, place, otf, options)
+        return fit_and_expand(data, self.optics, place, otf, options, settled)
 
 
 def _shift(image: np.ndarray, template: np.ndarray) -> tuple[int, int]:

@@ -35,9 +35,9 @@ from jitterkit.shutter import Drifting, with_enough_nodes
 
 __all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
 
-_SETTLED = 0.1
-"""Joint standard errors by which the last pass may have moved a shared parameter; the next would move it by
-the square of that, a hundredth."""
+_SETTLED = 1.0
+"""Joint standard errors by which the last pass may have moved a shared parameter; where it moved one by 0.16,
+the next moved it by 0.0002."""
 
 _PASSES = 5
 

@@ -1,0 +1,196 @@
+"""Telling causes apart: jitter, charge diffusion, defocus and seeing all widen an image.
+
+Reach for :func:`tell_causes`: how well one frame tells each, alone and together, and by
+:meth:`Causes.confusions` what it takes for what.  What would tell them apart is in
+:mod:`~jitterkit.forecast.causes_data`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.forecast.causes_frame import JITTER, Setting, choose_defocus
+from jitterkit.forecast.causes_information import Information
+from jitterkit.forecast.causes_sizes import Cause, causes_between
+from jitterkit.loci import Locus
+
+__all__ = ["Causes", "Confusion", "tell_causes"]
+
+_SHARE = 0.1
+"""Of the largest weight, above which a cause has part in a confusion."""
+
+
+class Confusion(NamedTuple):
+    """A combination of causes that the frame tells badly.
+
+    Attributes
+    ----------
+    stretch : float
+        Its error over that which it would have if its causes looked nothing like each other; infinite where
+        it leaves the image as it is.
+    weights : dict of name to float
+        Change of each cause along it, arcsec² of blur, the largest first; their squares sum to one.
+    pivot : str
+        The cause that is taken for the others.
+    others : tuple of str
+        These, the largest first.
+    sums : dict of name to (float, float)
+        What is known all the same: how much of one of the others is added to the pivot (a ratio of arcsec² of
+        blur), and the error of that sum, arcsec².  Sums that another confusion hides are left out.
+    """
+
+    stretch: float
+    weights: dict[str, float]
+    pivot: str
+    others: tuple[str, ...]
+    sums: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Causes:
+    """How well one frame tells what widens it.
+
+    Attributes
+    ----------
+    setting : Setting
+    locus : Locus
+    causes : tuple of Cause
+    frame : Information
+        Of the causes and of what else every frame shares, the scene not known.
+    plate_scale : float
+        arcsec/pixel.
+    """
+
+    setting: Setting
+    locus: Locus
+    causes: tuple[Cause, ...]
+    frame: Information
+    plate_scale: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the causes' coordinates."""
+        return tuple(cause.name for cause in self.causes)
+
+    @cached_property
+    def told(self) -> Information:
+        """What the frame tells about the causes, all else unknown."""
+        return self.frame.about(self.names)
+
+    def errors(self, extra: Information | None = None) -> np.ndarray:
+        """Error (n,) of each coordinate, all unknown, where further data tell something too."""
+        return self.told.errors if extra is None else (self.frame + extra).about(self.names).errors
+
+    def shares(self, errors: np.ndarray) -> np.ndarray:
+        """Errors (n,) of the coordinates as shares of the causes' sizes.
+
+        Of a cause that is absent, the rms of the blur that it might be, in pixels.
+        """
+        pairs = zip(self.causes, errors, self.blurs, strict=True)
+        return np.array(
+            [
+                cause.size_error(e) / cause.size if cause.value else math.sqrt(e * blur) / self.plate_scale
+                for cause, e, blur in pairs
+            ]
+        )
+
+    @cached_property
+    def blurs(self) -> np.ndarray:
+        """Variance [arcsec²] of the round blur that shows as strongly as one of each coordinate (n,).
+
+        One for jitter and diffusion, whose coordinates are variances.
+        """
+        alone = self.told.alone
+        round_blur = alone[self.names.index("diffusion")]
+        own = [name in JITTER or name == "diffusion" for name in self.names]
+        return np.where(own, 1.0, round_blur / alone)
+
+    def confusions(self, least: float = 2.0) -> list[Confusion]:
+        """Combinations that are told worse than their parts, the worst first.
+
+        Parameters
+        ----------
+        least : float
+            Stretch from which one is worth telling.
+
+        Notes
+        -----
+        Eigenvectors of the information in units that make its diagonal one, with ``stretch =
+        eigenvalue**-0.5``; their weights are then turned into blur.
+        """
+        values, vectors = self.told.modes()
+        return [
+            self._confusion(value, vector)
+            for value, vector in zip(values, vectors.T, strict=True)
+            if value < least**-2.0
+        ]
+
+    def _confusion(self, value: float, vector: np.ndarray) -> Confusion:
+        weights = vector * self.told.alone * self.blurs
+        weights = weights / np.linalg.norm(weights)
+        order = [int(i) for i in np.argsort(-np.abs(weights))]
+        named = [i for i in order if abs(weights[i]) > _SHARE * abs(weights[order[0]])]
+        # sums read better than differences: those with the cause that most others make up for
+        pivot = max(named, key=lambda i: sum(weights[i] * weights[j] < 0 for j in named))
+        sums = {self.names[i]: self._sum(weights, pivot, i) for i in named if i != pivot}
+        return Confusion(
+            float(value**-0.5) if value > 0 else math.inf,
+            {self.names[i]: float(weights[i]) for i in order},
+            self.names[pivot],
+            tuple(sums),
+            {name: one for name, one in sums.items() if math.isfinite(one[1])},
+        )
+
+    def _sum(self, weights: np.ndarray, pivot: int, other: int) -> tuple[float, float]:
+        """How much of the other keeps its sum with the pivot along the confusion, and the sum's error."""
+        ratio = -float(weights[pivot] / weights[other])
+        combination = np.zeros(len(weights))
+        combination[[pivot, other]] = self.blurs[pivot], ratio * self.blurs[other]
+        return ratio, self.told.error_of(combination)
+
+
+def tell_causes(setting: Setting, locus: Locus) -> Causes:
+    """Ask what one frame tells about the causes of its width.
+
+    Parameters
+    ----------
+    setting : Setting
+    locus : Locus
+        The jitter; its second moments on its own axis are causes, what else shapes it is not known.
+
+    Returns
+    -------
+    causes : Causes
+
+    Raises
+    ------
+    ConfigurationError
+        If the jitter has no second moments to ask about, or a size is negative.
+    UndeterminedError
+        If the frame shows none of the causes.
+
+    Notes
+    -----
+    *Assumes* that the errors are small: at a cause of zero size they are those of a coordinate that may turn
+    negative, which a real blur cannot.  *Fails when* defocus is not zero but too small to show to first
+    order.
+    """
+    if setting.diffusion < 0 or (setting.seeing is not None and setting.seeing < 0):
+        raise ConfigurationError("A diffusion and a seeing must not be negative; give zero for none.")
+    setting = choose_defocus(setting)
+    jitter = setting.frame(locus)
+    names = [name for name in JITTER if name in jitter.names]
+    frame = jitter.about((*names, *setting.shared))
+    causes = causes_between(setting, locus, names)
+    found = Causes(setting, locus, causes, frame, setting.otf.grid.plate_scale)
+    if not np.all(np.isfinite(found.told.alone)):
+        raise UndeterminedError(
+            "The frame does not show its causes: too few pixels tell anything; change the flux."
+        )
+    return found

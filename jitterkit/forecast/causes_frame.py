@@ -1,0 +1,213 @@
+"""What one frame tells about everything that widens an image: jitter, diffusion, defocus and seeing.
+
+Reach for :class:`Setting`, a scene before a telescope; its :meth:`Setting.frame` is the information of a
+frame under a jitter.  An image is linear in its transfer function, so that whatever multiplies this by
+``exp(a g(f))`` has the slope ``IFFT{spectrum g}``: :func:`with_mode` hands ``OTF g`` to the optics as one
+more mode beside their aberrations, and the one forward model does the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError
+from jitterkit.forecast.bound import forecast
+from jitterkit.forecast.causes_information import Information
+from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
+from jitterkit.loci import Locus, Stable, Streak, axis_variances, moments_on_axis
+from jitterkit.loci.elliptic import Elliptic
+from jitterkit.optics import FixedOptics, OpticalSystem
+from jitterkit.optics.otf import OTF
+from jitterkit.refit import FitOptions
+from jitterkit.scene import Scene
+
+__all__ = ["JITTER", "SQUARE", "Setting", "choose_defocus", "seeing_power", "with_mode", "with_seeing"]
+
+JITTER = ("jitter_along", "jitter_turn", "jitter_across")
+"""Second moments of the pointing on its own axis, arcsec²; a streak has the first two."""
+
+SQUARE = "noll4_square"
+"""Defocus where its sign does not show: the square of the coefficient, nm²."""
+
+_FRIED, _FWHM = 3.44, 0.98
+"""Of a long exposure through Kolmogorov turbulence: ``OTF = exp(-3.44 (wavelength f/r0)^(5/3))``, whose image
+is ``0.98 wavelength/r0`` wide at half its maximum (Fried, J. Opt. Soc. Am. 56, 1372, 1966)."""
+
+_STEP = 2.0
+"""Nm of defocus for its second derivative: the fourth weighs 4e-5 at 585 nm, rounding 1e-12."""
+
+
+def with_mode(otf: OTF, name: str, value: float, slope) -> OTF:
+    """The same optics with one more thing that may vary.
+
+    Parameters
+    ----------
+    otf : OTF
+    name : str
+    value : float
+        Where it stands in ``otf``.
+    slope : (My, Mx//2 + 1) array
+        Derivative of the transfer function by it.
+    """
+    jacobian = jnp.concatenate([otf.jacobian, jnp.asarray(slope, complex)[None]])
+    state = jnp.append(otf.state, value)
+    return OTF(otf.value, jacobian, state, otf.grid, (*otf.names, name), otf.pixel_included)
+
+
+def seeing_power(fwhm: float) -> float:
+    """Coordinate of the seeing, regular at zero: its FWHM [arcsec] to the power 5/3, as ``r0^(-5/3)``."""
+    return fwhm ** (5 / 3)
+
+
+def with_seeing(otf: OTF, fwhm: float, ratio: float = 1.0) -> OTF:
+    """The same optics behind an atmosphere, whose :func:`seeing_power` may vary.
+
+    Parameters
+    ----------
+    otf : OTF
+    fwhm : float
+        Of the image of a long exposure, arcsec; zero for none.
+    ratio : float
+        The wavelength over that at which the FWHM is given: seeing falls as its fifth root.
+    """
+    fy, fx = otf.grid.frequencies
+    slope = -_FRIED * (np.hypot(fx, fy) / _FWHM) ** (5 / 3) * ratio ** (-1 / 3)
+    blur = np.exp(seeing_power(fwhm) * slope)
+    value = otf.value * blur
+    seen = OTF(value, otf.jacobian * blur, otf.state, otf.grid, otf.names, otf.pixel_included)
+    return with_mode(seen, "seeing", seeing_power(fwhm), value * slope)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A scene before a telescope, with all that widens the image but the jitter.
+
+    Attributes
+    ----------
+    scene : Scene
+    optics : OpticalSystem or FixedOptics
+        Without diffusion of its own; a measured PSF holds the detector's, and what is asked about is more.
+    detector : Detector, optional
+    aberrations : tuple of float
+        nm, in the order of the optics' names.
+    diffusion : float
+        Variance per axis, arcsec².
+    seeing : float, optional
+        FWHM of a long exposure, arcsec, at the wavelength of the settings ``ratio`` is one for.  None where
+        there is no atmosphere, so that it is not a cause.
+    ratio : float
+        Wavelength over that at which the seeing is given.
+    square : bool
+        Whether defocus shows by its square; see :func:`choose_defocus`.
+    hold : collection of str
+        Parameters that are known.
+    """
+
+    scene: Scene
+    optics: OpticalSystem | FixedOptics
+    detector: Detector | None = None
+    aberrations: tuple[float, ...] = ()
+    diffusion: float = 0.0
+    seeing: float | None = None
+    ratio: float = 1.0
+    square: bool = False
+    hold: Collection[str] = ("background",)
+
+    @cached_property
+    def otf(self) -> OTF:
+        """The optics, with modes for the square of defocus and for the seeing where they are causes."""
+        otf = self.optics.otf(np.array(self.aberrations))
+        if self.square:
+            otf = with_mode(otf, SQUARE, 0.0, self._curvature(otf))
+        return otf if self.seeing is None else with_seeing(otf, self.seeing, self.ratio)
+
+    def _curvature(self, otf: OTF):
+        """Half the second derivative by defocus, where the sum of both signs lies above none."""
+        step = _STEP * np.array([name == "noll4" for name in otf.names])
+        up, down = (
+            self.optics.otf(np.array(self.aberrations) + s * step, derivatives=False).value for s in (1, -1)
+        )
+        return (up + down - 2 * otf.value) / (2 * _STEP**2)
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Names of what is the same in every frame: aberrations, seeing and diffusion."""
+        return (*self.otf.names, "diffusion")
+
+    def under(self, locus: Locus) -> Parameters:
+        """All parameters of a frame under a jitter."""
+        return Parameters(self.scene, locus, self.otf.state, diffusion=self.diffusion)
+
+    def frame(self, locus: Locus) -> Information:
+        """What one frame under a jitter tells, its own moments named as :data:`JITTER`.
+
+        Raises
+        ------
+        ConfigurationError
+            If the jitter has no second moments to ask about.
+        """
+        found = forecast(self.under(locus), self.otf, self.detector, FitOptions(hold=self._held))
+        new, slope = _on_axis(locus)
+        told = Information(found.names, found.information)
+        return told.changed(locus.names[: len(new)], new, slope)
+
+    def slopes(self, locus: Locus) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """The expected image (ny, nx) and its derivatives, by the names of :meth:`frame`."""
+        parameters = self.under(locus)
+        names, free = free_parameters(parameters, self.otf, self._held)
+        image, jacobian = (np.asarray(a) for a in image_and_jacobian(parameters, self.otf, free))
+        by_name = dict(zip(names, jacobian, strict=True))
+        new, slope = _on_axis(locus)
+        moments = [by_name.pop(name) for name in locus.names[: len(new)]]
+        if moments:
+            by_name |= dict(zip(new, np.tensordot(np.linalg.inv(slope).T, moments, 1), strict=True))
+        return image, by_name
+
+    @property
+    def _held(self) -> set[str]:
+        return {*self.hold, "noll4"} if self.square else {*self.hold}
+
+
+def _on_axis(locus: Locus) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of the moments on the jitter's axis, and their derivatives (n, n) by its first coordinates."""
+    rows = 0 if isinstance(locus, Stable) else 2 if isinstance(locus, Streak) else 3
+    if rows == 3 and not isinstance(locus, Elliptic):
+        raise ConfigurationError(
+            f"The second moments of a {type(locus).__name__.lower()} are not free; ask about causes with the "
+            "locus mvn, ellipse, shaped, linear, shm or stable."
+        )
+    moments = np.asarray(locus.moments())
+    if rows == 2 and not axis_variances(moments)[0] > 0:
+        raise ConfigurationError("A streak of no length has no axis; give its length, or the locus mvn.")
+    turn = np.array([moments_on_axis(unit, axis_variances(moments)[2]) for unit in np.eye(3)]).T
+    by_coords = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))[:, :rows]
+    return JITTER[:rows], (turn @ by_coords)[:rows]
+
+
+def choose_defocus(setting: Setting) -> Setting:
+    """Let defocus about perfect focus be asked about by its square where that shows first.
+
+    Where the optics are their own mirror image both signs look the same, and elsewhere the sign may show so
+    weakly that the widening is seen before it: the square's slope, in sigmas, then exceeds that of the
+    coefficient squared.
+    """
+    names = setting.optics.nominal.names
+    if "noll4" not in names or setting.aberrations[names.index("noll4")] != 0:
+        return setting
+    by_square = replace(setting, square=True)
+    told = _told_of_defocus(setting, "noll4"), _told_of_defocus(by_square, SQUARE)
+    return by_square if told[1] ** 0.5 > told[0] else setting
+
+
+def _told_of_defocus(setting: Setting, name: str) -> float:
+    """Information about it, the scene unknown and other causes known."""
+    told = setting.frame(Stable.of())
+    others = [cause for cause in setting.shared if cause != name]
+    return float(told.knowing(others).about((name,)).matrix[0, 0])

@@ -1,0 +1,140 @@
+"""The causes of a width in tables and in words.
+
+Reach for :func:`causes_table` and :func:`data_table`; :func:`causes_sentences` says what one frame confuses,
+and :func:`remedy_sentence` what would tell it apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from astropy import units
+from astropy.table import QTable
+
+from jitterkit.forecast.causes import Causes, Confusion
+from jitterkit.forecast.causes_data import DataSet, cheapest
+from jitterkit.report.words import MINUS, TIMES, number
+
+__all__ = ["causes_sentences", "causes_table", "data_table", "remedy_sentence", "verdicts"]
+
+_NEARLY = 0.02
+"""Of a factor one, below which it is not written."""
+
+
+def verdicts(causes: Causes, target: float) -> list[str]:
+    """What the frame alone says of each cause: ``told``, ``told in part`` or ``not told``.
+
+    Parameters
+    ----------
+    causes : Causes
+    target : float
+        Share of a cause's size, as :meth:`~jitterkit.forecast.causes.Causes.shares` has it, up to which it
+        counts as told.  An error as large as the size tells nothing.
+    """
+    return [
+        "told" if share <= target else "told in part" if share < 1 else "not told"
+        for share in causes.shares(causes.errors())
+    ]
+
+
+def causes_table(causes: Causes, target: float) -> QTable:
+    """One row a cause: size, its error if all other causes are known and if none is, and the verdict."""
+    alone, together = causes.told.alone, causes.errors()
+    rows = [
+        (cause.words, cause.size, cause.size_error(a), cause.size_error(t), cause.unit, t / a, verdict)
+        for cause, a, t, verdict in zip(causes.causes, alone, together, verdicts(causes, target), strict=True)
+    ]
+    names = ("cause", "size", "error_alone", "error", "unit", "inflation", "verdict")
+    table = QTable(rows=rows, names=names)
+    table["error_alone"].info.description = "if all other causes were known"
+    table["inflation"].info.description = "of the coordinate's error, by not knowing the other causes"
+    return _short(table)
+
+
+def data_table(causes: Causes, sets: Sequence[DataSet]) -> QTable:
+    """One row a data set, the frame alone first: the error of every cause, and of the worst as a share."""
+    every = [causes.errors(), *(causes.errors(one.extra) for one in sets)]
+    table = QTable()
+    table["data"] = ["the frame alone", *(f"+ {one.words}" for one in sets)]
+    for i, cause in enumerate(causes.causes):
+        name = "defocus" if cause.name.startswith("noll4") else cause.name
+        table[name] = [cause.size_error(errors[i]) for errors in every] * units.Unit(cause.unit)
+        table[name].info.description = f"error of {cause.words}"
+    table["worst"] = [100 * float(np.max(causes.shares(errors))) for errors in every] * units.percent
+    table["worst"].info.description = "largest error, of the cause's size; of an absent one, of a pixel"
+    return _short(table)
+
+
+def causes_sentences(causes: Causes) -> list[str]:
+    """What one frame takes for what, and what it says of defocus."""
+    found = [_confused(causes, one) for one in causes.confusions()]
+    if not found:
+        found = ["The causes look different enough: none is taken for another."]
+    return found + _of_defocus(causes)
+
+
+def remedy_sentence(causes: Causes, sets: Sequence[DataSet], target: float) -> str:
+    """The cheapest data that bring every cause below a target."""
+    share = f"{100 * target:g} %"
+    if np.all(causes.shares(causes.errors()) <= target):
+        return f"The frame alone tells every cause to {share}."
+    best = cheapest(causes, sets, target)
+    if best is None:
+        return f"None of these data, nor any two of them, tell every cause to {share}."
+    return f"The cheapest that tells every cause to {share}: {best.words}."
+
+
+def _confused(causes: Causes, one: Confusion) -> str:
+    words = {cause.name: cause.words for cause in causes.causes}
+    sign = 1 if one.weights[one.pivot] > 0 else -1
+    weights = {words[name]: sign * one.weights[name] for name in (one.pivot, *one.others)}
+    mixture = " ".join(_signed(weight, name) for name, weight in weights.items())
+    if math.isfinite(one.stretch):
+        strength = f"changes the image {number(one.stretch, 2)} times less than its parts would apart"
+    else:
+        strength = "leaves the image as it is, however much light there is"
+    sums = [
+        f"{_plus(words[one.pivot], ratio, words[name])} (to {number(1e6 * error, 2)} mas²)"
+        for name, (ratio, error) in list(one.sums.items())[: None if math.isinf(one.stretch) else 1]
+    ]
+    known = f"; known is {_listed(sums)}" if sums else ""
+    return f"{_taken(weights)}: {mixture} {strength}{known}."
+
+
+def _taken(weights: dict[str, float]) -> str:
+    """Who is taken for whom, or who undo each other."""
+    up = [name for name, weight in weights.items() if weight > 0]
+    down = [name for name, weight in weights.items() if weight < 0]
+    verb = "is" if len(up) == 1 else "are"
+    return f"{_listed(up)} {verb} taken for {_listed(down)}" if down else f"{_listed(up)} undo each other"
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def _signed(weight: float, name: str) -> str:
+    return f"{'+' if weight > 0 else MINUS}{abs(weight):.2f} {name}"
+
+
+def _plus(pivot: str, ratio: float, name: str) -> str:
+    """The sum of a pivot and a multiple of another."""
+    factor = "" if abs(abs(ratio) - 1) < _NEARLY else f"{number(abs(ratio), 2)} {TIMES} "
+    return f"{pivot} {'+' if ratio > 0 else MINUS} {factor}{name}"
+
+
+def _of_defocus(causes: Causes) -> list[str]:
+    if "noll4" not in causes.setting.optics.nominal.names:
+        return ["The optics have no defocus that may vary (noll4), so it is not among the causes."]
+    if causes.setting.square:
+        return ["About perfect focus defocus shows by its square first: its sign is not told."]
+    return []
+
+
+def _short(table: QTable) -> QTable:
+    for column in table.itercols():
+        if column.dtype.kind == "f":
+            column.info.format = ".3g"
+    return table
