@@ -28,6 +28,7 @@ from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import locus_class
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, Status, fit_best_locus, fit_locus
+from jitterkit.refit.rays import find_rays
 
 __all__ = ["Processed", "Processor"]
 
@@ -35,6 +36,9 @@ log = logging.getLogger(__name__)
 
 _FEWEST = 8
 """Pixels along a side below which no pair can be told from one star."""
+
+_RAY_ROUNDS = 3
+"""Times that a frame is fitted again without what rays hit: the first fit is bent by them."""
 
 _UNUSED = "The prior holds this frame only and was not used."
 
@@ -80,6 +84,8 @@ class Processor:
         It joins the priors in the options.
     censored : bool
         Whether pixels at their ceiling count with the probability of being there, or are left out.
+    rays : bool
+        Whether to look for cosmic rays in what a fit leaves, and to fit again without the pixels they hit.
     """
 
     instrument: Instrument
@@ -89,6 +95,7 @@ class Processor:
     options: FitOptions = field(default_factory=FitOptions)
     prior: KernelPrior | None = None
     censored: bool = False
+    rays: bool = False
     _systems: dict[tuple, OpticalSystem | FixedOptics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -119,7 +126,7 @@ class Processor:
         began = time.perf_counter()
         try:
             frame = self.calibrate(raw)
-            result = self._fit(frame)
+            frame, result = self._fit(frame)
         except NoStarError as error:
             result = FitResult(Status.NO_STAR, str(error))
         except JitterkitError as error:
@@ -176,7 +183,19 @@ class Processor:
         told = self.prior.of(frame.name, frame.digest)
         return replace(self.options, priors=self.options.priors.joined(told))
 
-    def _fit(self, frame: Frame) -> FitResult:
+    def _fit(self, frame: Frame) -> tuple[Frame, FitResult]:
+        """Fit a frame; one hit by rays is fitted again without their pixels."""
+        result = self._fit_once(frame)
+        for _ in range(_RAY_ROUNDS if self.rays and result.residual is not None else 0):
+            hit = find_rays(result.residual)
+            if not hit.any():
+                break
+            flags = tuple(dict.fromkeys((*frame.flags, "rays_masked")))
+            frame = replace(frame, mask=frame.mask | hit, flags=flags)
+            result = self._fit_once(frame)
+        return frame, result
+
+    def _fit_once(self, frame: Frame) -> FitResult:
         estimated = self.estimate(frame)
         if isinstance(estimated, FitResult):
             return estimated

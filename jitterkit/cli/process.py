@@ -39,6 +39,13 @@ def process(
         ),
     ] = None,
     censored: options.Censored = False,
+    rays: Annotated[
+        bool,
+        typer.Option(
+            "--rays",
+            help="Look for cosmic rays in what the fit leaves over, and fit again without their pixels.",
+        ),
+    ] = False,
     background: options.Background = False,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
@@ -76,6 +83,7 @@ def process(
         options=FitOptions(hold=() if background else ("background",)),
         prior=known,
         censored=censored,
+        rays=rays,
     )
     with watching(len(paths), "files") as advance:
         seen: set[str] = set()

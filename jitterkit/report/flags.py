@@ -28,6 +28,7 @@ FLAGS: dict[str, str] = {
     "prior_contradicted": "the frame lies further from the prior it was given than chance allows",
     "prior_unused": "the prior holds this frame only and was not used",
     "dark_not_subtracted": "the exposure is not known, so the dark current was not subtracted",
+    "rays_masked": "pixels hit by cosmic rays were found by the fit and masked",
     "outlier": "the frame contradicts the others of its sequence and was not counted",
 }
 

@@ -1,0 +1,105 @@
+"""``jitterkit sequence`` from files to a separation."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jitterkit.cli.main import app
+from jitterkit.report.table import read_table
+
+TELESCOPE = """
+[instrument]
+base = "smallsat"
+name = "little"
+shape = [32, 32]
+
+[detector]
+line_time = 1e-4
+"""
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory) -> Path:
+    """Twelve frames of a drift over a rolling shutter, and one that is torn."""
+    folder = tmp_path_factory.mktemp("night")
+    (folder / "little.toml").write_text(TELESCOPE)
+    made = [
+        "simulate", str(folder / "frame.fits"), "-i", str(folder / "little.toml"), "--drift", "-1.5,2.0",
+        "--frames", "12", "--separation", "4", "--theta", "80", "--seed", "3",
+    ]  # fmt: skip
+    assert CliRunner().invoke(app, made).exit_code == 0
+    (folder / "frame-99.fits").write_bytes((folder / "frame-00.fits").read_bytes()[:3000])
+    return folder
+
+
+def run(night: Path, *more: str):
+    found = sorted(str(path) for path in night.glob("frame-0*.fits")) + [str(night / "frame-10.fits")]
+    return CliRunner().invoke(app, ["sequence", *found, "-i", str(night / "little.toml"), *more])
+
+
+@pytest.fixture(scope="module")
+def fitted(night):
+    result = run(night, str(night / "frame-99.fits"), "-o", str(night / "out"), "--locus", "linear")
+    return result, night / "out"
+
+
+def test_every_frame_has_a_row_and_the_torn_one_a_reason(fitted):
+    result, out = fitted
+    assert result.exit_code == 1
+    table = read_table(out / "sequence.ecsv")
+    assert len(table) == 12
+    assert list(table["status"]) == ["ok"] * 11 + ["unreadable"]
+    assert "frame-99.fits" in table["message"][-1]
+    assert "frame-99.fits unreadable" in result.stderr
+    assert list(table["counted"]) == [True] * 11 + [False]
+
+
+def test_separation_and_sense_of_the_motion(fitted):
+    result, out = fitted
+    summary = json.loads((out / "sequence.json").read_text())
+    value, error = (summary["separation"][name] for name in ("mean", "error"))
+    assert abs(value - 4.0) < 4 * error
+    assert result.stdout.startswith("separation ")
+    table = read_table(out / "sequence.ecsv")[:-1]
+    # 2.5 arcsec/s towards 126.87 degrees: both ways along the axis look the same in one frame
+    assert np.allclose(table["velocity_x"].value, -1.5, atol=0.05)
+    assert np.allclose(table["velocity_y"].value, 2.0, atol=0.05)
+    assert np.allclose(table["smear_direction"].value, 126.87, atol=5)
+    assert str(table["velocity_x"].unit) == "arcsec / s"
+
+
+def test_no_header_says_when_is_told(fitted):
+    assert "No header says when its frame was taken" in fitted[0].stderr
+
+
+def test_pictures_are_there(fitted):
+    for name in ("run.png",):
+        assert (fitted[1] / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_results_are_not_replaced_unasked(night, fitted):
+    again = run(night, "-o", str(night / "out"))
+    assert again.exit_code == 2
+    assert "--overwrite" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--law", "separation"], "is not NAME=LAW"),
+        (["--law", "separation=never"], "'never' is no law of change"),
+        (["--law", "flux=constant"], "'flux' is not shared by the frames"),
+        (["--diffusion"], "'mvn' blurs all ways"),
+        (["--telemetry", "nothing.csv"], "nothing.csv"),
+    ],
+)
+def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(night, words, told):
+    result = run(night, "-o", str(night / "other"), *words)
+    assert result.exit_code == 2
+    assert told in result.stderr
+    assert not (night / "other").exists() or not any((night / "other").iterdir())
