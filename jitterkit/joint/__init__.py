@@ -9,7 +9,7 @@ from jitterkit.joint.look import Looker
 from jitterkit.joint.message import Message, Messages
 from jitterkit.joint.records import FrameRecord, Records
 from jitterkit.joint.refit import Exposure, SequenceOptions, refit_sequence
-from jitterkit.joint.result import SequenceFit, SequenceFrame, Slope
+from jitterkit.joint.result import Rows, SequenceFit, SequenceFrame, Slope
 from jitterkit.joint.velocity import velocity_between_frames, velocity_from_trace
 from jitterkit.joint.wander import measure_wander
 
@@ -24,6 +24,7 @@ __all__ = [
     "Messages",
     "Polynomial",
     "Records",
+    "Rows",
     "SequenceFit",
     "SequenceFrame",
     "SequenceOptions",

@@ -26,8 +26,8 @@ from jitterkit.joint.laws import Constant, Law, Wander
 from jitterkit.joint.look import Looker
 from jitterkit.joint.message import Message, Messages
 from jitterkit.joint.records import FrameRecord, Records
-from jitterkit.joint.result import SequenceFit
-from jitterkit.joint.velocity import velocity_between_frames, velocity_from_trace
+from jitterkit.joint.result import Rows, SequenceFit
+from jitterkit.joint.velocity import motion_unknown, velocity_between_frames, velocity_from_trace
 from jitterkit.joint.wander import measure_wander
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
@@ -155,7 +155,9 @@ class _Run:
             combined = combine(messages, laws)
             moves.append(_moved(before, combined))
         seconds = time.perf_counter() - began
-        return SequenceFit(combined, messages, records, laws, self.looker.locus, tuple(moves), seconds)
+        return SequenceFit(
+            combined, messages, records, laws, self.looker.locus, tuple(moves), seconds, self._rows(records)
+        )
 
     # -- passes over the frames --------------------------------------------------------------------
 
@@ -244,6 +246,17 @@ class _Run:
             drift = Drifting(self.line_time, fastest, self.nodes)
             self.nodes = with_enough_nodes(drift, grid.shape[0], grid.nyquist).nodes
         return velocities
+
+    def _rows(self, records: Records) -> Rows | None:
+        """What the rolling shutter does to the separation, and how well it is undone."""
+        if not self.line_time or self.template is None:
+            return None
+        scale = self.looker.optics.nominal.grid.plate_scale
+        leverage = abs(self.line_time * float(self.template.binary.separation)) / scale
+        known = self.options.telemetry is not None or not self.options.rolling
+        bends = [(record.time, record.place) for record in records]
+        error = 0.0 if known else motion_unknown([t for t, _ in bends], [place for _, place in bends])
+        return Rows(self.line_time, self.options.rolling, leverage, error)
 
     def _shutter(self, frame: Frame, velocity: np.ndarray) -> Drifting | None:
         """The rolling shutter of a frame, where it has one and is to be modelled."""

@@ -13,7 +13,7 @@ from jitterkit.joint.laws import Law, Polynomial
 from jitterkit.joint.message import Messages
 from jitterkit.joint.records import FrameRecord, Records
 
-__all__ = ["SequenceFit", "SequenceFrame", "Slope"]
+__all__ = ["Rows", "SequenceFit", "SequenceFrame", "Slope"]
 
 
 class SequenceFrame(NamedTuple):
@@ -55,6 +55,27 @@ class Slope(NamedTuple):
     chi2: float
 
 
+class Rows(NamedTuple):
+    """A rolling shutter over a sequence.
+
+    Attributes
+    ----------
+    line_time : float
+        s.
+    modelled : bool
+        Whether the rows were taken as exposed one after the other.
+    leverage : float
+        Change of the separation by a velocity along the pair, at worst, s: arcsec per arcsec/s.
+    unknown : float
+        Standard error of the velocity within the frames, arcsec/s; NaN where nothing says.
+    """
+
+    line_time: float
+    modelled: bool
+    leverage: float
+    unknown: float
+
+
 @dataclass(frozen=True, eq=False)
 class SequenceFit:
     """A sequence of frames, fitted together.
@@ -73,6 +94,8 @@ class SequenceFit:
     moves : tuple of float
         By how many joint errors each pass moved a shared parameter at most; infinite for the first.
     seconds : float
+    rows : Rows or None
+        Where the frames say that they have a rolling shutter.
     """
 
     combined: Combined
@@ -82,6 +105,7 @@ class SequenceFit:
     locus: str
     moves: tuple[float, ...]
     seconds: float
+    rows: Rows | None = None
 
     @property
     def separation(self) -> tuple[float, float]:

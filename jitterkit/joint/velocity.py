@@ -9,7 +9,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError
 
-__all__ = ["velocity_between_frames", "velocity_from_trace"]
+__all__ = ["motion_unknown", "velocity_between_frames", "velocity_from_trace"]
 
 
 def velocity_between_frames(times, places) -> np.ndarray:
@@ -45,6 +45,30 @@ def velocity_between_frames(times, places) -> np.ndarray:
     return velocity
 
 
+def motion_unknown(times, places) -> float:
+    """How well the motion between frames tells the velocity within them.
+
+    Parameters
+    ----------
+    times, places
+        As for :func:`velocity_between_frames`.
+
+    Returns
+    -------
+    error : float
+        Standard error of one component, arcsec/s, by how much the path bends from frame to frame: exact where
+        the image jumps about at random, too large for a smooth curve.  NaN of fewer than three frames.
+    """
+    times, places = np.asarray(times, float), np.asarray(places, float)
+    known = np.isfinite(times) & np.all(np.isfinite(places), axis=1)
+    t, p = times[known], places[known]
+    if len(t) < 3:
+        return float("nan")
+    step = np.diff(t)[:, None]
+    bend = np.diff(np.diff(p, axis=0) / step, axis=0)  # of white places of rms s: s sqrt(6) over the step
+    return float(np.sqrt(np.mean(bend**2) / 12))
+
+
 def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
     """Velocity of the image during exposures, from a measured pointing.
 
@@ -61,7 +85,7 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
     -------
     velocity : (n, 2) array
         arcsec/s: the change from the beginning of each exposure to its end over its length, which is what the
-        rows of a rolling shutter see to first order.
+        rows of a rolling shutter see to first order; zero where the time is NaN.
 
     Raises
     ------
@@ -79,4 +103,4 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
             "on that clock."
         )
     ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
-    return np.stack(ends, axis=1) / exposure
+    return np.nan_to_num(np.stack(ends, axis=1) / exposure)

@@ -30,6 +30,9 @@ __all__ = ["frame_table", "joint_summary", "say_joint", "separation_series"]
 _CERTAIN = 9.0
 """Chi-squared of one degree of freedom from which a slope is said to be there: three sigmas."""
 
+_UNSURE = 0.3
+"""Of a frame's error, from which what a rolling shutter adds is told: 5 % more of it."""
+
 _SERIES = 16
 """Frames from which noise can be told from noise."""
 
@@ -132,7 +135,8 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     -------
     summary : dict
         ``frames``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being the joint
-        Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it; ``shared``,
+        Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it; ``rows``, what a
+        rolling shutter does; ``shared``,
         value, error and law of each shared parameter; ``slope`` of the separation, arcsec/s; ``floor`` of its
         averages [arcsec]; ``passes`` and by how many errors the last one ``moved`` anything; ``seconds``.
     """
@@ -153,6 +157,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "unit": "arcsec",
             "mean": mean,
             "error": error,
+            "error_of_a_frame": scatter["typical_error"],
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
         },
@@ -167,6 +172,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             }
             for name in fit.combined.names
         },
+        "rows": None if fit.rows is None else fit.rows._asdict(),
         "locus": fit.locus,
         "passes": fit.passes,
         "moved": fit.moves[-1],
@@ -211,6 +217,17 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
         told.append(
             f"Averaging stops at {angle_size(floor['floor'], 2)}, which "
             f"{number(floor['met_at_frames'], 2)} frames reach: more frames do not make the mean better."
+        )
+    rows = summary["rows"]
+    if (
+        rows is not None
+        and rows["modelled"]
+        and rows["leverage"] * rows["unknown"] > _UNSURE * summary["separation"]["error_of_a_frame"]
+    ):
+        told.append(
+            f"The image jumps about between frames by more than it tells of its motion within them "
+            f"({number(rows['unknown'], 2)} arcsec/s): the rolling shutter adds up to "
+            f"{angle_size(rows['leverage'] * rows['unknown'], 2)} of error to each frame. Give --telemetry."
         )
     chi2_dof = summary["separation"]["chi2_dof"]
     off = 5 * math.sqrt(2 / max(summary["counted"] - 1, 1))

@@ -1,0 +1,43 @@
+"""The motion of an image, by its places and by telemetry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jitterkit.joint.velocity import motion_unknown, velocity_between_frames, velocity_from_trace
+
+
+def test_a_uniform_drift_has_its_velocity_even_with_gaps():
+    times = np.array([0.0, 0.1, np.nan, 0.5, 0.6])
+    places = np.column_stack([2.0 * times, -3.0 * times])
+    found = velocity_between_frames(times, places)
+    assert np.allclose(found[[0, 1, 3, 4]], [2.0, -3.0])
+    assert np.all(np.isnan(found[2]))
+
+
+def test_one_frame_alone_stands_still():
+    assert np.array_equal(velocity_between_frames([0.5], [[1.0, 2.0]]), [[0.0, 0.0]])
+
+
+def test_places_that_jump_about_say_nothing_of_the_velocity(rng):
+    times = 0.1 * np.arange(4000)
+    places = 0.05 * rng.standard_normal((4000, 2))
+    # frames that stand still while exposed: the velocity that is found is all error
+    error = velocity_between_frames(times, places)[1:-1].std()
+    assert motion_unknown(times, places) == pytest.approx(error, rel=0.03)
+
+
+def test_a_straight_drift_is_known():
+    times = 0.1 * np.arange(50)
+    assert motion_unknown(times, np.column_stack([times, 2 * times])) < 1e-12
+
+
+def test_telemetry_is_averaged_over_each_exposure():
+    t = np.linspace(0, 1, 1001)
+    # of sin(2 pi t) over [a, b] the mean velocity is (sin 2 pi b - sin 2 pi a)/(b - a)
+    times = np.array([0.2, np.nan, 0.7])
+    found = velocity_from_trace((t, np.sin(2 * np.pi * t), 0 * t), times, 0.2)
+    expected = [(np.sin(2 * np.pi * (m + 0.1)) - np.sin(2 * np.pi * (m - 0.1))) / 0.2 for m in (0.2, 0.7)]
+    assert np.allclose(found[[0, 2], 0], expected, atol=1e-3)
+    assert np.array_equal(found[1], [0.0, 0.0])
