@@ -26,17 +26,41 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit import FitOptions, FitResult, Priors, Status
 from jitterkit.refit.absurd import absurdity
-from jitterkit.refit.fit import SETTLED, fit_and_expand
+from jitterkit.refit.fit import SETTLED, fit_and_expand, linearisation_error
 from jitterkit.refit.starts import starting_point
 from jitterkit.shutter import Shutter
 
-__all__ = ["Looker"]
-
-_ROUGHLY = 1.0
-"""Sigmas of a whole image that the linearised optics may be off by at the first of several looks."""
+__all__ = ["Looker", "Nearby"]
 
 _STRAIGHT = ("stable", "linear", "shm", "partial", "path")
 """Loci that are lines: what blurs across them is not theirs."""
+
+
+_STALE = 0.03
+"""Rms phase [rad] by which the optics may have changed since their derivatives were computed: these are then
+off by 3 %, which moves no estimate and its error by less than a thousandth."""
+
+
+class Nearby:
+    """The optics of one frame after the other: exact at each, with derivatives computed now and then.
+
+    Parameters
+    ----------
+    optics : OpticalSystem or FixedOptics
+    """
+
+    def __init__(self, optics: OpticalSystem | FixedOptics) -> None:
+        self.optics = optics
+        self._slopes = self._here = optics.nominal
+
+    def at(self, parameters: Parameters) -> OTF:
+        """The optics for parameters whose aberrations stand still."""
+        aberrations = parameters.aberrations
+        if self.optics.phase(np.asarray(aberrations - self._slopes.state)) > _STALE:
+            self._slopes = self._here = self.optics.otf(aberrations)
+        elif linearisation_error(self.optics, parameters, self._here) > SETTLED:
+            self._here = self.optics.near(aberrations, self._slopes)
+        return self._here
 
 
 @dataclass(frozen=True)
@@ -136,8 +160,8 @@ class Looker:
         dy, dx = (pitch * shift for shift in _shift(np.asarray(data.electrons), np.asarray(image)))
         start = start.with_locus(Mvn(jnp.zeros(3)))
         start = self.at(start, {"x": float(start.scene.x) + dx, "y": float(start.scene.y) + dy})
-        normal, near = fit_and_expand(data, self.optics, start, otf, self._options, _ROUGHLY)
-        return self._judged(*self._with_locus(data, normal, near, self._options, _ROUGHLY))
+        normal, near = fit_and_expand(data, self.optics, start, otf, self._options)
+        return self._judged(*self._with_locus(data, normal, near, self._options))
 
     def told(self, frame: Frame, fit: FitResult, otf: OTF, time: float) -> Message | None:
         """What a fitted frame says about the shared parameters; None where it was not fitted."""
@@ -194,15 +218,13 @@ class Looker:
         told = f"{Status.POOR_FIT.value}: {absurd}."
         return replace(fit, status=Status.POOR_FIT, message=told), otf
 
-    def _with_locus(
-        self, data: Data, normal: FitResult, otf: OTF, options, settled: float = SETTLED
-    ) -> tuple[FitResult, OTF]:
+    def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:
         """The fit with the locus, from that with a normal."""
         if self.locus == "mvn" or normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
         place = starting_point(kind, moments, normal.parameters, otf, data, options.hold, options.priors)
-        return fit_and_expand(data, self.optics, place, otf, options, settled)
+        return fit_and_expand(data, self.optics, place, otf, options)
 
 
 def _shift(image: np.ndarray, template: np.ndarray) -> tuple[int, int]:

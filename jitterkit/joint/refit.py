@@ -23,13 +23,12 @@ from jitterkit.frames import Frame
 from jitterkit.joint.combine import Combined, combine
 from jitterkit.joint.filter import Filter, Model
 from jitterkit.joint.laws import Constant, Law, Wander
-from jitterkit.joint.look import Looker
+from jitterkit.joint.look import Looker, Nearby
 from jitterkit.joint.message import Message, Messages
 from jitterkit.joint.records import FrameRecord, Records
 from jitterkit.joint.result import Rows, SequenceFit
 from jitterkit.joint.velocity import motion_unknown, velocity_between_frames, velocity_from_trace
 from jitterkit.joint.wander import measure_wander
-from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
 from jitterkit.shutter import Drifting, with_enough_nodes
 
@@ -166,7 +165,7 @@ class _Run:
         looker, messages, records = self.looker, Messages(self.looker.shared), Records(self.looker.own)
         run: Filter | None = None
         here: FitResult | None = None
-        otf = looker.optics.nominal
+        nearby = Nearby(looker.optics)
         for exposure in self._frames(1):
             if exposure.frame is None:
                 records.append(_record(exposure, _why(exposure), looker.own))
@@ -176,7 +175,7 @@ class _Run:
             else:
                 run.move(exposure.time)
                 start = looker.at(here.parameters, dict(zip(looker.shared, run.shared(), strict=True)))
-                fit, otf = looker.anew(exposure.frame, start, here.image, otf)
+                fit, otf = looker.anew(exposure.frame, start, here.image, nearby.at(start))
                 if not fit.status.usable:  # lost: what is shared, or the pair, has moved too far
                     fit, otf = looker.first(exposure.frame, self._shutter(exposure.frame, np.zeros(2)))
             message = looker.told(exposure.frame, fit, otf, exposure.time)
@@ -199,7 +198,7 @@ class _Run:
         """Each frame with the shared parameters of all, from where the pass before left it."""
         looker, messages, records = self.looker, Messages(self.looker.shared), Records(self.looker.own)
         shared, velocities = combined.shared(), self._velocities(before)
-        otf: OTF | None = None
+        nearby = Nearby(looker.optics)
         for exposure, old, velocity in zip(self._frames(number), before, velocities, strict=True):
             if not old.told or exposure.frame is None:
                 records.append(old)
@@ -208,8 +207,7 @@ class _Run:
             values |= dict(zip(looker.own, old.values, strict=True))
             assert self.template is not None
             start = _shuttered(looker.at(self.template, values), self._shutter(exposure.frame, velocity))
-            otf = looker.optics.otf(start.aberrations) if otf is None else otf
-            fit, otf = looker.again(exposure.frame, start, otf)
+            fit, otf = looker.again(exposure.frame, start, nearby.at(start))
             message = looker.told(exposure.frame, fit, otf, exposure.time)
             records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
             if message is not None:

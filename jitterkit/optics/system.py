@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.optics.grid import Grid
@@ -55,6 +56,15 @@ class OpticalSystem:
         otf = expand(self.pupil, self.spectrum, self.grid, aberrations, derivatives=derivatives)
         return otf.diffused(self.diffusion) if self.diffusion else otf
 
+    def near(self, aberrations, slopes: OTF) -> OTF:
+        """Transfer function, exact at ``aberrations`` [nm], with the derivatives of an expansion nearby.
+
+        Without derivatives it is a tenth of the work; those of a state off by a phase of rms ``q`` are off by
+        about ``q`` of themselves.
+        """
+        exact = self.otf(aberrations, derivatives=False)
+        return replace(slopes, value=exact.value, state=jnp.asarray(aberrations, float))
+
 
 @dataclass(frozen=True)
 class FixedOptics:
@@ -68,4 +78,8 @@ class FixedOptics:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """The same whatever is asked for."""
+        return self.nominal
+
+    def near(self, aberrations, slopes: OTF) -> OTF:
+        """Likewise."""
         return self.nominal

@@ -26,12 +26,13 @@ from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
 from jitterkit.scoring import Climb, climb, invert_information
 
-__all__ = ["FitOptions", "fit_and_expand", "fit_frame"]
+__all__ = ["SETTLED", "FitOptions", "fit_and_expand", "fit_frame", "linearisation_error"]
 
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _EXPANSIONS = 10
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
-SETTLED = 0.1  # sigmas of the whole image that the linearised optics may be off by
+SETTLED = 0.1
+"""Sigmas of the whole image that the linearised optics may be off by."""
 _PATIENCE, _SLACK = 100, 0.03
 """Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
 way, in standard errors, lies along the valley and moves the separation by less than 0.01 of its error."""
@@ -99,12 +100,8 @@ def fit_and_expand(
     start: Parameters,
     otf: OTF | None = None,
     options: FitOptions | None = None,
-    settled: float = SETTLED,
 ) -> tuple[FitResult, OTF]:
-    """Fit a frame, and return the optics expanded where the fit ended too: the next locus starts there.
-
-    ``settled`` is by how many sigmas of the whole image the linearised optics may be off.
-    """
+    """Fit a frame, and return the optics expanded where the fit ended too: the next locus starts there."""
     began = time.perf_counter()
     options = FitOptions() if options is None else options
     otf = optics.otf(start.aberrations) if otf is None else otf
@@ -114,24 +111,24 @@ def fit_and_expand(
         return FitResult(Status.NO_DATA, few), otf
     prior = options.priors.over(names, start.locus)
     clear = data.clear(expected_image(start, otf)) if data.trims else data
-    end, otf, iterations = _climb_and_expand(clear, optics, start, otf, free, prior, settled)
+    end, otf, iterations = _climb_and_expand(clear, optics, start, otf, free, prior)
     for _ in range(_CLEARINGS if data.trims else 0):
         again = data.clear(expected_image(end.parameters, otf))
         if np.array_equal(again.used, clear.used):
             break
         clear = again
-        end, otf, more = _climb_and_expand(clear, optics, end.parameters, otf, free, prior, settled)
+        end, otf, more = _climb_and_expand(clear, optics, end.parameters, otf, free, prior)
         iterations += more
     tidy = end.parameters.scene.tidied()
     if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
-        end, otf, more = _climb_and_expand(clear, optics, tidied, otf, free, prior, settled)
+        end, otf, more = _climb_and_expand(clear, optics, tidied, otf, free, prior)
         iterations += more
     result = _conclude(clear, otf, end, names, iterations, time.perf_counter() - began)
     return _heed(result, options.priors, free, end), otf
 
 
-def _climb_and_expand(data, optics, start, otf, free, prior, settled) -> tuple[Climb, OTF, int]:
+def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF, int]:
     """Climb, and expand the optics where that led, until the expansion serves where the climb ends.
 
     Where an aberration shows to second order first (defocus of a nearly symmetric pupil), the ends of
@@ -143,15 +140,15 @@ def _climb_and_expand(data, optics, start, otf, free, prior, settled) -> tuple[C
         end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
         iterations += int(end.iterations)
         start = end.parameters
-        error = _linearisation_error(optics, start, otf)
-        if error < settled:
+        error = linearisation_error(optics, start, otf)
+        if error < SETTLED:
             return end, otf, iterations
         share = share if error < before / 4 else share / 2
         otf, before = optics.otf(otf.state + share * (start.aberrations - otf.state)), error
     return end._replace(converged=jnp.asarray(False)), otf, iterations
 
 
-def _linearisation_error(optics, parameters: Parameters, otf: OTF) -> float:
+def linearisation_error(optics, parameters: Parameters, otf: OTF) -> float:
     """What the first-order optics get wrong about the image, in sigmas of all its photons together.
 
     A change of the wavefront by a phase of rms ``q`` changes the image by about ``q²`` of itself beyond
