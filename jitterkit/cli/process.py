@@ -97,8 +97,23 @@ def process(
             paths, output, processor, hdu=hdu, overwrite=overwrite, watch=watch, command=command_line()
         )
     _tell(run)
+    _tell_of_rows(run, telescope)
     if run.failures:
         raise typer.Exit(SOME_FAILED)
+
+
+def _tell_of_rows(run, telescope) -> None:
+    """What a rolling shutter may have done, which a frame alone does not tell."""
+    from jitterkit.report.words import angle_size
+
+    line_time, separation = telescope.detector.line_time, run.summary["separation"]["mean"]
+    if line_time and separation == separation:  # not NaN
+        leverage = abs(line_time) * separation / telescope.plate_scale
+        say(
+            "The rows of this detector are exposed one after the other, which one frame does not show: a "
+            f"drift along the pair and the columns moves its separation by {angle_size(leverage, 2)} per arcsec/s. "
+            "'jitterkit sequence' takes it out."
+        )
 
 
 def _tell(run) -> None:

@@ -18,11 +18,11 @@ import numpy as np
 import scipy.stats
 
 from jitterkit.joint.filter import DIFFUSE, Filter, Model, update
-from jitterkit.joint.laws import Law, Wander
+from jitterkit.joint.laws import Constant, Law, Polynomial, Wander
 from jitterkit.joint.message import Message, Messages
 from jitterkit.joint.spool import Spool
 
-__all__ = ["Combined", "Shared", "combine", "log_likelihood"]
+__all__ = ["Combined", "Shared", "belonging", "combine", "log_likelihood"]
 
 _UNKNOWN = 0.5
 """Share of the diffuse prior's error above which the frames did not determine a parameter."""
@@ -31,6 +31,9 @@ _FALSE_FLAGS = 0.01
 """Frames that chance alone flags in a whole run."""
 
 _ROUNDS = 20
+
+_BENDS, _FEW = 2, 12
+"""Degree of a constant's slow change while frames are judged, and frames below which there is none."""
 
 
 class Shared(NamedTuple):
@@ -117,25 +120,42 @@ def combine(
     Returns
     -------
     combined : Combined
+    """
+    if kept is None:
+        kept = belonging(messages, laws) if flag else np.ones(len(messages), bool)
+    return _sweep(Model.of(messages, laws), messages, kept)
+
+
+def belonging(messages: Messages, laws: Mapping[str, Law]) -> np.ndarray:
+    """Which frames belong together.
+
+    Parameters
+    ----------
+    messages, laws
+        As for :func:`combine`.
+
+    Returns
+    -------
+    kept : (n,) bool array
 
     Notes
     -----
-    Frames are left out from the worst on, each round those with more than a quarter of the greatest surprise,
-    and come back when the others no longer contradict them.
+    What is said to be constant may bend here, so that a slow change is not mistaken for frames that do not
+    belong.  Frames are left out from the worst on, each round those with more than a quarter of the greatest
+    surprise, and come back when the others no longer contradict them.
     """
-    model = Model.of(messages, laws)
-    decided = kept is not None or not flag
-    kept = np.ones(len(messages), bool) if kept is None else kept
-    combined = _sweep(model, messages, kept)
-    for _ in range(0 if decided else _ROUNDS):
-        surprise, limit = _surprises(combined, len(messages))
+    bending = Polynomial(_BENDS) if len(messages) >= _FEW else Constant()
+    loose = {name: laws.get(name, Constant()) for name in messages.names}
+    loose = {name: bending if law == Constant() else law for name, law in loose.items()}
+    model, kept = Model.of(messages, loose), np.ones(len(messages), bool)
+    for _ in range(_ROUNDS):
+        surprise, limit = _surprises(_sweep(model, messages, kept), len(messages))
         worst = np.max(surprise / limit, where=kept, initial=0.0)
         now = surprise < limit * np.where(kept, max(1.0, worst / 4), 1.0)
         if np.array_equal(now, kept):
             break
         kept = now
-        combined = _sweep(model, messages, kept)
-    return combined
+    return kept
 
 
 def log_likelihood(messages: Messages | list[Message], model: Model) -> float:

@@ -120,6 +120,7 @@ def _points(n: int, colour: str) -> dict:
 
 
 def _legend(ax: Axes, **options) -> Axes:
-    ax.legend(loc="upper right", fontsize=8, frameon=False, **options)
+    style = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "fontsize": 8, "frameon": False, "ncols": 2}
+    ax.legend(**{**style, **options})
     ax.spines[["top", "right"]].set_visible(False)
     return ax

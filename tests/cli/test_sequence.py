@@ -38,7 +38,7 @@ def night(tmp_path_factory) -> Path:
 
 
 def run(night: Path, *more: str):
-    found = sorted(str(path) for path in night.glob("frame-0*.fits")) + [str(night / "frame-10.fits")]
+    found = [*sorted(map(str, night.glob("frame-0*.fits"))), str(night / "frame-10.fits")]
     return CliRunner().invoke(app, ["sequence", *found, "-i", str(night / "little.toml"), *more])
 
 

@@ -1,0 +1,121 @@
+"""Table, summary, words and picture of a joint fit, of messages written by hand."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from jitterkit.joint import (
+    Constant,
+    FrameRecord,
+    Message,
+    Messages,
+    Polynomial,
+    Records,
+    Rows,
+    SequenceFit,
+    Wander,
+    combine,
+)
+from jitterkit.refit import Status
+from jitterkit.report.flags import decode_flags
+from jitterkit.report.joint_plots import plot_run
+from jitterkit.report.joint_table import frame_table, joint_summary, say_joint, separation_series
+from jitterkit.report.table import read_table, write_table
+from jitterkit.series import fit_floor
+
+OWN = ("x", "y", "flux", "linear_c", "linear_s")
+ERROR = 1e-4
+
+
+def made(rng, *, slope=0.0, odd=(), frames=30, rows=None):
+    """A sequence whose separations scatter by their errors; one frame in the middle could not be read."""
+    messages, records = Messages(("separation", "noll4")), Records(OWN)
+    information = np.diag([ERROR**-2, 25.0])
+    for i in range(frames):
+        time = 0.1 * i
+        if i == 5:
+            records.append(FrameRecord("torn", np.nan, Status.UNREADABLE, "torn: it is cut short."))
+            continue
+        best = np.array(
+            [10 + ERROR * rng.standard_normal() + slope * (time - 1.5), 0.2 * rng.standard_normal()]
+        )
+        best[0] += 0.01 * (i in odd)
+        messages.append(Message(time, best, np.zeros(2), information))
+        own = np.array([0.3 * time, 0.4 * time, 1e5, 0.04, 0.0])
+        records.append(
+            FrameRecord(
+                f"frame {i}", time, Status.OK, "fitted", (), own, np.full(5, 0.1), np.array([0.01, 0.0, 0.0]),
+                np.full(3, 1e-3), 1.0, own[:2], np.array([-0.3, 0.0]), told=True,
+            )
+        )  # fmt: skip
+    laws = {"separation": Constant(), "noll4": Wander(1.0, 2.0)}
+    return SequenceFit(combine(messages, laws), messages, records, laws, "linear", (np.inf, 0.1), 3.0, rows)
+
+
+def test_a_row_a_frame_with_units_and_reasons(rng, tmp_path):
+    fit = made(rng, odd=(9,))
+    write_table(tmp_path / "sequence.ecsv", frame_table(fit))
+    table = read_table(tmp_path / "sequence.ecsv")
+    assert len(table) == 30
+    assert table["status"][5] == "unreadable"
+    assert table["message"][5] == "torn: it is cut short."
+    assert np.flatnonzero(~np.asarray(table["counted"], bool)).tolist() == [5, 9]
+    assert "outlier" in decode_flags(table["flags"][9])
+    units = {
+        name: str(table[name].unit) for name in ("separation", "x", "flux", "sxx", "shared_noll4", "time")
+    }
+    assert units == {
+        "separation": "arcsec", "x": "arcsec", "flux": "electron", "sxx": "arcsec2", "shared_noll4": "nm",
+        "time": "s",
+    }  # fmt: skip
+    # the streak lies along x, and the image went the other way
+    assert table["smear_direction"][0].value == pytest.approx(180.0)
+
+
+def test_the_summary_is_what_the_messages_say(rng):
+    fit = made(rng)
+    summary = json.loads(json.dumps(joint_summary(fit, fit_floor(separation_series(fit)))))
+    assert summary["frames"] == 30
+    assert summary["counted"] == 29
+    assert summary["status"] == {"ok": 29, "unreadable": 1}
+    assert summary["separation"]["error"] == pytest.approx(ERROR / np.sqrt(29), rel=1e-6)
+    assert summary["separation"]["error_of_a_frame"] == pytest.approx(ERROR, rel=1e-9)
+    assert summary["shared"]["noll4"]["law"] == {"kind": "wander", "rms": 1.0, "timescale": 2.0}
+    assert say_joint(summary) == []
+
+
+def test_what_a_person_should_know_is_said(rng):
+    told = say_joint(joint_summary(made(rng, slope=5e-4, odd=(9,))))
+    assert told[0] == "1 frames contradict the others and were not counted: frame 9."
+    assert told[1].startswith("The separation changes by 1.")
+    assert "an hour" in told[1]
+
+
+def test_a_motion_that_is_not_known_under_a_rolling_shutter_is_said(rng):
+    rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7)
+    (told,) = say_joint(joint_summary(made(rng, rows=rows)))
+    assert "the rolling shutter adds up to 280 µas of error to each frame" in told
+    assert say_joint(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
+
+
+def test_a_slope_is_that_of_the_messages(rng):
+    fit = made(rng, slope=5e-4)
+    slope = fit.slope()
+    assert slope.rate == pytest.approx(5e-4, abs=4 * slope.error)
+    times = np.array([m.time for m in fit.messages])
+    assert slope.error == pytest.approx(ERROR / np.sqrt(np.sum((times - times.mean()) ** 2)), rel=1e-4)
+    bent = combine(fit.messages, {**fit.laws, "separation": Polynomial(1)})
+    assert bent.evidence > fit.combined.evidence
+
+
+@pytest.mark.parametrize("odd", [(), (9,)])
+def test_the_page_has_four_pictures(rng, odd):
+    axes = plot_run(made(rng, odd=odd))
+    assert [ax.get_ylabel() for ax in axes] == [
+        "midpoint [arcsec]", "blur [arcsec]", "shared, from its mean [nm]", "χ² against the others",
+    ]  # fmt: skip
+    labels = [text.get_text() for text in axes[3].get_legend().get_texts()]
+    assert labels == (["counted", "not counted"] if odd else ["counted"])
