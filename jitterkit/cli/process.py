@@ -111,8 +111,8 @@ def _tell_of_rows(run, telescope) -> None:
         leverage = abs(line_time) * separation / telescope.plate_scale
         say(
             "The rows of this detector are exposed one after the other, which one frame does not show: a "
-            f"drift along the pair and the columns moves its separation by {angle_size(leverage, 2)} per arcsec/s. "
-            "'jitterkit sequence' takes it out."
+            f"drift along the pair and the columns moves its separation by {angle_size(leverage, 2)} per "
+            "arcsec/s. 'jitterkit sequence' takes it out."
         )
 
 

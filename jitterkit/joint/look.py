@@ -7,6 +7,7 @@ shared parameters held, nothing else.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,7 +15,6 @@ from functools import cached_property
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.conventions import direction_angle
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, free_parameters, parameter_names, to_vector
 from jitterkit.frames import Frame
@@ -119,8 +119,13 @@ class Looker:
         every = ("x", "y", "flux", *locus_class(self.locus).names, "background")
         return tuple(name for name in every if name not in self.hold)
 
-    def first(self, frame: Frame, shutter: Shutter | None) -> tuple[FitResult, OTF]:
-        """Fit a frame of which nothing is known: the pair is found, everything fitted, then its own again."""
+    def first(
+        self, frame: Frame, shutter: Shutter | None, near: Mapping[str, float] | None = None
+    ) -> tuple[FitResult, OTF]:
+        """Fit a frame of which nothing is known: the pair is found, everything fitted, then its own again.
+
+        ``near`` are the shared parameters of other frames: star A is theirs, and theta within half a turn.
+        """
         data = self._data(frame)
         nominal = self.optics.nominal
         if not np.any(np.asarray(data.used)):
@@ -137,7 +142,8 @@ class Looker:
         fit, otf = self._with_locus(data, fit, otf, options)
         if fit.parameters is None or not fit.status.usable:
             return fit, otf
-        return self.again(frame, self.at(fit.parameters, self.values_of(fit.parameters)), otf)
+        values = _alike(self.values_of(fit.parameters), near)
+        return self.again(frame, self.at(fit.parameters, values), otf)
 
     def again(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from near where they are, locus and all."""
@@ -186,7 +192,7 @@ class Looker:
         names = parameter_names(parameters, self.optics.nominal.names)
         numbers = np.array(vector)
         for name, value in values.items():
-            numbers[names.index(name)] = direction_angle(value) if name == "theta" else value
+            numbers[names.index(name)] = value
         return unravel(jnp.asarray(numbers))
 
     def values_of(self, parameters: Parameters) -> dict[str, float]:
@@ -225,6 +231,17 @@ class Looker:
         kind, moments = locus_class(self.locus), normal.moments()[0]
         place = starting_point(kind, moments, normal.parameters, otf, data, options.hold, options.priors)
         return fit_and_expand(data, self.optics, place, otf, options)
+
+
+def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[str, float]:
+    """Values of a pair with its stars named, and its direction counted, as another frame has them."""
+    if near is None or not {"theta", "contrast"} <= values.keys():
+        return values
+    theta, contrast = values["theta"], values["contrast"]
+    if math.cos(math.radians(theta - near["theta"])) < 0:  # the stars are about as bright as each other
+        theta, contrast = theta + 180, 1 / contrast
+    turns = round((near["theta"] - theta) / 360)
+    return {**values, "theta": theta + 360 * turns, "contrast": contrast}
 
 
 def _shift(image: np.ndarray, template: np.ndarray) -> tuple[int, int]:

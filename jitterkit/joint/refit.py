@@ -174,10 +174,12 @@ class _Run:
                 fit, otf = looker.first(exposure.frame, self._shutter(exposure.frame, np.zeros(2)))
             else:
                 run.move(exposure.time)
-                start = looker.at(here.parameters, dict(zip(looker.shared, run.shared(), strict=True)))
+                known = dict(zip(looker.shared, run.shared(), strict=True))
+                start = looker.at(here.parameters, known)
                 fit, otf = looker.anew(exposure.frame, start, here.image, nearby.at(start))
                 if not fit.status.usable:  # lost: what is shared, or the pair, has moved too far
-                    fit, otf = looker.first(exposure.frame, self._shutter(exposure.frame, np.zeros(2)))
+                    shutter = self._shutter(exposure.frame, np.zeros(2))
+                    fit, otf = looker.first(exposure.frame, shutter, known)
             message = looker.told(exposure.frame, fit, otf, exposure.time)
             records.append(_record(exposure, fit, looker.own, told=message is not None))
             if message is None:

@@ -33,6 +33,8 @@ _EXPANSIONS = 10
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 SETTLED = 0.1
 """Sigmas of the whole image that the linearised optics may be off by."""
+_TURNING = {"separation", "theta", "contrast"}
+"""What says which star is A: where all of it is held, it stays as it was given."""
 _PATIENCE, _SLACK = 100, 0.03
 """Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
 way, in standard errors, lies along the valley and moves the separation by less than 0.01 of its error."""
@@ -119,7 +121,7 @@ def fit_and_expand(
         clear = again
         end, otf, more = _climb_and_expand(clear, optics, end.parameters, otf, free, prior)
         iterations += more
-    tidy = end.parameters.scene.tidied()
+    tidy = end.parameters.scene.tidied() if set(names) & _TURNING else end.parameters.scene
     if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
         end, otf, more = _climb_and_expand(clear, optics, tidied, otf, free, prior)

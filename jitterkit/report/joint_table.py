@@ -166,7 +166,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "shared": {
             name: {
                 "unit": unit_of(name) if name != "diffusion" else "arcsec2",
-                "mean": fit.combined.value(name),
+                "mean": _folded(name, fit.combined.value(name)),
                 "error": fit.combined.error(name),
                 "law": describe_law(fit.laws[name]),
             }
@@ -178,6 +178,11 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "moved": fit.moves[-1],
         "seconds": fit.seconds,
     }
+
+
+def _folded(name: str, value: float) -> float:
+    """A shared parameter as a person would give it."""
+    return direction_angle(value) if name == "theta" else value
 
 
 def _floor(floor: Floor) -> dict[str, Any]:

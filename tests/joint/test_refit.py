@@ -201,3 +201,20 @@ def test_frames_out_of_order_are_refused(optics, rng):
 def test_a_law_for_what_is_not_shared_is_refused(optics, rng):
     with pytest.raises(ConfigurationError, match="'flux' is not shared by the frames"):
         refit_sequence(exposures(optics, 1, rng), Looker(optics), SequenceOptions({"flux": Constant()}))
+
+
+def test_a_direction_at_the_seam_and_stars_as_bright_as_each_other(optics, rng):
+    # theta to either side of 360 degrees from frame to frame, and who is the brighter left to noise
+    scenes = {"theta": np.full(8, 359.9999), "contrast": np.full(8, 1.0005)}
+    fit = refit_sequence(exposures(optics, 8, rng, scenes=scenes), Looker(optics))
+    assert fit.combined.kept.all()
+    turned = (fit.combined.value("theta") - 359.9999 + 90) % 180 - 90
+    assert abs(turned) < 4 * fit.combined.error("theta")
+    assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
+
+
+def test_a_pair_that_jumps_is_found_again(optics, rng):
+    places = {"x": np.array([0.0, 0.1, 2.5, -2.4, 0.2, 0.1]), "y": np.array([0.0, 2.2, -2.0, 2.4, 0.0, -0.1])}
+    fit = refit_sequence(exposures(optics, 6, rng, scenes=places), Looker(optics))
+    assert fit.combined.kept.all()
+    assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
