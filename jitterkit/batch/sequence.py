@@ -88,11 +88,10 @@ class FileExposures:
     def _exposure(self, raw: RawFrame, clock: _Clock) -> Exposure:
         try:
             frame = self.processor.calibrate(raw)
-            optics = self.processor.optics(frame)
+            optics, when = self.processor.optics(frame), clock.middle(frame)
         except JitterkitError as error:
             problem = FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error}")
             return Exposure(raw.name, clock.lost(), None, problem)
-        when = clock.middle(frame)
         if optics is self.optics:
             return Exposure(raw.name, when, frame)
         told = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."
@@ -117,6 +116,10 @@ class _Clock:
         exposure = frame.exposure or 0.0
         step = self.cadence or exposure or 1.0
         known = frame.metadata.time
+        if known is None and self._zero is not None:
+            raise FrameError(
+                frame.path or frame.name, "does not say when it was taken, as others do", "give the --cadence"
+            )
         if known is None or self.cadence is not None:
             self.timed = self.timed and self.cadence is not None
             self._count += 1

@@ -57,7 +57,7 @@ def sequence(
     cadence: Annotated[
         float | None,
         typer.Option(
-            min=0, help="From frame to frame, s, in place of the headers' times.", show_default=False
+            min=1e-9, help="From frame to frame, s, in place of the headers' times.", show_default=False
         ),
     ] = None,
     censored: options.Censored = False,
@@ -78,10 +78,10 @@ def sequence(
     cannot be carried out.
     """
     from jitterkit.frames import find_files
-    from jitterkit.report.outputs import make_directory
+    from jitterkit.report.outputs import check_directory
 
     find_files(files)
-    make_directory(output, OUTPUTS, overwrite)
+    check_directory(output, OUTPUTS, overwrite)
     prepare_jax()
     from jitterkit.batch import FileExposures, Processor
     from jitterkit.instruments import load_instrument
@@ -132,11 +132,13 @@ def _write(fit, output: Path, overwrite: bool) -> None:
         say_joint,
         separation_series,
     )
+    from jitterkit.report.outputs import make_directory
     from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
     from jitterkit.report.table import write_table
     from jitterkit.report.words import with_error
 
+    make_directory(output, OUTPUTS, overwrite)
     series = separation_series(fit)
     floor = averaging_floor(series)
     summary = joint_summary(fit, floor)

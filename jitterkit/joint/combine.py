@@ -32,6 +32,9 @@ _FALSE_FLAGS = 0.01
 
 _ROUNDS = 20
 
+_MOST = 0.25
+"""Share of the frames that may be left out."""
+
 _BENDS, _FEW = 2, 12
 """Degree of a constant's slow change while frames are judged, and frames below which there is none."""
 
@@ -142,7 +145,8 @@ def belonging(messages: Messages, laws: Mapping[str, Law]) -> np.ndarray:
     -----
     What is said to be constant may bend here, so that a slow change is not mistaken for frames that do not
     belong.  Frames are left out from the worst on, each round those with more than a quarter of the greatest
-    surprise, and come back when the others no longer contradict them.
+    surprise, and come back when the others no longer contradict them.  Of frames that disagree all over none
+    is left out: their scatter says so.
     """
     bending = Polynomial(_BENDS) if len(messages) >= _FEW else Constant()
     loose = {name: laws.get(name, Constant()) for name in messages.names}
@@ -155,7 +159,8 @@ def belonging(messages: Messages, laws: Mapping[str, Law]) -> np.ndarray:
         if np.array_equal(now, kept):
             break
         kept = now
-    return kept
+    few = np.sum(~kept) <= max(1, len(kept) * _MOST)
+    return kept if few else np.ones(len(kept), bool)  # it is the errors, or a law, that are wrong
 
 
 def log_likelihood(messages: Messages | list[Message], model: Model) -> float:

@@ -138,16 +138,20 @@ def parse_law(text: str) -> Law | None:
     >>> parse_law("polynomial:1"), parse_law("wander:3:60")
     (Polynomial(degree=1), Wander(rms=3.0, timescale=60.0))
     """
-    kind, *numbers = text.split(":")
+    kind, *words = text.split(":")
     try:
-        if kind == "constant" and not numbers:
-            return Constant()
-        if kind == "polynomial" and len(numbers) == 1:
-            return Polynomial(int(numbers[0]))
-        if kind == "wander" and len(numbers) in (0, 2):
-            return Wander(*(float(number) for number in numbers)) if numbers else None
+        numbers = [int(word) if kind == "polynomial" else float(word) for word in words]
     except ValueError:
-        pass
+        numbers = [math.nan] * 3
+    match kind, len(numbers):
+        case "constant", 0:
+            return Constant()
+        case "polynomial", 1:
+            return Polynomial(int(numbers[0]))
+        case "wander", 0:
+            return None
+        case "wander", 2:
+            return Wander(*numbers)
     raise ConfigurationError(
         f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander, or wander:RMS:SECONDS."
     )

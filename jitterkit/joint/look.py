@@ -21,7 +21,7 @@ from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.locate import locate_binary
-from jitterkit.loci import Mvn, axis_variances, locus_class
+from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.refit import FitOptions, FitResult, Priors, Status
@@ -35,6 +35,9 @@ __all__ = ["Looker", "Nearby"]
 _STRAIGHT = ("stable", "linear", "shm", "partial", "path")
 """Loci that are lines: what blurs across them is not theirs."""
 
+
+_VISIBLE = 0.015
+"""Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
 
 _STALE = 0.03
 """Rms phase [rad] by which the optics may have changed since their derivatives were computed: these are then
@@ -177,7 +180,9 @@ class Looker:
         shared = [names.index(name) for name in self.shared]
         own = [names.index(name) for name in fit.names]
         data = self._data(frame).clear(fit.image)
-        _, score, information = normal_equations(fit.parameters, otf, data, free)
+        equations = normal_equations(fit.parameters, otf, data, free)
+        score, information = np.array(equations.score), equations.information
+        score[own] = 0.0  # its own stand at the top of their posterior, priors included
         at = np.array(list(self.values_of(fit.parameters).values()))
         return Message(time, at, *eliminate(score, information, shared, own, fit.covariance))
 
@@ -230,7 +235,12 @@ class Looker:
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
         place = starting_point(kind, moments, normal.parameters, otf, data, options.hold, options.priors)
-        return fit_and_expand(data, self.optics, place, otf, options)
+        fit, near = fit_and_expand(data, self.optics, place, otf, options)
+        if fit.status is not Status.NOT_CONVERGED or not issubclass(kind, Streak):
+            return fit, near
+        # a streak that noise has made too short to start from
+        longer = place.with_locus(kind.near(jnp.array([_VISIBLE**2, 0.0, 0.0])))
+        return fit_and_expand(data, self.optics, longer, otf, options)
 
 
 def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[str, float]:

@@ -27,7 +27,12 @@ from jitterkit.joint.look import Looker, Nearby
 from jitterkit.joint.message import Message, Messages
 from jitterkit.joint.records import FrameRecord, Records
 from jitterkit.joint.result import Rows, SequenceFit
-from jitterkit.joint.velocity import motion_unknown, velocity_between_frames, velocity_from_trace
+from jitterkit.joint.velocity import (
+    motion_unknown,
+    smear_allowed,
+    velocity_between_frames,
+    velocity_from_trace,
+)
 from jitterkit.joint.wander import measure_wander
 from jitterkit.refit import FitResult, Status
 from jitterkit.shutter import Drifting, with_enough_nodes
@@ -48,6 +53,9 @@ _FORGETS = 1e3
 
 _FEW = 8
 """Frames below which nothing is said of how much they wander."""
+
+_ANYWHERE = (300.0, 1e-3)
+"""Errors of a frame, and exposures, of a wander that may be anywhere in every frame."""
 
 
 class Exposure(NamedTuple):
@@ -135,6 +143,7 @@ class _Run:
         self.watch = watch or (lambda number, name: None)
         self.template: Parameters | None = None
         self.nodes, self.line_time, self.exposure = 2, 0.0, 0.0
+        self.doubted = np.zeros((0, 2))
         unknown = [name for name in options.laws if name not in (*looker.shared, "aberrations")]
         if unknown:
             raise ConfigurationError(
@@ -191,10 +200,7 @@ class _Run:
                 run = Filter(Model(looker.shared, self._loose(message), message, (0.0, 1.0)))
                 run.move(exposure.time)
             run.hear(message)
-        if not len(messages):
-            why = next((f": {record.message}" for record in records), ".")
-            raise JitterkitError(f"No frame of the sequence can be fitted{why}")
-        return messages, records
+        return _told(messages, records)
 
     def _later_pass(self, number: int, combined: Combined, before: Records) -> tuple[Messages, Records]:
         """Each frame with the shared parameters of all, from where the pass before left it."""
@@ -210,11 +216,15 @@ class _Run:
             assert self.template is not None
             start = _shuttered(looker.at(self.template, values), self._shutter(exposure.frame, velocity))
             fit, otf = looker.again(exposure.frame, start, nearby.at(start))
+            if (
+                not fit.status.usable
+            ):  # what the others say does not suit it: it speaks for itself, and is judged
+                fit, otf = looker.first(exposure.frame, start.shutter, values)
             message = looker.told(exposure.frame, fit, otf, exposure.time)
             records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
             if message is not None:
                 messages.append(message)
-        return messages, records
+        return _told(messages, records)
 
     def _frames(self, number: int) -> Iterator[Exposure]:
         """The frames, watched, in the order of time."""
@@ -240,6 +250,11 @@ class _Run:
         else:
             places = np.array([record.place for record in records])
             velocities = np.nan_to_num(velocity_between_frames(times, places))
+            room = [
+                smear_allowed(r.moments, r.moment_errors, v) for r, v in zip(records, velocities, strict=True)
+            ]
+            self.doubted = velocities[np.hypot(*velocities.T) * self.exposure > room]
+            velocities = np.where((np.hypot(*velocities.T) * self.exposure > room)[:, None], 0.0, velocities)
         if self.line_time and self.options.rolling:
             fastest = velocities[np.argmax(np.hypot(*velocities.T))]
             grid = self.looker.optics.nominal.grid
@@ -256,6 +271,9 @@ class _Run:
         known = self.options.telemetry is not None or not self.options.rolling
         bends = [(record.time, record.place) for record in records]
         error = 0.0 if known else motion_unknown([t for t, _ in bends], [place for _, place in bends])
+        if not known and len(self.doubted):  # moved between the exposures, but not so fast within them
+            share = len(self.doubted) / len(bends)
+            error = max(error, float(np.sqrt(share * np.mean(self.doubted**2))))
         return Rows(self.line_time, self.options.rolling, leverage, error)
 
     def _shutter(self, frame: Frame, velocity: np.ndarray) -> Drifting | None:
@@ -283,8 +301,9 @@ class _Run:
     def _wandering(self, messages: Messages, group: list[str], laws: Mapping[str, Law]) -> dict[str, Law]:
         """The wander that a group has in common; of few frames each may be anywhere."""
         if len(messages) < _FEW:
-            loose = self._loose(next(iter(messages)))
-            return {name: loose[name] for name in group}
+            told = dict(zip(messages.names, np.diag(next(iter(messages)).information), strict=True))
+            short = _ANYWHERE[1] * (self.exposure or 1.0)
+            return {name: Wander(_ANYWHERE[0] / math.sqrt(max(told[name], 1e-300)), short) for name in group}
         return dict.fromkeys(group, measure_wander(messages, group, laws))
 
     def _given(self) -> dict[str, Law | None]:
@@ -305,6 +324,14 @@ class _Run:
             name: law if isinstance(law, Constant) else wander
             for (name, law), wander in zip(given, wanders, strict=True)
         }
+
+
+def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
+    """Both, if any frame has told anything."""
+    if not len(messages):
+        why = next((f": {record.message}" for record in records), ".")
+        raise JitterkitError(f"No frame of the sequence can be fitted{why}")
+    return messages, records
 
 
 def _moved(before: Combined, after: Combined) -> float:

@@ -118,7 +118,12 @@ class SequenceFit:
         return len(self.moves)
 
     def slope(self) -> Slope:
-        """Linear change of the separation, all else shared as in the fit; of the frames that count."""
+        """Linear change of the separation, all else shared as in the fit; of the frames that count.
+
+        NaN of one frame.
+        """
+        if np.sum(self.combined.kept) < 2:
+            return Slope(np.nan, np.nan, 0.0)
         slot = self.combined.names.index("separation")
         laws = {**self.laws, "separation": Polynomial(1)}
         with_slope = combine(self.messages, laws, kept=self.combined.kept)

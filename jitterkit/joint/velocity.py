@@ -9,7 +9,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError
 
-__all__ = ["motion_unknown", "velocity_between_frames", "velocity_from_trace"]
+__all__ = ["motion_unknown", "smear_allowed", "velocity_between_frames", "velocity_from_trace"]
 
 
 def velocity_between_frames(times, places) -> np.ndarray:
@@ -69,6 +69,31 @@ def motion_unknown(times, places) -> float:
     return float(np.sqrt(np.mean(bend**2) / 12))
 
 
+def smear_allowed(moments, errors, velocity) -> float:
+    """The longest smear that a frame's blur has room for along a motion.
+
+    Parameters
+    ----------
+    moments, errors : (3,) arrays
+        ``(Sxx, Sxy, Syy)`` of the frame's jitter and their errors, arcsec².
+    velocity : (2,) array
+        Gives the direction.
+
+    Returns
+    -------
+    length : float
+        arcsec: that of a streak whose variance is the blur's, and three of its errors.  Infinite where
+        nothing is known.
+    """
+    speed = float(np.hypot(*velocity))
+    if speed == 0 or not np.all(np.isfinite(moments)):
+        return float("inf")
+    ux, uy = np.asarray(velocity) / speed
+    weights = np.array([ux * ux, 2 * ux * uy, uy * uy])
+    variance = weights @ np.asarray(moments) + 3 * np.sqrt(np.nansum((weights * np.asarray(errors)) ** 2))
+    return float(np.sqrt(12 * max(variance, 0.0)))
+
+
 def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
     """Velocity of the image during exposures, from a measured pointing.
 
@@ -90,8 +115,10 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
     Raises
     ------
     ConfigurationError
-        If the trace does not cover the exposures.
+        If the trace does not cover the exposures, or these have no length.
     """
+    if not exposure > 0:
+        raise ConfigurationError("The frames do not say how long they were exposed; give --exposure, in s.")
     t, x, y = (np.asarray(v, float) for v in trace)
     times = np.asarray(times, float)
     begin, end = times - exposure / 2, times + exposure / 2

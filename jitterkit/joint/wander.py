@@ -60,5 +60,5 @@ def measure_wander(messages: Messages, names: Sequence[str], laws: Mapping[str, 
     if still - found.fun < _WORTH:
         return Constant()
     rms, timescale = np.exp(found.x)
-    # of one much slower than the run only rms²/timescale shows
-    return Wander(float(rms), float(min(timescale, 100 * span)))
+    held = min(timescale, 100 * span)  # of one much slower than the run only rms²/timescale shows
+    return Wander(float(rms * np.sqrt(held / timescale)), float(held))

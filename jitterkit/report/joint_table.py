@@ -211,6 +211,11 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
         told.append(
             f"{len(summary['outliers'])} frames contradict the others and were not counted: {named}{more}."
         )
+    if summary["moved"] > 1 and summary["passes"] > 1:
+        told.append(
+            f"The fit has not settled: its last pass over the frames moved what they share by "
+            f"{number(summary['moved'], 2)} errors."
+        )
     slope = summary["slope"]
     if slope["chi2"] > _CERTAIN:
         told.append(

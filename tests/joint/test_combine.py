@@ -168,3 +168,32 @@ def test_what_a_frame_has_of_its_own_is_eliminated(rng):
     assert np.allclose(np.linalg.inv(block), told[1])
     step = (covariance @ score)[[1, 3]]
     assert np.allclose(np.linalg.solve(told[1], told[0]), step)
+
+
+def test_frames_whose_errors_are_wrong_are_not_picked_from(rng):
+    messages = Messages(("separation",))
+    values = 10 * rng.standard_normal(50)
+    for i, value in enumerate(values):
+        messages.append(Message(float(i), np.array([value]), np.zeros(1), np.eye(1)))
+    found = combine(messages, {})
+    assert found.kept.all()
+    assert found.value("separation") == pytest.approx(values.mean(), abs=1e-4)
+
+
+def test_a_slow_change_is_not_taken_for_outliers(rng):
+    messages = Messages(("separation",))
+    for i in range(60):
+        value = 0.3 * (i - 30) + rng.standard_normal() + 20 * (i == 17)
+        messages.append(Message(float(i), np.array([value]), np.zeros(1), np.eye(1)))
+    assert np.flatnonzero(~combine(messages, {}).kept).tolist() == [17]
+
+
+def test_a_walk_much_slower_than_the_run_keeps_its_steps(rng):
+    n, steps = 120, []
+    for _ in range(6):
+        walk = np.cumsum(rng.standard_normal(n))
+        messages, _ = tell(rng, np.column_stack([np.zeros(n), walk]), np.arange(float(n)))
+        found = measure_wander(messages, ("focus",), {})
+        steps.append(2 * found.rms**2 / found.timescale)
+    # 120 steps measure their variance to 13 %, noisy ones to twice that; six walks to 11 %
+    assert np.mean(steps) == pytest.approx(1.0, rel=0.35)

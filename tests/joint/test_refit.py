@@ -23,7 +23,7 @@ from jitterkit.joint import (
 )
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics import OpticalSystem, flat_band, grid_for, obstructed_circle
-from jitterkit.refit import FitResult, Status
+from jitterkit.refit import FitResult, Priors, Status
 from jitterkit.scene import Binary
 from jitterkit.shutter import Drifting
 
@@ -218,3 +218,47 @@ def test_a_pair_that_jumps_is_found_again(optics, rng):
     fit = refit_sequence(exposures(optics, 6, rng, scenes=places), Looker(optics))
     assert fit.combined.kept.all()
     assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
+
+
+def test_a_prior_parts_jitter_from_diffusion(optics):
+    # noise-free: the diffusion is what the prior leaves of the blur, also where the prior is off
+    truth = Parameters(SCENE, Mvn.of(0.1), np.zeros(2), diffusion=0.01)
+    image = np.asarray(expected_image(truth, optics.nominal))
+    frame = Frame(image, 0.0, exposure=STEP, plate_scale=0.375)
+    frames = [Exposure(f"frame {i}", (i + 0.5) * STEP, frame) for i in range(3)]
+    for told in (0.010, 0.012):
+        known = (np.array([told, 0.0, told]), 1e-6 * np.eye(3))
+        looker = Looker(optics, "mvn", diffusion=True, priors=Priors(moments=known))
+        fit = refit_sequence(frames, looker, SequenceOptions({"aberrations": Constant()}))
+        assert fit.combined.value("diffusion") == pytest.approx(0.02 - told, abs=1e-5)
+
+
+def test_frames_that_disagree_all_over_are_all_counted_and_their_scatter_says_so(optics, rng):
+    scenes = {"separation": 5.0 + 0.1 * np.arange(6)}
+    fit = refit_sequence(exposures(optics, 6, rng, scenes=scenes), Looker(optics))
+    assert fit.combined.kept.all()
+    assert fit.separation[0] == pytest.approx(5.25, abs=5e-3)
+    values = np.array([f.separation for f in fit.frames()])
+    assert np.allclose(values, scenes["separation"], atol=0.02)
+
+
+def test_few_frames_whose_optics_are_anywhere(optics, rng):
+    frames = exposures(optics, 6, rng, states=rng.normal(0, 5.0, (6, 2)))
+    fit = refit_sequence(frames, Looker(optics))
+    assert fit.combined.kept.all()
+    assert len(fit.messages) == 6
+    assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
+
+
+def test_steps_between_exposures_are_not_motion_within_them(optics):
+    places = {"y": 0.4 * np.arange(8) - 1.6}  # stands still while the shutter is open
+    frames = exposures(optics, 8, None, scenes=places, line_time=1e-4)
+    fit = refit_sequence(frames, Looker(optics))
+    assert fit.separation[0] == pytest.approx(5.0, abs=1e-5)
+    assert fit.rows.unknown > 1
+
+
+def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
+    fit = refit_sequence(exposures(optics, 12, rng, loci=[Linear.of(0.0)] * 12), Looker(optics, "linear"))
+    assert len(fit.messages) >= 11  # 18 % were lost before
+    assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
