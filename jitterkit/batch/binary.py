@@ -70,7 +70,8 @@ class BinaryMeasurer:
                 f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with everything "
                 f"fitted {best:.3g}: the picture's residual is the template's."
             )
-        variance, mask = blurred.clip(0) + frame.read_variance, ~np.isfinite(misfit.residual)
+        variance = np.asarray((blurred.clip(0) + data.offset) / data.weight)
+        mask = ~np.isfinite(misfit.residual)
 
         def draw() -> list[Any]:
             return plot_estimate(

@@ -114,8 +114,11 @@ def calibrate(
     Raises
     ------
     ConfigurationError
-        If frames do not belong together, or something is missing without which the others say nothing.
+        If frames do not belong together, the gain is not positive, or something is missing without which the
+        others say nothing.
     """
+    if gain is not None and not 0 < gain < np.inf:
+        raise ConfigurationError(f"a gain must be positive, in e-/ADU; got {gain:g}.")
     chosen = settings or Settings()
     check_stacks(bias, darks, flats)
     work = _Work(chosen, bias, bias_level)

@@ -106,44 +106,44 @@ def calibrate(
         for kind, given in (("dark", dark), ("flat", flat))
     )
     stacks = [*([biases] if biases else []), *darks, *flats]
+    level, of_level = _level(bias_level, telescope) if flat and not bias else (bias_level, "")
+    own_gain, of_gain = (None, "") if flat else _gain(gain, stacks, telescope)
     calibration = measure(
         biases,
         darks,
         flats,
-        bias_level=_level(bias_level, telescope) if flat and not bias else bias_level,
-        gain=None if flat else _gain(gain, stacks, telescope),
+        bias_level=level,
+        gain=own_gain,
         settings=chosen,
     )
-    for sentence in calibration_sentences(calibration):
+    for sentence in filter(None, (of_level, of_gain, *calibration_sentences(calibration))):
         say(sentence)
     _print(calibration_rows(calibration))
     _write(calibration, output, instrument, telescope.detector.full_well)
     say(f"wrote {output}; use it by -i {output / 'detector.toml'}")
 
 
-def _gain(given: float | None, stacks: list[Stack], telescope: Instrument) -> float | None:
+def _gain(given: float | None, stacks: list[Stack], telescope: Instrument) -> tuple[float | None, str]:
+    """The gain where no flats tell it, and a sentence on whose it is."""
     said = next((shot.gain for stack in stacks for shot in stack.shots if shot.gain), None)
     for value, whose in ((given, "--gain"), (said, "the headers")):
         if value is not None:
-            say(f"A gain of {value:g} e-/ADU is taken from {whose}.")
-            return value
+            return value, f"A gain of {value:g} e-/ADU is taken from {whose}."
     value = telescope.detector.gain
-    if value is not None:
-        say(f"A gain of {value:g} e-/ADU is taken from the instrument {telescope.name!r}.")
-    return value
+    if value is None:
+        return None, ""
+    return value, f"A gain of {value:g} e-/ADU is taken from the instrument {telescope.name!r}."
 
 
-def _level(given: float | None, telescope: Instrument) -> float | None:
+def _level(given: float | None, telescope: Instrument) -> tuple[float | None, str]:
+    """The level that flats stand on, and a sentence where the instrument says it."""
     import numpy as np
 
-    if given is not None:
-        return given
     level = telescope.detector.bias
-    if level is None:
-        return None
+    if given is not None or level is None:
+        return given, ""
     value = float(np.median(level))
-    say(f"A bias of {value:g} ADU is taken from the instrument {telescope.name!r}.")
-    return value
+    return value, f"A bias of {value:g} ADU is taken from the instrument {telescope.name!r}."
 
 
 def _print(rows: list[tuple[str, float, float, str]]) -> None:

@@ -53,7 +53,11 @@ def causes(
         ),
     ] = None,
     target: Annotated[
-        str, typer.Option(metavar="10%", help="Share of its size to which each cause is to be told.")
+        str,
+        typer.Option(
+            metavar="10%",
+            help="Share of its size to which each cause is to be told; of a pixel where it has none.",
+        ),
     ] = "10%",
     frames: Annotated[int, typer.Option(min=1, help="Further frames that might be taken.")] = 8,
     telemetry: Annotated[

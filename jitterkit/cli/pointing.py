@@ -6,6 +6,7 @@ to them one after the other.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,7 @@ def drifting(drift: str, telescope, locus, frames: int) -> Pointing:
     Raises
     ------
     ConfigurationError
-        If it is not two numbers, or the exposure is not known.
+        If it is not two finite numbers, or the exposure is not known.
     """
     import numpy as np
 
@@ -127,9 +128,11 @@ def _velocity(text: str) -> tuple[float, float]:
     try:
         vx, vy = (float(value) for value in text.split(","))
     except ValueError:
+        vx = vy = math.nan
+    if not math.isfinite(vx) or not math.isfinite(vy):
         raise ConfigurationError(
             f"--drift {text} is not understood; write velocities along x and y in arcsec/s, --drift 0.5,-0.2."
-        ) from None
+        )
     return vx, vy
 
 

@@ -170,19 +170,20 @@ def _trimmed(image: np.ndarray, margin: int) -> np.ndarray:
 
 def _problem(data: Data, nodes: _Nodes, background: float) -> tuple[KernelProblem, np.ndarray]:
     """The problem with the weights of its own solution, from a first one without blur; and that solution."""
-    counts, read, used = (
-        nodes.trim(a).ravel() for a in (data.electrons - background, data.read_variance, data.used)
+    weights = np.broadcast_to(data.weight, data.used.shape)
+    counts, offset, used, weight = (
+        nodes.trim(a).ravel() for a in (data.electrons - background, data.offset, data.used, weights)
     )
     if not used.any():
         raise UndeterminedError("No usable pixel is left for a kernel; mask less of the frame.")
 
     def weighed(mean) -> KernelProblem:
         least = _FLOOR * np.abs(mean).mean()
-        weights = np.where(used, 1 / (np.maximum(mean + background, least) + read), 0.0)
+        weights = np.where(used, weight / (np.maximum(mean + background, least) + offset), 0.0)
         weighted = nodes.templates * weights
         curvature = weighted @ nodes.templates.T
         curvature += _RIDGE * np.trace(curvature) * np.eye(len(curvature))
-        return KernelProblem(curvature, weighted @ counts, weighted @ (background + read))
+        return KernelProblem(curvature, weighted @ counts, weighted @ (background + offset))
 
     middle = nodes.templates[len(nodes.templates) // 2]
     first = best_shares(weighed(middle * max(counts[used].sum(), 1.0) / middle[used].sum()))

@@ -108,7 +108,7 @@ class _Point(NamedTuple):
         free = tuple(names.index(name) for name in ("x", "y", "flux", *Mvn.names))
         image, slopes = (np.asarray(a) for a in image_and_jacobian(parameters, otf, free))
         residual = np.asarray(data.electrons) - image
-        variance = np.clip(image, 0, None) + np.asarray(data.read_variance)
+        variance = np.asarray((np.clip(image, 0, None) + data.offset) / data.weight)
         return cls(parameters, free, residual.ravel(), variance.ravel(), slopes.reshape(len(free), -1))
 
     def step(self, window: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

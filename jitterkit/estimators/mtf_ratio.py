@@ -122,7 +122,7 @@ def estimate_mtf_ratio(
     fill, before = sharp, np.full(3, np.inf)
     for _ in range(_PASSES):
         counts = np.where(used, np.asarray(data.electrons), fill)
-        variance = np.where(used, np.clip(counts, 0, None) + np.asarray(data.read_variance), 0.0)
+        variance = np.where(used, (np.clip(counts, 0, None) + data.offset) / data.weight, 0.0)
         ratio = _Ratio.of(counts, variance, sharp, otf.grid.plate_scale)
         estimate = _estimate(ratio) if shape is None else _of_known_shape(ratio, shape)
         settled = np.all(np.abs(estimate.moments - before) < 0.05 * estimate.errors)

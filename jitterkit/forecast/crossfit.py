@@ -46,7 +46,7 @@ class CrossFit:
     data : Data
         The expected image.
     mean : (ny, nx) array
-        What the likelihood expects at the fit, read variance included.
+        What the likelihood expects at the fit, what the read noise adds to it included.
     slopes : (p, ny, nx) array
         Change of the score for one more electron in a pixel; zero where masked.
     response : (p, p) array
@@ -80,7 +80,7 @@ class CrossFit:
     @property
     def scatter(self) -> float:
         """Standard deviation of the separation over noisy frames, arcsec: that of its linear response."""
-        variance = np.asarray(self.data.electrons + self.data.read_variance)
+        variance = np.asarray((self.data.electrons + self.data.offset) / self.data.weight)
         return float(np.sqrt(np.sum(self.leverage**2 * variance)))
 
     @property
@@ -142,8 +142,8 @@ def _respond(
     assert fit.parameters is not None
     _, free = free_parameters(fit.parameters, otf, options.hold)
     image, jacobian = (np.asarray(a) for a in image_and_jacobian(fit.parameters, otf, free))
-    mean = image + np.asarray(data.read_variance)
-    slopes = np.where(np.asarray(data.used), jacobian / mean, 0.0)
+    mean = image + np.asarray(data.offset)
+    slopes = np.where(np.asarray(data.used), jacobian * np.asarray(data.weight) / mean, 0.0)
     wrong = fit.chi2 > _WRONG
     response = _response(fit, optics, otf, data, free) if wrong else fit.covariance
     return CrossFit(truth, fit, data, mean, slopes, response)

@@ -87,7 +87,8 @@ def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Genera
     centre = np.asarray(data.electrons).ravel()
     scores = [fit.slopes.reshape(len(fit.slopes), -1) for fit in fits]
     # about the first: what a frame's evidence has in common for all loci says nothing
-    logs = [np.where(np.asarray(data.used), np.log(fit.mean / fits[0].mean), 0.0).ravel() for fit in fits]
+    used, weight = np.asarray(data.used), np.asarray(data.weight)
+    logs = [np.where(used, weight * np.log(fit.mean / fits[0].mean), 0.0).ravel() for fit in fits]
     rows = np.concatenate([*scores, logs]).astype(np.float32)
     ends = np.cumsum([len(score) for score in scores])
 
@@ -136,7 +137,7 @@ def refitted_draws(
     columns = []
     for job in _jobs(draws, rng):
         for electrons in _frames(expected, *job):
-            data = Data(electrons, expected.read_variance, expected.used)
+            data = Data(electrons, expected.read_variance, expected.used, response=expected.response)
             results = [_refit(fit, data, optics, otf, options) for fit, otf in zip(fits, otfs, strict=True)]
             if auto:
                 moments = truth.locus.moments()
@@ -166,8 +167,9 @@ def _jobs(draws: int, rng: np.random.Generator) -> list[tuple[np.random.Generato
 
 def _frames(data: Data, rng: np.random.Generator, draws: int) -> np.ndarray:
     """Noisy frames (draws, ny, nx) of an expected one: photons, and what the detector adds to them."""
-    expected, variance = np.maximum(np.asarray(data.electrons), 0.0), np.asarray(data.read_variance)
+    weight, variance = np.asarray(data.weight), np.asarray(data.read_variance)
+    expected = weight * np.maximum(np.asarray(data.electrons), 0.0)
     frames = rng.poisson(expected, (draws, *expected.shape)).astype(float)
     if np.any(variance > 0):
         frames += np.sqrt(variance) * rng.standard_normal(frames.shape)
-    return frames
+    return frames / weight

@@ -117,7 +117,8 @@ class _Field:
         count = max(frame_used.sum(), 1.0)
         electrons = np.asarray(data.electrons) * frame_used
         level = electrons.sum() / count
-        noise = (np.clip(electrons, 0, None) + np.asarray(data.read_variance) * frame_used).sum() / count
+        variance = np.asarray((np.clip(electrons, 0, None) + data.offset) / data.weight)
+        noise = (variance * frame_used).sum() / count
         used = _embed(frame_used, grid)
         squares = fft.rfft2(fft.irfft2(optics, s=grid.fine_shape) ** 2)
         light = _correlate(used, optics, grid)

@@ -76,14 +76,23 @@ def causes_sentences(causes: Causes) -> list[str]:
 
 
 def remedy_sentence(causes: Causes, sets: Sequence[DataSet], target: float) -> str:
-    """The cheapest data that bring every cause below a target."""
-    share = f"{100 * target:g} %"
+    """The cheapest data that bring every cause below a target, as :meth:`Causes.shares` has it."""
+    goal = _goal(causes, target)
     if np.all(causes.shares(causes.errors()) <= target):
-        return f"The frame alone tells every cause to {share}."
+        return f"The frame alone tells {goal}."
     best = cheapest(causes, sets, target)
     if best is None:
-        return f"None of these data, nor any two of them, tell every cause to {share}."
-    return f"The cheapest that tells every cause to {share}: {best.words}."
+        return f"None of these data, nor any two of them, tell {goal}."
+    return f"The cheapest that tells {goal}: {best.words}."
+
+
+def _goal(causes: Causes, target: float) -> str:
+    """What is to be told: of nothing there is no share."""
+    absent = [cause.words for cause in causes.causes if not cause.value]
+    if not absent:
+        return f"every cause to {100 * target:g} %"
+    of_none = f"{_listed(absent)}, of size 0, to a blur of {target:g} pixel"
+    return f"every cause that has a size to {100 * target:g} %, and {of_none}"
 
 
 def _confused(causes: Causes, one: Confusion) -> str:

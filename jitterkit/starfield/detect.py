@@ -67,6 +67,8 @@ class Stars:
         Background subtracted; s is odd, and the stamp's middle pixel the one nearest to the centre.
     sky_variance : (n, s, s) array
         Of sky and read-out [electrons²]; a star's own photon noise comes on top.
+    response : (n, s, s) array
+        What the electrons were divided by, as in :class:`~jitterkit.frames.frame.Frame`.
     used : (n, s, s) bool array
         False for pixels that are bad, beyond the frame or part of another star.
     frame_shape : (int, int)
@@ -77,6 +79,7 @@ class Stars:
     y: np.ndarray
     electrons: np.ndarray
     sky_variance: np.ndarray
+    response: np.ndarray
     used: np.ndarray
     frame_shape: tuple[int, int]
 
@@ -88,6 +91,11 @@ class Stars:
         """Middle pixel ``(n, 2)`` of each stamp, columns x and y."""
         return np.stack([np.rint(self.x), np.rint(self.y)], axis=1).astype(int)
 
+    @property
+    def variance(self) -> np.ndarray:
+        """Of ``electrons`` (n, s, s), photon noise of the star included; without it where not used."""
+        return self.sky_variance + np.where(self.used, np.clip(self.electrons, 0, None), 0.0) / self.response
+
     def chosen(self, which: np.ndarray) -> Stars:
         """Some of the stars, by index or boolean array."""
         return Stars(
@@ -95,6 +103,7 @@ class Stars:
             self.y[which],
             self.electrons[which],
             self.sky_variance[which],
+            self.response[which],
             self.used[which],
             self.frame_shape,
         )
@@ -134,8 +143,9 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     catalog = SourceCatalog(image, regions, mask=bad)
     x, y = np.asarray(catalog.centroid).T
     long = np.sqrt(np.linalg.eigvalsh(np.asarray(catalog.covariance))[:, -1])
-    flux, area = np.asarray(catalog.segment_flux), np.asarray(catalog.area)
-    bright = flux > _LEAST_SNR * np.sqrt(area * np.median(noise) ** 2 + np.clip(flux, 0, None))
+    flux = np.asarray(catalog.segment_flux)
+    variance = np.median(noise) ** 2 + np.clip(image, 0, None) / frame.response
+    bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
     bright &= np.isfinite(x + y + long)
     if not bright.any():
         raise UndeterminedError("No star rises above the noise of the frame; expose longer or stack frames.")
@@ -144,7 +154,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     half = _half_width(typical) if half is None else half
     order = np.argsort(-flux[good])
     x, y, own = (a[good][order] for a in (x, y, np.asarray(catalog.labels)))
-    stars = _cut(image, noise**2, bad, regions.data, x, y, own, half)
+    response = np.broadcast_to(frame.response, frame.shape)
+    stars = _cut(image, noise**2, response, bad, regions.data, x, y, own, half)
     alone = _alone(stars, _CORE * typical)
     if not alone.any():
         raise UndeterminedError(
@@ -168,10 +179,10 @@ def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         exclude_percentile=90.0,
     )
     image = frame.electrons - background.background
-    noise = np.maximum(background.background_rms, np.sqrt(frame.read_variance))
+    noise = np.maximum(background.background_rms, np.sqrt(frame.read_variance) / frame.response)
     noise = np.maximum(noise, np.finfo(np.float32).tiny)
     smooth = median_filter(np.where(frame.mask, 0.0, image), 3).astype(float)
-    reach = _BAD * np.hypot(noise, np.sqrt(np.clip(smooth, 0, None)))
+    reach = _BAD * np.hypot(noise, np.sqrt(np.clip(smooth, 0, None) / frame.response))
     bad = frame.mask | (np.abs(image - smooth) > reach + _SHARP * np.clip(smooth, 0, None))
     return np.where(bad, smooth, image), noise, bad
 
@@ -200,11 +211,11 @@ def _half_width(sigma: float) -> int:
     return next((h for h in _HALVES if h >= 7 * sigma), _HALVES[-1])
 
 
-def _cut(image, variance, bad, labels, x, y, own, half: int) -> Stars:
+def _cut(image, variance, response, bad, labels, x, y, own, half: int) -> Stars:
     """Stamps about stars; what lies beyond the frame is not used."""
     shape = image.shape
     image, variance = (np.pad(a, half) for a in (image, variance))
-    bad = np.pad(bad, half, constant_values=True)
+    bad, response = np.pad(bad, half, constant_values=True), np.pad(response, half, constant_values=1.0)
     labels = np.pad(labels, half)
     grid = np.arange(2 * half + 1)
     rows = np.rint(y).astype(int)[:, None, None] + grid[:, None]
@@ -213,7 +224,8 @@ def _cut(image, variance, bad, labels, x, y, own, half: int) -> Stars:
     others = (stamps > 0) & (stamps != own[:, None, None])
     others = ndimage.binary_dilation(others, np.ones((1, 3, 3), bool), iterations=2)
     used = ~bad[rows, columns] & ~others
-    return Stars(x, y, image[rows, columns], variance[rows, columns], used, shape)
+    image, variance, response = (a[rows, columns] for a in (image, variance, response))
+    return Stars(x, y, image, variance, response, used, shape)
 
 
 def _alone(stars: Stars, radius: float) -> np.ndarray:

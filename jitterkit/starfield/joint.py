@@ -172,7 +172,8 @@ def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind:
     for first in range(0, n, _CHUNK):
         rows = np.minimum(np.arange(first, first + _CHUNK), n - 1)
         chunk = stars.chosen(rows)
-        data = Data(chunk.electrons, chunk.sky_variance, chunk.used)  # one for all, mapped over below
+        read = chunk.sky_variance * chunk.response**2  # as of the counts before the division
+        data = Data(chunk.electrons, read, chunk.used, response=chunk.response)  # mapped over below
         parts.append(_equations(own[rows], coords, otf, kind, data))
     deviance, score, information = (np.concatenate([np.asarray(p[i]) for p in parts])[:n] for i in range(3))
     k = len(coords)

@@ -81,10 +81,9 @@ def adaptive_moments(stars: Stars) -> Moments:
     integrals: 1 %) or it is faint: the bias is of the order of the squared relative error.
     """
     filled = np.where(stars.used, stars.electrons, 0.0)
-    variance = stars.sky_variance + np.clip(filled, 0, None)
     with np.errstate(all="ignore"):  # what runs away is no star, and told so
         values = _fixed_point(filled)
-        covariance, flux = _covariance(values, filled, variance)
+        covariance, flux = _covariance(values, filled, stars.variance)
     limit = _EDGE * (filled.shape[-1] // 2)
     trace, det = values[:, 2] + values[:, 4], values[:, 2] * values[:, 4] - values[:, 3] ** 2
     with np.errstate(invalid="ignore"):

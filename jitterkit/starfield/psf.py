@@ -100,7 +100,7 @@ def stack_psf(stars: Stars, moments: Moments) -> Psf:
     flux = moments.flux
     filled = np.where(stars.used, stars.electrons, 0.0)
     light = np.clip(filled, 0, None)
-    variance = stars.sky_variance + light
+    variance = stars.variance
     # over the mean variance where the star is: of its photons and of the sky under it
     weight = flux * np.sum(light, axis=(1, 2)) / np.sum(variance * light, axis=(1, 2))
     total = np.sum(weight * flux)

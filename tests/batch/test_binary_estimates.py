@@ -70,3 +70,23 @@ def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_n
     (row,) = estimate_files([drifted], BinaryMeasurer(_Blind(load_instrument("smallsat"))))
     assert row["status"] == "ok"
     assert "with everything fitted" in row["message"]
+
+
+class _Insensitive(Processor):
+    """Of a detector that counts a quarter, and whose frames are divided by that."""
+
+    def calibrate(self, raw):
+        frame = super().calibrate(raw)
+        return replace(frame, electrons=frame.electrons / 0.25, ceiling=frame.ceiling / 0.25, response=0.25)
+
+
+def test_the_picture_s_residual_is_in_sigmas_of_what_was_counted(drifted):
+    titles = []
+    for kind in (Processor, _Insensitive):
+        estimate_files(
+            [drifted],
+            BinaryMeasurer(kind(load_instrument("smallsat"))),
+            keep=lambda one: titles.append(one.draw()[2].get_title()),
+        )
+    plain, divided = titles
+    assert divided == plain

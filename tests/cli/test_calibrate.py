@@ -111,6 +111,8 @@ def test_flats_alone_stand_on_a_level(frames, tmp_path):
         (["--bias", "none"], "none: does not exist"),
         (["--bias", "FRAMES/bias", "-i", "nowhere"], "There is no instrument 'nowhere'"),
         (["--bias", "FRAMES/bias", "--clip", "1"], "clip = 1 is out of range"),
+        (["--bias", "FRAMES/bias", "--gain", "-1"], "a gain must be positive, in e-/ADU; got -1"),
+        (["--bias", "FRAMES/bias", "--gain", "nan"], "a gain must be positive, in e-/ADU; got nan"),
         (["--dark", "FRAMES/bias"], "biases.tif: the dark frame does not say its exposure; give --exposure"),
         (["--bias", "FRAMES/bias", "--dark", "FRAMES/flat/0.4.fits", "--bias", "FRAMES/flat/0.4.fits"],
          "its level is"),
@@ -124,6 +126,7 @@ def test_what_cannot_be_measured_is_one_sentence_and_nothing_is_written(
     assert done.exit_code == 2, done.output
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
+    assert "is taken from" not in done.stderr  # nothing was
     assert not (tmp_path / "out").exists()
 
 

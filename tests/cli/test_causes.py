@@ -17,7 +17,10 @@ def test_a_free_jitter_is_taken_for_diffusion_and_telemetry_tells_them_apart(tmp
     done = runner.invoke(app, [*asked, "-o", str(table), "--plot", str(picture)])
     assert done.exit_code == 0, done.output
     assert "diffusion is taken for jitter along 0° and jitter across 0°" in done.stdout
-    assert "The cheapest that tells every cause to 10 %: telemetry of the jitter to 4 %." in done.stdout
+    assert (
+        "The cheapest that tells every cause that has a size to 10 %, and jitter turned from 0° and defocus, "
+        "of size 0, to a blur of 0.1 pixel: telemetry of the jitter to 4 %."
+    ) in done.stdout
     (row,) = [line.split() for line in done.stdout.splitlines() if line.startswith("diffusion  ")]
     assert (row[1], row[3], row[4], row[-2:]) == ("0.4", "inf", "pix", ["not", "told"])
     kept = read_table(table)

@@ -113,6 +113,8 @@ def test_a_rolling_detector_is_told_of_a_locus_that_has_no_time(here):
     ("arguments", "sentence"),
     [
         (["--drift", "3"], "--drift 3 is not understood; write velocities along x and y"),
+        (["--drift", "inf,0"], "--drift inf,0 is not understood; write velocities along x and y"),
+        (["--drift", "0,nan"], "--drift 0,nan is not understood; write velocities along x and y"),
         (
             ["--drift", "3,4", "--trace", "gyro.csv"],
             "A --trace takes the place of a locus; leave out --drift",

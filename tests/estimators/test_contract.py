@@ -59,6 +59,21 @@ def test_moments_are_unbiased_and_their_covariance_is_honest(name, locus, otf, r
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_flat_of_one_value_changes_nothing_but_the_unit(name, otf, rng):
+    """What is counted is what was collected: blur and errors are those of the counts themselves."""
+    faint = eqx.tree_at(lambda s: s.flux, scene(), 0.3 * scene().flux)
+    counts = rng.poisson(_image(Parameters(faint, Mvn.of(0.08, 0.04, 50.0)), otf)) + rng.normal(
+        0, 3, (48, 48)
+    )
+    counted = ESTIMATORS[name](Data(counts, 9.0), Parameters(faint, Stable.of()), otf)
+    divided = Data(counts / 0.3, 9.0, response=0.3)
+    found = ESTIMATORS[name](divided, Parameters(scene(), Stable.of()), otf)
+    # digits that a single precision transform leaves, and where a search ends
+    np.testing.assert_allclose(found.moments, counted.moments, rtol=0, atol=1e-3 * counted.errors.min())
+    np.testing.assert_allclose(found.errors, counted.errors, rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
 def test_turning_the_sky_turns_the_moments(name, otf):
     found = []
     for turn in (0.0, 90.0):

@@ -1,5 +1,7 @@
 """Further data that tell causes apart: against one dense information of all frames, and against laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -178,6 +180,15 @@ def test_the_cheapest_is_the_first_that_serves_or_the_first_pair(seen):
     assert remedy_sentence(seen, [weakly], target).startswith("None of these data, nor any two")
     assert remedy_sentence(seen, [whole], target).endswith(": whole.")
     assert remedy_sentence(seen, [], 1e9).startswith("The frame alone tells every cause")
+
+
+def test_what_has_no_size_is_told_to_no_share_of_it(seen):
+    there = replace(seen, causes=tuple(cause._replace(value=1e-2) for cause in seen.causes))
+    assert remedy_sentence(there, [], 1e9) == "The frame alone tells every cause to 1e+11 %."
+    *others, diffusion = there.causes
+    absent = replace(there, causes=(*others, diffusion._replace(value=0.0)))
+    goal = "every cause that has a size to 50 %, and diffusion, of size 0, to a blur of 0.5 pixel"
+    assert remedy_sentence(absent, [], 0.5) == f"None of these data, nor any two of them, tell {goal}."
 
 
 def test_without_jitter_there_is_nothing_to_tell_of_it():

@@ -7,8 +7,10 @@ import pytest
 import scipy.optimize
 
 from jitterkit.conventions import FWHM_PER_SIGMA
+from jitterkit.detectors import Detector
 from jitterkit.forecast import linearised_draws, noise_free_fit, refitted_draws
 from jitterkit.forward import expected_image, to_vector
+from jitterkit.frames import RawFrame
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 
 SIGMA = 0.225 / FWHM_PER_SIGMA
@@ -128,3 +130,38 @@ def test_the_evidence_of_many_frames_finds_the_locus_that_one_frame_cannot(fits)
 def test_a_stable_telescope_fitted_with_a_normal_is_unbiased(bench):
     found = noise_free_fit(bench.under(Stable.of()), "mvn", bench.optics, otf=bench.otf)
     assert abs(found.bias) < 1e-6 * found.error
+
+
+@pytest.fixture(scope="module")
+def uneven():
+    """A detector whose response is a quarter under the stars of what it is about them."""
+    y, x = np.indices((48, 48)) - 23.5
+    flat = np.where(np.hypot(x, y) < 14, 0.4, 1.6)
+    return Detector(gain=1.0, bias=100.0, read_noise=3.0, flat=flat / flat.mean())
+
+
+@pytest.fixture(scope="module")
+def flattened(bench, uneven):
+    truth = bench.under(Linear.of(0.6, 20.0))
+    return [noise_free_fit(truth, name, bench.optics, uneven, bench.otf) for name in ("linear", "shm")]
+
+
+def test_frames_divided_by_a_flat_scatter_as_those_that_a_detector_reads(flattened, uneven, bench, rng):
+    fit = flattened[0]
+    assert fit.scatter == pytest.approx(fit.error, rel=1e-6)  # as of every right locus
+    image = np.asarray(expected_image(fit.truth, bench.otf))
+    read = [uneven.calibrate(RawFrame.from_array(uneven.expose(image, rng))).electrons for _ in range(400)]
+    drawn = linearised_draws([fit], 400, rng).separations[0]
+    # four times what a deviation of 400 draws scatters by
+    for values in (np.tensordot(np.array(read) - image, fit.leverage, 2), drawn):
+        assert np.std(values) == pytest.approx(fit.scatter, rel=4 / np.sqrt(800))
+
+
+def test_frames_divided_by_a_flat_are_fitted_alike_in_both_ways(flattened, bench):
+    quick = linearised_draws(flattened, 12, np.random.default_rng(9))
+    full = refitted_draws(flattened, bench.optics, 12, np.random.default_rng(9))
+    # both loci are streaks, far from any bound: a step leaves out a hundredth of an error, and of a nat
+    assert np.all(np.abs(full.separations - quick.separations) < 0.05 * flattened[0].error)
+    known = [d.evidence[0] - d.evidence[1] for d in (quick, full)]
+    np.testing.assert_allclose(*known, rtol=0, atol=0.05)
+    assert np.std(known[0]) > 1

@@ -46,6 +46,20 @@ SCENES = [
 ]
 
 
+def test_a_flat_of_one_value_leaves_a_pair_as_significant(rng):
+    """The chi-squared explained is that of the counts themselves."""
+    pupil, band = obstructed_circle(0.125, 0.04, noll=(), samples=64), flat_band(530, 640, 3)
+    otf = OpticalSystem(pupil, band, grid_for(pupil, band, (48, 48), 0.375, 16)).nominal
+    scene = Binary(5.0, 40.0, 0.1, 0.05, 1e6, 3.37)
+    image = np.asarray(expected_image(Parameters(scene, Stable.of()), otf))
+    counts = rng.poisson(np.maximum(image, 0)) + rng.normal(0, 2.4, image.shape)
+    (one, *_), (other, *_) = (
+        find_pairs(data, otf) for data in (Data(counts, 2.4**2), Data(counts / 0.3, 2.4**2, response=0.3))
+    )
+    assert other.gain == pytest.approx(one.gain, rel=1e-6)
+    assert float(other.scene.flux) == pytest.approx(float(one.scene.flux) / 0.3, rel=1e-6)
+
+
 @pytest.mark.parametrize("values", SCENES)
 def test_the_pair_is_found_through_jitter_and_aberrations(values, optics, rng):
     separation, theta, x, y, contrast = values

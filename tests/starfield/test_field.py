@@ -52,7 +52,7 @@ def test_without_a_reference_moments_and_axis_are_within_their_errors(alone, tra
     images = np.array([star(*p, *u, half=16) for p in phases])
     stars = find_stars(trailed[0]).chosen(np.arange(40))
     exact = adaptive_moments(
-        type(stars)(stars.x, stars.y, 1e6 * images, 1 + 0 * images, images > -1, (680, 680))
+        type(stars)(stars.x, stars.y, 1e6 * images, 1 + 0 * images, 1 + 0 * images, images > -1, (680, 680))
     ).moments.mean(0)
     errors = np.sqrt(np.diag(estimate.common_covariance))
     # four errors; half of one is left for the background under the wings
@@ -178,3 +178,13 @@ def test_a_reference_on_other_pixels_is_refused(trailed, sharp):
     )
     with pytest.raises(ConfigurationError, match=r"The reference has 1.5 arcsec per pixel and the frame 3.0"):
         estimate_field(frame, reference=reference)
+
+
+def test_a_flat_of_one_value_changes_nothing_but_the_unit(field, trail, sharp):
+    """What is counted is what was collected: electrons, noise and errors scale together."""
+    counted, _ = field(np.random.default_rng(9), trail(4, 30), stars=40, side=400)
+    divided = Frame(counted.electrons / 0.25, counted.read_variance, response=0.25)
+    plain, flat = (estimate_field(frame, reference=sharp[0]) for frame in (counted, divided))
+    assert (flat.used.sum(), flat.length) == pytest.approx((plain.used.sum(), plain.length), rel=1e-6)
+    assert flat.length_err == pytest.approx(plain.length_err, rel=1e-6)
+    np.testing.assert_allclose(flat.errors, plain.errors, rtol=1e-6)

@@ -19,10 +19,11 @@ def normal(x, y, sxx, sxy, syy):
     return np.exp(-0.5 * (syy * dx**2 - 2 * sxy * dx * dy + sxx * dy**2) / det) / (2 * np.pi * np.sqrt(det))
 
 
-def as_stars(images, sky=1.0):
+def as_stars(images, sky=1.0, response=1.0):
     images = np.asarray(images, float)
     flat = np.zeros(len(images))
-    return Stars(flat, flat, images, np.full(images.shape, sky), np.ones(images.shape, bool), (512, 512))
+    even = np.ones(images.shape)
+    return Stars(flat, flat, images, sky * even, response * even, even > 0, (512, 512))
 
 
 def test_a_normal_star_gives_its_own_covariance_and_flux():
@@ -49,10 +50,11 @@ def test_they_are_those_of_the_best_normal_in_least_squares(star):
     np.testing.assert_allclose(measured.centre[0], fit.x[1:3], atol=1e-6)
 
 
-def test_errors_are_the_scatter_of_noisy_draws(star, rng):
+@pytest.mark.parametrize("response", [1.0, 0.3])
+def test_errors_are_the_scatter_of_noisy_draws(response, star, rng):
     image, draws = 2e4 * star(0.1, 0.3, 3.0, 2.0, half=16), 400
-    noisy = rng.poisson(np.tile(image + 50.0, (draws, 1, 1))) - 50.0
-    measured = adaptive_moments(as_stars(noisy, sky=50.0))
+    noisy = rng.poisson(np.tile(response * (image + 50.0), (draws, 1, 1))) / response - 50.0
+    measured = adaptive_moments(as_stars(noisy, 50.0 / response, response))
     truth = adaptive_moments(as_stars([image])).moments[0]
     pulls = (measured.moments - truth) / np.sqrt(np.einsum("nii->ni", measured.covariance))
     # 400 draws: a mean scatters by 0.05, a standard deviation by 0.035; four times that
