@@ -22,20 +22,15 @@ from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.joint.combine import Combined, combine
 from jitterkit.joint.filter import Filter, Model
-from jitterkit.joint.laws import Constant, Law, Wander
+from jitterkit.joint.laws import Constant, Law
 from jitterkit.joint.look import Looker, Nearby
-from jitterkit.joint.message import Message, Messages
+from jitterkit.joint.message import Messages
 from jitterkit.joint.records import FrameRecord, Records
-from jitterkit.joint.result import Rows, SequenceFit
-from jitterkit.joint.velocity import (
-    motion_unknown,
-    smear_allowed,
-    velocity_between_frames,
-    velocity_from_trace,
-)
-from jitterkit.joint.wander import measure_wander
+from jitterkit.joint.result import SequenceFit
+from jitterkit.joint.shutters import Shutters
+from jitterkit.joint.wander import loose_laws, settle_laws
 from jitterkit.refit import FitResult, Status
-from jitterkit.shutter import Drifting, with_enough_nodes
+from jitterkit.shutter import Shutter
 
 __all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
 
@@ -44,18 +39,6 @@ _SETTLED = 1.0
 the next moved it by 0.0002."""
 
 _PASSES = 5
-
-_STEP = 3.0
-"""Errors of one frame by which what changes may change from frame to frame, until all have been seen."""
-
-_FORGETS = 1e3
-"""Frames over which that adds up."""
-
-_FEW = 8
-"""Frames below which nothing is said of how much they wander."""
-
-_ANYWHERE = (300.0, 1e-3)
-"""Errors of a frame, and exposures, of a wander that may be anywhere in every frame."""
 
 
 class Exposure(NamedTuple):
@@ -142,8 +125,10 @@ class _Run:
         self.exposures, self.looker, self.options = exposures, looker, options
         self.watch = watch or (lambda number, name: None)
         self.template: Parameters | None = None
-        self.nodes, self.line_time, self.exposure = 2, 0.0, 0.0
-        self.doubted = np.zeros((0, 2))
+        self.shutters = Shutters(looker.optics.nominal.grid, options.rolling, options.telemetry)
+        common = options.laws.get("aberrations")
+        laws = dict.fromkeys(looker.optics.nominal.names, common) | dict(options.laws)
+        self.given = {name: laws.get(name, Constant()) for name in looker.shared}
         unknown = [name for name in options.laws if name not in (*looker.shared, "aberrations")]
         if unknown:
             raise ConfigurationError(
@@ -154,18 +139,28 @@ class _Run:
     def fit(self) -> SequenceFit:
         began = time.perf_counter()
         messages, records = self._first_pass()
-        laws = self._laws(messages)
+        laws = self._settled_laws(messages)
         combined, moves = combine(messages, laws), [math.inf]
         while len(moves) < _PASSES and not moves[-1] < _SETTLED:
             before = combined
             messages, records = self._later_pass(len(moves) + 1, combined, records)
-            laws = self._laws(messages)
+            laws = self._settled_laws(messages)
             combined = combine(messages, laws)
             moves.append(_moved(before, combined))
-        seconds = time.perf_counter() - began
         return SequenceFit(
-            combined, messages, records, laws, self.looker.locus, tuple(moves), seconds, self._rows(records)
+            combined=combined,
+            messages=messages,
+            records=records,
+            laws=laws,
+            locus=self.looker.locus,
+            moves=tuple(moves),
+            seconds=time.perf_counter() - began,
+            rows=self.shutters.rows(records, combined.value("separation")),
         )
+
+    def _settled_laws(self, messages: Messages) -> dict[str, Law]:
+        names = self.looker.optics.nominal.names
+        return settle_laws(self.given, messages, names, self.shutters.exposure or 1.0)
 
     # -- passes over the frames --------------------------------------------------------------------
 
@@ -180,15 +175,14 @@ class _Run:
                 records.append(_record(exposure, _why(exposure), looker.own))
                 continue
             if run is None or here is None or here.parameters is None:
-                fit, otf = looker.first(exposure.frame, self._shutter(exposure.frame, np.zeros(2)))
+                fit, otf = looker.first(exposure.frame, self.shutters.of(exposure.frame))
             else:
                 run.move(exposure.time)
                 known = dict(zip(looker.shared, run.shared(), strict=True))
                 start = looker.at(here.parameters, known)
                 fit, otf = looker.anew(exposure.frame, start, here.image, nearby.at(start))
                 if not fit.status.usable:  # lost: what is shared, or the pair, has moved too far
-                    shutter = self._shutter(exposure.frame, np.zeros(2))
-                    fit, otf = looker.first(exposure.frame, shutter, known)
+                    fit, otf = looker.first(exposure.frame, self.shutters.of(exposure.frame), known)
             message = looker.told(exposure.frame, fit, otf, exposure.time)
             records.append(_record(exposure, fit, looker.own, told=message is not None))
             if message is None:
@@ -197,7 +191,8 @@ class _Run:
             here = fit
             if run is None:
                 self.template = fit.parameters
-                run = Filter(Model(looker.shared, self._loose(message), message, (0.0, 1.0)))
+                loose = loose_laws(self.given, message, self.shutters.exposure or 1.0)
+                run = Filter(Model(looker.shared, loose, message, (0.0, 1.0)))
                 run.move(exposure.time)
             run.hear(message)
         return _told(messages, records)
@@ -205,7 +200,7 @@ class _Run:
     def _later_pass(self, number: int, combined: Combined, before: Records) -> tuple[Messages, Records]:
         """Each frame with the shared parameters of all, from where the pass before left it."""
         looker, messages, records = self.looker, Messages(self.looker.shared), Records(self.looker.own)
-        shared, velocities = combined.shared(), self._velocities(before)
+        shared, velocities = combined.shared(), self.shutters.velocities(before)
         nearby = Nearby(looker.optics)
         for exposure, old, velocity in zip(self._frames(number), before, velocities, strict=True):
             if not old.told or exposure.frame is None:
@@ -214,12 +209,12 @@ class _Run:
             values = dict(zip(looker.shared, next(shared).values, strict=True))
             values |= dict(zip(looker.own, old.values, strict=True))
             assert self.template is not None
-            start = _shuttered(looker.at(self.template, values), self._shutter(exposure.frame, velocity))
+            shutter = self.shutters.of(exposure.frame, velocity)
+            start = _shuttered(looker.at(self.template, values), shutter)
             fit, otf = looker.again(exposure.frame, start, nearby.at(start))
-            if (
-                not fit.status.usable
-            ):  # what the others say does not suit it: it speaks for itself, and is judged
-                fit, otf = looker.first(exposure.frame, start.shutter, values)
+            if not fit.status.usable:
+                # what the others say does not suit it: it speaks for itself, and will be judged
+                fit, otf = looker.first(exposure.frame, shutter, values)
             message = looker.told(exposure.frame, fit, otf, exposure.time)
             records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
             if message is not None:
@@ -239,91 +234,6 @@ class _Run:
                 last = exposure.time
             yield exposure
             self.watch(number, exposure.name)
-
-    # -- motion ------------------------------------------------------------------------------------
-
-    def _velocities(self, records: Records) -> np.ndarray:
-        """Velocity of the image in every frame (n, 2), arcsec/s; zero where nothing says."""
-        times = np.array([record.time for record in records])
-        if self.options.telemetry is not None:
-            velocities = velocity_from_trace(self.options.telemetry, times, self.exposure)
-        else:
-            places = np.array([record.place for record in records])
-            velocities = np.nan_to_num(velocity_between_frames(times, places))
-            room = [
-                smear_allowed(r.moments, r.moment_errors, v) for r, v in zip(records, velocities, strict=True)
-            ]
-            self.doubted = velocities[np.hypot(*velocities.T) * self.exposure > room]
-            velocities = np.where((np.hypot(*velocities.T) * self.exposure > room)[:, None], 0.0, velocities)
-        if self.line_time and self.options.rolling:
-            fastest = velocities[np.argmax(np.hypot(*velocities.T))]
-            grid = self.looker.optics.nominal.grid
-            drift = Drifting(self.line_time, fastest, self.nodes)
-            self.nodes = with_enough_nodes(drift, grid.shape[0], grid.nyquist).nodes
-        return velocities
-
-    def _rows(self, records: Records) -> Rows | None:
-        """What the rolling shutter does to the separation, and how well it is undone."""
-        if not self.line_time or self.template is None:
-            return None
-        scale = self.looker.optics.nominal.grid.plate_scale
-        leverage = abs(self.line_time * float(self.template.binary.separation)) / scale
-        known = self.options.telemetry is not None or not self.options.rolling
-        bends = [(record.time, record.place) for record in records]
-        error = 0.0 if known else motion_unknown([t for t, _ in bends], [place for _, place in bends])
-        if not known and len(self.doubted):  # moved between the exposures, but not so fast within them
-            share = len(self.doubted) / len(bends)
-            error = max(error, float(np.sqrt(share * np.mean(self.doubted**2))))
-        return Rows(self.line_time, self.options.rolling, leverage, error)
-
-    def _shutter(self, frame: Frame, velocity: np.ndarray) -> Drifting | None:
-        """The rolling shutter of a frame, where it has one and is to be modelled."""
-        self.line_time, self.exposure = frame.metadata.value("line_time", 0.0), frame.exposure or 0.0
-        return (
-            Drifting(self.line_time, velocity, self.nodes)
-            if self.line_time and self.options.rolling
-            else None
-        )
-
-    # -- laws --------------------------------------------------------------------------------------
-
-    def _laws(self, messages: Messages) -> dict[str, Law]:
-        """The law of everything shared; wanders that nobody gave are measured."""
-        given = self._given()
-        laws = {name: law for name, law in given.items() if law is not None}
-        open_ = [name for name in given if given[name] is None]
-        aberrations = [name for name in open_ if name in self.looker.optics.nominal.names]
-        for group in [aberrations, *[[name] for name in open_ if name not in aberrations]]:
-            if group:
-                laws |= self._wandering(messages, group, laws)
-        return laws
-
-    def _wandering(self, messages: Messages, group: list[str], laws: Mapping[str, Law]) -> dict[str, Law]:
-        """The wander that a group has in common; of few frames each may be anywhere."""
-        if len(messages) < _FEW:
-            told = dict(zip(messages.names, np.diag(next(iter(messages)).information), strict=True))
-            short = _ANYWHERE[1] * (self.exposure or 1.0)
-            return {name: Wander(_ANYWHERE[0] / math.sqrt(max(told[name], 1e-300)), short) for name in group}
-        return dict.fromkeys(group, measure_wander(messages, group, laws))
-
-    def _given(self) -> dict[str, Law | None]:
-        """The law of every shared parameter as the user has it, or by default."""
-        laws: dict[str, Law | None] = dict(self.options.laws)
-        common = laws.pop("aberrations", None)
-        default = dict.fromkeys(self.looker.optics.nominal.names, common)
-        return {name: laws.get(name, default.get(name, Constant())) for name in self.looker.shared}
-
-    def _loose(self, message: Message) -> dict[str, Law]:
-        """Laws for the first pass: what may change may change quickly."""
-        told = np.diag(message.information)
-        errors = 1 / np.sqrt(np.where(told > 0, told, 1.0))
-        cadence = self.exposure or 1.0
-        wanders = [Wander(_STEP * error * math.sqrt(_FORGETS / 2), _FORGETS * cadence) for error in errors]
-        given = self._given().items()
-        return {
-            name: law if isinstance(law, Constant) else wander
-            for (name, law), wander in zip(given, wanders, strict=True)
-        }
 
 
 def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
@@ -359,5 +269,5 @@ def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) ->
     return FrameRecord.of(exposure.name, exposure.time, fit, own, **more)
 
 
-def _shuttered(p: Parameters, shutter: Drifting | None) -> Parameters:
+def _shuttered(p: Parameters, shutter: Shutter | None) -> Parameters:
     return Parameters(p.scene, p.locus, p.aberrations, p.background, diffusion=p.diffusion, shutter=shutter)

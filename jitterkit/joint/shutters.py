@@ -1,0 +1,81 @@
+"""The rolling shutters of a sequence: how the rows were exposed, and to what motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jitterkit.frames import Frame
+from jitterkit.joint.records import Records
+from jitterkit.joint.result import Rows
+from jitterkit.joint.velocity import (
+    motion_unknown,
+    smear_allowed,
+    velocity_between_frames,
+    velocity_from_trace,
+)
+from jitterkit.optics.grid import Grid
+from jitterkit.shutter import Drifting, with_enough_nodes
+
+__all__ = ["Shutters"]
+
+STILL = np.zeros(2)
+"""arcsec/s: of a frame whose motion is not known yet."""
+
+
+class Shutters:
+    """The rolling shutter of each frame, where the frames say that they have one.
+
+    Parameters
+    ----------
+    grid : Grid
+        Of the frames.
+    rolling : bool
+        Whether to model it.
+    telemetry : ((m,), (m,), (m,)) arrays or None
+        Pointing measured otherwise: s and arcsec.
+    """
+
+    def __init__(self, grid: Grid, rolling: bool, telemetry) -> None:
+        self.grid, self.rolling, self.telemetry = grid, rolling, telemetry
+        self.exposure, self.line_time = 0.0, 0.0
+        self._nodes, self._doubted = 2, 0.0
+
+    def of(self, frame: Frame, velocity: np.ndarray = STILL) -> Drifting | None:
+        """The shutter of a frame; None where all rows were exposed at once, or are taken so."""
+        self.exposure, self.line_time = frame.exposure or 0.0, frame.metadata.value("line_time", 0.0)
+        rolls = self.line_time and self.rolling
+        return Drifting(self.line_time, velocity, self._nodes) if rolls else None
+
+    def velocities(self, records: Records) -> np.ndarray:
+        """Velocity of the image in every frame (n, 2), arcsec/s; zero where nothing says.
+
+        A frame whose own blur has no room for the motion between frames stood still and was moved between
+        the exposures.
+        """
+        times = np.array([record.time for record in records])
+        if self.telemetry is not None:
+            velocities = velocity_from_trace(self.telemetry, times, self.exposure)
+        else:
+            places = np.array([record.place for record in records])
+            found = np.nan_to_num(velocity_between_frames(times, places))
+            pairs = zip(records, found, strict=True)
+            room = np.array([smear_allowed(r.moments, r.moment_errors, v) for r, v in pairs])
+            doubted = np.hypot(*found.T) * self.exposure > room
+            self._doubted = float(np.sqrt(np.mean(np.where(doubted[:, None], found, 0.0) ** 2)))
+            velocities = np.where(doubted[:, None], 0.0, found)
+        if self.line_time and self.rolling:
+            fastest = velocities[np.argmax(np.hypot(*velocities.T))]
+            drift = Drifting(self.line_time, fastest, self._nodes)
+            self._nodes = with_enough_nodes(drift, self.grid.shape[0], self.grid.nyquist).nodes
+        return velocities
+
+    def rows(self, records: Records, separation: float) -> Rows | None:
+        """What the rolling shutter does to a separation [arcsec], and how well it is undone."""
+        if not self.line_time:
+            return None
+        unknown = 0.0
+        if self.rolling and self.telemetry is None:
+            times, places = zip(*((record.time, record.place) for record in records), strict=True)
+            unknown = max(motion_unknown(times, places), self._doubted)
+        leverage = abs(self.line_time * separation) / self.grid.plate_scale
+        return Rows(self.line_time, self.rolling, leverage, unknown)
