@@ -103,7 +103,7 @@ def pixels(study: Study) -> Part:
     frame, scene = Data(study.images()[1]), study.parameters()
     biases = {}
     for samples in TOO_COARSE:
-        optics = SampledOptics(study.exact.pupil, study.exact.spectrum, study.exact.grid, samples)
+        optics = SampledOptics(study.exact.pupil, study.exact.spectrum, study.exact.grid, samples=samples)
         fits = [
             fit_locus(model, frame, optics, scene, np.zeros(3), optics.nominal) for model in ("stable", "mvn")
         ]
