@@ -13,6 +13,9 @@ from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say, w
 
 __all__ = ["sequence"]
 
+_SERIES = 25
+"""Frames of which averages can be studied."""
+
 OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN = (
     "sequence.ecsv",
     "sequence.json",
@@ -73,13 +76,17 @@ def sequence(
 ) -> None:
     """Fit frames of one pair together: separation, optics and detector shared, place and jitter their own.
 
-    Writes sequence.ecsv (a row a frame), sequence.json, averaging.png (scatter and Allan deviation) and
-    run.png (what changed meanwhile). Exit status: 0 if every frame counts, 1 if some do not, 2 if the command
-    cannot be carried out.
+    The frames share one direction of the pair: of a field that turns, give --law theta=polynomial:1. Writes
+    sequence.ecsv (a row a frame), sequence.json, run.png (what changed meanwhile) and, of 25 frames or more,
+    averaging.png (scatter and Allan deviation). Exit status: 0 if every frame counts, 1 if some do not, 2 if
+    the command cannot be carried out.
     """
+    from jitterkit.errors import ConfigurationError
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import check_directory
 
+    if global_shutter and telemetry is not None:
+        raise ConfigurationError("Telemetry is for rolling shutters; give --telemetry or --global-shutter.")
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
     prepare_jax()
@@ -145,8 +152,10 @@ def _write(fit, output: Path, overwrite: bool) -> None:
     write_table(output / TABLE, frame_table(fit, {"command": command_line()}), overwrite=overwrite)
     write_summary(output / SUMMARY, summary, overwrite=overwrite)
     write_picture(output / RUN, plot_run(fit)[0], overwrite)
-    if series is not None and len(series.values) >= 25:
+    if series is not None and len(series.values) >= _SERIES:
         write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
+    else:
+        say(f"{AVERAGING} is drawn of {_SERIES} frames or more that count.")
     for frame in fit.frames():
         if frame.shared is None:
             say(f"{frame.record.name} {frame.record.status.name.lower()}: {frame.record.message}")

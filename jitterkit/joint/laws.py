@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 
 from jitterkit.errors import ConfigurationError
 
-__all__ = ["Constant", "Law", "Polynomial", "Wander", "parse_law"]
+__all__ = ["Constant", "Free", "Law", "Polynomial", "Wander", "parse_law"]
 
 _MOST = 8
 """Degree of a polynomial at most: one that bends more often is a wander."""
@@ -115,6 +115,11 @@ class Wander(Law):
 
     def variance(self) -> np.ndarray:
         return np.array([math.inf, self.rms**2])
+
+
+@dataclass(frozen=True)
+class Free(Wander):
+    """A wander so wide and quick that every frame stands alone."""
 
 
 def parse_law(text: str) -> Law | None:

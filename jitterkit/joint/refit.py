@@ -240,7 +240,10 @@ def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
     """Both, if any frame has told anything."""
     if not len(messages):
         why = next((f": {record.message}" for record in records), ".")
-        raise JitterkitError(f"No frame of the sequence can be fitted{why}")
+        raise JitterkitError(
+            f"No frame of the sequence can be fitted{why} If they are of another telescope, give its "
+            "instrument."
+        )
     return messages, records
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from jitterkit.errors import ConfigurationError
 from jitterkit.frames import Frame
 from jitterkit.joint.records import Records
 from jitterkit.joint.result import Rows
@@ -55,12 +56,11 @@ class Shutters:
         times = np.array([record.time for record in records])
         if self.telemetry is not None:
             velocities = velocity_from_trace(self.telemetry, times, self.exposure)
+            self._check_room(records, velocities)
         else:
             places = np.array([record.place for record in records])
             found = np.nan_to_num(velocity_between_frames(times, places))
-            pairs = zip(records, found, strict=True)
-            room = np.array([smear_allowed(r.moments, r.moment_errors, v) for r, v in pairs])
-            doubted = np.hypot(*found.T) * self.exposure > room
+            doubted = self._too_fast(records, found)
             self._doubted = float(np.sqrt(np.mean(np.where(doubted[:, None], found, 0.0) ** 2)))
             velocities = np.where(doubted[:, None], 0.0, found)
         if self.line_time and self.rolling:
@@ -68,6 +68,22 @@ class Shutters:
             drift = Drifting(self.line_time, fastest, self._nodes)
             self._nodes = with_enough_nodes(drift, self.grid.shape[0], self.grid.nyquist).nodes
         return velocities
+
+    def _too_fast(self, records: Records, velocities: np.ndarray) -> np.ndarray:
+        """Frames (n,) whose own blur has no room for a velocity."""
+        pairs = zip(records, velocities, strict=True)
+        room = np.array([smear_allowed(r.moments, r.moment_errors, v) for r, v in pairs])
+        return np.hypot(*velocities.T) * self.exposure > room
+
+    def _check_room(self, records: Records, velocities: np.ndarray) -> None:
+        """Refuse telemetry that most of the frames contradict."""
+        doubted = self._too_fast(records, velocities)
+        if np.mean(doubted) > 0.5:
+            speed = float(np.median(np.hypot(*velocities[doubted].T)))
+            raise ConfigurationError(
+                f"The telemetry moves the image by {speed:.3g} arcsec/s, for which the blur of "
+                f"{doubted.sum()} of {len(doubted)} frames has no room; check its clock, unit and axes."
+            )
 
     def rows(self, records: Records, separation: float) -> Rows | None:
         """What the rolling shutter does to a separation [arcsec], and how well it is undone."""

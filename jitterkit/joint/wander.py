@@ -13,7 +13,7 @@ import scipy.optimize
 
 from jitterkit.joint.combine import log_likelihood
 from jitterkit.joint.filter import Model
-from jitterkit.joint.laws import Constant, Law, Wander
+from jitterkit.joint.laws import Constant, Free, Law, Wander
 from jitterkit.joint.message import Message, Messages
 
 __all__ = ["loose_laws", "measure_wander", "settle_laws"]
@@ -117,7 +117,7 @@ def settle_laws(
     if len(messages) < _FEW:
         first = next(iter(messages))
         errors = dict(zip(messages.names, _errors(first), strict=True))
-        return known | {name: Wander(_ANYWHERE * errors[name], exposure / 1000) for name in unknown}
+        return known | {name: Free(_ANYWHERE * errors[name], exposure / 1000) for name in unknown}
     together = [name for name in unknown if name in aberrations]
     for group in (together, *([name] for name in unknown if name not in aberrations)):
         known |= dict.fromkeys(group, measure_wander(messages, group, known)) if group else {}

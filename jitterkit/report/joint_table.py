@@ -223,7 +223,7 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
             f"({number(math.sqrt(slope['chi2']), 2)} sigma): its mean is that of the middle of the run."
         )
     floor = summary["floor"]
-    if floor is not None and floor["detected"]:
+    if floor is not None and floor["detected"] and floor["met_at_frames"] >= 1:
         told.append(
             f"Averaging stops at {angle_size(floor['floor'], 2)}, which "
             f"{number(floor['met_at_frames'], 2)} frames reach: more frames do not make the mean better."

@@ -124,14 +124,20 @@ def test_a_rolling_shutter_is_undone_by_the_motion_between_frames(optics):
 
 def test_telemetry_takes_the_place_of_the_motion_between_frames(optics):
     velocity, line_time = np.array([0.0, 5.0]), 1e-4
-    frames = exposures(optics, 3, None, velocity=velocity, line_time=line_time)  # that stand still meanwhile
+    streak = [Linear.of(0.5, 90.0)] * 3
+    # that stand in one place meanwhile
+    frames = exposures(optics, 3, None, loci=streak, velocity=velocity, line_time=line_time)
     t = np.linspace(-0.1, 1.0, 50)
     told = (t, 0 * t, 5.0 * t)
-    fit = refit_sequence(frames, Looker(optics), SequenceOptions(telemetry=told))
+    fit = refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=told))
     assert fit.separation[0] == pytest.approx(5.0, abs=2e-6)
+    with pytest.raises(
+        ConfigurationError, match=r"moves the image by 50 arcsec/s, for which the blur of 3 of 3"
+    ):
+        refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=(t, 0 * t, 50.0 * t)))
     short = (np.array([0.0, 0.2]), np.zeros(2), np.zeros(2))
     with pytest.raises(ConfigurationError, match=r"telemetry runs from 0 to 0\.2 s, but the frames"):
-        refit_sequence(frames, Looker(optics), SequenceOptions(telemetry=short))
+        refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=short))
 
 
 def test_diffusion_is_told_from_streaks_that_differ(optics, rng):
