@@ -178,4 +178,4 @@ def _huber(z: np.ndarray) -> np.ndarray:
 
 
 def _tukey(z: np.ndarray) -> np.ndarray:
-    return np.clip(1 - (z / _BEND) ** 2, 0, None) ** 2
+    return (1 - np.minimum(np.abs(z) / _BEND, 1.0) ** 2) ** 2

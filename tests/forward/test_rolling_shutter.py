@@ -157,7 +157,8 @@ def test_each_window_has_the_transfer_function_of_its_own_part_of_the_record(rng
 def test_one_node_is_a_global_shutter(otf, rng):
     streak = Linear.of(0.2, 35.0)
     one = image_of(otf, Drifting(LINE, (30.0, -70.0), nodes=1), streak)
-    assert one == pytest.approx(image_of(otf, None, streak), rel=1e-12)
+    whole = image_of(otf, None, streak)
+    assert one == pytest.approx(whole, rel=1e-12, abs=1e-14 * whole.max())  # a transform rounds by its peak
     t, x, y = record("walk", 0.05, rng)
     one = image_of(otf, Following.of(LINE, t, x, y, 0.011, WINDOW, ROWS, nodes=1))
     assert one == pytest.approx(image_of(otf, None, Trace.of(t, x, y, 0.011, WINDOW)), rel=1e-9)
