@@ -125,7 +125,7 @@ class _Setup:
         self.optics = telescope.system()
         self._still: dict[tuple[tuple[str, float], ...], float] = {}
 
-    def point(self, still: bool = False, **changes: float):
+    def point(self, still: bool = False, censored: bool = False, **changes: float):
         """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
         import numpy as np
 
@@ -143,7 +143,8 @@ class _Setup:
         parameters, otf = Parameters(Binary(**scene), jitter, state), self.otf(state)
         check_scene(parameters.binary, jitter)
         check_reach(parameters.binary, jitter, otf)
-        found = forecast(parameters, otf, detector, exposure=self.telescope.exposure or 0.0)
+        exposure = self.telescope.exposure or 0.0
+        found = forecast(parameters, otf, detector, exposure=exposure, censored=censored)
         if not np.all(np.isfinite(found.covariance)):
             raise ConfigurationError(
                 f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
@@ -156,7 +157,7 @@ class _Setup:
         known = {*_SCENE, *_DETECTOR, *self.telescope.aberrations}
         beside = tuple((name, value) for name, value in changes.items() if name in known)
         if beside not in self._still:  # where the jitter alone is swept there is one
-            self._still[beside] = self.point(still=True, **dict(beside)).error("separation")
+            self._still[beside] = self.point(still=True, censored=False, **dict(beside)).error("separation")
         return self._still[beside]
 
     def otf(self, state):
@@ -187,7 +188,11 @@ def _ask_one(setup: _Setup, goal: float):
         alone = angle_size(still.error("separation"))
         say(f"The jitter costs {number(more, 3)} % more time than none ({alone}).")
     if found.masked:
-        say(f"{found.masked} pixels saturate, or come near it, and are left out.")
+        counted = angle_size(setup.point(censored=True).error("separation"))
+        say(
+            f"{found.masked} pixels saturate, or come near it, and are left out; counted as full, by "
+            f"--censored of process, they would make it {counted}."
+        )
     for direction in degenerate_directions(found):
         share = (
             f"; {100 * direction.share:.0f} % of the separation's variance" if direction.share > 0.05 else ""
