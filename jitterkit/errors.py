@@ -13,9 +13,18 @@ separates what the user can mend from what we must.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 
-__all__ = ["ConfigurationError", "FrameError", "JitterkitError", "NoStarError", "UndeterminedError"]
+__all__ = [
+    "ConfigurationError",
+    "FrameError",
+    "JitterkitError",
+    "NoStarError",
+    "UndeterminedError",
+    "did_you_mean",
+]
 
 
 class JitterkitError(ValueError):
@@ -55,3 +64,13 @@ class UndeterminedError(JitterkitError):
 
     An estimator that refuses is better than one that guesses; what it refuses is a row like any other.
     """
+
+
+def did_you_mean(name: str, allowed: Iterable[str]) -> str:
+    """The beginning of a remedy: the nearest of the allowed names, or nothing.
+
+    >>> did_you_mean("tolimann", ["toliman", "smallsat"])
+    "did you mean 'toliman'? "
+    """
+    close = get_close_matches(name, list(allowed), 1, 0.5)
+    return f"did you mean {close[0]!r}? " if close else ""

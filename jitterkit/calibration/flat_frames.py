@@ -81,8 +81,7 @@ class Response:
             Whether to divide by :func:`surface`: the lamp's light then does not count as the detector's
             response, and neither does the telescope's vignetting.
         bend : float
-            By how much, relatively, readings rise with the light, relatively; not one where the detector is
-            not linear.
+            Relative rise of a reading over that of its light; not one where the detector is not linear.
 
         Returns
         -------

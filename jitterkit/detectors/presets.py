@@ -18,10 +18,9 @@ and no diffusion.  Measure your own camera's and name its maps in an instrument 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 
 from jitterkit.detectors.detector import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, did_you_mean
 
 __all__ = ["DETECTORS", "detector_preset"]
 
@@ -59,6 +58,5 @@ def detector_preset(name: str) -> Detector:
     """
     if name in DETECTORS:
         return DETECTORS[name]()
-    close = get_close_matches(name, DETECTORS, 1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    hint = did_you_mean(name, DETECTORS)
     raise ConfigurationError(f"There is no detector {name!r}; {hint}choose from {', '.join(DETECTORS)}.")

@@ -18,11 +18,11 @@ import numpy as np
 from astropy.io import fits
 
 from jitterkit.errors import FrameError
-from jitterkit.frames.frame import NONE_MASKED
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.header_blocks import refuse_endless_header, refuse_missing_data
 from jitterkit.frames.metadata import Metadata
+from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.wcs import celestial_wcs
 
 __all__ = ["FitsFile", "open", "read_extensions", "read_image", "write"]

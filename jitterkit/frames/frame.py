@@ -9,96 +9,30 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from jitterkit.errors import JitterkitError
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata, resolve_unit
+from jitterkit.frames.placed import (
+    NONE_MASKED,
+    Placed,
+    image_of,
+    matching,
+    number_or_map,
+    require_positive,
+)
 
-__all__ = ["NONE_MASKED", "Frame", "RawFrame"]
-
-#: Stands for a mask without a bad pixel; the records spread it over the image.
-NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
-
-
-class _Placed:
-    """What both records share: a name, a shape, and cutting."""
-
-    path: Path | None
-    index: int
-    several: bool
-    origin: tuple[int, int]
-    mask: np.ndarray
-
-    @property
-    def name(self) -> str:
-        """``"file.fits"``, or ``"cube.fits[3]"`` for one frame of several."""
-        stem = "array" if self.path is None else self.path.name
-        return f"{stem}[{self.index}]" if self.several else stem
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """``(ny, nx)``."""
-        ny, nx = self.mask.shape
-        return ny, nx
-
-    def region(self, x0: int, y0: int, nx: int, ny: int) -> Self:
-        """Cut out a rectangle.
-
-        Parameters
-        ----------
-        x0, y0 : int
-            First column and row, 0-based in *this* frame.
-        nx, ny : int
-            Columns and rows.
-
-        Returns
-        -------
-        region : same type
-            A copy of the pixels; ``origin`` is advanced by ``(x0, y0)``.
-
-        Raises
-        ------
-        JitterkitError
-            If the rectangle is empty or does not lie inside the frame.
-        """
-        height, width = self.shape
-        if min(nx, ny) < 1 or x0 < 0 or y0 < 0 or x0 + nx > width or y0 + ny > height:
-            raise JitterkitError(
-                f"the region x {x0} to {x0 + nx - 1}, y {y0} to {y0 + ny - 1} does not lie inside a frame "
-                f"of {width} x {height} pixels; choose one that does."
-            )
-        cut = (slice(y0, y0 + ny), slice(x0, x0 + nx))
-        arrays = {name: array[cut].copy() for name, array in self._arrays().items()}
-        origin = (self.origin[0] + x0, self.origin[1] + y0)
-        return replace(self, **arrays, origin=origin)  # type: ignore[type-var]
-
-    def _arrays(self) -> dict[str, np.ndarray]:
-        return {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
-
-
-def _image(name: str, values: Any) -> np.ndarray:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.ndim != 2 or 0 in array.shape:
-        raise JitterkitError(f"{name} has shape {np.shape(values)}; a frame is two-dimensional, (ny, nx).")
-    return array
-
-
-def _matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    spread = np.broadcast_to(values, shape) if np.ndim(values) == 0 else values
-    array: np.ndarray = np.ascontiguousarray(spread, dtype=dtype)
-    if array.shape != shape:
-        raise JitterkitError(f"{name} has shape {array.shape}, the image {shape}; give one value per pixel.")
-    return array
+__all__ = ["Frame", "RawFrame"]
 
 
 @dataclass(frozen=True, eq=False)
-class RawFrame(_Placed):
+class RawFrame(Placed):
     """One image as a file holds it.
 
     Parameters
@@ -137,8 +71,8 @@ class RawFrame(_Placed):
     several: bool = False
 
     def __post_init__(self) -> None:
-        data = _image("data", self.data)
-        mask = _matching("mask", self.mask, data.shape, bool)
+        data = image_of("data", self.data)
+        mask = matching("mask", self.mask, data.shape, bool)
         bad = ~np.isfinite(data)
         if bad.any():
             data, mask = np.where(bad, 0.0, data), mask | bad
@@ -207,7 +141,7 @@ class RawFrame(_Placed):
 
 
 @dataclass(frozen=True, eq=False)
-class Frame(_Placed):
+class Frame(Placed):
     """One image in electrons, ready to be fitted.
 
     Parameters
@@ -265,24 +199,24 @@ class Frame(_Placed):
     full: np.ndarray = field(default_factory=lambda: NONE_MASKED)
 
     def __post_init__(self) -> None:
-        electrons = _image("electrons", self.electrons)
-        variance = _matching("read_variance", self.read_variance, electrons.shape, np.float64)
-        mask = _matching("mask", self.mask, electrons.shape, bool)
+        electrons = image_of("electrons", self.electrons)
+        variance = matching("read_variance", self.read_variance, electrons.shape, np.float64)
+        mask = matching("mask", self.mask, electrons.shape, bool)
         mask = mask | ~np.isfinite(electrons)
         object.__setattr__(self, "electrons", np.where(np.isfinite(electrons), electrons, 0.0))
         object.__setattr__(self, "read_variance", variance)
         object.__setattr__(self, "mask", mask)
-        object.__setattr__(self, "full", _matching("full", self.full, electrons.shape, bool))
+        object.__setattr__(self, "full", matching("full", self.full, electrons.shape, bool))
         for name in ("response", "ceiling"):
-            object.__setattr__(self, name, _number_or_map(name, getattr(self, name), electrons.shape))
+            object.__setattr__(self, name, number_or_map(name, getattr(self, name), electrons.shape))
         if not (np.isfinite(self.response) & (np.asarray(self.response) > 0)).all():
             raise JitterkitError(
                 "response has values that are not positive; mask a dead pixel and give it 1."
             )
         if not (np.isfinite(variance) & (variance >= 0)).all():
             raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
-        _require_positive("exposure", self.exposure, "s", zero_allowed=True)
-        _require_positive("plate_scale", self.plate_scale, "arcsec/pixel")
+        require_positive("exposure", self.exposure, "s", zero_allowed=True)
+        require_positive("plate_scale", self.plate_scale, "arcsec/pixel")
 
     @property
     def variance(self) -> np.ndarray:
@@ -291,15 +225,3 @@ class Frame(_Placed):
         ``max(electrons, 0)/response + read_variance/response²``.
         """
         return np.maximum(self.electrons, 0.0) / self.response + self.read_variance / self.response**2
-
-
-def _number_or_map(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray | float:
-    """One number stays one: it costs nothing where a detector is even."""
-    return float(values) if np.ndim(values) == 0 else _matching(name, values, shape, np.float64)
-
-
-def _require_positive(name: str, value: float | None, unit: str, zero_allowed: bool = False) -> None:
-    if value is None:
-        return
-    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
-        raise JitterkitError(f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown.")

@@ -19,9 +19,9 @@ import tifffile
 
 from jitterkit.errors import FrameError
 from jitterkit.frames.directories import full_pages
-from jitterkit.frames.frame import NONE_MASKED
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.metadata import Metadata
+from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.sidecar import read_sidecars
 
 __all__ = ["ORIENTATIONS", "TiffFile", "open", "write"]

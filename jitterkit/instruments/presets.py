@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from difflib import get_close_matches
 from functools import partial
 
 from jitterkit.detectors import Detector, detector_preset
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, did_you_mean
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.optics.spectrum import flat_band
@@ -106,8 +105,7 @@ def preset(name: str) -> Instrument:
     """
     if name in PRESETS:
         return PRESETS[name]()
-    close = get_close_matches(name, PRESETS, 1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    hint = did_you_mean(name, PRESETS)
     raise ConfigurationError(
         f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file."
     )

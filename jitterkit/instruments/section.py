@@ -6,11 +6,10 @@ Every complaint names the file, the key, the value and what would be accepted.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, did_you_mean
 
 __all__ = ["Section", "refuse_unknown"]
 
@@ -19,8 +18,7 @@ def refuse_unknown(file: Path, what: str, names: Collection[str], allowed: Colle
     """Raise for the first name that is not allowed, and suggest the nearest that is."""
     for name in names:
         if name not in allowed:
-            close = get_close_matches(name, allowed, 1, 0.5)
-            hint = f"did you mean {close[0]!r}? " if close else ""
+            hint = did_you_mean(name, allowed)
             raise ConfigurationError(
                 f"{file}: the {what} {name!r} is unknown; {hint}use {', '.join(allowed)}."
             )

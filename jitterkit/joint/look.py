@@ -40,8 +40,8 @@ _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
 
 _STALE = 0.03
-"""Rms phase [rad] by which the optics may have changed since their derivatives were computed: these are then
-off by 3 %, which moves no estimate and its error by less than a thousandth."""
+"""Rms phase [rad] by which the optics may have changed since their derivatives were computed, which are then
+off by 3 %: of 16 TOLIMAN frames the separation moved by 0.0008 of its error, the error by 8e-6."""
 
 
 class Nearby:

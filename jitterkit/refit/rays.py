@@ -12,7 +12,7 @@ from scipy import ndimage
 __all__ = ["find_rays"]
 
 _SEED, _TRACK = 8.0, 3.0
-"""Sigmas from which a pixel starts a track (chance makes one in 1e15), and continues one."""
+"""Sigmas from which a pixel starts a track (one in 1e15 of normal noise does), and continues one."""
 
 _MOST = 0.01
 """Share of the pixels above which it is the model that does not fit."""

@@ -268,3 +268,41 @@ def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
     fit = refit_sequence(exposures(optics, 12, rng, loci=[Linear.of(0.0)] * 12), Looker(optics, "linear"))
     assert len(fit.messages) >= 11  # 18 % were lost before
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
+
+
+def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
+    # 5 shared and 3 x 6 own parameters, slopes by central differences of images: no elimination, no filter
+    loci = [Mvn.of(0.15, 0.05, angle) for angle in (10.0, 70.0, 130.0)]
+    scenes = {"x": np.array([0.1, -0.3, 0.2]), "y": np.array([0.0, 0.2, -0.2])}
+    frames = exposures(optics, 3, None, loci=loci, scenes=scenes)
+    shared = {"separation": 1e-4, "theta": 1e-3, "contrast": 1e-4, "noll7": 0.01, "noll8": 0.01}
+    own = {"x": 1e-4, "y": 1e-4, "flux": 10.0, "mvn_xx": 1e-5, "mvn_xy": 1e-5, "mvn_yy": 1e-5}
+    information = np.zeros((23, 23))
+    for i, locus in enumerate(loci):
+        scene = {name: float(getattr(SCENE, name)) for name in Binary.names}
+        scene |= {name: float(values[i]) for name, values in scenes.items()}
+        known = (
+            scene
+            | dict(zip(locus.names, np.asarray(locus.coords), strict=True))
+            | {"noll7": 0.0, "noll8": 0.0}
+        )
+
+        def image(values):
+            parts = [values[name] for name in locus.names]  # noqa: B023 (called within its turn of the loop)
+            state = np.array([values["noll7"], values["noll8"]])
+            binary = Binary(**{name: values[name] for name in Binary.names})
+            truth = Parameters(binary, Mvn(jnp.array(parts)), state)
+            return np.asarray(expected_image(truth, optics.otf(state, derivatives=False)))
+
+        slopes = np.zeros((23, 32, 32))
+        slots = [*range(5), *range(5 + 6 * i, 11 + 6 * i)]
+        for slot, (name, step) in zip(slots, (shared | own).items(), strict=True):
+            ends = [image({**known, name: known[name] + sign * step}) for sign in (1, -1)]
+            slopes[slot] = (ends[0] - ends[1]) / (2 * step)
+        information += np.einsum("iyx,jyx,yx->ij", slopes, slopes, 1 / image(known))
+    scale = 1 / np.sqrt(np.diag(information))
+    errors = scale * np.sqrt(np.diag(np.linalg.inv(information * np.outer(scale, scale))))
+    fit = refit_sequence(frames, Looker(optics), SequenceOptions({"aberrations": Constant()}))
+    found = [fit.combined.error(name) for name in shared]
+    # differences are good to the square of a step over the resolution; the prior of the filter to 1e-6
+    assert np.allclose(found, errors[:5], rtol=1e-4)

@@ -1,0 +1,103 @@
+"""Pixels with a place: what the two records of an image have in common, and what their arrays must be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from jitterkit.errors import JitterkitError
+
+__all__ = ["NONE_MASKED", "Placed", "image_of", "matching", "number_or_map", "require_positive"]
+
+#: Stands for a mask without a bad pixel; the records spread it over the image.
+NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
+
+
+class Placed:
+    """What both records share: a name, a shape, and cutting."""
+
+    path: Path | None
+    index: int
+    several: bool
+    origin: tuple[int, int]
+    mask: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """``"file.fits"``, or ``"cube.fits[3]"`` for one frame of several."""
+        stem = "array" if self.path is None else self.path.name
+        return f"{stem}[{self.index}]" if self.several else stem
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(ny, nx)``."""
+        ny, nx = self.mask.shape
+        return ny, nx
+
+    def region(self, x0: int, y0: int, nx: int, ny: int) -> Self:
+        """Cut out a rectangle.
+
+        Parameters
+        ----------
+        x0, y0 : int
+            First column and row, 0-based in *this* frame.
+        nx, ny : int
+            Columns and rows.
+
+        Returns
+        -------
+        region : same type
+            A copy of the pixels; ``origin`` is advanced by ``(x0, y0)``.
+
+        Raises
+        ------
+        JitterkitError
+            If the rectangle is empty or does not lie inside the frame.
+        """
+        height, width = self.shape
+        if min(nx, ny) < 1 or x0 < 0 or y0 < 0 or x0 + nx > width or y0 + ny > height:
+            raise JitterkitError(
+                f"the region x {x0} to {x0 + nx - 1}, y {y0} to {y0 + ny - 1} does not lie inside a frame "
+                f"of {width} x {height} pixels; choose one that does."
+            )
+        cut = (slice(y0, y0 + ny), slice(x0, x0 + nx))
+        arrays = {name: array[cut].copy() for name, array in self._arrays().items()}
+        origin = (self.origin[0] + x0, self.origin[1] + y0)
+        return replace(self, **arrays, origin=origin)  # type: ignore[type-var]
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        return {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+
+
+def image_of(name: str, values: Any) -> np.ndarray:
+    """Values as a two-dimensional array of float64, or JitterkitError under their name."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != 2 or 0 in array.shape:
+        raise JitterkitError(f"{name} has shape {np.shape(values)}; a frame is two-dimensional, (ny, nx).")
+    return array
+
+
+def matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Values as an array of an image's shape, a number spread over it, or JitterkitError under their name."""
+    spread = np.broadcast_to(values, shape) if np.ndim(values) == 0 else values
+    array: np.ndarray = np.ascontiguousarray(spread, dtype=dtype)
+    if array.shape != shape:
+        raise JitterkitError(f"{name} has shape {array.shape}, the image {shape}; give one value per pixel.")
+    return array
+
+
+def number_or_map(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray | float:
+    """One number stays one: it costs nothing where a detector is even."""
+    return float(values) if np.ndim(values) == 0 else matching(name, values, shape, np.float64)
+
+
+def require_positive(name: str, value: float | None, unit: str, zero_allowed: bool = False) -> None:
+    """Raise JitterkitError for a number that is not positive and finite; None is unknown, and passes."""
+    if value is None:
+        return
+    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
+        raise JitterkitError(f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown.")
