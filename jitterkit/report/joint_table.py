@@ -134,11 +134,13 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     Returns
     -------
     summary : dict
-        ``frames``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being the joint
-        Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it; ``rows``, what a
-        rolling shutter does; ``shared``,
-        value, error and law of each shared parameter; ``slope`` of the separation, arcsec/s; ``floor`` of its
-        averages [arcsec]; ``passes`` and by how many errors the last one ``moved`` anything; ``seconds``.
+        ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being the
+        joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it; ``shared``,
+        value, error and law of each shared parameter (diffusion is a variance, arcsec²); ``slope`` of the
+        separation, arcsec/s; ``floor`` of its averages [arcsec]; ``rows``, of a rolling shutter, with
+        ``leverage``, by how much the separation changes per arcsec/s of drift [s], and ``unknown``, the
+        error of that drift [arcsec/s]; ``passes``, and by how many errors the last ``moved`` anything;
+        ``seconds``.
     """
     frames = list(fit.frames())
     mean, error = fit.separation
