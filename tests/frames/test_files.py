@@ -62,7 +62,7 @@ def test_content_decides_and_not_the_name(tmp_path):
         (b"<!DOCTYPE html><html>", "is a web page"),
         (b"BZh91AY&SY", "is a bzip2 archive"),
         (bytes(4096), "is of unknown kind"),
-        (gzip.compress(b"hello there"), "is a text file"),
+        (gzip.compress(b"hello there", mtime=0), "is a text file"),  # no time: its bytes name the test
         (b"\x1f\x8b\x08\x00\x00", "cannot be read"),
     ],
 )
