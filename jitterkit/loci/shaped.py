@@ -17,7 +17,7 @@ from scipy.special import gammaincinv
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
-from jitterkit.loci.special import log1p_over
+from jitterkit.loci.special import elementwise, log1p_over
 
 __all__ = ["Shaped"]
 
@@ -113,6 +113,7 @@ class Shaped(Elliptic):
         return self._placed(radius * np.cos(phase), radius * np.sin(phase))
 
 
+@elementwise
 def _lightened(w, k):
     """``exp(w/2) 0F1(; b; -b w/2)`` as a power series in w, ``b = -(3 + k)/k``: one at k = 0.
 
