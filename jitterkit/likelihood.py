@@ -123,7 +123,7 @@ class Data(eqx.Module):
         """
         if not self.trims:
             return self
-        keep = np.asarray(self.used & (_ceiling_distance(_mean(image, self), self)[0] < -_CLEAR))
+        keep = np.asarray(_is_clear(jnp.asarray(image), self))
         return Data(self.electrons, self.read_variance, keep, response=self.response)
 
     @property
@@ -213,15 +213,29 @@ def pearson(image, data: Data) -> Misfit:
 
     Pixels that may reach their ceiling are left out: what of their noise is seen is not Poisson.
     """
-    image = jnp.asarray(image)
+    chi2, pixels, spread, residual = _pearson(jnp.asarray(image), data)
+    return Misfit(float(chi2), int(pixels), float(spread), np.asarray(residual))
+
+
+@eqx.filter_jit
+def _pearson(image, data: Data):
     mean = _mean(image, data)
     counts = _telling(image, data) & data.used
     if data.ceiling is not None:
-        counts &= _ceiling_distance(mean, data)[0] < -_CLEAR
+        counts &= _clears(mean, data)
     residual = jnp.where(counts, _residual(mean, data) * jnp.sqrt(mean * data.weight), jnp.nan)
     variance = jnp.where(counts, 2 + jnp.clip(image, 0) / (data.weight * mean**2), 0.0).sum()
-    chi2 = float(jnp.nansum(residual**2))
-    return Misfit(chi2, int(counts.sum()), float(jnp.sqrt(variance)), np.asarray(residual))
+    return jnp.nansum(residual**2), counts.sum(), jnp.sqrt(variance), residual
+
+
+@eqx.filter_jit
+def _is_clear(image, data: Data):
+    return data.used & _clears(_mean(image, data), data)
+
+
+def _clears(mean, data: Data):
+    """Whether an expected count stays clear of its ceiling."""
+    return _ceiling_distance(mean, data)[0] < -_CLEAR
 
 
 def _floor(image, data: Data):

@@ -11,7 +11,7 @@ from jitterkit.batch.frame import Processor
 from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.joint import Exposure
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit import FitResult, Status
 
 __all__ = ["FileExposures"]
@@ -68,7 +68,7 @@ class FileExposures:
         self.timed = clock.timed
 
     @cached_property
-    def optics(self) -> OpticalSystem | FixedOptics:
+    def optics(self) -> Optics:
         """The optics of the sequence: on the grid of its first frame.
 
         Raises

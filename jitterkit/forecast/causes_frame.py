@@ -23,7 +23,7 @@ from jitterkit.forecast.causes_information import Information
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
 from jitterkit.loci import Locus, Stable, Streak, axis_variances, moments_on_axis
 from jitterkit.loci.elliptic import Elliptic
-from jitterkit.optics import FixedOptics, OpticalSystem
+from jitterkit.optics import Optics
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scene import Scene
@@ -92,7 +92,7 @@ class Setting:
     Attributes
     ----------
     scene : Scene
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
         Without diffusion of its own; a measured PSF holds the detector's, and what is asked about is more.
     detector : Detector, optional
     aberrations : tuple of float
@@ -111,7 +111,7 @@ class Setting:
     """
 
     scene: Scene
-    optics: OpticalSystem | FixedOptics
+    optics: Optics
     detector: Detector | None = None
     aberrations: tuple[float, ...] = ()
     diffusion: float = 0.0

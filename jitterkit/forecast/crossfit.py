@@ -17,7 +17,7 @@ from jitterkit.forecast.bound import expected_data
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
 from jitterkit.scoring import invert_information
 
@@ -92,7 +92,7 @@ class CrossFit:
 def noise_free_fit(
     truth: Parameters,
     locus: str,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     detector: Detector | None = None,
     otf: OTF | None = None,
     options: FitOptions | None = None,
@@ -105,7 +105,7 @@ def noise_free_fit(
         The scene, optics and jitter that the frame is of.
     locus : str
         Name of the locus to fit; it starts from the true second moments.
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     detector : Detector, optional
         As for :func:`jitterkit.forecast.forecast`.
     otf : OTF, optional

@@ -16,7 +16,7 @@ import numpy as np
 from jitterkit.forecast.crossfit import CrossFit
 from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, Status, fit_best_locus, fit_locus
 from jitterkit.refit.evidence import log_evidence
 
@@ -109,7 +109,7 @@ def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Genera
 
 def refitted_draws(
     fits: Sequence[CrossFit],
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     draws: int,
     rng: np.random.Generator,
     *,
@@ -122,7 +122,7 @@ def refitted_draws(
     ----------
     fits, draws, rng
         As for :func:`linearised_draws`: the same frames, where ``draws`` and the generator are the same.
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     auto : bool
         Add a row fitted with the locus that each frame chooses, as ``process`` would.
     options : FitOptions, optional

@@ -18,7 +18,7 @@ from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
 from jitterkit.forecast.ensemble import Draws, linearised_draws
 from jitterkit.forward import Parameters
 from jitterkit.loci import Locus
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 
 __all__ = ["AUTO", "AUTO_FRAME", "CANDIDATES", "Panel", "cross_fit"]
 
@@ -71,7 +71,7 @@ def cross_fit(
     columns: Mapping[str, Sequence[Locus]],
     rows: Sequence[str],
     still: Parameters,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     draws: int,
     rng: np.random.Generator,
     detector: Detector | None = None,
@@ -86,7 +86,7 @@ def cross_fit(
         Names of loci to fit, ``auto`` and ``auto, a frame``.
     still : Parameters
         Scene and optics.
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     draws : int
         Noisy frames of each setting; the rows of a column see the same ones.
     rng : numpy.random.Generator

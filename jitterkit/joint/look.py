@@ -23,7 +23,7 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.locate import locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, Status
 from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.fit import SETTLED, fit_and_expand, linearisation_error
@@ -49,10 +49,10 @@ class Nearby:
 
     Parameters
     ----------
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     """
 
-    def __init__(self, optics: OpticalSystem | FixedOptics) -> None:
+    def __init__(self, optics: Optics) -> None:
         self.optics = optics
         self._slopes = self._here = optics.nominal
 
@@ -72,7 +72,7 @@ class Looker:
 
     Attributes
     ----------
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     locus : str
         A name in ``LOCI``.
     known : tuple of str
@@ -90,7 +90,7 @@ class Looker:
         If diffusion is asked for with a locus that blurs all ways itself.
     """
 
-    optics: OpticalSystem | FixedOptics
+    optics: Optics
     locus: str = "mvn"
     known: tuple[str, ...] = ("background",)
     priors: Priors = field(default_factory=Priors)

@@ -8,7 +8,7 @@ as wide as that of TOLIMAN's diffractive pupil is no harder than a compact star.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import fft
@@ -92,7 +92,7 @@ class _Field:
 
     On the frame's pixels: ``match`` is data with template, ``power`` template with itself, both with
     the constant projected out; ``light`` is the template's sum over the used pixels.  On the fine
-    array: ``used`` and ``data``.
+    array: ``used`` and ``data``.  ``seen`` holds what :meth:`beside` has told.
     """
 
     grid: Grid
@@ -103,6 +103,7 @@ class _Field:
     power: np.ndarray
     light: np.ndarray
     noise: float
+    seen: dict[Place, tuple[np.ndarray, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, data: Data, otf: OTF, jitter: Locus | None) -> _Field:
@@ -133,6 +134,11 @@ class _Field:
 
     def beside(self, first: Place):
         """Chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
+        if first not in self.seen:
+            self.seen[first] = self._beside(first)
+        return self.seen[first]
+
+    def _beside(self, first: Place):
         count = max(self.used.sum(), 1.0)
         star = self._star(first) * self.used
         light = star.sum()

@@ -20,15 +20,17 @@ from jitterkit.locate.pair import FoundPair, find_pairs, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.scene import Binary
-from jitterkit.scoring import Prior, climb
+from jitterkit.scoring import Prior, climb, invert_information
 
 __all__ = ["Start", "locate_binary"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
+_NEARBY = 0.5  # standard errors that a start may be off: the fit to come needs no step more
+_STILL = 0.03  # rad: what the optics may move without being climbed anew adds 0.02 to the deviance per pixel
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
 
 
@@ -44,22 +46,23 @@ class Start:
         About aberrations very near theirs.
     deviance_dof : float
         Deviance a pixel; about one if all is well.
+    covariance : (3, 3) array
+        Of the normal's moments ``(Sxx, Sxy, Syy)``, arcsec⁴; NaN where the frame does not determine them.
     """
 
     parameters: Parameters
     otf: OTF
     deviance_dof: float
+    covariance: np.ndarray
 
 
-def locate_binary(
-    data: Data, optics: OpticalSystem | FixedOptics, hold: Collection[str] = ("background",)
-) -> Start | None:
+def locate_binary(data: Data, optics: Optics, hold: Collection[str] = ("background",)) -> Start | None:
     """Find a binary anywhere in a frame and starting values for all of its parameters.
 
     Parameters
     ----------
     data : Data
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     hold : collection of str
         Parameters that the fit to come will hold: the background, unless there is sky.
 
@@ -97,7 +100,7 @@ def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
 
 def _polish(
     data: Data,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     otf: OTF,
     pair: FoundPair,
     jitter: Locus | None,
@@ -108,9 +111,13 @@ def _polish(
     here = Parameters(pair.scene, locus, otf.state)
     names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
-    end = climb(here, otf, data, free, leash, steps=15, tolerance=0.1)
+    end = climb(here, otf, data, free, leash, steps=15, tolerance=_NEARBY)
     if otf.names:
+        moved = optics.phase(np.asarray(end.parameters.aberrations - otf.state))
         otf = optics.otf(end.parameters.aberrations)
-        end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=0.1)
+        if moved > _STILL:
+            end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=_NEARBY)
     used = max(int(np.sum(np.asarray(data.used))), 1)
-    return Start(end.parameters, otf, float(end.objective) / used)
+    slots = [names.index(name) for name in locus.names]
+    covariance, _ = invert_information(end.information)
+    return Start(end.parameters, otf, float(end.objective) / used, covariance[np.ix_(slots, slots)])

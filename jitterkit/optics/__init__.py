@@ -10,6 +10,7 @@ with ``spectrum = flat_band(530, 640)``.  :func:`read_pupil` reads a pupil of yo
 without one.
 """
 
+from jitterkit.optics.anchor import Anchor, AnchoredOptics
 from jitterkit.optics.dlux import pupil_from_dlux
 from jitterkit.optics.empirical import empirical_otf
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
@@ -17,15 +18,18 @@ from jitterkit.optics.otf import OTF, expand, grid_for
 from jitterkit.optics.pupil import Pupil, obstructed_circle
 from jitterkit.optics.pupil_file import read_pupil, write_pupil
 from jitterkit.optics.spectrum import Spectrum, flat_band, lines
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import FixedOptics, OpticalSystem, Optics
 from jitterkit.optics.toliman import toliman_pupil
 
 __all__ = [
     "DEFAULT_PAD",
     "OTF",
+    "Anchor",
+    "AnchoredOptics",
     "FixedOptics",
     "Grid",
     "OpticalSystem",
+    "Optics",
     "Pupil",
     "Spectrum",
     "empirical_otf",

@@ -73,7 +73,7 @@ class OTF(eqx.Module):
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""
-        largest = np.asarray(jnp.max(jnp.abs(self.jacobian), axis=(1, 2), initial=0.0))
+        largest = np.asarray(_largest(self.jacobian))
         return tuple(name for name, slope in zip(self.names, largest, strict=True) if slope < 1e-9)
 
     def psf(self) -> Float[Array, "my mx"]:
@@ -83,6 +83,11 @@ class OTF(eqx.Module):
         return jnp.fft.irfft2(
             self.value * np.exp(-2j * np.pi * fy * cy) * np.exp(-2j * np.pi * fx * cx), s=self.grid.fine_shape
         )
+
+
+@jax.jit
+def _largest(jacobian):
+    return jnp.sqrt(jnp.max(jacobian.real**2 + jacobian.imag**2, axis=(1, 2), initial=0.0))
 
 
 def grid_for(
@@ -160,50 +165,74 @@ def expand(
     state = jnp.zeros(len(pupil.names)) if aberrations is None else jnp.asarray(aberrations, float)
     if state.shape != (len(pupil.names),):
         raise ConfigurationError(f"Expected {len(pupil.names)} aberrations, got shape {state.shape}.")
-    value, jacobian = _expand(
-        pupil, jnp.asarray(spectrum.wavelengths), jnp.asarray(spectrum.weights), state, grid, derivatives
-    )
+    spectra = derivatives_at(pupil, spectrum, grid, state, order=1 if derivatives else 0)
     names = pupil.names if derivatives else ()
-    return OTF(value, jacobian, state if derivatives else state[:0], grid, names)
+    return OTF(spectra[0], spectra[1:], state if derivatives else state[:0], grid, names)
+
+
+def derivatives_at(
+    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, *, order: int
+) -> Complex[Array, "p my mx"]:
+    """A transfer function at a state of the aberrations [nm], and its derivatives up to an order of 2.
+
+    Returns
+    -------
+    spectra : (1 + k + k (k + 1)/2, My, Mx//2 + 1) complex array
+        Value; first derivatives, per nm; second derivatives of the pairs (i, j >= i) in order, per nm²: as
+        many as the order asks for.
+    """
+    wavelengths, weights = jnp.asarray(spectrum.wavelengths), jnp.asarray(spectrum.weights)
+    return _derivatives(pupil, wavelengths, weights, state, grid, order)
 
 
 @eqx.filter_jit
-def _expand(pupil, wavelengths, weights, state, grid, derivatives):
+def _derivatives(pupil, wavelengths, weights, state, grid, order):
     opd = pupil.opd + jnp.tensordot(state, pupil.basis, 1)
     phases = (2 * jnp.pi / wavelengths)[:, None, None] * opd
     # Outside the loop, or the compiler evaluates sine and cosine anew for every derivative.
     fields = pupil.transmission * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)
-    basis = pupil.basis if derivatives else pupil.basis[:0]
+    basis = pupil.basis if order else pupil.basis[:0]
+    pairs = np.triu_indices(len(basis)) if order > 1 else np.triu_indices(0)
 
     def add(total, line):
         wavelength, weight, field = line
-        return total + weight * _monochromatic(field, basis, pupil.pitch, grid, wavelength), None
+        return total + weight * _monochromatic(field, basis, pairs, pupil.pitch, grid, wavelength), None
 
-    start = jnp.zeros((1 + len(basis), *grid.fine_shape), opd.dtype)
+    start = jnp.zeros((1 + len(basis) + len(pairs[0]), *grid.fine_shape), opd.dtype)
     total, _ = jax.lax.scan(add, start, (wavelengths, weights, fields))
     # The grid of the PSF is symmetric about the axis: remove the phase of its centre.
     fy, fx = grid.frequencies
     cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
     spectrum = jnp.fft.rfft2(total) * (np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx))
-    spectrum = spectrum / jnp.sum(jnp.abs(pupil.transmission) ** 2)
-    return spectrum[0], spectrum[1:]
+    return spectrum / jnp.sum(jnp.abs(pupil.transmission) ** 2)
 
 
-def _monochromatic(field, basis, pupil_pitch, grid, wavelength):
-    """PSF (1 + k, My, Mx) of a pupil field (2, n, n) at one wavelength [nm] and its derivatives per nm.
+def _monochromatic(field, basis, pairs, pupil_pitch, grid, wavelength):
+    """PSF of a pupil field (2, n, n) at one wavelength [nm] and its derivatives per nm: (1 + k + p, My, Mx).
 
-    A whole plane sums to the light in the pupil.
+    The first ones are by a basis (k, n, n) of modes, the second ones by p pairs of these.  A whole plane sums
+    to the light in the pupil.
     """
+    first, second = pairs
     wavenumber = 2 * np.pi / wavelength
     real, imaginary = field
     slope = wavenumber * basis  # the derivative of a field is the field times i slope
+    bend = -slope[first] * slope[second]
     fields = jnp.stack(
         [
-            jnp.concatenate([real[None], -slope * imaginary]),
-            jnp.concatenate([imaginary[None], slope * real]),
+            jnp.concatenate([real[None], -slope * imaginary, bend * real]),
+            jnp.concatenate([imaginary[None], slope * real, bend * imaginary]),
         ]
     )
     phase_step = wavenumber * 1e9 * pupil_pitch * grid.pitch * ARCSEC
     focal = focal_field(fields, phase_step, grid.fine_shape)
-    overlap = focal[0, :1] * focal[0] + focal[1, :1] * focal[1]
-    return (phase_step / (2 * np.pi)) ** 2 * jnp.concatenate([overlap[:1], 2 * overlap[1:]])
+    overlap = _overlap(focal, np.zeros(focal.shape[1], int), slice(None))
+    changes = jnp.concatenate(
+        [overlap[1 : 1 + len(basis)], overlap[1 + len(basis) :] + _overlap(focal, 1 + first, 1 + second)]
+    )
+    return (phase_step / (2 * np.pi)) ** 2 * jnp.concatenate([overlap[:1], 2 * changes])
+
+
+def _overlap(fields, some, others):
+    """Real part of the products of some planes of a field, conjugated, with others."""
+    return jnp.sum(fields[:, some] * fields[:, others], axis=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +14,28 @@ from jitterkit.optics.otf import OTF, expand
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["FixedOptics", "OpticalSystem"]
+__all__ = ["FixedOptics", "OpticalSystem", "Optics"]
+
+
+class Optics(Protocol):
+    """What a fit asks of a telescope's optics on one grid."""
+
+    @property
+    def nominal(self) -> OTF:
+        """Transfer function to start from."""
+        ...
+
+    def phase(self, aberrations) -> float:
+        """Rms phase [rad] of a wavefront error [nm]."""
+        ...
+
+    def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
+        """Transfer function about ``aberrations`` [nm]."""
+        ...
+
+    def near(self, aberrations, slopes: OTF) -> OTF:
+        """Transfer function, exact at ``aberrations`` [nm], with the derivatives of an expansion nearby."""
+        ...
 
 
 @dataclass(frozen=True)

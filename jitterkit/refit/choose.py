@@ -29,7 +29,7 @@ from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.loci import locus_class
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
 from jitterkit.refit.lack_of_fit import lack_of_fit
@@ -76,7 +76,7 @@ major: a straight locus fitted to a wider one has e^-18 of its evidence."""
 def fit_locus(
     name: str,
     data: Data,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     start: Parameters,
     moments,
     otf: OTF | None = None,
@@ -103,7 +103,7 @@ def fit_locus(
 
 def fit_best_locus(
     data: Data,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     start: Parameters,
     moments,
     otf: OTF | None = None,
@@ -154,7 +154,7 @@ class _Frame:
     """What every fit of one frame shares."""
 
     data: Data
-    optics: OpticalSystem | FixedOptics
+    optics: Optics
     options: FitOptions
 
 

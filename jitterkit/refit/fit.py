@@ -19,7 +19,7 @@ from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.loci import Streak
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.priors import Priors, leashes
 from jitterkit.refit.result import POOR, FitResult, Status
@@ -65,7 +65,7 @@ class FitOptions:
 
 def fit_frame(
     data: Data,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     start: Parameters,
     otf: OTF | None = None,
     options: FitOptions | None = None,
@@ -75,7 +75,7 @@ def fit_frame(
     Parameters
     ----------
     data : Data
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
     start : Parameters
         From :func:`jitterkit.locate.locate_binary`, with the locus to fit.
     otf : OTF, optional
@@ -98,7 +98,7 @@ def fit_frame(
 
 def fit_and_expand(
     data: Data,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     start: Parameters,
     otf: OTF | None = None,
     options: FitOptions | None = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -190,5 +191,10 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
     slots = [names.index(n) for n in locus.names if n in names]
     if len(slots) < len(locus.names) or not slots:
         return np.asarray(locus.moments()), np.zeros((3, 3))
-    slope = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))
-    return np.asarray(locus.moments()), slope @ covariance[np.ix_(slots, slots)] @ slope.T
+    moments, slope = map(np.asarray, _moments_and_slope(locus))
+    return moments, slope @ covariance[np.ix_(slots, slots)] @ slope.T
+
+
+@eqx.filter_jit
+def _moments_and_slope(locus: Locus):
+    return locus.moments(), jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords)

@@ -22,7 +22,7 @@ from jitterkit.errors import ConfigurationError, UndeterminedError
 from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.likelihood import Data, deviance
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import Optics
 from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult
@@ -39,7 +39,7 @@ _ACCEPTANCE, _FIRST_STEP = 0.8, 0.5
 
 def sample_posterior(
     data: Data,
-    optics: OpticalSystem | FixedOptics,
+    optics: Optics,
     fit: FitResult,
     priors: Priors | None = None,
     *,
@@ -54,7 +54,7 @@ def sample_posterior(
     ----------
     data : Data
         The frame that was fitted.
-    optics : OpticalSystem or FixedOptics
+    optics : Optics
         What it was fitted with.
     fit : FitResult
         Says which parameters vary and where; its covariance sets the scales, so that a unit step is one

@@ -1,0 +1,131 @@
+"""The optics about one state, to second order: the exact transfer functions of all states nearby, cheaply.
+
+A telescope changes little from frame to frame.  An :class:`Anchor` costs as much as four first-order
+expansions and then replaces those of thousands of frames: one matrix product each, a hundredth of the work.
+:class:`AnchoredOptics` stands in for an :class:`~jitterkit.optics.system.OpticalSystem` wherever one is asked
+for, and is as exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jitterkit.optics.grid import Grid
+from jitterkit.optics.otf import OTF, derivatives_at
+from jitterkit.optics.system import OpticalSystem
+
+__all__ = ["Anchor", "AnchoredOptics"]
+
+_THIRD_ORDER = 1.5
+"""What the second order leaves out of an image, as a share of it, by the cube of the phase's rms [rad]: 0.5
+to 1.2 for every mode of TOLIMAN's pupil and for mixtures of them."""
+
+_UNSEEN = 0.05
+"""Sigmas of the whole image that may be left out: half of what a fit's own linearisation may."""
+
+_SLOPES = 0.1
+"""Rms phase [rad] up to which the derivatives are taken from the anchor, where the value no longer can be:
+they are off by up to 2 % there."""
+
+
+class Anchor(eqx.Module):
+    """A telescope's transfer function to second order about one state of its aberrations.
+
+    Attributes
+    ----------
+    taylor : (1 + k + k (k + 1)/2, 2 My (Mx//2 + 1)) array
+        Coefficients of one, of each change of the aberrations and of each product of two, real and imaginary
+        parts side by side.
+    state : (k,) array
+        nm.
+    grid : Grid
+    names : tuple of str
+    """
+
+    taylor: Float[Array, "p m"]
+    state: Float[Array, " k"]
+    grid: Grid = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def at(cls, system: OpticalSystem, state) -> Anchor:
+        """Expand a system about a state [nm]."""
+        state, grid, names = jnp.asarray(state, float), system.grid, system.pupil.names
+        spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2)
+        if system.diffusion:
+            seen = OTF(spectra[0], spectra[1:], state, grid, names).diffused(system.diffusion)
+            spectra = jnp.concatenate([seen.value[None], seen.jacobian])
+        i, j = np.triu_indices(len(state))
+        share = np.concatenate([np.ones(1 + len(state)), np.where(i == j, 0.5, 1.0)])
+        flat = jnp.reshape(spectra, (len(spectra), -1)) * share[:, None]
+        return cls(jnp.concatenate([flat.real, flat.imag], axis=1), state, grid, names)
+
+    def otf(self, aberrations) -> OTF:
+        """The first-order expansion about aberrations [nm] near the state.
+
+        Its value is off by what is of third order in their distance, its derivatives by what is of second.
+        """
+        return _renewed(self, jnp.asarray(aberrations, float))
+
+
+@eqx.filter_jit
+def _renewed(anchor: Anchor, aberrations) -> OTF:
+    change, k = aberrations - anchor.state, len(anchor.state)
+    i, j = np.triu_indices(k)
+    ones, step = jnp.ones(1), jnp.eye(k)
+    products = jnp.concatenate([ones, change, change[i] * change[j]])
+    slopes = jnp.concatenate(
+        [jnp.zeros((k, 1)), step, step[:, i] * change[j] + change[i] * step[:, j]], axis=1
+    )
+    parts = jnp.concatenate([products[None], slopes]) @ anchor.taylor
+    half = parts.shape[1] // 2
+    ny, nx = anchor.grid.fine_shape
+    spectra = jnp.reshape(parts[:, :half] + 1j * parts[:, half:], (1 + k, ny, nx // 2 + 1))
+    return OTF(spectra[0], spectra[1:], aberrations, anchor.grid, anchor.names)
+
+
+@dataclass(frozen=True)
+class AnchoredOptics:
+    """The optics of a frame that is one of many, near one state of the aberrations.
+
+    Parameters
+    ----------
+    system : OpticalSystem
+        Asked for what lies too far from the anchor.
+    anchor : Anchor
+    photons : float
+        Of a frame: how small a change it shows.
+    """
+
+    system: OpticalSystem
+    anchor: Anchor
+    photons: float
+
+    @cached_property
+    def nominal(self) -> OTF:
+        """Transfer function at the anchor."""
+        return self.anchor.otf(self.anchor.state)
+
+    def phase(self, aberrations) -> float:
+        """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""
+        return self.system.phase(aberrations)
+
+    def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
+        """Transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
+        phase = self.phase(np.asarray(aberrations) - np.asarray(self.anchor.state))
+        if phase > _SLOPES:
+            return self.system.otf(aberrations, derivatives=derivatives)
+        here = self.anchor.otf(aberrations)
+        if _THIRD_ORDER * np.sqrt(self.photons) * phase**3 < _UNSEEN:
+            return here
+        return self.system.near(aberrations, here)
+
+    def near(self, aberrations, slopes: OTF) -> OTF:
+        """Likewise; derivatives cost nothing here."""
+        return self.otf(aberrations)
