@@ -20,14 +20,24 @@ import numpy as np
 from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle, scale_hint, why_unusable
 from jitterkit.errors import JitterkitError, NoStarError
 from jitterkit.estimators import KernelEstimate, estimator
+from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import locus_class
-from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, Status, fit_best_locus, fit_locus
+from jitterkit.optics.system import Optics
+from jitterkit.refit import (
+    POOR,
+    FitOptions,
+    FitResult,
+    KernelPrior,
+    Priors,
+    Status,
+    fit_best_locus,
+    fit_locus,
+)
 from jitterkit.refit.rays import find_rays
 
 __all__ = ["Processed", "Processor"]
@@ -39,6 +49,12 @@ _FEWEST = 8
 
 _RAY_ROUNDS = 3
 """Times that a frame is fitted again without what rays hit: the first fit is bent by them."""
+
+GridKey = tuple[tuple[int, int], float]
+"""Shape ``(ny, nx)`` and plate scale [arcsec]."""
+
+_TROUBLES = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""What a frame may raise without harm to the others."""
 
 _UNUSED = "The prior holds this frame only and was not used."
 
@@ -86,6 +102,8 @@ class Processor:
         Whether pixels at their ceiling count with the probability of being there, or are left out.
     rays : bool
         Whether to look for cosmic rays in what a fit leaves, and to fit again without the pixels they hit.
+    anchored : mapping
+        Optics known from other frames, by :meth:`grid`; of other grids they are computed from nothing.
     """
 
     instrument: Instrument
@@ -96,7 +114,8 @@ class Processor:
     prior: KernelPrior | None = None
     censored: bool = False
     rays: bool = False
-    _systems: dict[tuple, OpticalSystem | FixedOptics] = field(default_factory=dict, repr=False)
+    anchored: Mapping[GridKey, Optics] = field(default_factory=dict, repr=False)
+    _systems: dict[GridKey, Optics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible numbers before any frame is read, and warn of 32 bits."""
@@ -122,23 +141,46 @@ class Processor:
         processed : Processed
             Never raises for the frame's sake; ``result.status`` says how it ended.
         """
-        frame = None
+        frame = self.prepare(raw)
+        return frame if isinstance(frame, Processed) else self.fit(frame)
+
+    def prepare(self, raw: RawFrame) -> Frame | Processed:
+        """Calibrate a frame, or say what became of it if that cannot be done."""
+        try:
+            return self.calibrate(raw)
+        except _TROUBLES as error:
+            return Processed(None, self._trouble(error, None))
+
+    def fit(self, frame: Frame) -> Processed:
+        """Fit a calibrated frame."""
         began = time.perf_counter()
         try:
-            frame = self.calibrate(raw)
             frame, result = self._fit(frame)
-        except NoStarError as error:
-            result = FitResult(Status.NO_STAR, str(error))
-        except JitterkitError as error:
-            hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
-            result = FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-            log.debug("%s", raw.name, exc_info=True)
-            result = FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
+        except _TROUBLES as error:
+            log.debug("%s", frame.name, exc_info=True)
+            result = self._trouble(error, frame)
         result = replace(result, seconds=time.perf_counter() - began)
-        scale = (frame.plate_scale if frame else None) or self.instrument.plate_scale
+        scale = frame.plate_scale or self.instrument.plate_scale
         pixel, pa = midpoint_pixel(frame, result, scale), position_angle(frame, result, scale)
         return Processed(frame, result, pixel, pa)
+
+    def wavefront(self, frame: Frame) -> Parameters | None:
+        """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
+        try:
+            start = self._locate(frame, self._data(frame))
+        except _TROUBLES:
+            return None
+        sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
+        return start.parameters if sound else None
+
+    def _trouble(self, error: Exception, frame: Frame | None) -> FitResult:
+        """What stopped a frame, as its status."""
+        if isinstance(error, NoStarError):
+            return FitResult(Status.NO_STAR, str(error))
+        if isinstance(error, JitterkitError):
+            hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
+            return FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
+        return FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
 
     def calibrate(self, raw: RawFrame) -> Frame:
         """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons."""
@@ -154,27 +196,43 @@ class Processor:
 
     def estimate(self, frame: Frame) -> tuple[KernelEstimate, Start] | FitResult:
         """Find the pair and estimate the kernel, or say why not."""
-        data = Data.of(frame, censored=self.censored)
+        data = self._data(frame)
+        start = self._locate(frame, data)
+        return start if isinstance(start, FitResult) else (self._estimate(frame, data, start), start)
+
+    def _data(self, frame: Frame) -> Data:
+        return Data.of(frame, censored=self.censored)
+
+    def _estimate(self, frame: Frame, data: Data, start: Start) -> KernelEstimate:
+        estimate = estimator(self.kernel)(data, start.parameters, start.otf, hold=self.options.hold)
+        return replace(estimate, source=frame.name, digest=frame.digest)
+
+    def _locate(self, frame: Frame, data: Data) -> Start | FitResult:
+        """Find the pair, or say why not."""
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
         if min(frame.shape) < _FEWEST:
             return FitResult(
                 Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a pair."
             )
-        hold = self.options.hold
-        start = locate_binary(data, self.optics(frame), hold)
+        start = locate_binary(data, self.optics(frame), self.options.hold)
         if start is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-        estimate = estimator(self.kernel)(data, start.parameters, start.otf, hold=hold)
-        return replace(estimate, source=frame.name, digest=frame.digest), start
+        return start
 
-    def optics(self, frame: Frame) -> OpticalSystem | FixedOptics:
+    def optics(self, frame: Frame) -> Optics:
         """Optics on a frame's grid, at the scale the frame says it has."""
-        scale = frame.plate_scale or self.instrument.plate_scale
-        key = (frame.shape, scale)
+        key = self.grid(frame)
+        if key in self.anchored:
+            return self.anchored[key]
         if key not in self._systems:
-            self._systems[key] = self.instrument.system(shape=frame.shape, plate_scale=scale)
+            shape, scale = key
+            self._systems[key] = self.instrument.system(shape=shape, plate_scale=scale)
         return self._systems[key]
+
+    def grid(self, frame: Frame) -> GridKey:
+        """What frames have in common that share their optics: shape and plate scale."""
+        return frame.shape, frame.plate_scale or self.instrument.plate_scale
 
     def _options(self, frame: Frame) -> FitOptions:
         """The options, and what is known of this frame's jitter."""
@@ -196,16 +254,22 @@ class Processor:
         return frame, result
 
     def _fit_once(self, frame: Frame) -> FitResult:
-        estimated = self.estimate(frame)
-        if isinstance(estimated, FitResult):
-            return estimated
-        estimate, start = estimated
-        data = Data.of(frame, censored=self.censored)
-        options = self._options(frame)
+        data = self._data(frame)
+        start = self._locate(frame, data)
+        if isinstance(start, FitResult):
+            return start
+        estimate, options = self._first(frame, data, start), self._options(frame)
         common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, options)
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
         result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
         return self._remark_unused(frame, result)
+
+    def _first(self, frame: Frame, data: Data, start: Start) -> KernelEstimate:
+        """The blur that the fit starts from: the pair was found by scoring, which need not be done twice."""
+        if self.kernel != "score":
+            return self._estimate(frame, data, start)
+        moments = np.asarray(start.parameters.locus.moments())
+        return KernelEstimate(moments, start.covariance, self.kernel, frame.name, digest=frame.digest)
 
     def _remark_unused(self, frame: Frame, result: FitResult) -> FitResult:
         """The result, with a remark where a prior was given and nothing of it holds for this frame."""

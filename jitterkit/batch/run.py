@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import logging
-import platform
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jitterkit.batch.frame import Processed, Processor
-from jitterkit.errors import FrameError
-from jitterkit.frames import find_files, open_frames
-from jitterkit.refit import FitResult, Status
+from jitterkit.batch.configuration import settings, versions
+from jitterkit.batch.frame import Processor
+from jitterkit.batch.ledger import Ledger
+from jitterkit.batch.plan import count_frames, plan_batches
+from jitterkit.batch.stream import process_batches
+from jitterkit.frames import find_files
+from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
-from jitterkit.report.outputs import REPORT, RUN, SUMMARY, TABLE, make_directory
-from jitterkit.report.pictures import Gallery, render_frame
-from jitterkit.report.row import Row, make_row
+from jitterkit.report.outputs import CONFIGURATION, REPORT, RUN, SUMMARY, TABLE, make_directory
+from jitterkit.report.row import Row
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, write_table
 
 __all__ = ["Run", "process_files"]
 
 log = logging.getLogger(__name__)
+
+_PIXELS = 2**21
+"""In the frames of a batch: 128 of 128 x 128, 4 s of work that a kill may cost, 0.1 GB."""
+
+_FEWEST, _MOST = 16, 128
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,8 @@ class Run:
         One row a frame.
     summary : dict
     directory : Path
-        Holds ``results.ecsv``, ``summary.json`` and ``report.html``.
+        Holds ``results.ecsv``, ``summary.json`` and ``report.html``; ``configuration.json``, all settings and
+        versions; and ``ledger.sqlite``, with which a run that was interrupted goes on.
     """
 
     table: Any
@@ -57,6 +64,8 @@ def process_files(
     *,
     hdu: int | None = None,
     overwrite: bool = False,
+    resume: bool = False,
+    threads: int | None = None,
     watch: Callable[[Row], None] | None = None,
     command: str = "",
 ) -> Run:
@@ -72,9 +81,14 @@ def process_files(
     hdu : int, optional
         HDU to read in every FITS file.
     overwrite : bool
-        Whether the three files may be replaced.
+        Whether a run that is in the directory may be replaced.
+    resume : bool
+        Whether to go on with it; what has been done is not done again.
+    threads : int, optional
+        How many frames are fitted at a time; by default as many as there are processors.  The results do
+        not depend on it.
     watch : callable, optional
-        Called with each row as it is done.
+        Called with each row, those of an earlier session too.
     command : str
         The command line, to be kept with the table.
 
@@ -85,60 +99,52 @@ def process_files(
     Raises
     ------
     ConfigurationError
-        If the outputs exist and may not be replaced, or the directory cannot be made.
+        If the outputs exist and may not be replaced, the directory cannot be written, another run is writing
+        to it, or a run that is to be resumed was begun otherwise.
     FrameError
         If a path does not exist or holds no frame: told before anything is processed.
     """
-    files = find_files(paths)
-    directory = Path(directory)
-    make_directory(directory, RUN, overwrite)
-    gallery, rows = Gallery(), []
-    for processed, row in _rows(files, processor, hdu):
-        rows.append(row)
-        if processed.frame is not None and gallery.wants(processed.result):
-            gallery.add(render_frame(processed.frame, processed.result, row))
+    files, directory = find_files(paths), Path(directory)
+    make_directory(directory, RUN, overwrite or resume)
+    size = batch_size(processor.instrument.shape)
+    configuration = settings(processor, files, hdu=hdu, batch=size)
+    begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
+    with begin(directory, configuration, {"command": command}) as ledger:
+        counts = ledger.frame_counts(files, partial(count_frames, hdu=hdu))
         if watch is not None:
-            watch(row)
-    table = make_table(rows, _provenance(processor, command))
+            for row in ledger.rows():
+                watch(row)
+        done = ledger.done()
+        missing = (batch for batch in plan_batches(files, counts, size) if batch.number not in done)
+        for part in process_batches(missing, processor, hdu=hdu, threads=threads, ranks=ledger.ranks):
+            ledger.add(part.batch.number, part.rows, part.pictures)
+            if watch is not None:
+                for row in part.rows:
+                    watch(row)
+        return _conclude(ledger, directory, processor)
+
+
+def batch_size(shape: tuple[int, int]) -> int:
+    """Frames of a shape ``(ny, nx)`` that are done together: more of small ones."""
+    return min(max(_PIXELS // (shape[0] * shape[1]), _FEWEST), _MOST)
+
+
+def _conclude(ledger: Ledger, directory: Path, processor: Processor) -> Run:
+    """Table, summary and report of all that the ledger holds."""
+    table = make_table(ledger.rows(), _provenance(processor, ledger.notes.get("command", "")))
     summary = summarise(table)
-    write_table(directory / TABLE, table, overwrite=overwrite)
-    write_summary(directory / SUMMARY, summary, overwrite=overwrite)
-    write_report(directory / REPORT, gallery.chosen(), table, summary, overwrite=overwrite)
+    described = {name: value for name, value in ledger.configuration.items() if name != "files"}
+    with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
+        temporary.write_text(json.dumps(described, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_table(directory / TABLE, table, overwrite=True)
+    write_summary(directory / SUMMARY, summary, overwrite=True)
+    write_report(directory / REPORT, ledger.pictures(), table, summary, overwrite=True)
+    ledger.finish()
     return Run(table, summary, directory)
-
-
-def _rows(files: Iterable[Path], processor: Processor, hdu: int | None) -> Iterator[tuple[Processed, Row]]:
-    """Every frame of every file with its row; a file that cannot be read is one row."""
-    for path in files:
-        index = 0
-        try:
-            with open_frames(path, hdu=hdu) as file:
-                for index in range(len(file)):
-                    raw = file[index]
-                    processed = processor.process(raw)
-                    frame = processed.frame
-                    row = make_row(
-                        processed.result,
-                        path,
-                        index,
-                        metadata=raw.metadata if frame is None else frame.metadata,
-                        flags=() if frame is None else frame.flags,
-                        pixel=processed.pixel,
-                        pa=processed.pa,
-                        aberrations=processor.instrument.aberrations,
-                    )
-                    yield processed, row
-        except FrameError as error:
-            failed = Processed(None, FitResult(Status.UNREADABLE, str(error)))
-            yield failed, make_row(failed.result, path, index)
 
 
 def _provenance(processor: Processor, command: str) -> dict[str, Any]:
     """Versions and settings that made a table."""
-    versions = {"python": platform.python_version()}
-    for name in ("jitterkit", "jax", "numpy", "astropy"):
-        with suppress(PackageNotFoundError):
-            versions[name] = version(name)
     return {
         "command": command,
         "instrument": processor.instrument.name,
@@ -146,5 +152,5 @@ def _provenance(processor: Processor, command: str) -> dict[str, Any]:
         "estimator": processor.kernel,
         "prior": None if processor.prior is None else processor.prior.source,
         "overrides": {k: v for k, v in processor.overrides.items() if v is not None},
-        "versions": versions,
+        "versions": versions(),
     }

@@ -9,7 +9,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
-from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say, watching
+from jitterkit.cli.progress import following
+from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say
 
 __all__ = ["process"]
 
@@ -55,17 +56,21 @@ def process(
     exposure: options.Exposure = None,
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a run that was interrupted; nothing is done twice.")
+    ] = False,
 ) -> None:
     """Fit every frame: kernel estimate, then separation, optics and jitter together.
 
-    Writes results.ecsv (a row a frame), summary.json and report.html. Exit status: 0 if every frame was
-    fitted, 1 if some were not, 2 if the command cannot be carried out.
+    Writes results.ecsv (a row a frame), summary.json, report.html, configuration.json and, as it goes on,
+    ledger.sqlite. Exit status: 0 if every frame was fitted, 1 if some were not, 2 if the command cannot be
+    carried out.
     """
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import RUN, check_directory
 
     paths = find_files(files)
-    check_directory(output, RUN, overwrite)
+    check_directory(output, RUN, overwrite or resume)
     prepare_jax()
     from jitterkit.batch import Processor, process_files
     from jitterkit.instruments import load_instrument
@@ -85,16 +90,16 @@ def process(
         censored=censored,
         rays=rays,
     )
-    with watching(len(paths), "files") as advance:
-        seen: set[str] = set()
-
-        def watch(row) -> None:
-            if row["path"] not in seen:
-                seen.add(row["path"])
-                advance(row["file"])
-
+    with following(len(paths)) as watch:
         run = process_files(
-            paths, output, processor, hdu=hdu, overwrite=overwrite, watch=watch, command=command_line()
+            paths,
+            output,
+            processor,
+            hdu=hdu,
+            overwrite=overwrite,
+            resume=resume,
+            watch=watch,
+            command=command_line(),
         )
     _tell(run)
     _tell_of_rows(run, telescope)

@@ -12,6 +12,7 @@ from pathlib import Path
 from jitterkit.errors import ConfigurationError
 
 __all__ = [
+    "CONFIGURATION",
     "ENDS",
     "REPORT",
     "RUN",
@@ -24,6 +25,9 @@ __all__ = [
 
 TABLE, SUMMARY, REPORT = RUN = "results.ecsv", "summary.json", "report.html"
 """What a run leaves behind."""
+
+CONFIGURATION = "configuration.json"
+"""With what settings and versions, beside them."""
 
 ENDS = (".png", ".kernel.fits", ".deblurred.fits")
 """Of the names of an estimate's picture, kernel and deblurred image."""

@@ -1,5 +1,7 @@
 """A telescope and its frames of a pair; star fields and views whose smear is known."""
 
+import functools
+
 import numpy as np
 import pytest
 import skimage.data
@@ -27,10 +29,16 @@ def processor(telescope):
 
 
 @pytest.fixture(scope="session")
-def drawn(telescope):
+def drawn(drawn_by, telescope):
     """A pair at 10 arcsec under a little jitter; what is named is changed."""
+    return functools.partial(drawn_by, telescope)
 
-    def draw(rng, **changes):
+
+@pytest.fixture(scope="session")
+def drawn_by():
+    """Likewise, by any telescope."""
+
+    def draw(telescope, rng, aberrations=None, **changes):
         values = {
             "separation": 10.0,
             "theta": 30.0,
@@ -39,7 +47,8 @@ def drawn(telescope):
             "flux": 1.2e5,
             "contrast": 3.37,
         } | changes
-        return simulate_frame(telescope, Binary(**values), Mvn.of(0.1, 0.05, 20.0), rng=rng)
+        scene, locus = Binary(**values), Mvn.of(0.1, 0.05, 20.0)
+        return simulate_frame(telescope, scene, locus, aberrations=aberrations, rng=rng)
 
     return draw
 

@@ -1,0 +1,80 @@
+"""Whether a run that is resumed is the run that was begun.
+
+Reach for :func:`refuse_difference`: rows of two configurations in one table would be worse than none.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.report.words import printable
+
+__all__ = ["VERSIONS", "refuse_difference"]
+
+VERSIONS = "versions"
+"""Key of a configuration under which the versions of programs stand."""
+
+_LONGEST = 80
+"""Characters of a value that are worth reading in a sentence."""
+
+_ABSENT = object()
+
+
+def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
+    """Compare two configurations and refuse the second if anything in it is different.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    begun, now : dict
+        As JSON gives them back: nested dicts and lists of text, numbers, booleans and None.
+
+    Raises
+    ------
+    ConfigurationError
+        It names the first difference.
+    """
+    if (difference := _first_difference(begun, now)) is None:
+        return
+    place, before, after = difference
+    what = f"{printable(directory)} was begun {_said(place, before, after)}"
+    if place[0] == VERSIONS:
+        raise ConfigurationError(
+            f"{what}, and the last digits need the same versions; install those, or give another directory."
+        )
+    raise ConfigurationError(f"{what}; give the same, or another directory.")
+
+
+def _first_difference(a: Any, b: Any, place: tuple = ()) -> tuple[tuple, Any, Any] | None:
+    """Where two values first differ, and both values there; None if they do not."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return _first_of(dict.fromkeys([*a, *b]), a.get, b.get, place)
+    if isinstance(a, list) and isinstance(b, list):
+        return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, place)
+    same = a == b or (a != a and b != b)  # NaN is NaN
+    return None if same else (place, a, b)
+
+
+def _first_of(keys, a, b, place: tuple) -> tuple[tuple, Any, Any] | None:
+    pairs = ((key, a(key, _ABSENT), b(key, _ABSENT)) for key in keys)
+    found = (_first_difference(x, y, (*place, key)) for key, x, y in pairs)
+    return next((difference for difference in found if difference), None)
+
+
+def _said(place: tuple, before: Any, after: Any) -> str:
+    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
+    name = printable("".join(names).removeprefix("."))
+    if before is _ABSENT:
+        return f"without {name}, not with {name} {_short(after)}"
+    if after is _ABSENT:
+        return f"with {name} {_short(before)}, not without"
+    return f"with {name} {_short(before)}, not {_short(after)}"
+
+
+def _short(value: Any) -> str:
+    text = printable(value if isinstance(value, str) and value else json.dumps(value))
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."

@@ -1,0 +1,107 @@
+"""Which frames are done together: the files of a run, cut into batches in order.
+
+Reach for :func:`plan_batches`.  A plan follows from the list of files, the number of frames in each and
+the size of a batch, and from nothing else: a run that is resumed with the same three has the same plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import count, islice
+from pathlib import Path
+
+from jitterkit.errors import JitterkitError
+from jitterkit.frames import open_frames
+
+__all__ = ["Batch", "count_frames", "plan_batches"]
+
+
+_TOGETHER = 4
+"""Batches that have one lead: at ten frames a second a minute, in which a telescope changes little."""
+
+_LEAD = 4
+"""Frames in it: one is enough, if it is sound."""
+
+_FEWEST = 8
+"""Frames for which it is worth a second to find out about the optics beforehand."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Frames that are done together and kept together.
+
+    Attributes
+    ----------
+    number : int
+        Place in the plan, from 0.
+    items : tuple of (Path, int)
+        File and place of the frame in it, from 0; each becomes one row.
+    lead : tuple of (Path, int)
+        Frames that show the optics to this batch and those next to it; none where there are few.
+    """
+
+    number: int
+    items: tuple[tuple[Path, int], ...]
+    lead: tuple[tuple[Path, int], ...] = ()
+
+
+def count_frames(path: Path, hdu: int | None = None) -> int:
+    """Count the frames of a file without reading a pixel.
+
+    Parameters
+    ----------
+    path : Path
+    hdu : int, optional
+        HDU to look at if it is a FITS file.
+
+    Returns
+    -------
+    count : int
+        At least 1: a file that cannot be opened, or holds nothing, has one row that says so.
+
+    Notes
+    -----
+    Costs as much as opening: 0.4 ms for a TIFF, 1.1 ms for a FITS, 4 ms for a compressed one.
+    """
+    try:
+        with open_frames(path, hdu=hdu) as file:
+            return max(1, len(file))
+    except JitterkitError:
+        return 1
+
+
+def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Iterator[Batch]:
+    """Cut the frames of all files, one file after the other, into batches.
+
+    Parameters
+    ----------
+    files : iterable of Path
+        In the order of the table.
+    counts : iterable of int
+        Frames in each file, from :func:`count_frames`, or from
+        :meth:`~jitterkit.batch.ledger.Ledger.frame_counts`, which knows them from the time before.
+    size : int
+        Frames in a batch; the last may have fewer.
+
+    Yields
+    ------
+    batch : Batch
+        The first as soon as ``size`` frames have been counted.
+
+    Raises
+    ------
+    ValueError
+        If ``size`` is not positive, or there are fewer counts than files or more.
+    """
+    if size < 1:
+        raise ValueError(f"A batch cannot have {size} frames; give one or more.")
+    items = ((path, index) for path, n in zip(files, counts, strict=True) for index in range(n))
+    lead: tuple[tuple[Path, int], ...] = ()
+    for number in count():
+        chunk = tuple(islice(items, size))
+        if not chunk:
+            return
+        if number % _TOGETHER == 0:
+            lead = chunk[:_LEAD] if len(chunk) >= _FEWEST else ()
+        yield Batch(number, chunk, lead)

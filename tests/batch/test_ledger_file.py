@@ -1,0 +1,326 @@
+"""Ledgers that are killed, locked out, damaged and starved of disk."""
+
+import inspect
+import multiprocessing
+import os
+import shutil
+import signal
+import sqlite3
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jitterkit.batch.ledger import LEDGER, Ledger
+from jitterkit.errors import ConfigurationError
+
+CONFIGURATION = {"size": 5}
+NIGHT = 250
+"""Batches of a run that is killed and killed again."""
+
+
+def batch_rows(batch):
+    import math
+    import random
+
+    rng = random.Random(batch)
+    return [
+        {
+            "file": f"{batch}.fits",
+            "frame": place,
+            "status": rng.choice(["ok", "ok", "no_star"]),
+            "chi2_dof": rng.choice([rng.random(), math.nan]),
+            "separation": rng.gauss(10, 1e-6),
+            "separation_err": rng.random(),
+        }
+        for place in range(5)
+    ]
+
+
+def work(directory, batches, opened):
+    """Go on with a run of some batches, each of which takes 2 ms."""
+    import time
+    from pathlib import Path
+
+    from jitterkit.batch.ledger import Ledger
+    from jitterkit.batch.ledger_worst import wanted
+    from jitterkit.report.pictures import FrameReport
+
+    with Ledger.resume(Path(directory), {"size": 5}) as ledger:
+        opened.send(True)
+        for batch in sorted(set(range(batches)) - ledger.done()):
+            time.sleep(0.002)
+            rows = batch_rows(batch)
+            places = wanted(ledger.ranks(), batch, dict(enumerate(rows)))
+            picture = bytes([batch % 256]) * 20_000
+            ledger.add(batch, rows, {n: FrameReport(f"{batch}[{n}]", rows[n], picture) for n in places})
+
+
+def hold(directory, opened, leave):
+    """Open a ledger, or say why not, and keep it until told to leave."""
+    from pathlib import Path
+
+    from jitterkit.batch.ledger import Ledger
+    from jitterkit.errors import ConfigurationError
+
+    try:
+        with Ledger.resume(Path(directory), {"size": 5}):
+            opened.send("mine")
+            leave.recv()
+    except ConfigurationError as error:
+        opened.send(str(error))
+
+
+def fill(directory, answer):
+    """Enter batches until the file may not grow any more, and say what came of it."""
+    import resource
+    import signal
+    from pathlib import Path
+
+    from jitterkit.batch.ledger import Ledger
+    from jitterkit.errors import ConfigurationError
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+    with Ledger.resume(Path(directory), {"size": 5}) as ledger:
+        batch = 0
+        try:
+            while True:
+                ledger.add(batch, batch_rows(batch) * 20)
+                batch += 1
+        except ConfigurationError as error:
+            answer.send((str(error), batch, sorted(ledger.done())))
+
+
+@pytest.fixture(scope="module")
+def context():
+    """Processes forked from one that has the package loaded and runs no threads."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["jitterkit.batch.ledger"])
+    return context
+
+
+@pytest.fixture
+def start(context):
+    """Run a function above in a process of its own; whatever still runs at the end is killed."""
+    begun = []
+
+    def start(function, *arguments):
+        source = "\n".join(map(inspect.getsource, (batch_rows, function)))
+        call = f"{source}\n{function.__name__}(*arguments)"
+        process = context.Process(target=exec, args=(call, {"arguments": arguments}))
+        process.start()
+        begun.append(process)
+        return process
+
+    yield start
+    for process in begun:
+        process.kill()
+        process.join()
+
+
+def test_twenty_kills_lose_nothing_and_do_nothing_twice(tmp_path, start, context):
+    rng = np.random.default_rng(20)
+    for _ in range(20):
+        ours, theirs = context.Pipe()
+        process = start(work, str(tmp_path), NIGHT, theirs)
+        if rng.uniform() < 0.8:  # else it is killed as it starts, opens or recovers
+            assert ours.poll(30)
+        time.sleep(rng.uniform(0, 0.03))
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    with Ledger.resume(tmp_path, CONFIGURATION) as ledger:
+        assert 0 < len(ledger.done()) < NIGHT  # the kills were in mid-run
+    (tmp_path / "whole").mkdir()
+    ours, theirs = context.Pipe()
+    for directory in (tmp_path, tmp_path / "whole"):
+        process = start(work, str(directory), NIGHT, theirs)
+        process.join()
+        assert process.exitcode == 0
+    with (
+        Ledger.resume(tmp_path, CONFIGURATION) as killed,
+        Ledger.resume(tmp_path / "whole", CONFIGURATION) as whole,
+    ):
+        expected = [one for batch in range(NIGHT) for one in batch_rows(batch)]
+        assert repr(list(killed.rows())) == repr(list(whole.rows())) == repr(expected)
+        assert repr(killed.pictures()) == repr(whole.pictures())
+        assert [one.picture for one in killed.pictures()] == [one.picture for one in whole.pictures()]
+        assert killed.counts() == whole.counts()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [LEDGER, "whole"]
+
+
+def test_a_second_process_is_refused_until_the_first_is_gone(tmp_path, start, context):
+    ours, theirs = context.Pipe()
+    stay = context.Pipe()
+    first = start(hold, str(tmp_path), theirs, stay[1])
+    assert ours.recv() == "mine"
+    began = time.monotonic()
+    with pytest.raises(
+        ConfigurationError, match=r"Another run is writing to .*; wait for it, or give another"
+    ):
+        Ledger.resume(tmp_path, CONFIGURATION)
+    with pytest.raises(ConfigurationError, match="Another run is writing"):
+        Ledger.create(tmp_path, CONFIGURATION, overwrite=True)
+    assert time.monotonic() - began < 20  # twice 0.75 s on an idle machine
+    first.kill()
+    first.join()
+    with Ledger.resume(tmp_path, CONFIGURATION) as ledger:
+        ledger.add(0, batch_rows(0))
+        with pytest.raises(ConfigurationError, match="Another run is writing"):  # nor twice in one process
+            Ledger.resume(tmp_path, CONFIGURATION)
+
+
+def test_of_runs_that_begin_together_one_goes_on(tmp_path, start, context):
+    for n in range(3):
+        (tmp_path / str(n)).mkdir()
+        pipes, stays = [context.Pipe() for _ in range(3)], [context.Pipe() for _ in range(3)]
+        processes = [
+            start(hold, str(tmp_path / str(n)), pipe[1], stay[1])
+            for pipe, stay in zip(pipes, stays, strict=True)
+        ]
+        answers = [pipe[0].recv() for pipe in pipes]
+        assert answers.count("mine") == 1
+        assert sum("Another run is writing" in answer for answer in answers) == 2
+        stays[answers.index("mine")][0].send(True)
+        for process in processes:
+            process.join()
+
+
+def test_what_was_entered_is_in_the_files_at_once(tmp_path):
+    """What a machine that lost its power finds: a copy of the files as they were, with nothing closed."""
+    (tmp_path / "copy").mkdir()
+    with Ledger.create(tmp_path, CONFIGURATION) as ledger:
+        assert ledger._file.connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        assert ledger._file.connection.execute("PRAGMA synchronous").fetchone() == (
+            2,
+        )  # FULL: flushed at each commit
+        ledger.add(0, batch_rows(0))
+        for path in tmp_path.glob(f"{LEDGER}*"):
+            shutil.copy(path, tmp_path / "copy")
+        ledger.add(1, batch_rows(1))
+    with Ledger.resume(tmp_path / "copy", CONFIGURATION) as copy:
+        assert copy.done() == {0}
+        assert repr(list(copy.rows())) == repr(batch_rows(0))
+
+
+def test_a_full_disk_ends_the_run_in_a_sentence_and_keeps_what_was_done(tmp_path):
+    with Ledger.create(tmp_path, CONFIGURATION) as ledger:
+        ledger.add(0, batch_rows(0))
+        pages = ledger._file.connection.execute("PRAGMA page_count").fetchone()[0]
+        ledger._file.connection.execute(f"PRAGMA max_page_count = {pages + 2}")  # SQLite's own full disk
+        for batch in range(1, 4):
+            with suppress(ConfigurationError):
+                ledger.add(batch, batch_rows(batch))
+        with pytest.raises(ConfigurationError, match=r"sqlite cannot grow \(.*full\); make room and resume"):
+            ledger.add(999, batch_rows(999) * 100)
+        entered = ledger.done()
+        assert 0 in entered
+        ledger._file.connection.execute(f"PRAGMA max_page_count = {pages + 1000}")
+        ledger.add(1000, batch_rows(1000))
+    with Ledger.resume(tmp_path, CONFIGURATION) as again:
+        assert again.done() == entered | {1000}
+        assert len(list(again.rows())) == sum(again.counts().values())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+def test_a_write_that_the_system_refuses_is_told_and_keeps_what_was_done(tmp_path, start, context):
+    ours, theirs = context.Pipe()
+    start(fill, str(tmp_path), theirs).join()
+    sentence, entered, done = ours.recv()
+    assert "ledger.sqlite cannot be read or written (disk I/O error)" in sentence
+    assert entered > 3
+    assert done == list(range(entered))
+    with Ledger.resume(tmp_path, CONFIGURATION) as again:
+        assert again.done() == set(range(entered))
+        assert repr(list(again.rows())) == repr([one for n in range(entered) for one in batch_rows(n) * 20])
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a directory that nobody can write to")
+def test_a_directory_that_cannot_be_written_is_refused():
+    with pytest.raises(
+        ConfigurationError, match=r"/proc/self/ledger\.sqlite cannot be written .* give a directory"
+    ):
+        Ledger.create("/proc/self", CONFIGURATION)
+
+
+def test_a_directory_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"gone/ledger\.sqlite cannot be written"):
+        Ledger.create(tmp_path / "gone", CONFIGURATION)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write to anything")
+def test_a_ledger_that_is_read_only_is_refused(tmp_path):
+    Ledger.create(tmp_path, CONFIGURATION).close()
+    (tmp_path / LEDGER).chmod(0o444)
+    with pytest.raises(ConfigurationError, match=r"cannot be written \(it is read-only\)"):
+        Ledger.resume(tmp_path, CONFIGURATION)
+
+
+def test_a_directory_in_the_ledgers_place_is_refused(tmp_path):
+    (tmp_path / LEDGER).mkdir()
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        Ledger.resume(tmp_path, CONFIGURATION)
+
+
+@pytest.fixture
+def filled(tmp_path):
+    """A closed ledger of forty batches."""
+    with Ledger.create(tmp_path, CONFIGURATION) as ledger:
+        for batch in range(40):
+            ledger.add(batch, batch_rows(batch))
+    return tmp_path / LEDGER
+
+
+def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path):
+    (tmp_path / LEDGER).write_text("my notes, " * 1000)
+    for begin in (Ledger.resume, Ledger.create):
+        with pytest.raises(
+            ConfigurationError, match=r"is damaged or no ledger \(file is not a database\); delete"
+        ):
+            begin(tmp_path, CONFIGURATION)
+    assert (tmp_path / LEDGER).read_text() == "my notes, " * 1000
+
+
+def test_another_programs_database_is_refused_and_left_alone(tmp_path):
+    other = sqlite3.connect(tmp_path / LEDGER)
+    other.execute("CREATE TABLE run (mine)")
+    other.close()
+    before = (tmp_path / LEDGER).read_bytes()
+    with pytest.raises(ConfigurationError, match="is a database but no ledger"):
+        Ledger.create(tmp_path, CONFIGURATION, overwrite=True)
+    assert (tmp_path / LEDGER).read_bytes() == before
+
+
+def test_a_ledger_of_another_format_is_refused(filled):
+    other = sqlite3.connect(filled)
+    other.execute("PRAGMA user_version = 99")
+    other.close()
+    with pytest.raises(
+        ConfigurationError, match=r"another version of jitterkit \(ledger format 99, not 1\); finish"
+    ):
+        Ledger.resume(filled.parent, CONFIGURATION)
+
+
+def test_a_ledger_cut_short_is_refused(filled):
+    filled.write_bytes(filled.read_bytes()[:-5000])
+    with pytest.raises(ConfigurationError, match="is damaged or no ledger"):
+        Ledger.resume(filled.parent, CONFIGURATION)
+
+
+def test_damage_anywhere_is_told_or_does_no_harm(filled):
+    rng = np.random.default_rng(4)
+    whole, rows = filled.read_bytes(), [one for batch in range(40) for one in batch_rows(batch)]
+    told = 0
+    for place in rng.integers(100, len(whole) - 64, 150):
+        filled.write_bytes(whole[:place] + rng.bytes(64) + whole[place + 64 :])
+        try:
+            with Ledger.resume(filled.parent, CONFIGURATION) as ledger:
+                assert repr(list(ledger.rows())) == repr(rows)
+        except ConfigurationError as error:
+            assert "damaged or no ledger" in str(error) or "was begun" in str(error)  # noqa: PT017
+            told += 1
+    assert told > 50

@@ -1,0 +1,88 @@
+"""Plans, checked against cuts made by hand and against what the sample files hold."""
+
+from contextlib import nullcontext
+from itertools import islice, repeat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jitterkit.batch import plan
+from jitterkit.batch.plan import Batch, count_frames, plan_batches
+from jitterkit.frames import write_fits
+
+A, B, C, D = (Path(name) for name in "ABCD")
+
+
+def test_a_batch_goes_across_files_and_through_cubes_in_order():
+    assert list(plan_batches([A, B, C, D], [1, 4, 1, 1], 3)) == [
+        Batch(0, ((A, 0), (B, 0), (B, 1))),
+        Batch(1, ((B, 2), (B, 3), (C, 0))),
+        Batch(2, ((D, 0),)),
+    ]
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 48, 1000])
+def test_every_frame_is_in_one_batch_and_only_the_last_batch_is_short(size):
+    counts = np.random.default_rng(1).integers(1, 30, 40).tolist()
+    files = [Path(f"{n}.fits") for n in range(40)]
+    cut = list(plan_batches(files, counts, size))
+    assert [item for batch in cut for item in batch.items] == [
+        (path, index) for path, n in zip(files, counts, strict=True) for index in range(n)
+    ]
+    assert [batch.number for batch in cut] == list(range(len(cut)))
+    assert {len(batch.items) for batch in cut[:-1]} <= {size}
+    assert 0 < len(cut[-1].items) <= size
+
+
+def test_the_first_batch_comes_before_later_files_are_counted():
+    counted = []
+
+    def counts():
+        for n in range(10**9):
+            counted.append(n)
+            yield 1
+
+    first = next(plan_batches(repeat(A), counts(), 4))
+    assert len(first.items) == 4
+    assert len(counted) == 4
+
+
+def test_a_cube_without_end_is_cut_without_listing_it():
+    cut = plan_batches([A], [10**15], 2)
+    assert [batch.items for batch in islice(cut, 2)] == [((A, 0), (A, 1)), ((A, 2), (A, 3))]
+
+
+def test_no_files_make_no_batch():
+    assert list(plan_batches([], [], 3)) == []
+
+
+@pytest.mark.parametrize("counts", [[1], [1, 1, 1]])
+def test_a_count_too_few_or_too_many_is_refused(counts):
+    with pytest.raises(ValueError, match=r"zip\(\) argument"):
+        list(plan_batches([A, B], counts, 3))
+
+
+def test_an_empty_batch_is_refused():
+    with pytest.raises(ValueError, match="A batch cannot have 0 frames"):
+        list(plan_batches([A], [1], 0))
+
+
+@pytest.mark.parametrize(("shape", "frames"), [((6, 5), 1), ((1, 6, 5), 1), ((7, 6, 5), 7)])
+def test_frames_are_counted_as_the_file_holds_them(tmp_path, shape, frames):
+    write_fits(tmp_path / "some.fits", np.zeros(shape, np.float32))
+    assert count_frames(tmp_path / "some.fits") == frames
+
+
+def test_a_file_that_cannot_be_opened_counts_as_one_frame(tmp_path):
+    (tmp_path / "text.fits").write_text("no frame")
+    write_fits(tmp_path / "some.fits", np.zeros((7, 6, 5), np.float32))
+    assert count_frames(tmp_path / "text.fits") == 1
+    assert count_frames(tmp_path / "gone.fits") == 1
+    assert count_frames(tmp_path) == 1
+    assert count_frames(tmp_path / "some.fits", hdu=9) == 1
+
+
+def test_a_file_that_holds_nothing_counts_as_one_frame_so_that_it_has_a_row(monkeypatch):
+    monkeypatch.setattr(plan, "open_frames", lambda path, hdu: nullcontext(()))
+    assert count_frames(A) == 1

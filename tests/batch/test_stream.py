@@ -1,0 +1,136 @@
+"""Batches worked through by threads, against frames processed one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.batch import Processor
+from jitterkit.batch.plan import Batch, plan_batches
+from jitterkit.batch.stream import process_batches
+from jitterkit.frames import open_frames, write_fits
+from jitterkit.optics import OpticalSystem, obstructed_circle
+
+SIZE = 10
+
+
+@pytest.fixture(scope="module")
+def bent(telescope):
+    """A small telescope of which coma and trefoil are to be fitted too."""
+    pupil = obstructed_circle(0.09, 0.03, noll=(7, 9), samples=64)
+    return replace(telescope, pupil_from=pupil, shape=(40, 40))
+
+
+@pytest.fixture(scope="module")
+def night(bent, drawn_by, tmp_path_factory):
+    """Twenty-three frames: the wavefront steps by 8 nm in the middle; one is damaged, one shows nothing."""
+    directory, rng = tmp_path_factory.mktemp("night"), np.random.default_rng(7)
+    for number in range(23):
+        step = 8.0 * (number >= SIZE)
+        image = drawn_by(bent, rng, aberrations=[15.0 + step, -6.0]).raw.data
+        image = rng.normal(bent.detector.bias, 1, image.shape) if number == 4 else image
+        path = write_fits(directory / f"{number:02d}.fits", image.astype(np.float32))
+        if number == 5:
+            path.write_bytes(path.read_bytes()[:-3000])
+    return sorted(directory.iterdir())
+
+
+@pytest.fixture(scope="module")
+def processor(bent):
+    return Processor(bent, locus="mvn")
+
+
+def done(paths, processor, **options):
+    """All rows."""
+    batches = plan_batches(paths, [1] * len(paths), SIZE)
+    return [row for part in process_batches(batches, processor, **options) for row in part.rows]
+
+
+def exactly(rows):
+    """Every number to the last bit, NaN too, but for the time that a frame took."""
+    return [repr({**row, "seconds": 0.0}) for row in rows]
+
+
+@pytest.fixture(scope="module")
+def rows(night, processor):
+    return done(night, processor, threads=2)
+
+
+def test_every_frame_has_a_row_in_order(night, rows):
+    assert [row["path"] for row in rows] == [str(path) for path in night]
+    statuses = [row["status"] for row in rows]
+    assert [statuses[4], statuses[5]] == ["no_star", "unreadable"]
+    assert statuses.count("ok") == 21
+
+
+def test_frames_done_together_give_what_each_gives_alone(night, rows, processor):
+    """A fit ends within 1e-4 standard errors, and optics may be off by 0.1 sigma of the whole image."""
+    for path, row in zip(night, rows, strict=True):
+        if row["status"] != "ok":
+            continue
+        with open_frames(path) as file:
+            alone = processor.process(file[0]).result
+        for name in ("separation", "theta", "x", "flux", "contrast"):
+            off = (row[name] - alone.of_scene(name)) / alone.error(name)
+            assert abs(off) < 2e-3
+            assert row[f"{name}_err"] == pytest.approx(alone.error(name), rel=1e-3)
+
+
+def test_the_anchor_is_used(night, processor, monkeypatch):
+    """Without it each frame would expand the optics at least once, and here it never does."""
+    expanded = []
+    exact = OpticalSystem.otf
+    monkeypatch.setattr(OpticalSystem, "otf", lambda *a, **k: expanded.append(a) or exact(*a, **k))
+    done(night[:4] + night[6:12], processor)
+    assert len(expanded) <= 3  # the first look at the lead
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_rows_are_the_same_to_the_last_digit_whoever_works(night, rows, processor, threads):
+    assert exactly(done(night, processor, threads=threads)) == exactly(rows)
+
+
+def test_rows_are_the_same_whatever_was_done_before(night, rows, processor):
+    batches = list(plan_batches(night, [1] * len(night), SIZE))
+    (last,) = process_batches([batches[1]], processor)
+    assert exactly(last.rows) == exactly(rows[SIZE : 2 * SIZE])
+
+
+def test_a_file_that_has_lost_frames_since_they_were_counted_says_so(night, processor):
+    batch = Batch(0, tuple((night[0], index) for index in range(3)))
+    (part,) = process_batches([batch], processor)
+    assert [row["status"] for row in part.rows] == ["ok", "unreadable", "unreadable"]
+    assert "has 1 frames, fewer than before" in part.rows[2]["message"]
+
+
+def test_what_is_not_worth_a_picture_is_not_drawn(night, processor):
+    batch = Batch(7, tuple((path, 0) for path in night[3:6]))
+    (part,) = process_batches([batch], processor)
+    assert sorted(part.pictures) == [0, 1]  # of the damaged file there is nothing to draw
+    worse = [(usable, -1e9, 0, place) for usable in (True, False) for place in range(24)]
+    (again,) = process_batches([batch], processor, ranks=lambda: worse)
+    assert again.pictures == {}
+
+
+def test_many_more_frames_are_not_held_than_are_worked_on(night, processor, monkeypatch):
+    """Memory stays flat: what is read ahead is bounded."""
+    ahead, most = 0, 0
+    prepare, fit = Processor.prepare, Processor.fit
+
+    def counted(self, raw):
+        nonlocal ahead, most
+        ahead += 1
+        most = max(most, ahead)
+        return prepare(self, raw)
+
+    def finished(self, frame):
+        nonlocal ahead
+        result = fit(self, frame)
+        ahead -= 1
+        return result
+
+    monkeypatch.setattr(Processor, "prepare", counted)
+    monkeypatch.setattr(Processor, "fit", finished)
+    batch = Batch(0, tuple((night[0], 0) for _ in range(30)))
+    list(process_batches([batch], processor, threads=2))
+    assert most <= 2 * 4 + 2
