@@ -48,6 +48,7 @@ ONLY_IN = {
             "calibration",
             "causes",
             "crossfit",
+            "ellipse",
             "field",
             "forecast",
             "joint",
@@ -55,16 +56,19 @@ ONLY_IN = {
             "matrix",
             "motion",
             "photon",
+            "population",
             "posterior",
+            "running",
             "scene",
             "separation",
             "series",
         )
     },
+    "PIL": {"report/plots.py"},
     "jinja2": {"report/html.py"},
     "blackjax": {"refit/sampling.py"},
     "synphot": {"photons/stars.py"},
-    "rich": {"cli/runtime.py"},
+    "rich": {"cli/progress.py"},
 }
 """Libraries with sharp edges, each behind one module."""
 

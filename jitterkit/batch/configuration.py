@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.batch.frame import Processor
@@ -42,8 +43,9 @@ def settings(processor: Processor, files: Sequence[Path], **more: Any) -> dict[s
         As JSON knows it; equal for two runs whose rows are equal to the last digit on one machine.
     """
     described = _fields(processor, skip=("anchored",))
-    numbers = "float64" if jax.config.jax_enable_x64 else "float32"  # type: ignore[attr-defined]
-    computed = {"device": jax.default_backend(), "numbers": numbers}
+    zero = jnp.zeros(())
+    (device,) = zero.devices()
+    computed = {"device": device.platform, "numbers": str(zero.dtype)}
     names = [str(file) for file in files]
     return {**described, **computed, **describe(more), VERSIONS: versions(), "files": names}
 

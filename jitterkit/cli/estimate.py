@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.runtime import SOME_FAILED, prepare_jax, say, watching
+from jitterkit.cli.progress import watching
+from jitterkit.cli.runtime import SOME_FAILED, prepare_jax, say
 
 __all__ = ["estimate"]
 

@@ -15,8 +15,10 @@ __all__ = [
     "Bias",
     "Censored",
     "Contrast",
+    "Device",
     "Exposure",
     "Files",
+    "Float32",
     "Flux",
     "Gain",
     "Hdu",
@@ -52,6 +54,16 @@ Hdu = Annotated[
     typer.Option(help="HDU to read; by default the first that holds an image.", show_default=False),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        metavar="cpu|gpu", help="Where to compute; by default on a GPU if JAX finds one.", show_default=False
+    ),
+]
+Float32 = Annotated[
+    bool,
+    typer.Option("--float32", help="Compute in 32 bits, where speed matters more than the last digits."),
+]
 Background = Annotated[
     bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")
 ]

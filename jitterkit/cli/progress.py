@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Tally", "following"]
+__all__ = ["Tally", "following", "watching"]
 
 _WINDOW = 30.0
 """Seconds over which the rate is taken: long enough for the steps in which batches come."""
@@ -100,3 +100,26 @@ def following(total: int | None = None) -> Iterator[Callable[[dict[str, Any]], N
             seen = row["path"]
 
         yield follow
+
+
+@contextlib.contextmanager
+def watching(total: int, label: str) -> Iterator[Callable[[str], None]]:
+    """A progress bar on stderr, at a terminal only; yields a function to call with each item's name."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn(label),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[item]}"),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+        task = progress.add_task(label, total=total, item="")
+
+        def advance(item: str) -> None:
+            progress.update(task, advance=1, item=item)
+
+        yield advance

@@ -7,22 +7,48 @@ import functools
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import typer
 
-__all__ = ["command_line", "prepare_jax", "say", "tells_errors", "watching"]
+__all__ = ["command_line", "prepare_jax", "say", "tells_errors"]
 
 USAGE, SOME_FAILED = 2, 1
 
 
-def prepare_jax() -> None:
-    """Ask for 64-bit numbers, and keep compiled programs for the next start."""
+def prepare_jax(device: str | None = None, float32: bool = False) -> None:
+    """Choose where to compute and with what numbers, and keep compiled programs for the next start.
+
+    Parameters
+    ----------
+    device : str, optional
+        ``cpu`` or ``gpu``; by default what JAX finds best.
+    float32 : bool
+        Whether to do with 32 bits.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such device.
+    """
     import jax
 
+    from jitterkit.errors import ConfigurationError
     from jitterkit.optics.toliman import cache_directory
 
-    jax.config.update("jax_enable_x64", True)
+    if device not in (None, "cpu", "gpu"):
+        raise ConfigurationError(f"There is no device {device!r}; give cpu or gpu.")
+    if device == "cpu":
+        jax.config.update("jax_platforms", "cpu")  # a GPU that is there is left alone
+    elif device == "gpu":
+        try:
+            jax.config.update("jax_default_device", jax.devices("gpu")[0])
+        except RuntimeError:
+            raise ConfigurationError(
+                'JAX finds no GPU here; install its driver and pip install "jitterkit[cuda]", or leave out '
+                "--device gpu."
+            ) from None
+    jax.config.update("jax_enable_x64", not float32)
     with contextlib.suppress(OSError):
         directory = cache_directory() / "compiled"
         directory.mkdir(parents=True, exist_ok=True)
@@ -68,26 +94,3 @@ def set_talk(verbosity: int) -> None:
     logging.getLogger("jitterkit").setLevel(level)
     if verbosity < 2:
         logging.getLogger("jax").setLevel(logging.ERROR)
-
-
-@contextlib.contextmanager
-def watching(total: int, label: str) -> Iterator[Callable[[str], None]]:
-    """A progress bar on stderr, at a terminal only; yields a function to call with each item's name."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn(label),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[item]}"),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task(label, total=total, item="")
-
-        def advance(item: str) -> None:
-            progress.update(task, advance=1, item=item)
-
-        yield advance

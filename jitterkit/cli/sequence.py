@@ -9,7 +9,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
-from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say, watching
+from jitterkit.cli.progress import watching
+from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say
 
 __all__ = ["sequence"]
 

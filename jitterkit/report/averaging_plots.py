@@ -132,5 +132,5 @@ def suited_time(span: float, unit: str) -> tuple[float, str]:
 def finish(ax: Axes, **place: Any) -> Axes:
     """Take off what frames a picture, and say what is drawn in it."""
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, **place)
+    ax.legend(frameon=True, facecolor="white", edgecolor="none", framealpha=0.8, fontsize=8, **place)
     return ax

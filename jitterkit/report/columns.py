@@ -73,6 +73,7 @@ COLUMNS: tuple[Column, ...] = (
     *_measured("shape", "excess kurtosis of the blur: normal 0, linear -1.2, oscillation -1.5"),
     *_measured("background", "electrons per pixel", "electron"),
     Column("chi2_dof", "Pearson's chi-squared per degree of freedom"),
+    Column("dof", "degrees of freedom: pixels used less parameters; 0 of a frame without a fit", kind=int),
     Column(
         "candidates",
         "loci tried, best first, as JSON; objective is deviance and priors, evidence a logarithm",

@@ -1,8 +1,10 @@
 """The report: one HTML file that shows a run, with its pictures inside and nothing outside.
 
 The page needs no network, no script and no second file.  Everything that came from a file or a header
-is escaped, and the page's own policy forbids the browser to run or load anything, so a frame named
-``<script>`` is a frame with an odd name.  This is the only module that imports jinja2.
+is escaped, invisible and direction-changing characters become visible, and the page's own policy forbids
+the browser to run or load anything, so a frame named ``<script>`` is a frame with an odd name.  A page is
+as long as a person reads: of 60,000 frames it has the reasons of failure, not the failures, and pictures of
+the worst.  This is the only module that imports jinja2.
 """
 
 from __future__ import annotations
@@ -21,11 +23,11 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from jitterkit.frames.whole import replacing
+from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import FrameReport, Gallery
-from jitterkit.report.plots import png
 from jitterkit.report.row import Row
-from jitterkit.report.separation_plots import plot_separations
+from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.sequence import say_loci
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, printable, with_error
@@ -33,7 +35,17 @@ from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, pr
 __all__ = ["write_report"]
 
 MAX_ROWS = 1000
-"""Fitted frames listed in full; a longer run is thinned evenly, and the page says so."""
+"""Frames listed; a longer run is thinned evenly, and the page says so."""
+
+MAX_FAILURES = 300
+"""Failures listed one by one, the first of them; their kinds are counted over all."""
+
+_FEW, _KINDS = 12, 30
+"""Failures that a list shows as well as a count of kinds does, and kinds that the page has room for."""
+
+_TOLD = ("file", "frame", "path", "status", "message")
+_LONGEST = 600
+"""Characters of one sentence or name: a command line may hold 60,000 names, a header a page of text."""
 
 
 def write_report(
@@ -79,7 +91,7 @@ def write_report(
         style=Markup(_resource("report.css")),
         table=_Listing(table),
         summary=summary,
-        plot=png(plot_separations(table, summary=summary)),
+        plots=run_pictures(table, summary),
         pictures=gallery.chosen(),
         provenance=_flattened({k: v for k, v in table.meta.items() if k != "flags"}),
     )
@@ -93,16 +105,22 @@ def _resource(name: str) -> str:
 
 def _template():
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_readable,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= {
         "angle_size": angle_size,
-        "base64": lambda data: base64.b64encode(data).decode("ascii"),
+        "base64": lambda data: Markup(base64.b64encode(data).decode("ascii")),
         "number": number,
         "remarks": _remarks,
+        "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
         "say_loci": say_loci,
         "status": lambda name: name.replace("_", " "),
-        "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n} {word}s",
+        "grouped": "{:,}".format,
+        "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n:,} {word}s",
     }
     environment.globals |= {
         "aberration_names": aberration_names,
@@ -114,6 +132,14 @@ def _template():
         "with_error": with_error,
     }
     return environment.from_string(_resource("report.html.j2"))
+
+
+def _readable(value: Any) -> Any:
+    """What a page shows of any value: nothing invisible, and no more than a person reads."""
+    if isinstance(value, Markup | int | float):
+        return value
+    text = printable(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} … ({len(text)} characters)"
 
 
 def _measured(row: Row, name: str) -> str:
@@ -148,25 +174,33 @@ class _Listing:
     def __init__(self, table: QTable) -> None:
         self.length = len(table)
         self._columns = {name: np.asarray(table[name]) for name in table.colnames}
-        usable = self._columns["status"] == "ok"
-        self.failed = np.flatnonzero(~usable)
-        fitted = np.flatnonzero(usable)
-        self.step = max(1, math.ceil(len(fitted) / MAX_ROWS))
-        self.fitted = fitted[:: self.step]
-        self.usable = len(fitted)
+        self._failed = np.flatnonzero(self._columns["status"] != "ok")
+        self.failures = len(self._failed)
+        self.step = max(1, math.ceil(self.length / MAX_ROWS))
         paths, counts = np.unique(self._columns["path"], return_counts=True)
         self._several = set(paths[counts > 1].tolist())
 
-    def rows(self, places: Iterable[int]) -> list[Row]:
-        """Rows at some places, each with its ``place`` from 1 and its ``name``."""
+    def failed(self) -> list[Row]:
+        """The first failures."""
+        return self._rows(self._failed[:MAX_FAILURES])
+
+    def kinds(self) -> tuple[list[FailureKind], int]:
+        """The commonest kinds of failure, and how many more there are; none of few failures."""
+        if self.failures <= _FEW:
+            return [], 0
+        kinds = group_failures(self._row(int(place), _TOLD) for place in self._failed)
+        return kinds[:_KINDS], len(kinds[_KINDS:])
+
+    def thinned(self) -> list[Row]:
+        """Frames from the first to the last, evenly."""
+        return self._rows(range(0, self.length, self.step))
+
+    def _rows(self, places: Iterable[int]) -> list[Row]:
         return [self._row(int(place)) for place in places]
 
-    def all_rows(self) -> list[Row]:
-        """Every failure, and the fitted frames thinned."""
-        return self.rows(np.union1d(self.failed, self.fitted))
-
-    def _row(self, place: int) -> Row:
-        row = {name: column[place].item() for name, column in self._columns.items()}
+    def _row(self, place: int, names: Iterable[str] | None = None) -> Row:
+        """A row with its ``place`` from 1 and its ``name``."""
+        row = {name: self._columns[name][place].item() for name in names or self._columns}
         several = row["frame"] > 0 or row["path"] in self._several
         name = f"{row['file']}[{row['frame']}]" if several else row["file"]
         return row | {"place": place + 1, "name": name}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["weighted_mean"]
+__all__ = ["running_mean", "weighted_mean"]
 
 COMBINED = ("mean", "error", "typical_error", "scatter", "chi2_dof", "error_by_scatter")
 
@@ -42,3 +42,28 @@ def weighted_mean(values: np.ndarray, errors: np.ndarray) -> dict[str, Any]:
     scatter = math.nan if alone else np.std(values, ddof=1)
     numbers = (mean, error, np.median(errors), scatter, chi2_dof, error * np.sqrt(chi2_dof))
     return {"n": n} | {name: float(value) for name, value in zip(COMBINED, numbers, strict=True)}
+
+
+def running_mean(values: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
+    """Combine the first measurement, the first two, and so on.
+
+    Parameters
+    ----------
+    values, errors : (n,) arrays
+        Finite; errors positive.
+
+    Returns
+    -------
+    combined : dict of (n,) arrays
+        ``mean``, ``error``, ``chi2_dof`` and ``error_by_scatter``, as :func:`weighted_mean` has them of so
+        many; the last two NaN of one.
+    """
+    values, errors = np.asarray(values, float), np.asarray(errors, float)
+    level = float(np.average(values, weights=errors**-2))  # differences keep the last digits
+    weight, first, second = (np.cumsum(errors**-2 * (values - level) ** k) for k in range(3))
+    count = np.arange(len(values))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        chi2_dof = np.maximum(second - first**2 / weight, 0) / count
+    error = weight**-0.5
+    mean = level + first / weight
+    return {"mean": mean, "error": error, "chi2_dof": chi2_dof, "error_by_scatter": error * np.sqrt(chi2_dof)}

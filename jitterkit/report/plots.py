@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import AsinhNorm, Normalize
 from matplotlib.figure import Figure
+from PIL import Image
 
 from jitterkit.report.axes import axes_or_new, colour_bar, scale_and_unit
 
@@ -29,11 +30,15 @@ __all__ = [
     "plot_residual",
     "plot_stars",
     "png",
+    "small_png",
     "stretch",
     "three_panels",
 ]
 
 RESIDUAL_LIMIT = 5.0
+_MAPS = ("viridis", "cividis", "RdBu_r")
+_COARSE = 400
+"""Pixels a side up to which an image is drawn with square pixels; smoothing them would treble the file."""
 
 
 def png(ax: Axes, dpi: float = 130.0) -> bytes:
@@ -42,6 +47,36 @@ def png(ax: Axes, dpi: float = 130.0) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure).print_figure(buffer, format="png", dpi=dpi, facecolor="white")
     return buffer.getvalue()
+
+
+def small_png(ax: Axes, dpi: float = 130.0) -> bytes:
+    """Encode the figure of some axes in the colours of this module alone, at a sixth of the size.
+
+    Notes
+    -----
+    Every pixel takes the nearest of 64 steps of each colour map and of grey: a step of a residual is
+    0.16 sigma.  A palette chosen by the picture's own colours would lose the rare ones, which are the ends
+    of the scale.
+    """
+    image = Image.open(io.BytesIO(png(ax, dpi))).convert("RGB")
+    pixels = np.asarray(image).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    colours, places = np.unique(pixels, return_inverse=True)
+    rgb = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.int32)
+    palette = _palette()
+    squares = (palette.astype(np.int64) ** 2).sum(axis=1) - 2 * rgb.astype(np.int64) @ palette.T
+    nearest = np.argmin(squares, axis=1).astype(np.uint8)
+    small = Image.fromarray(nearest[places].reshape(pixels.shape), "P")
+    small.putpalette(palette.astype(np.uint8).ravel().tolist())
+    buffer = io.BytesIO()
+    small.save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
+def _palette() -> np.ndarray:
+    """256 colours, (256, 3) int."""
+    steps = np.linspace(0, 1, 64)
+    maps = [colormaps[name](steps)[:, :3] for name in (*_MAPS, "gray")]
+    return np.rint(255 * np.concatenate(maps)).astype(np.int64)
 
 
 def stretch(image: np.ndarray) -> Normalize:
@@ -100,7 +135,9 @@ def plot_image(
     scale, unit = scale_and_unit(plate_scale)
     extent = (-nx * scale / 2, nx * scale / 2, -ny * scale / 2, ny * scale / 2)
     colours = colormaps[cmap].with_extremes(bad="0.6")
-    picture = ax.imshow(image, origin="lower", extent=extent, cmap=colours, norm=norm or stretch(image))
+    drawn: Any = {"interpolation": "nearest" if max(image.shape) <= _COARSE else "auto"}
+    drawn |= {"cmap": colours, "norm": norm or stretch(image)}
+    picture = ax.imshow(image, origin="lower", extent=extent, **drawn)
     colour_bar(picture, ax, label, "both" if label.startswith("residual") else "neither")
     ax.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]", title=title)
     return ax

@@ -86,6 +86,7 @@ def make_row(
         "locus": result.locus,
         "locus_weight": float(result.locus_weight),
         "chi2_dof": float(result.chi2_dof),
+        "dof": int(result.dof),
         "candidates": _candidates(result.candidates),
         "iterations": int(result.iterations),
         "seconds": float(result.seconds),

@@ -1,4 +1,8 @@
-"""The picture of a run: every frame's separation about their mean."""
+"""The picture of a run: every frame's separation about their mean.
+
+Reach for :func:`draw_run`, which also draws the means of a long run large enough to be read, or for
+:func:`plot_separations` on axes of your own.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +12,65 @@ from typing import Any
 import numpy as np
 from astropy.table import QTable
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from jitterkit.report.averaging_plots import suited_angle, suited_time
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
-from jitterkit.report.words import angle_size, angle_unit, number
+from jitterkit.report.clock import Clock, fitted
+from jitterkit.report.stretches import Means, stretch_means
+from jitterkit.report.words import angle_size, number
 
-__all__ = ["plot_separations"]
+__all__ = ["MANY", "draw_run", "label_time", "plot_separations", "shown_times"]
 
-_MANY, _BLOCKS = 300, 40
-"""Points beyond which error bars turn into a haze, and how many means replace them."""
+MANY = 300
+"""Points beyond which error bars turn into a haze."""
+
+_ROOMY = 80
+"""Points up to which there is room for large ones."""
+
+_STRETCHES, _EACH = 120, 25
+"""Means of a long run: a bar every 8 pixels of a page, each of so many frames or more on average."""
 
 
-def plot_separations(table: QTable, ax: Axes | None = None, summary: dict[str, Any] | None = None) -> Axes:
+def draw_run(
+    table: QTable, summary: dict[str, Any], clock: Clock | None = None, outliers: np.ndarray | None = None
+) -> list[Axes]:
+    """Draw a run on a figure of its own: all frames, and of more than 300 their means once more, enlarged.
+
+    Parameters
+    ----------
+    table : QTable
+    summary : dict
+        From :func:`~jitterkit.report.summary.summarise`.
+    clock : Clock, optional
+        Where the frames stand on the axis; by default their numbers.
+    outliers : (n,) bool array, optional
+        Rows that do not belong; hollow diamonds.
+
+    Returns
+    -------
+    axes : list of matplotlib.axes.Axes
+    """
+    long = int(fitted(table).sum()) > MANY
+    figure = Figure(figsize=(9.6, 5.6 if long else 3.4), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(1 + long, 1, sharex=True, squeeze=True)).tolist()
+    plot_separations(table, axes[0], summary, clock=clock, outliers=outliers)
+    if long:
+        axes[0].set_xlabel("")
+        plot_separations(table, axes[1], summary, clock=clock, means_only=True)
+    return axes
+
+
+def plot_separations(
+    table: QTable,
+    ax: Axes | None = None,
+    summary: dict[str, Any] | None = None,
+    *,
+    clock: Clock | None = None,
+    outliers: np.ndarray | None = None,
+    means_only: bool = False,
+) -> Axes:
     """Draw every frame's separation with its error about their weighted mean.
 
     Parameters
@@ -29,64 +80,115 @@ def plot_separations(table: QTable, ax: Axes | None = None, summary: dict[str, A
     ax : matplotlib.axes.Axes, optional
     summary : dict, optional
         From :func:`~jitterkit.report.summary.summarise`, for the mean and its 1 sigma band.
+    clock : Clock, optional
+        Where the frames stand on the axis; by default their numbers.
+    outliers : (n,) bool array, optional
+        Rows that do not belong; hollow diamonds.
+    means_only : bool
+        Leave the frames and the failures out, so that the axis suits the means.
 
     Returns
     -------
     ax : matplotlib.axes.Axes
-        Frames that failed are crosses along the lower edge.
+        Of more than 300 frames, faint points under weighted means of stretches, whose errors are widened
+        where frames scatter more than theirs allow.  Frames that failed stand along the lower edge.
     """
     ax = axes_or_new(ax, (9.6, 3.4))
+    clock = Clock(np.arange(len(table)) + 1.0, "frame", "") if clock is None else clock
     values, errors = (table[name].to_value("arcsec") for name in ("separation", "separation_err"))
-    good = (np.asarray(table["status"]) == "ok") & np.isfinite(values)
-    frame = np.arange(len(table)) + 1
-    centre, mean_error = _mean(summary, values[good])
-    factor, unit = _unit_of(errors[good])
-    if good.any():
-        draw = _draw_frames if good.sum() <= _MANY else _draw_many_frames
-        draw(ax, frame[good], (values[good] - centre) * factor, errors[good] * factor)
+    ok = (np.asarray(table["status"]) == "ok") & np.isfinite(values)
+    good = fitted(table)
+    centre, mean_error = _mean(summary, values[ok])
+    at = shown_times(clock)
+    if ok.any():
+        means = _means(at[good], values[good], errors[good])
+        scale, unit = suited_angle(means.errors if means_only and means else _sizes(errors[ok]))
+        if not means_only:
+            _draw_frames(ax, at[ok], (values[ok] - centre) * scale, errors[ok] * scale)
+        if outliers is not None and outliers.any():
+            _draw_outliers(ax, at[outliers], (values[outliers] - centre) * scale)
+        if means is not None:
+            _draw_means(ax, means, centre, scale)
+        _draw_mean(ax, mean_error, scale)
         ax.set_ylabel(f"separation − {number(centre, 7)}″ [{unit}]")
     else:
         say(ax, "no frame was fitted").set_yticks([])
-    if math.isfinite(mean_error):
-        band = mean_error * factor
-        ax.axhspan(-band, band, color=RUST, alpha=0.22, lw=0, zorder=1)
-        ax.axhline(0, color=RUST, lw=1.2, zorder=4, label=f"weighted mean ± {angle_size(mean_error, 2)}")
-    if not good.all():
-        _draw_failures(ax, frame[~good])
-    ax.set(xlabel="frame", xlim=(0.4, max(len(table), 1) + 0.6))
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    if not (ok.all() or means_only):
+        _draw_failures(ax, at[~ok])
+    label_time(ax, clock)
     ax.spines[["top", "right"]].set_visible(False)
     if ax.get_legend_handles_labels()[0]:
         above: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0.2}
-        ax.legend(ncols=4, frameon=False, fontsize=9, **above)
+        ax.legend(ncols=5, frameon=False, fontsize=8, columnspacing=1.2, **above)
     return ax
 
 
-def _draw_frames(ax: Axes, frame: np.ndarray, values: np.ndarray, errors: np.ndarray) -> None:
-    label = f"{len(frame)} frames"
-    ax.errorbar(frame, values, errors, fmt="o", color=BLUE, ms=4.5, elinewidth=0.9, zorder=2, label=label)
+def shown_times(clock: Clock) -> np.ndarray:
+    """Places of frames in the unit that suits their span."""
+    return clock.at / suited_time(_span(clock), clock.unit)[0]
 
 
-def _draw_many_frames(ax: Axes, frame: np.ndarray, values: np.ndarray, errors: np.ndarray) -> None:
-    """Points without bars, which would be a haze, under the weighted means of consecutive blocks."""
-    faint = max(0.04, min(0.5, 500 / len(frame)))
-    ax.plot(frame, values, ".", color=BLUE, ms=3, mew=0, alpha=faint, zorder=2)
-    blocks = [b for b in np.array_split(np.flatnonzero(errors > 0), _BLOCKS) if len(b)]  # NaN is not > 0
-    if not blocks:
+def label_time(ax: Axes, clock: Clock) -> None:
+    """Say what runs along the lower axis, and let it hold every frame."""
+    unit = suited_time(_span(clock), clock.unit)[1]
+    at = shown_times(clock)
+    low, high = (float(at.min()), float(at.max())) if len(at) else (1.0, 1.0)
+    margin = max(0.6 if clock.unit == "frame" else 0.0, 0.01 * (high - low))
+    ax.set(xlabel=f"time since {clock.start} UTC [{unit}]" if clock.start else "frame")
+    ax.set_xlim(low - margin, high + margin)
+    ax.xaxis.set_major_locator(MaxNLocator(9, integer=clock.unit == "frame", steps=[1, 2, 5, 10]))
+
+
+def _span(clock: Clock) -> float:
+    return float(np.ptp(clock.at)) if len(clock.at) else 0.0
+
+
+def _sizes(errors: np.ndarray) -> np.ndarray:
+    """Errors that are known; an arcsecond where none is."""
+    finite = errors[np.isfinite(errors)]
+    return finite if len(finite) else np.ones(1)
+
+
+def _means(at: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Means | None:
+    return stretch_means(at, values, errors, min(_STRETCHES, len(at) // _EACH)) if len(at) > MANY else None
+
+
+def _draw_frames(ax: Axes, at: np.ndarray, values: np.ndarray, errors: np.ndarray) -> None:
+    """Points with bars; of many, points without, which would be a haze."""
+    if len(at) <= MANY:
+        style: Any = {"ms": 4.5 if len(at) <= _ROOMY else 3, "elinewidth": 0.9, "label": f"{len(at)} frames"}
+        ax.errorbar(at, values, errors, fmt="o", color=BLUE, zorder=2, **style)
         return
-    weights = [errors[block] ** -2 for block in blocks]
-    means = [np.average(values[block], weights=w) for block, w in zip(blocks, weights, strict=True)]
-    bars = [np.sum(w) ** -0.5 for w in weights]
-    label = f"{len(frame)} frames, means of {len(blocks[0])}"
-    centres = [np.mean(frame[block]) for block in blocks]
-    ax.errorbar(centres, means, bars, fmt="o", color=INK, ms=3.5, elinewidth=1.1, zorder=3, label=label)
+    faint = max(0.04, min(0.5, 500 / len(at)))
+    ax.plot(at, values, ".", color=BLUE, ms=3, mew=0, alpha=faint, zorder=2)
+    ax.plot([], [], ".", color=BLUE, ms=5, label=f"{len(at):,} frames")
 
 
-def _draw_failures(ax: Axes, frame: np.ndarray) -> None:
-    many = len(frame) > _MANY
+def _draw_outliers(ax: Axes, at: np.ndarray, values: np.ndarray) -> None:
+    style: Any = {"ls": "", "marker": "D", "ms": 4, "mfc": "none", "mec": RUST, "mew": 0.9, "zorder": 3}
+    ax.plot(at, values, **style, label=f"{len(at):,} do not belong")
+
+
+def _draw_means(ax: Axes, means: Means, centre: float, scale: float) -> None:
+    each = f"{number(float(np.median(means.counts)), 2)} frames"
+    wider = f", errors × {means.widened:.2f}" if means.widened > 1 else ""
+    style: Any = {"ms": 3.0, "elinewidth": 1.0, "label": f"means of {each}{wider}"}
+    bars = means.errors * scale
+    ax.errorbar(means.at, (means.values - centre) * scale, bars, fmt="o", color=INK, zorder=3, **style)
+
+
+def _draw_mean(ax: Axes, mean_error: float, scale: float) -> None:
+    if math.isfinite(mean_error):
+        band = mean_error * scale
+        ax.axhspan(-band, band, color=RUST, alpha=0.22, lw=0, zorder=1)
+        ax.axhline(0, color=RUST, lw=1.2, zorder=4, label=f"weighted mean ± {angle_size(mean_error, 2)}")
+
+
+def _draw_failures(ax: Axes, at: np.ndarray) -> None:
+    many = len(at) > MANY
     style: Any = {"marker": "|", "ms": 4, "mew": 0.3} if many else {"marker": "x", "ms": 5, "mew": 1.2}
-    style |= {"color": INK, "ls": "", "clip_on": False, "zorder": 4, "label": f"{len(frame)} failed"}
-    ax.plot(frame, np.full(len(frame), 0.03), transform=ax.get_xaxis_transform(), **style)
+    style |= {"color": INK, "ls": "", "clip_on": False, "zorder": 4, "label": f"{len(at):,} failed"}
+    ax.plot(at, np.full(len(at), 0.03), transform=ax.get_xaxis_transform(), **style)
 
 
 def _mean(summary: dict[str, Any] | None, values: np.ndarray) -> tuple[float, float]:
@@ -94,10 +196,3 @@ def _mean(summary: dict[str, Any] | None, values: np.ndarray) -> tuple[float, fl
     if summary is not None and math.isfinite(summary["separation"]["mean"]):
         return summary["separation"]["mean"], summary["separation"]["error"]
     return (float(np.median(values)) if len(values) else 0.0), math.nan
-
-
-def _unit_of(errors: np.ndarray) -> tuple[float, str]:
-    """How many of the unit in which errors [arcsec] have few digits make an arcsecond, and its name."""
-    finite = errors[np.isfinite(errors)]
-    factor, unit = angle_unit(float(np.median(finite)) if finite.size else 1.0)
-    return factor, unit.strip().replace("″", "arcsec")

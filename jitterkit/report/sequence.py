@@ -7,7 +7,8 @@ same question asked of many frames is not.  Their evidences multiply.
 from __future__ import annotations
 
 import json
-from collections import Counter
+import math
+from array import array
 from collections.abc import Iterable
 from typing import Any
 
@@ -26,6 +27,10 @@ _CERTAIN = 0.95
 
 _DISSENT = float(np.log(1e3))
 """By how much a frame's evidence for another locus must be greater, to contradict the run's."""
+
+
+_KEYS = ("evidence", "separation", "separation_err")
+_MISSING = (math.nan,) * len(_KEYS)
 
 
 def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
@@ -52,25 +57,28 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
     *Assumes* one kind of locus for the whole run, with sizes and directions of its own in each frame; where
     frames dissent, it is not so.
     """
-    frames = [{one["locus"]: one for one in json.loads(text)} for text in candidates if text]
-    frames = [frame for frame in frames if len(frame) > 1]
-    times = Counter(name for frame in frames for name in frame if _fitted(frame[name]))
-    loci = [name for name, n in times.items() if n >= _NEARLY_ALL * len(frames)]
-    whole = [frame for frame in frames if all(_fitted(frame.get(name)) for name in loci)]
-    if not whole or len(loci) < 2:
-        return {"frames": 0, "left_out": len(frames)}
-    evidence = np.array([[frame[name]["evidence"] for name in loci] for frame in whole])
+    numbers = _numbers(candidates)
+    frames = max(map(len, numbers.values()), default=0)
+    loci = [name for name, rows in numbers.items() if _fitted(rows).sum() >= _NEARLY_ALL * frames]
+    whole = np.all([_fitted(numbers[name]) for name in loci], axis=0) if loci else np.zeros(0, bool)
+    if not whole.any() or len(loci) < 2:
+        return {"frames": 0, "left_out": frames}
+    evidence, separation, error = (
+        np.stack([numbers[name][whole, k] for name in loci], axis=1) for k in range(3)
+    )
     odds = evidence.sum(axis=0) - evidence.sum(axis=0).max()
     weights = np.exp(odds) / np.exp(odds).sum()
     order = np.argsort(-odds, kind="stable")
     return {
-        "frames": len(whole),
-        "left_out": len(frames) - len(whole),
+        "frames": int(whole.sum()),
+        "left_out": frames - int(whole.sum()),
         "best": loci[order[0]],
         "dissent": int(np.sum(evidence.max(axis=1) - evidence[:, order[0]] > _DISSENT)),
         "weights": {loci[i]: float(weights[i]) for i in order},
         "evidence": {loci[i]: float(odds[i]) for i in order},
-        "separation": {loci[i]: {"unit": "arcsec", **_mean_separation(whole, loci[i])} for i in order},
+        "separation": {
+            loci[i]: {"unit": "arcsec", **weighted_mean(separation[:, i], error[:, i])} for i in order
+        },
     }
 
 
@@ -81,27 +89,48 @@ def say_loci(loci: dict[str, Any]) -> str:
     best, frames, weights = loci["best"], loci["frames"], loci["weights"]
     if loci["dissent"]:
         return (
-            f"The frames do not share one kind of locus: {loci['dissent']} of {frames} contradict {best}, "
-            "which fits them best together."
+            f"The frames do not share one kind of locus: {loci['dissent']:,} of {frames:,} contradict "
+            f"{best}, which fits them best together."
         )
+    who, show, are = (
+        ("The frame", "shows", "is") if frames == 1 else (f"{frames:,} frames together", "show", "are")
+    )
     if weights[best] > _CERTAIN:
-        return f"{frames} frames together show {best} (weight {weights[best]:.3f})."
+        return f"{who} {show} {best} (weight {weights[best]:.3f})."
     held = np.cumsum([*weights.values()])
     likely = [*weights][: int(np.searchsorted(held, _CERTAIN)) + 1]
     means = [loci["separation"][name]["mean"] for name in likely]
     shares = ", ".join(f"{name} {weights[name]:.2f}" for name in likely)
     return (
-        f"{frames} frames together are undecided ({shares}); the separation differs by "
+        f"{who} {are} undecided ({shares}); the separation differs by "
         f"{angle_size(max(means) - min(means), 2)}."
     )
 
 
-def _fitted(candidate: dict[str, Any] | None) -> bool:
-    """Whether a locus was tried, and its fit has an evidence."""
-    return candidate is not None and candidate["evidence"] is not None
+def _fitted(rows: np.ndarray) -> np.ndarray:
+    """Which frames' fits with a locus have an evidence."""
+    return np.isfinite(rows[:, 0])
 
 
-def _mean_separation(frames: list[dict[str, Any]], name: str) -> dict[str, Any]:
-    values = np.array([frame[name]["separation"] for frame in frames], float)
-    errors = np.array([frame[name]["separation_err"] for frame in frames], float)
-    return weighted_mean(values, errors)
+def _numbers(candidates: Iterable[str]) -> dict[str, np.ndarray]:
+    """Evidence, separation and its error by locus, (frames, 3), of the frames that have several candidates.
+
+    Frames are read one by one: what JSON makes of 60,000 would fill 0.3 GB.
+    """
+    held: dict[str, array] = {}
+    frames = 0
+    for text in candidates:
+        frame = {one["locus"]: one for one in json.loads(text)} if text else {}
+        if len(frame) < 2:
+            continue
+        for name in frame.keys() - held.keys():
+            held[name] = array("d", _MISSING) * frames
+        for name, numbers in held.items():
+            one = frame.get(name)
+            numbers.extend(_MISSING if one is None else (_number(one[key]) for key in _KEYS))
+        frames += 1
+    return {name: np.array(numbers).reshape(-1, len(_KEYS)) for name, numbers in sorted(held.items())}
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

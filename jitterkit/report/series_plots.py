@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from jitterkit.report.averaging_plots import finish, plot_allan, plot_root_n, suited_angle, suited_time
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.stretches import stretch_means
 from jitterkit.report.words import number, with_error
 from jitterkit.series import (
     Floor,
@@ -146,14 +147,12 @@ def _draw_means(ax: Axes, series: Series, trend: Trend, place: Any, scale: float
     y, e, t = series.present
     faint = max(0.05, min(0.5, 1500 / len(y)))
     ax.plot(*place(t, y), ".", color=BLUE, ms=2.5, mew=0, alpha=faint, zorder=1, rasterized=True)
-    stretch = np.minimum((_BLOCKS * (t - t.min()) / np.ptp(t)).astype(int), _BLOCKS - 1)
-    weight, moment, total = (np.bincount(stretch, e**-2 * x) for x in (1.0, t - t.min(), y - trend.mean))
-    there = weight > 0
-    means, bars = total[there] / weight[there] + trend.mean, weight[there] ** -0.5
+    means = stretch_means(t, y, e, _BLOCKS)
+    bars = means.errors / means.widened
     if not series.stated:
         bars = bars * float(np.std(y - trend.at(t)))
-    x, heights = place(moment[there] / weight[there] + t.min(), means)
-    label = f"{len(y):,} frames, {there.sum()} means"
+    x, heights = place(means.at, means.values)
+    label = f"{len(y):,} frames, {len(means.at)} means"
     ax.errorbar(x, heights, bars * scale, fmt="o", color=INK, ms=3.5, elinewidth=1.1, zorder=3, label=label)
     low, high = np.min(heights - 2 * bars * scale), np.max(heights + 2 * bars * scale)
     return float(low), float(high)

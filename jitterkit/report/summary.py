@@ -46,7 +46,11 @@ def summarise(table: QTable) -> dict[str, Any]:
     here and to something on the sky.  Angles are averaged as offsets from the first, folded into
     ±180 deg, so north is no special place.
     """
-    good = table[np.asarray(table["status"]) == "ok"]
+    counts = np.asarray(table["status"]) == "ok"
+    used = ["locus", "chi2_dof", "sxx", "sxy", "syy"]
+    used += [name + end for name in ("separation", "theta", "pa", "shape") for end in ("", "_err")]
+    good = table[used][counts]  # not the texts: of 60,000 frames they are most of the memory
+    candidates = np.asarray(table["candidates"])
     return {
         "frames": len(table),
         "status": _counts(table["status"]),
@@ -56,7 +60,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
         "jitter": _mean_jitter(good),
         "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
-        "loci": compare_loci(good["candidates"]),
+        "loci": compare_loci(candidates[place] for place in np.flatnonzero(counts)),
         "chi2_dof": _median(good["chi2_dof"]),
         "seconds": float(np.nansum(table["seconds"].to_value("s"))),
     }

@@ -94,8 +94,9 @@ def test_each_frame_ends_with_its_own_status_and_sentence(name, run):
 def test_good_frames_beside_bad_ones_are_unharmed(run, spoilt, processor, tmp_path):
     alone = process_files([spoilt / "z-good.fits"], tmp_path / "alone", processor).table[0]
     (beside,) = (row for row in run.table if row["file"] == "z-good.fits")
-    for name in ("separation", "separation_err", "theta", "sxx", "chi2_dof"):
-        assert alone[name] == beside[name], name
+    for name in ("separation", "theta", "sxx"):  # alone it is fitted without an anchor
+        assert abs(alone[name] - beside[name]) < 1e-3 * alone[f"{name}_err"], name
+    assert beside["chi2_dof"] == pytest.approx(alone["chi2_dof"], rel=1e-5)
     assert abs(alone["separation"].value - 10.0) < 5 * alone["separation_err"].value
 
 

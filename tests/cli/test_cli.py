@@ -126,12 +126,13 @@ def test_one_seed_gives_one_frame(tmp_path):
     assert np.any(pixels[0] != pixels[2])
 
 
-def test_process_prints_the_separation_and_leaves_three_files(frame, tmp_path):
+def test_process_prints_the_separation_and_leaves_its_files(frame, tmp_path):
     out = tmp_path / "out"
     done = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "smallsat"])
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("separation ")
-    assert sorted(p.name for p in out.iterdir()) == ["report.html", "results.ecsv", "summary.json"]
+    files = ["configuration.json", "ledger.sqlite", "report.html", "results.ecsv", "summary.json"]
+    assert sorted(path.name for path in out.iterdir()) == files
     mean, error = (json.loads((out / "summary.json").read_text())["separation"][k] for k in ("mean", "error"))
     assert abs(mean - 10.0) < 5 * error
     again = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "smallsat"])

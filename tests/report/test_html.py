@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from long_run import long_run
 
 from jitterkit.errors import FrameError
 from jitterkit.refit.result import FitResult, Status
@@ -119,10 +120,55 @@ def test_a_long_run_stays_readable(make_fit, write):
     rows = [{**(lost if k % 30 == 0 else entry.row), "frame": k} for k in range(4500)]
     page = write(rows, [entry] * 40, max_pictures=5)
     assert page.tags.count("article") == 5
-    assert "5 of 4500 frames: those that failed and those that fit worst" in page.text
-    assert page.text.count("Nothing shines.") == 150
-    assert "One in 5 of the 4350 fitted frames and every failure" in page.text
+    assert "5 of 4,500 frames: those that failed and those that fit worst" in page.text
+    assert "One in 5 of 4,500; the results table has them all." in page.text
     assert page.tags.count("tr") < 1400
+    assert page.text.count("Nothing shines.") == 2 + 150  # a kind, its example and the list
+
+
+def test_failures_are_counted_by_kind_and_the_first_are_listed(write):
+    page = write(long_run(1500, np.random.default_rng(3), failing=0.6))
+    kinds = page.text.partition("Frames that failed")[2].partition("and why")[0]
+    assert "holds # bytes of the 65536 declared" not in kinds
+    assert "holds # bytes of the # declared; it is truncated: copy it again." in kinds
+    assert kinds.count("✕") == 0  # the mark is the style's
+    assert "These are the first 300; the results table has" in page.text
+    counts = [
+        int(count)
+        for count in re.findall(
+            r"(\d+) (?=no star|poor fit|no pair|no data|unreadable|mismatch|failed|not converged)", kinds
+        )
+    ]
+    assert sum(counts) == sum(
+        row["status"] != "ok" for row in long_run(1500, np.random.default_rng(3), failing=0.6)
+    )
+    assert counts == sorted(counts, reverse=True)
+
+
+def test_a_run_of_thousands_is_a_page_of_a_megabyte_with_every_part(write, tmp_path):
+    page = write(long_run(6000, np.random.default_rng(3)))
+    for heading in ("Separations", "How the separation averages", "Jitter", "How well frames fit"):
+        assert heading in page.text
+    alts = " ".join(value for tag, name, value in page.attributes if (tag, name) == ("img", "alt"))
+    for drawn in (
+        "weighted mean",
+        "against 1/√N",
+        "Allan",
+        "Jitter ellipse with time",
+        "Rose",
+        "kurtosis",
+        "locus",
+        "chi-squared",
+    ):
+        assert drawn in alts
+    assert (tmp_path / "report.html").stat().st_size < 1_500_000
+    assert "time since" not in page.text  # it is in the picture
+
+
+def test_one_frame_is_not_spoken_of_as_many(make_fit, write):
+    row = make_row(make_fit()[1], "f")
+    assert "From one of 1 frame, ±" in write([row]).text
+    assert "Weighted mean of 2 of 2 frames, ±" in write([row, row]).text
 
 
 def test_a_run_in_which_nothing_worked_says_so(write):

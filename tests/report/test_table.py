@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy import units
-from astropy.table import QTable
+from long_run import long_run
 
+import jitterkit.report.table
 from jitterkit.errors import FrameError
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.columns import COLUMNS, aberration_column
@@ -52,6 +53,19 @@ def test_a_table_comes_back_from_disk_to_the_last_digit(rows, tmp_path):
     assert again.meta["flags"][2].startswith("saturated")
 
 
+def test_a_file_may_be_called_like_a_comment(rows, tmp_path):
+    names = ["#1.fits", "# 2.fits", "#", '#"3".fits', "%ECSV"]
+    write_table(tmp_path / "results.ecsv", make_table({**rows[0], "file": name} for name in names))
+    assert read_table(tmp_path / "results.ecsv")["file"].tolist() == names
+
+
+def test_a_long_table_is_written_as_astropy_would_at_once(tmp_path):
+    table = make_table(long_run(2500, np.random.default_rng(1)), {"command": "jitterkit"})
+    write_table(tmp_path / "in_parts.ecsv", table)
+    table.write(tmp_path / "at_once.ecsv", format="ascii.ecsv")
+    assert (tmp_path / "in_parts.ecsv").read_text() == (tmp_path / "at_once.ecsv").read_text()
+
+
 def test_a_null_of_a_ledger_is_what_the_column_has_for_nothing(rows):
     nulls = dict.fromkeys(rows[0])
     table = make_table([nulls, rows[1]])
@@ -73,13 +87,19 @@ def test_a_table_is_replaced_only_when_allowed_and_only_whole(rows, tmp_path, mo
     with pytest.raises(FrameError, match="exists already"):
         write_table(path, make_table([]))
 
-    def fill_the_disk(self, name, **_):
-        Path(name).write_text("half a ta")
-        raise OSError(28, "No space left on device")
+    lines, calls = jitterkit.report.table._ecsv, []
 
-    monkeypatch.setattr(QTable, "write", fill_the_disk)
+    def fill_the_disk(part):
+        calls.append(len(part))
+        if len(calls) > 2:
+            raise OSError(28, "No space left on device")
+        return lines(part)
+
+    monkeypatch.setattr("jitterkit.report.table._ecsv", fill_the_disk)
+    monkeypatch.setattr("jitterkit.report.table._CHUNK", 1)
     with pytest.raises(FrameError, match="No space left"):
-        write_table(path, make_table([]), overwrite=True)
+        write_table(path, make_table(rows), overwrite=True)
+    assert calls == [0, 1, 1]
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 

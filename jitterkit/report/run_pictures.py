@@ -1,0 +1,238 @@
+"""The pictures of a whole run on its page, each with the sentence that goes with it.
+
+Reach for :func:`run_pictures`.  What is drawn depends on how many frames there are; the limits stand at the
+top with their reasons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from astropy.table import QTable
+from scipy.stats import chi2
+
+from jitterkit.report.averaging_plots import plot_allan, plot_root_n, suited_time
+from jitterkit.report.clock import Clock, fitted, separation_series
+from jitterkit.report.ellipse_plots import draw_jitter, jittered
+from jitterkit.report.plots import png
+from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
+from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
+from jitterkit.report.separation_plots import draw_run
+from jitterkit.report.series_plots import plot_pulls
+from jitterkit.report.words import angle_size, angle_unit, number, with_error
+from jitterkit.series import (
+    Floor,
+    Series,
+    Trend,
+    allan_deviation,
+    block_scatter,
+    find_outliers,
+    fit_floor,
+    fit_trend,
+)
+
+__all__ = ["RunPicture", "run_pictures"]
+
+_RUNNING = 8
+"""Frames from which a mean that grows is drawn, and the jitter with time: a scatter is known to a quarter."""
+
+_MANY = 25
+"""Frames from which averages and histograms are drawn.  Of white noise the Allan deviation then has eight
+lengths, the longest known within a factor of 2.5 (68 %), and the upper limit of its floor is 3.8 errors of
+the mean; of 16 it were six lengths, a factor of 3 and 4.2 errors.  A bar of five frames is good to a half."""
+
+_COUNTED = (
+    "The frames' times make no axis (some miss, are shared, or lie in a few heaps), so frames are counted."
+)
+_FAR = 4
+_CLEAR = 1e-3
+"""Chance below which a slope is told."""
+
+
+@dataclass(frozen=True)
+class RunPicture:
+    """One picture of the page.
+
+    Attributes
+    ----------
+    part : {"separation", "averaging", "jitter", "fit"}
+        The section that it belongs to.
+    alt, caption : str
+    wide : bool
+        Whether it takes the whole width.
+    png : bytes
+    """
+
+    part: str
+    alt: str
+    caption: str
+    wide: bool
+    png: bytes = field(repr=False)
+
+
+def run_pictures(table: QTable, summary: dict[str, Any]) -> list[RunPicture]:
+    """Draw what a run of this length can show.
+
+    Parameters
+    ----------
+    table : QTable
+    summary : dict
+        From :func:`~jitterkit.report.summary.summarise`.
+
+    Returns
+    -------
+    pictures : list of RunPicture
+        Of fewer than two fitted frames none.
+    """
+    clock = Clock.of(table)
+    usable = np.asarray(table["status"]) == "ok"
+    if np.isfinite(table["separation"].to_value("arcsec"))[usable].sum() < 2:
+        return []
+    return [
+        *_averages(table, summary, clock),
+        *(_jitter(table, summary, clock) if jittered(table).sum() >= _RUNNING else []),
+        *(_fits(table, usable) if usable.sum() >= _MANY else []),
+    ]
+
+
+def _drawn(part: str, ax: Any, alt: str, caption: str = "", wide: bool = False) -> RunPicture:
+    return RunPicture(part, alt, caption, wide, png(ax, 110))
+
+
+def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
+    """Separations with time, and what their averages do."""
+    good = fitted(table)
+    series = separation_series(table, clock) if good.sum() >= _MANY else None
+    if series is None:
+        yield _with_time(table, summary, clock, [])
+    else:
+        outliers = find_outliers(series)
+        rest = series.without(outliers.flags)
+        floor = fit_floor(rest)
+        trend = fit_trend(rest, noise=floor if floor.detected else None)
+        yield _with_time(table, summary, clock, _say_trend(trend, clock), outliers.flags)
+    if good.sum() >= _RUNNING:
+        order = np.flatnonzero(good)[np.argsort(clock.at[good], kind="stable")]
+        values, errors = (table[name].to_value("arcsec")[order] for name in ("separation", "separation_err"))
+        running = plot_running_mean(values, errors)
+        yield _drawn("averaging", running, "Weighted mean of the first N frames", "The mean as it grows.")
+        yield _drawn(
+            "averaging",
+            plot_root_n_error(values, errors),
+            "Error of the weighted mean of the first N frames, against 1/√N",
+            "Error of that mean. By the scatter it is larger where frames are off by more than their errors.",
+        )
+    if series is not None:
+        unit = clock.unit
+        yield _drawn(
+            "averaging",
+            plot_root_n(block_scatter(rest), time_unit=unit),
+            "Scatter of block means against their length",
+            "Scatter of means of neighbouring frames, a slow change included. Above the dashed line they "
+            "share what does not average.",
+        )
+        yield _drawn(
+            "averaging",
+            plot_allan(allan_deviation(rest), floor=floor, time_unit=unit),
+            "Allan deviation of the separation",
+            f"Allan deviation. {_say_floor(floor, rest, unit)}",
+        )
+        yield _drawn(
+            "fit",
+            plot_pulls(outliers),
+            "Histogram of the residuals about the trend in stated errors",
+            _say_outliers(outliers.flags),
+        )
+
+
+def _with_time(
+    table: QTable, summary: dict[str, Any], clock: Clock, told: list[str], outliers: np.ndarray | None = None
+) -> RunPicture:
+    if clock.unit == "frame" and any(np.asarray(table["time"]).tolist()):
+        told = [_COUNTED, *told]
+    alt = "Separation of every frame with its error about the weighted mean"
+    return _drawn("separation", draw_run(table, summary, clock, outliers)[0], alt, " ".join(told), wide=True)
+
+
+def _say_trend(trend: Trend, clock: Clock) -> list[str]:
+    if not trend.p_value < _CLEAR:
+        return []
+    per, name = (3600.0, "hour") if clock.unit == "s" else (1000.0, "1000 frames")
+    scale, unit = angle_unit(abs(trend.slope) * per)
+    slope = with_error(trend.slope * per * scale, trend.slope_error * per * scale)
+    return [
+        f"The separation changes by ({slope}){unit} per {name}: its mean is that of the middle of the run."
+    ]
+
+
+def _say_floor(floor: Floor, series: Series, unit: str) -> str:
+    if not (floor.detected and floor.floor > 0):
+        return f"No floor is seen: it lies below {angle_size(floor.upper, 2)} (95 %)."
+    per, name = suited_time(floor.meets * floor.cadence, unit)
+    after = number(floor.meets * floor.cadence / per, 2)
+    name = "frames" if name == "frame" else name
+    return f"Averaging stops at {angle_size(floor.floor, 2)}, which is reached after {after} {name}."
+
+
+def _say_outliers(flags: np.ndarray) -> str:
+    count = int(flags.sum())
+    if not count:
+        return "No frame is further off than chance allows."
+    these = "1 frame is" if count == 1 else f"{count:,} frames are"
+    return (
+        f"{these} further off than chance allows: left out of block means, Allan deviation and trend, "
+        "counted in the mean."
+    )
+
+
+def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
+    """The ellipse with time, and what the kernels were."""
+    good = jittered(table)
+    yield _drawn(
+        "jitter",
+        draw_jitter(table, clock)[0],
+        "Jitter ellipse with time: mean ellipses, axes, direction",
+        wide=True,
+    )
+    if good.sum() < _MANY:
+        return
+    major, minor = (table[f"jitter_{axis}"].to_value("arcsec")[good] for axis in ("major", "minor"))
+    yield _drawn("jitter", plot_sizes(major, minor), "Histograms of the jitter's axes")
+    angles = table["jitter_angle"].to_value("deg")[good]
+    if np.isfinite(angles).sum() >= _MANY:
+        rose = plot_angles(angles[np.isfinite(angles)], float(summary["theta"]["mean"]))
+        yield _drawn("jitter", rose, "Rose of the jitter's directions")
+    yield _drawn(
+        "jitter", plot_loci(np.asarray(table["locus"])[good].tolist()), "Frames by the locus chosen",
+        "Locus chosen, frame by frame; what the frames say together stands above.",
+    )  # fmt: skip
+    shape, error = (np.asarray(table[name])[good] for name in ("shape", "shape_err"))
+    known = np.isfinite(shape) & np.isfinite(error)
+    if known.sum() >= _MANY:
+        yield _drawn("jitter", plot_shapes(shape[known], error[known]), "Histogram of the excess kurtosis")
+
+
+def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
+    chi2_dof = np.asarray(table["chi2_dof"], float)
+    known = usable & np.isfinite(chi2_dof)
+    dof = np.asarray(table["dof"]) if "dof" in table.colnames else np.zeros(len(table), int)
+    if known.sum() >= _MANY:
+        yield _drawn(
+            "fit", plot_chi2(chi2_dof[known], dof[known]), "Histogram of chi-squared per degree of freedom",
+            _say_tail(chi2_dof[known], dof[known]),
+        )  # fmt: skip
+
+
+def _say_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
+    """How many frames noise alone does not explain."""
+    if not np.all(dof > 0):
+        return ""
+    limit = 1 + _FAR * np.sqrt(2 / dof)
+    far, chance = int(np.sum(chi2_dof > limit)), float(np.sum(chi2.sf(limit * dof, dof)))
+    return (
+        f"{far:,} of {len(dof):,} frames lie more than {_FAR} sigmas above 1; "
+        f"noise alone would put {number(chance, 1)} there."
+    )
