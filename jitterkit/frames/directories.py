@@ -39,11 +39,12 @@ def full_pages(path: Path) -> list[int]:
     Raises
     ------
     FrameError
-        If the chain loops, leaves the file, or has no such page.
+        If the chain loops, overlaps itself, leaves the file, or has no such page.
     """
     size = path.stat().st_size
     pages: list[int] = []
     seen: set[int] = set()
+    read = 0
     with path.open("rb") as handle:
         layout, offset = _start(handle)
         while offset:
@@ -51,7 +52,10 @@ def full_pages(path: Path) -> list[int]:
                 raise FrameError(path, f"page {len(seen)} points back to an earlier page", _DAMAGED)
             if offset >= size:
                 raise FrameError(path, f"page {len(seen)} lies beyond the end of the file", _DAMAGED)
-            subfile, following = _directory(handle, layout, offset, path, len(seen))
+            subfile, following, length = _directory(handle, layout, offset, path, len(seen))
+            read += length
+            if read > size:
+                raise FrameError(path, f"page {len(seen)} has a directory that overlaps others", _DAMAGED)
             if not subfile & NOT_A_FRAME:
                 pages.append(len(seen))
             seen.add(offset)
@@ -74,8 +78,8 @@ def _start(handle: BinaryIO) -> tuple[Layout, int]:
     return classic, classic.number("I", head[4:8])
 
 
-def _directory(handle: BinaryIO, layout: Layout, offset: int, path: Path, page: int) -> tuple[int, int]:
-    """Return the NewSubfileType of a directory and the offset of the next."""
+def _directory(handle: BinaryIO, layout: Layout, offset: int, path: Path, page: int) -> tuple[int, int, int]:
+    """Return the NewSubfileType of a directory, the offset of the next, and the bytes it takes."""
     handle.seek(offset)
     width = struct.calcsize(layout.count_code)
     head = handle.read(width)
@@ -87,7 +91,7 @@ def _directory(handle: BinaryIO, layout: Layout, offset: int, path: Path, page: 
         raise FrameError(path, f"page {page} has a directory cut short", _DAMAGED)
     link = data[entries * layout.entry :]
     following = layout.number(layout.link, link) if len(link) == struct.calcsize(layout.link) else 0
-    return _subfile(layout, data), following
+    return _subfile(layout, data), following, width + entries * layout.entry
 
 
 def _subfile(layout: Layout, data: bytes) -> int:

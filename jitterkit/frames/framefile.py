@@ -6,11 +6,13 @@ A format is one module with a class derived from :class:`FrameFile`; it implemen
 
 from __future__ import annotations
 
+import os
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import RLock
 from typing import Self
 
 import numpy as np
@@ -19,7 +21,13 @@ from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "translated"]
+__all__ = ["FrameFile", "one_line", "translated"]
+
+#: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
+#: would put back what the first had put there, and warnings would be lost from then on.
+_CATCHING = RLock()
+#: What a library raises that believed a damaged file, rather than found it out.
+_STUMBLES = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError)
 
 
 class FrameFile(ABC):
@@ -52,6 +60,8 @@ class FrameFile(ABC):
         self.hdu: int | None = None
         self.metadata = Metadata()
         self._count = 0
+        with translated(path):
+            self._stamp = _stamp(path)
 
     @abstractmethod
     def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
@@ -72,16 +82,41 @@ class FrameFile(ABC):
         IndexError
             If there is no such frame.
         FrameError
-            If it cannot be read.
+            If it cannot be read, or the file has changed since it was opened: nothing in it is sure then.
+
+        Notes
+        -----
+        A change is told by the size, the time of change and the inode.  *Fails when* a file is overwritten in
+        place with as many bytes within one tick of the file system's clock (some milliseconds).
         """
         place = range(self._count)[index]
         with translated(self.path) as caught:
             data, mask, metadata = self._read(place)
+            self._refuse_changed()
         metadata = metadata.warn(*caught)
         return RawFrame(data, mask, metadata, self.path, place, self.hdu, several=self._count > 1)
 
+    def _refuse_changed(self) -> None:
+        before, now = self._stamp, _stamp(self.path)
+        if now != before:
+            same = now[0] == before[0]
+            how = f"its {now[0]} bytes are others" if same else f"from {before[0]} to {now[0]} bytes"
+            problem = f"changed while it was being read ({how})"
+            raise FrameError(self.path, problem, "read it again when it is finished")
+
     def __iter__(self) -> Iterator[RawFrame]:
         return (self[index] for index in range(self._count))
+
+    def read_through(self) -> None:
+        """Read everything there is to the last byte, and keep nothing.
+
+        Raises
+        ------
+        FrameError
+            If something is missing, damaged, or changed meanwhile.
+        """
+        for _ in self:
+            pass
 
     def __enter__(self) -> Self:
         return self
@@ -112,7 +147,7 @@ def translated(path: Path) -> Iterator[list[str]]:
         Filled with the warnings, one line each and each once, when the block ends.
     """
     messages: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
+    with _CATCHING, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             yield messages
@@ -122,10 +157,18 @@ def translated(path: Path) -> Iterator[list[str]]:
             raise FrameError(path, "declares more pixels than fit in memory", "check its header") from error
         except Exception as error:  # the readers raise almost anything on a damaged file
             remedy = "the file seems damaged: copy it again or convert it"
-            raise FrameError(path, f"cannot be read ({_one_line(error)})", remedy) from error
-    messages += dict.fromkeys(_one_line(w.message) for w in caught)
+            stumbled = "its values make no sense: " if isinstance(error, _STUMBLES) else ""
+            raise FrameError(path, f"cannot be read ({stumbled}{one_line(error)})", remedy) from error
+    messages += dict.fromkeys(one_line(w.message) for w in caught)
 
 
-def _one_line(message: object) -> str:
-    text = " ".join(str(message).split()) or type(message).__name__
+def _stamp(path: Path) -> tuple[int, int, int]:
+    told = os.stat(path)
+    return told.st_size, told.st_mtime_ns, told.st_ino
+
+
+def one_line(message: object) -> str:
+    """The beginning of a message, on one line and without characters that a terminal would obey."""
+    words = " ".join(str(message).split()) or type(message).__name__
+    text = "".join(c if c.isprintable() else "?" for c in words)
     return text if len(text) <= 160 else text[:157] + "..."

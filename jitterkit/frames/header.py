@@ -157,6 +157,10 @@ def _plate_scale(cards: Cards, wcs: Any, hdu: int) -> Known | None:
         return said or _scale_from_optics(cards)
     scale, warning = plate_scale(wcs)
     cards.warnings += [] if warning is None else [warning]
+    problem = QUANTITIES["plate_scale"].problem(scale)
+    if problem is not None:
+        cards.warnings.append(f"the WCS's scale = {scale:g} {problem} and is ignored")
+        return said or _scale_from_optics(cards)
     if said is not None and abs(said.value / scale - 1) > 0.01:
         cards.warnings.append(f"{said.source} = {said.value:g} differs from the WCS's {scale:g} arcsec/pixel")
     return Known(scale, "arcsec/pixel", f"header WCS (HDU {hdu})")

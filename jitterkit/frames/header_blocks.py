@@ -1,8 +1,9 @@
-"""What a FITS header claims, held against the file that has it before anything acts on it.
+"""The chain of HDUs of a FITS file, walked with suspicion.
 
-Of a damaged header a reader would look for the end through gigabytes, or allocate terabytes.  Reach for
-:func:`refuse_endless_header` before a file is opened, and for :func:`refuse_missing_data` once it is, before
-pixels are asked for.  No FITS library is needed here: bytes and sizes are enough.
+Of a damaged header a reader would look for the end through gigabytes, count to a NAXIS of billions, or
+allocate terabytes.  :func:`walk` follows the chain by the few keywords that FITS lays down for it, and gives
+one :class:`~jitterkit.frames.hdu.Unit` after the other; :func:`refuse_missing_data` is for the one whose
+pixels are wanted.  No FITS library is needed here: bytes and sizes are enough.
 """
 
 from __future__ import annotations
@@ -11,82 +12,140 @@ import gzip
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 from jitterkit.errors import FrameError
 from jitterkit.frames.files import is_gzip
-from jitterkit.frames.framefile import translated
+from jitterkit.frames.hdu import CARD, DAMAGED, MOST_AXES, Unit, product_of
+from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
-__all__ = ["refuse_endless_header", "refuse_missing_data"]
+__all__ = ["open_bytes", "refuse_missing_data", "walk"]
 
 BLOCK = 2880
-#: A header longer than this many blocks (72,000 cards) is taken to have no END.
-MOST_HEADER_BLOCKS = 2000
-#: No compression in use packs more than about 1000 to 1, blank frames included, beyond this size.
-MOST_PACKING, SMALL = 1100, 1 << 28
+#: Headers of more blocks than this (720,000 cards), all HDUs together, are taken to have no END.
+MOST_HEADER_BLOCKS = 20000
+#: So many HDUs are searched.
+MOST_HDUS = 1000
+#: A tile may be larger than its image, up to this side [pixel].
+MOST_TILE = 1 << 16
+#: Deflate packs at most 1032 to 1.
+MOST_PACKING = 1100
 
 
-def refuse_endless_header(path: Path) -> None:
-    """Look for the END of the first header ourselves: astropy would read a large file to its end for it.
+def open_bytes(path: Path) -> BinaryIO:
+    """Open a file for its bytes, unzipped where it is gzipped."""
+    return gzip.open(path) if is_gzip(path) else path.open("rb")  # type: ignore[return-value]
+
+
+def walk(path: Path, handle: BinaryIO) -> Iterator[Unit]:
+    """Follow the chain of HDUs.
 
     Parameters
     ----------
     path : Path
-        Plain or gzipped.
+        The file.
+    handle : file object
+        Its bytes, unzipped; may be moved while the walk rests.
+
+    Yields
+    ------
+    unit : Unit
+        Up to 1000.
 
     Raises
     ------
     FrameError
-        If the first 2000 blocks of 2880 bytes have no END card, or the file cannot be read.
+        If the primary header is none or has no END, or a header contradicts FITS.
     """
-    with translated(path):
-        for block in _header_blocks(path):
-            if any(block[at : at + 8].rstrip() == b"END" for at in range(0, len(block), 80)):
-                return
-    raise FrameError(path, "has a FITS header without an END card", "the file is damaged: copy it again")
+    start, blocks = 0, MOST_HEADER_BLOCKS
+    for number in range(MOST_HDUS):
+        handle.seek(start)
+        text, read = _header(handle, blocks, b"XTENSION" if number else b"SIMPLE")
+        if text is None and number == 0:
+            raise FrameError(path, "has a FITS header without an END card", DAMAGED)
+        if text is None:
+            return
+        blocks -= read
+        unit = Unit(path, number, start, start + read * BLOCK, text)
+        if number == 0 and unit.structure.get("SIMPLE") != b"T":
+            raise FrameError(path, "has a damaged primary header (SIMPLE is not T)", DAMAGED)
+        if not 0 <= unit.whole("TFIELDS", 0) <= MOST_AXES:
+            problem = f"HDU {number} declares TFIELDS = {unit.whole('TFIELDS')} columns"
+            raise FrameError(path, problem, DAMAGED)
+        yield unit
+        start = unit.data + -(-unit.span // BLOCK) * BLOCK
+        # nothing lies beyond, and to seek there through a gzip may take an hour
+        if not unpacks_believably(start, 0, path.stat().st_size):
+            return
 
 
-def _header_blocks(path: Path) -> Iterator[bytes]:
-    with gzip.open(path) if is_gzip(path) else path.open("rb") as handle:
-        for _ in range(MOST_HEADER_BLOCKS):
-            block = handle.read(BLOCK)
-            if not block:
-                return
-            yield block
+def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | None, int]:
+    """Return the cards before END and the number of blocks read; None where there is no such header."""
+    text = bytearray()
+    for number in range(1, most + 1):
+        block = handle.read(BLOCK)
+        if not block or (number == 1 and not block.startswith(first)):
+            break
+        for at in range(0, len(block), CARD):
+            if block[at : at + 8].rstrip() == b"END":
+                return bytes(text + block[:at]), number
+        text += block
+    return None, 0
 
 
-def refuse_missing_data(path: Path, number: int, hdu: Any, packed: bool) -> None:
-    """Compare what a header declares with what the file can hold, before anything is allocated.
+def refuse_missing_data(unit: Unit, handle: BinaryIO) -> None:
+    """Compare what an image declares with what the file can hold, before anything is allocated.
 
     Parameters
     ----------
-    path : Path
-        Plain or gzipped.
-    number : int
-        Of the HDU, for the sentence.
-    hdu : astropy.io.fits HDU
-        With an image of known shape.
-    packed : bool
-        Whether its tiles are compressed.
+    unit : Unit
+        An image.
+    handle : file object
+        From :func:`open_bytes`.
 
     Raises
     ------
     FrameError
-        If the pixels cannot all be there.
+        If the pixels cannot all be there, or a frame is larger than any detector's.
 
     Notes
     -----
-    *Fails when* a compressed file is damaged within reason: of one, 268 MB or 1100 times its size, whichever
-    is more, are believed.
+    *Fails when* a compressed file is damaged within the reason of
+    :func:`~jitterkit.frames.sizes.unpacks_believably`; then reading it fails.
     """
-    info, size = hdu.fileinfo(), path.stat().st_size
-    declared = abs(hdu.header["BITPIX"]) // 8 * math.prod(hdu.shape)
-    if packed or is_gzip(path):
-        short = declared > max(SMALL, MOST_PACKING * size)
+    nx, ny, *planes = (*unit.shape[::-1], 1, 1)
+    size, zipped = unit.path.stat().st_size, isinstance(handle, gzip.GzipFile)
+    declared = abs(unit.bitpix) // 8 * math.prod(unit.shape)
+    if unit.packed or zipped:  # of what is packed a frame still takes a byte
+        short = not unpacks_believably(declared, ny * nx, size) or math.prod(planes) > size
     else:
-        short = info["datLoc"] + declared > size
-    if packed and not is_gzip(path):
-        short = short or info["datLoc"] + info["datSpan"] - BLOCK >= size
+        short = unit.data + declared > size
+    if unit.packed:
+        short = short or _tiles(unit) > unit.whole("NAXIS2") or (unit.data + unit.span > size and not zipped)
+    elif zipped:
+        short = short or declared > MOST_PACKING * size
+        short = short or (math.prod(planes) > 1 and not _reaches(handle, unit.data + declared))
     if short:
-        problem = f"HDU {number} declares {declared} bytes of pixels and the file of {size} bytes lacks them"
-        raise FrameError(path, problem, "it is truncated: copy it again")
+        has = f"the file of {size} bytes lacks them"
+        problem = f"HDU {unit.number} declares {_amount(declared)} bytes of pixels and {has}"
+        raise FrameError(unit.path, problem, "it is truncated: copy it again")
+    refuse_giant(unit.path, f"HDU {unit.number}", nx, ny)
+
+
+def _tiles(unit: Unit) -> int:
+    """How many tiles the image has; each is a row of the table."""
+    sides = unit.shape[::-1]
+    tile = [unit.whole(f"ZTILE{n}", side if n == 1 else 1) for n, side in enumerate(sides, 1)]
+    if any(not 0 < length <= max(side, MOST_TILE) for length, side in zip(tile, sides, strict=True)):
+        problem = f"HDU {unit.number} declares tiles of {product_of(tuple(tile[::-1]))} pixels"
+        raise FrameError(unit.path, problem, DAMAGED)
+    return math.prod(-(-side // length) for side, length in zip(sides, tile, strict=True))
+
+
+def _reaches(handle: BinaryIO, end: int) -> bool:
+    handle.seek(end - 1)
+    return len(handle.read(1)) == 1
+
+
+def _amount(count: int) -> str:
+    return str(count) if count < 10**18 else "more than 10^18"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,31 +19,17 @@ import tifffile
 
 from jitterkit.errors import FrameError
 from jitterkit.frames.directories import full_pages
-from jitterkit.frames.framefile import FrameFile, translated
+from jitterkit.frames.framefile import FrameFile, one_line, translated
 from jitterkit.frames.metadata import Metadata
+from jitterkit.frames.pages import ORIENTATIONS, orientation_of, refuse_missing_data, refuse_unusable
 from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.sidecar import read_sidecars
 
-__all__ = ["ORIENTATIONS", "TiffFile", "open", "write"]
-
-#: How stored rows and columns become rows upwards and columns rightwards, by the Orientation tag.
-ORIENTATIONS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
-    1: lambda a: a[::-1],
-    2: lambda a: a[::-1, ::-1],
-    3: lambda a: a[:, ::-1],
-    4: lambda a: a,
-    5: lambda a: a.T[::-1],
-    6: lambda a: a.T[::-1, ::-1],
-    7: lambda a: a.T[:, ::-1],
-    8: lambda a: a.T,
-}
+__all__ = ["TiffFile", "open", "write"]
 
 ROW_ORDERS = {1: -1, 2: -1, 3: 1, 4: 1}
 """Rows upwards are the stored rows as they come (1) or turned over (-1); else they are columns (0)."""
 
-CHANNELS = {"RGB": "red, green, blue", "CMYK": "cyan, magenta, yellow, black", "YCBCR": "luma and two chroma"}
-#: A page that unpacks to more than this times its bytes, and is large, is not believed.
-MOST_PACKING, SMALL = 5000, 1 << 28
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 
 
@@ -84,23 +70,23 @@ class TiffFile(FrameFile):
         self._count = len(self._pages) if self._planes is None else self._planes
         _refuse_missing_planes(self.path, self._tiff, self._count)
         self.shape, self.dtype = _shape(page), np.dtype(page.dtype).newbyteorder("=")
-        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(_orientation(page), 0))
+        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
         self.metadata = _own_metadata(self._tiff, page, sidecars)
 
     def _page(self, index: int) -> Any:
         page = self._tiff.pages[self._pages[index]]
-        _refuse_unusable(self.path, page)
+        refuse_unusable(self.path, page)
         return page
 
     def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
         with _talk() as talk:
             page = self._page(index if self._planes is None else 0)
             if self._planes is None:
-                _refuse_missing_data(self.path, page, self._tiff.filehandle.size)
+                refuse_missing_data(self.path, page, self._tiff.filehandle.size)
                 stored = _decode(self.path, page)
             else:
                 stored = _plane(self._tiff, page, index)
-        upright = ORIENTATIONS[_orientation(page)](stored)
+        upright = ORIENTATIONS[orientation_of(page)](stored)
         return np.ascontiguousarray(upright, dtype=np.float64), NONE_MASKED, self.metadata.warn(*talk)
 
     def close(self) -> None:
@@ -120,7 +106,7 @@ def _talk() -> Iterator[list[str]]:
     """Collect what tifffile logs while it reads."""
     messages: list[str] = []
     handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: messages.append(record.getMessage()[:160])  # type: ignore[method-assign]
+    handler.emit = lambda record: messages.append(one_line(record.getMessage()))  # type: ignore[method-assign]
     logger = logging.getLogger("tifffile")
     propagate, logger.propagate = logger.propagate, False
     logger.addHandler(handler)
@@ -129,35 +115,6 @@ def _talk() -> Iterator[list[str]]:
     finally:
         logger.removeHandler(handler)
         logger.propagate = propagate
-
-
-def _refuse_unusable(path: Path, page: Any) -> None:
-    photometric = getattr(page.photometric, "name", str(page.photometric))
-    if page.imagelength < 1 or page.imagewidth < 1:
-        problem = f"has a page of {page.imagewidth} x {page.imagelength} pixels"
-        raise FrameError(path, problem, "the file is damaged: copy it again or convert it")
-    if page.samplesperpixel > 1:
-        names = CHANNELS.get(photometric, "grey") + (", alpha" if page.extrasamples else "")
-        problem = f"has {page.samplesperpixel} channels ({names})"
-        raise FrameError(path, problem, "it is a colour image: convert it to one channel")
-    if photometric == "PALETTE":
-        raise FrameError(path, "has palette colours", "convert it to one channel of grey")
-    if page.dtype is None or np.dtype(page.dtype).kind not in "uif":
-        problem = f"has {page.bitspersample} bits per sample of format {page.sampleformat}"
-        raise FrameError(path, problem, "convert it to 8, 16 or 32 bits or to floating point")
-    if _orientation(page) not in ORIENTATIONS:
-        raise FrameError(path, f"has the unknown Orientation {_orientation(page)}", "save it top row first")
-    if page.imagedepth > 1:
-        raise FrameError(path, f"has {page.imagedepth} layers in a page", "save one layer in each page")
-
-
-def _refuse_missing_data(path: Path, page: Any, size: int) -> None:
-    ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=False) if n]
-    stored = sum(page.databytecounts)
-    short = page.nbytes > stored if page.compression == 1 and page.bitspersample in (8, 16, 32, 64) else False
-    if not ends or max(ends) > size or short or page.nbytes > max(SMALL, MOST_PACKING * stored):
-        problem = f"page {page.index} declares {page.nbytes} bytes and the file of {size} bytes lacks them"
-        raise FrameError(path, problem, "it is truncated: copy it again")
 
 
 def _decode(path: Path, page: Any) -> np.ndarray:
@@ -181,7 +138,8 @@ def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None
         return None
     if series.dataoffset is None or series.size % plane or series.dtype != page.dtype:
         raise FrameError(path, "holds a stack not stored plane by plane", "save one frame in each page")
-    declared, present = series.size // plane, (tiff.filehandle.size - series.dataoffset) // page.nbytes
+    declared, left = series.size // plane, tiff.filehandle.size - series.dataoffset
+    present = max(left // page.nbytes, 0)
     if declared > present:
         raise _missing_planes(path, declared, present)
     return declared
@@ -207,14 +165,9 @@ def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:
     return tiff.filehandle.read_array(dtype, count=ny * nx, offset=start).reshape(ny, nx)
 
 
-def _orientation(page: Any) -> int:
-    tag = page.tags.get("Orientation")
-    return 1 if tag is None else int(tag.value)
-
-
 def _shape(page: Any) -> tuple[int, int]:
     ny, nx = page.imagelength, page.imagewidth
-    return (ny, nx) if _orientation(page) < 5 else (nx, ny)
+    return (ny, nx) if orientation_of(page) < 5 else (nx, ny)
 
 
 def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Metadata:

@@ -60,9 +60,9 @@ def _parse(text: str) -> datetime | None:
         text = f"19{old[3]}-{old[2]}-{old[1]}"
     try:
         when = datetime.fromisoformat(text)
-    except ValueError:
+        return when if when.tzinfo is None else when.astimezone(UTC).replace(tzinfo=None)
+    except (ValueError, OverflowError):  # the latter of the last hour of the year 9999, west of Greenwich
         return None
-    return when if when.tzinfo is None else when.astimezone(UTC).replace(tzinfo=None)
 
 
 def _with_time(cards: Cards, day: datetime, source: str) -> Known:

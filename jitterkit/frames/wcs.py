@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+import logging
+import re
 import warnings
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
+from astropy import log
 from astropy.wcs import WCS
+
+from jitterkit.frames.framefile import one_line
+from jitterkit.frames.plainheader import PlainHeader
 
 __all__ = ["celestial_wcs"]
 
 SCALE_KEYS = ("CD1_1", "CD1_2", "CDELT1", "PC1_1")
 
+#: The keywords a WCS is made of, but for its dates: a frame has its time elsewhere, and so the frames of a
+#: telescope that stares have one WCS.
+_KEYWORDS = re.compile(
+    r"(WCS|CTYPE|CRVAL|CRPIX|CDELT|CUNIT|CROTA|CNAME|CD\d|PC\d|P[SV]\d|LONPOLE|LATPOLE|RADE|EQUINOX|EPOCH|"
+    r"[AB]P?_|[CD][PQ]|D2IM|AXISCORR|WAT\d|PROJP|RESTF|RESTW|SPECSYS|VELREF|LTV|LTM)"
+)
 
-def celestial_wcs(header: Any) -> tuple[WCS | None, list[str]]:
+#: ``WCS`` opens the file of that name if its text is one; no name begins with 320 blanks.
+_NO_PATH = " " * 320
+
+
+def celestial_wcs(header: PlainHeader) -> tuple[WCS | None, list[str]]:
     """Build the celestial part of a header's WCS.
 
     Parameters
     ----------
-    header : astropy.io.fits.Header
+    header : PlainHeader
 
     Returns
     -------
@@ -27,20 +43,44 @@ def celestial_wcs(header: Any) -> tuple[WCS | None, list[str]]:
         axes, no scale, or one that cannot be inverted.
     warnings : list of str
         Why a WCS that seemed to be there is not used, or what was mended in it.
+
+    Notes
+    -----
+    Made of the cards that have to do with coordinates alone, and remembered: 0.5 ms where the coordinates are
+    new, 0.1 ms where the frame before had the same.
     """
     if not str(header.get("CTYPE1", "")).strip():
         return None, []
     if not any(header.get(key) for key in SCALE_KEYS):
         return None, ["the WCS has no CD, PC or CDELT, so it has no scale and is ignored"]
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            wcs = WCS(header)
-            celestial = wcs.celestial if wcs.has_celestial else None
-        except Exception as error:  # wcslib raises a dozen kinds, none of them fatal to the image
-            return None, [f"the WCS cannot be used ({' '.join(str(error).split())[:120]}) and is ignored"]
-    if celestial is not None and not abs(np.linalg.det(celestial.pixel_scale_matrix)) > 0:
-        return None, ["the WCS cannot be inverted and is ignored"]
-    messages = [" ".join(str(w.message).split())[:160] for w in caught]
-    messages = [m for m in messages if "datfix" not in m]  # dates are not its business here
-    return celestial, list(dict.fromkeys(messages)) if celestial is not None else []
+    try:
+        wcs, messages = _made(header.lines(_KEYWORDS))
+        # a copy for each: a WCS can be changed, and one must not be used by two threads
+        return (None if wcs is None else wcs.celestial), list(messages)
+    except Exception as error:  # wcslib raises a dozen kinds, none of them fatal to the image
+        return None, [f"the WCS cannot be used ({one_line(error)}) and is ignored"]
+
+
+@lru_cache(maxsize=8)
+def _made(cards: str) -> tuple[WCS | None, tuple[str, ...]]:
+    """The WCS of some cards where it is celestial, and what was said of it."""
+    said: list[str] = []
+
+    def note(record: logging.LogRecord) -> bool:
+        said.append(one_line(record.getMessage()))
+        return False
+
+    log.addFilter(note)  # of distortions astropy tells the screen
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            whole = WCS(_NO_PATH + cards)
+            celestial = whole.celestial if whole.has_celestial else None
+    finally:
+        log.removeFilter(note)
+    said += [one_line(warning.message) for warning in caught]
+    if celestial is None:
+        return None, ()
+    if not 0 < abs(np.linalg.det(celestial.pixel_scale_matrix)) < np.inf:
+        return None, ("the WCS cannot be inverted and is ignored",)
+    return celestial, tuple(dict.fromkeys(said))

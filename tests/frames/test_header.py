@@ -165,7 +165,12 @@ def test_the_time_is_found_in_every_spelling(cards, time):
     assert (known.value, known.unit) == (time, "UTC")
 
 
-@pytest.mark.parametrize("cards", [{"DATE_OBS": "26/07/102"}, {"DATE_OBS": ""}, {"MJD_OBS": 2457640.5}])
+BEYOND_TIME = {"DATE_OBS": "9999-12-31T23:59:00-23:59"}  # in UTC in the year 10000
+
+
+@pytest.mark.parametrize(
+    "cards", [{"DATE_OBS": "26/07/102"}, {"DATE_OBS": ""}, {"MJD_OBS": 2457640.5}, BEYOND_TIME]
+)
 def test_a_malformed_time_is_a_warning(cards):
     metadata = resolve_header(header(**cards))
     assert metadata.time is None

@@ -45,7 +45,7 @@ REFUSED = {
     "fits/history_header.fits": "holds no image .HDU 0: empty.",
     "fits/stddata.fits": "HDU 1: a table, HDU 2: a table",
     "malformed/group_invalid.fits": "random groups",
-    "malformed/hopper_naxis_zero.fits": "END card",
+    "malformed/hopper_naxis_zero.fits": "holds no image .HDU 0: empty.",
     "malformed/theap-gap.fits": "HDU 1: a table",
     "malformed/verify.fits": "holds no image",
     "malformed/multipage_multiple_frame_loop.tiff": "page 2 points back to an earlier page",
@@ -133,7 +133,6 @@ def test_an_observatorys_header_is_understood():
 def test_an_old_header_with_odd_cards_is_understood():
     metadata = only("stars/image.fits").metadata
     assert (metadata.time.value, metadata.unit.value, metadata.exposure.value) == ("1992-10-26", "adu", 1200)
-    assert any("ESO-LOG" in text for text in metadata.warnings)
     assert metadata.saturation is None
     assert any("DATAMAX" in text for text in metadata.warnings)
 

@@ -6,6 +6,7 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 from jitterkit.frames import resolve_header, sky_position_angle
+from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.sky import plate_scale
 from jitterkit.frames.wcs import celestial_wcs
 
@@ -74,28 +75,36 @@ def test_the_wcs_beats_pixscale_and_a_disagreement_is_a_warning():
     assert "header PIXSCALE (HDU 0) = 0.5 differs from the WCS's 0.375" in metadata.warnings[0]
 
 
+def plain(header):
+    return PlainHeader(header.tostring(endcard=False, padding=False).encode(), fits.Card.fromstring)
+
+
 def test_a_header_makes_the_wcs_it_describes():
-    wcs, warnings = celestial_wcs(tangent().to_header())
+    wcs, warnings = celestial_wcs(plain(tangent().to_header()))
     assert plate_scale(wcs)[0] == pytest.approx(SCALE, rel=1e-9)
     assert warnings == []
 
 
 def test_headers_without_celestial_axes_make_none():
-    assert celestial_wcs(fits.Header({"EXPTIME": 1})) == (None, [])
-    assert celestial_wcs(fits.Header({"CTYPE1": "LINEAR", "CTYPE2": "LINEAR", "CDELT1": 1.0}))[0] is None
+    assert celestial_wcs(plain(fits.Header({"EXPTIME": 1}))) == (None, [])
+    assert (
+        celestial_wcs(plain(fits.Header({"CTYPE1": "LINEAR", "CTYPE2": "LINEAR", "CDELT1": 1.0})))[0] is None
+    )
 
 
 def test_a_wcs_without_a_scale_is_not_believed():
-    wcs, warnings = celestial_wcs(fits.Header({"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN"}))
+    wcs, warnings = celestial_wcs(plain(fits.Header({"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN"})))
     assert wcs is None
     assert "no scale" in warnings[0]
 
 
-@pytest.mark.parametrize(("number", "words"), [(0.0, "has no scale"), (1e-4, "cannot be inverted")])
+@pytest.mark.parametrize(
+    ("number", "words"), [(0.0, "has no scale"), (1e-4, "cannot be inverted"), (1e200, "cannot be inverted")]
+)
 def test_a_wcs_that_cannot_be_inverted_is_not_believed(number, words):
     cards = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN"}
     cards |= dict.fromkeys(("CD1_1", "CD1_2", "CD2_1", "CD2_2"), number)
-    wcs, warnings = celestial_wcs(fits.Header(cards))
+    wcs, warnings = celestial_wcs(plain(fits.Header(cards)))
     assert wcs is None
     assert words in warnings[0]
 
@@ -104,3 +113,11 @@ def test_the_sides_compared_are_the_pixels_and_not_the_skys():
     wcs = tangent(rotation=45.0)
     wcs.wcs.cd = wcs.wcs.cd @ np.diag([1.0, 1.21])
     assert "0.375 x 0.45375 arcsec" in plate_scale(wcs)[1]
+
+
+def test_a_wcs_of_an_absurd_scale_gives_none():
+    metadata = resolve_header(fits.Header({"PIXSCALE": 0.5}), wcs=tangent(up=1e40))
+    assert metadata.plate_scale.source == "header PIXSCALE (HDU 0)"
+    assert (
+        "the WCS's scale = 3.75e+19 is outside 0 to 100000 arcsec/pixel and is ignored" in metadata.warnings
+    )
