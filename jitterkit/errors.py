@@ -49,7 +49,8 @@ class FrameError(JitterkitError):
     """
 
     def __init__(self, path: str | Path, problem: str, remedy: str) -> None:
-        super().__init__(f"{path}: {problem}; {remedy}.")
+        name = "".join(c if c.isprintable() else "?" for c in str(path))  # a terminal obeys what is not
+        super().__init__(f"{name}: {problem}; {remedy}.")
         self.path = Path(path)
         self.problem = problem
         self.remedy = remedy

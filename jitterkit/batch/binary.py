@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.measured import Measured
+from jitterkit.batch.plan import Batch
+from jitterkit.batch.survey import Survey
 from jitterkit.batch.verdict import judge, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
-from jitterkit.forward import expected_image
+from jitterkit.estimators import KernelEstimate
+from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data, Misfit, pearson
 from jitterkit.locate import Start
 from jitterkit.loci import Shaped
+from jitterkit.optics import OTF
 from jitterkit.refit import POOR, FitResult, Status
-from jitterkit.report.estimate_pictures import plot_estimate, template_images
+from jitterkit.report.estimate_pictures import blurred_image, plot_estimate, template_images
 from jitterkit.scoring import climb_a_little
 
 __all__ = ["BinaryMeasurer"]
@@ -35,15 +40,24 @@ class BinaryMeasurer:
     ----------
     processor : Processor
         Its ``kernel`` names the estimator.
+    survey : Survey, optional
+        Tells what the frames of a batch have in common; by default one of its own.
     """
 
-    def __init__(self, processor: Processor) -> None:
-        self.processor = processor
+    threads = None
+
+    def __init__(self, processor: Processor, survey: Survey | None = None) -> None:
+        self.processor, self._survey = processor, survey
 
     @property
     def name(self) -> str:
         """Of the estimator."""
         return self.processor.kernel
+
+    def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:
+        """The same for the frames of a batch, with what its lead shows."""
+        self._survey = self._survey or Survey(self.processor, hdu)
+        return BinaryMeasurer(replace(self.processor, anchored=self._survey.of(batch.lead)), self._survey)
 
     def measure(self, raw: RawFrame) -> Measured | FitResult:
         """Measure one frame, or say in a status why not."""
@@ -58,10 +72,8 @@ class BinaryMeasurer:
         if isinstance(estimated, FitResult):
             return estimated
         estimate, start = estimated
-        scale = frame.plate_scale or self.processor.instrument.plate_scale
-        sharp, blurred = template_images(estimate, start.parameters, start.otf)
         data = Data.of(frame)
-        misfit, message = pearson(blurred, data), ""
+        misfit, message = pearson(blurred_image(estimate, start.parameters, start.otf), data), ""
         if not _per_pixel(misfit) <= POOR:
             best = _per_pixel(self._fitted(data, start))
             if not best <= POOR:
@@ -70,10 +82,24 @@ class BinaryMeasurer:
                 f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with everything "
                 f"fitted {best:.3g}: the picture's residual is the template's."
             )
-        variance = np.asarray((blurred.clip(0) + data.offset) / data.weight)
-        mask = ~np.isfinite(misfit.residual)
+        return self._measured(frame, data, start.parameters, start.otf, estimate, misfit, message)
+
+    def _measured(
+        self,
+        frame: Frame,
+        data: Data,
+        template: Parameters,
+        otf: OTF,
+        estimate: KernelEstimate,
+        misfit: Misfit,
+        message: str = "",
+    ) -> Measured:
+        scale = frame.plate_scale or self.processor.instrument.plate_scale
 
         def draw() -> list[Any]:
+            sharp, blurred = template_images(estimate, template, otf)
+            variance = np.asarray((blurred.clip(0) + data.offset) / data.weight)
+            mask = ~np.isfinite(misfit.residual)
             return plot_estimate(
                 estimate, frame.electrons, sharp, blurred, scale, variance=variance, mask=mask
             )

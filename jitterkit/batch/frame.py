@@ -56,6 +56,9 @@ GridKey = tuple[tuple[int, int], float]
 _TROUBLES = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What a frame may raise without harm to the others."""
 
+_SCORE = "score"
+"""The estimator that is what finding the pair does, as far as a fit's start goes."""
+
 _UNUSED = "The prior holds this frame only and was not used."
 
 
@@ -109,7 +112,7 @@ class Processor:
     instrument: Instrument
     overrides: Mapping[str, Any] = field(default_factory=dict)
     locus: str = "auto"
-    kernel: str = "score"
+    kernel: str = _SCORE
     options: FitOptions = field(default_factory=FitOptions)
     prior: KernelPrior | None = None
     censored: bool = False
@@ -167,7 +170,7 @@ class Processor:
     def wavefront(self, frame: Frame) -> Parameters | None:
         """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
         try:
-            start = self._locate(frame, self._data(frame))
+            start = self._locate(frame, self._data(frame), rough=True)
         except _TROUBLES:
             return None
         sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
@@ -207,7 +210,7 @@ class Processor:
         estimate = estimator(self.kernel)(data, start.parameters, start.otf, hold=self.options.hold)
         return replace(estimate, source=frame.name, digest=frame.digest)
 
-    def _locate(self, frame: Frame, data: Data) -> Start | FitResult:
+    def _locate(self, frame: Frame, data: Data, *, rough: bool = False) -> Start | FitResult:
         """Find the pair, or say why not."""
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
@@ -215,7 +218,7 @@ class Processor:
             return FitResult(
                 Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a pair."
             )
-        start = locate_binary(data, self.optics(frame), self.options.hold)
+        start = locate_binary(data, self.optics(frame), self.options.hold, rough=rough)
         if start is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
         return start
@@ -255,7 +258,7 @@ class Processor:
 
     def _fit_once(self, frame: Frame) -> FitResult:
         data = self._data(frame)
-        start = self._locate(frame, data)
+        start = self._locate(frame, data, rough=self.kernel == _SCORE)
         if isinstance(start, FitResult):
             return start
         estimate, options = self._first(frame, data, start), self._options(frame)
@@ -266,7 +269,7 @@ class Processor:
 
     def _first(self, frame: Frame, data: Data, start: Start) -> KernelEstimate:
         """The blur that the fit starts from: the pair was found by scoring, which need not be done twice."""
-        if self.kernel != "score":
+        if self.kernel != _SCORE:
             return self._estimate(frame, data, start)
         moments = np.asarray(start.parameters.locus.moments())
         return KernelEstimate(moments, start.covariance, self.kernel, frame.name, digest=frame.digest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,9 +13,11 @@ from astropy.table import QTable
 from astropy.units import Unit
 
 from jitterkit.batch.measured import Measured
+from jitterkit.batch.plan import Batch, count_frames, plan_batches
 from jitterkit.batch.reference import OwnReferenceError
+from jitterkit.batch.stream import in_threads
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
-from jitterkit.frames import RawFrame, find_files, open_frames
+from jitterkit.frames import RawFrame, find_files
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
@@ -32,6 +35,9 @@ _NUMBERS = (
     *CORRELATIONS,
     *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
 )
+_TOGETHER = 128
+"""Frames of a batch."""
+
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What one frame may raise without harm to the others."""
 
@@ -49,6 +55,15 @@ class Measurer(Protocol):
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def threads(self) -> int | None:
+        """How many frames may be measured at a time; None for as many as there are processors."""
+        ...
+
+    def among(self, batch: Batch, hdu: int | None) -> Measurer:
+        """The same for the frames of a batch, with what they show together."""
+        ...
 
     def measure(self, raw: RawFrame) -> Measured | FitResult:
         """Measure one frame, or say in a status why not; a JitterkitError says so too."""
@@ -84,12 +99,35 @@ def estimate_files(
         arcsec; in pixels if a frame has no scale.  The frame that serves the others as reference has the
         status ``reference``.
     """
+    files = find_files(paths)
+    batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), _TOGETHER)
+
+    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | FrameError], Callable[[], _Result]]:
+        return partial(_task, measurer.among(batch, hdu))
+
     rows: list[dict[str, Any]] = []
-    for path in find_files(paths):
-        rows += list(_estimates(path, measurer, hdu, keep))
-        if watch is not None:
-            watch(path.name)
+    for batch, results in in_threads(batches, begin, hdu=hdu, threads=measurer.threads):
+        for (path, index), result in zip(batch.items, results, strict=True):
+            rows.append(_row(path, index, measurer, result, keep))
+            if watch is not None and index == 0:
+                watch(path.name)
     return _table(rows)
+
+
+_Result = tuple[Measured | FitResult, str] | Exception
+"""What a frame gives, with the digest of its pixels; or what it raised."""
+
+
+def _task(measurer: Measurer, path: Path, index: int, raw: RawFrame | FrameError) -> Callable[[], _Result]:
+    def measure() -> _Result:
+        if isinstance(raw, FrameError):
+            return raw
+        try:
+            return measurer.measure(raw), raw.digest
+        except _BREAKDOWNS as error:
+            return error
+
+    return measure
 
 
 def _table(rows: list[dict[str, Any]]) -> QTable:
@@ -113,28 +151,21 @@ def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
     return row[name] / (row["scale"] if math.isfinite(row["scale"]) else 1.0) ** power
 
 
-def _estimates(path: Path, measurer: Measurer, hdu: int | None, keep) -> Iterator[dict[str, Any]]:
-    index = 0
-    try:
-        with open_frames(path, hdu=hdu) as file:
-            for index in range(len(file)):
-                yield _row(path, index, measurer, file[index], keep)
-    except FrameError as error:
-        yield _blank(path, index, measurer, Status.UNREADABLE.name, str(error))
+def _row(path: Path, index: int, measurer: Measurer, result: _Result, keep) -> dict[str, Any]:
+    if isinstance(result, Exception):
+        return _blank(path, index, measurer, _status(result), str(result))
+    measured, digest = result
+    return _measured_row(path, index, measurer, measured, keep) | {"digest": digest}
 
 
-def _row(path: Path, index: int, measurer: Measurer, raw: RawFrame, keep) -> dict[str, Any]:
-    try:
-        row = _measured_row(path, index, measurer, measurer.measure(raw), keep)
-        return row | {"digest": raw.digest}
-    except NoStarError as error:
-        return _blank(path, index, measurer, Status.NO_STAR.name, str(error))
-    except OwnReferenceError as error:
-        return _blank(path, index, measurer, "reference", str(error))
-    except UndeterminedError as error:
-        return _blank(path, index, measurer, "undetermined", str(error))
-    except _BREAKDOWNS as error:
-        return _blank(path, index, measurer, Status.FAILED.name, str(error))
+def _status(error: Exception) -> str:
+    known = {
+        NoStarError: Status.NO_STAR.name,
+        OwnReferenceError: "reference",
+        UndeterminedError: "undetermined",
+        FrameError: Status.UNREADABLE.name,
+    }
+    return next((word for kind, word in known.items() if isinstance(error, kind)), Status.FAILED.name)
 
 
 def _measured_row(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.batch.measured import Measured
+from jitterkit.batch.plan import Batch
 from jitterkit.batch.reference import OwnReferenceError, check_reference, check_size, is_same
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, UndeterminedError
@@ -65,6 +66,15 @@ class SceneMeasurer:
         if self.reference is None:
             return "starfield" if self.stars else self.method
         return "reference"
+
+    @property
+    def threads(self) -> int:
+        """One: what finds stars and warns of them is not made for more."""
+        return 1
+
+    def among(self, batch: Batch, hdu: int | None) -> SceneMeasurer:
+        """Itself: every frame is compared with the reference alone."""
+        return self
 
     def check(self, paths: Sequence[str | Path], hdu: int | None = None) -> None:
         """Refuse a reference that cannot serve any of some files, before any work is done.

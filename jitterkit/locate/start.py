@@ -29,7 +29,7 @@ __all__ = ["Start", "locate_binary"]
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
-_NEARBY = 0.5  # standard errors that a start may be off: the fit to come needs no step more
+_CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _STILL = 0.03  # rad: what the optics may move without being climbed anew adds 0.02 to the deviance per pixel
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
 
@@ -56,7 +56,9 @@ class Start:
     covariance: np.ndarray
 
 
-def locate_binary(data: Data, optics: Optics, hold: Collection[str] = ("background",)) -> Start | None:
+def locate_binary(
+    data: Data, optics: Optics, hold: Collection[str] = ("background",), *, rough: bool = False
+) -> Start | None:
     """Find a binary anywhere in a frame and starting values for all of its parameters.
 
     Parameters
@@ -65,6 +67,8 @@ def locate_binary(data: Data, optics: Optics, hold: Collection[str] = ("backgrou
     optics : Optics
     hold : collection of str
         Parameters that the fit to come will hold: the background, unless there is sky.
+    rough : bool
+        Whether to leave the last steps to a fit of everything that is to follow.
 
     Returns
     -------
@@ -81,7 +85,7 @@ def locate_binary(data: Data, optics: Optics, hold: Collection[str] = ("backgrou
         before = np.inf if best is None else best.deviance_dof
         for pair in fresh:
             tried.append(pair.scene)
-            trial = _polish(data, optics, otf, pair, jitter, hold)
+            trial = _polish(data, optics, otf, pair, jitter, hold, rough)
             if best is None or trial.deviance_dof < best.deviance_dof:
                 best = trial
             if best.deviance_dof < _GOOD_ENOUGH:
@@ -105,18 +109,20 @@ def _polish(
     pair: FoundPair,
     jitter: Locus | None,
     hold: Collection[str],
+    rough: bool,
 ) -> Start:
     """Fit a candidate briefly with everything free, about ``otf`` and then about where that led."""
     locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
     here = Parameters(pair.scene, locus, otf.state)
     names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
-    end = climb(here, otf, data, free, leash, steps=15, tolerance=_NEARBY)
+    tolerance, still = (_NEARBY, _STILL) if rough else (_CLOSE, 0.0)
+    end = climb(here, otf, data, free, leash, steps=15, tolerance=tolerance)
     if otf.names:
         moved = optics.phase(np.asarray(end.parameters.aberrations - otf.state))
         otf = optics.otf(end.parameters.aberrations)
-        if moved > _STILL:
-            end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=_NEARBY)
+        if moved > still:
+            end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=tolerance)
     used = max(int(np.sum(np.asarray(data.used))), 1)
     slots = [names.index(name) for name in locus.names]
     covariance, _ = invert_information(end.information)

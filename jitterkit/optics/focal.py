@@ -44,8 +44,10 @@ def focal_field(
     """
     along_y = _fold(pupil, -2)
     blocks = [[_fold(half, -1)[b] for b in (0, 1)] for half in along_y]
-    left = _trig(pupil.shape[-2], shape[0], phase_step)
-    right = _trig(pupil.shape[-1], shape[1], phase_step)
+    left, right = (
+        [part.astype(pupil.dtype) for part in _trig(n, m, phase_step)]
+        for n, m in zip(pupil.shape[-2:], shape, strict=True)
+    )
     # exp(-i a) exp(-i b) = (ca - i sa)(cb - i sb): the odd parts carry a factor -i each.
     even_even, even_odd, odd_even, odd_odd = (
         jnp.einsum("mj,cajk,nk->camn", left[a], blocks[a][b], right[b]) for a in (0, 1) for b in (0, 1)

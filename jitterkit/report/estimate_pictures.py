@@ -26,6 +26,7 @@ from jitterkit.report.scene_plots import plot_scene, plot_spectrum
 from jitterkit.report.words import angle_size, number
 
 __all__ = [
+    "blurred_image",
     "is_undetected",
     "plot_estimate",
     "plot_extended",
@@ -54,10 +55,14 @@ def template_images(
     sharp, blurred : (ny, nx) array
         For :func:`plot_estimate`.
     """
+    sharp = np.asarray(expected_image(template.with_locus(Stable.of()), otf))
+    return sharp, blurred_image(estimate, template, otf)
+
+
+def blurred_image(estimate: KernelEstimate, template: Parameters, otf: OTF) -> np.ndarray:
+    """The second of :func:`template_images` alone."""
     locus = Mvn.near(estimate.moments) if estimate.locus is None else estimate.locus
-    both = (template.with_locus(each) for each in (Stable.of(), locus))
-    sharp, blurred = (np.asarray(expected_image(parameters, otf)) for parameters in both)
-    return sharp, blurred
+    return np.asarray(expected_image(template.with_locus(locus), otf))
 
 
 def is_undetected(estimate: KernelEstimate) -> bool:

@@ -1,0 +1,95 @@
+"""What the first frames of many show of the telescope, so that the others need not find it out again."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from jitterkit.batch.frame import GridKey, Processor
+from jitterkit.errors import FrameError
+from jitterkit.forward import Parameters
+from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+
+__all__ = ["Item", "Survey", "read_items"]
+
+Item = tuple[Path, int]
+"""File and place of the frame in it."""
+
+_BRIGHTER = 2.0
+"""Times the light of the frame looked at, that another may have."""
+
+_KEPT = 8
+"""Anchors, of 20 MB each at 128 x 128 pixels, kept for leads to come."""
+
+
+class Survey:
+    """Looks at the leads of batches.
+
+    An anchor's state is rounded to a whole nm, so that leads between which little has changed share one.
+
+    Parameters
+    ----------
+    processor : Processor
+    hdu : int, optional
+        To read in every FITS file.
+    """
+
+    def __init__(self, processor: Processor, hdu: int | None = None) -> None:
+        self._processor, self._hdu = processor, hdu
+        self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
+        self._last: tuple[tuple[Item, ...], dict[GridKey, Optics]] = ((), {})
+
+    def of(self, lead: tuple[Item, ...]) -> Mapping[GridKey, Optics]:
+        """Optics by the grids of frames; none of a grid on which no frame of the lead is sound."""
+        if lead != self._last[0]:
+            self._last = lead, self._look(lead)
+        return self._last[1]
+
+    def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Optics]:
+        found: dict[GridKey, Optics] = {}
+        for _, _, raw in read_items(lead, self._hdu):
+            frame = None if isinstance(raw, FrameError) else self._processor.prepare(raw)
+            if not isinstance(frame, Frame) or (key := self._processor.grid(frame)) in found:
+                continue
+            shown = self._processor.wavefront(frame)
+            optics = None if shown is None else self._processor.optics(frame)
+            if shown is not None and isinstance(optics, OpticalSystem) and len(shown.aberrations):
+                found[key] = self._anchored(key, optics, shown)
+        return found
+
+    def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:
+        state = np.round(np.asarray(shown.aberrations))
+        key = (grid, *state)
+        anchor = self._anchors.pop(key, None) or Anchor.at(optics, state)
+        self._anchors[key] = anchor
+        if len(self._anchors) > _KEPT:
+            self._anchors.popitem(last=False)
+        return AnchoredOptics(optics, anchor, _BRIGHTER * float(shown.scene.flux))
+
+
+def read_items(items: Iterable[Item], hdu: int | None) -> Iterator[tuple[Path, int, RawFrame | FrameError]]:
+    """Frames, or what is wrong with their files; a file is opened once."""
+    for path, group in groupby(items, key=lambda item: item[0]):
+        places = [index for _, index in group]
+        try:
+            file = open_frames(path, hdu=hdu)
+        except FrameError as error:
+            yield from ((path, index, error) for index in places)
+            continue
+        with file:
+            for index in places:
+                yield path, index, _frame(file, index)
+
+
+def _frame(file: FrameFile, index: int) -> RawFrame | FrameError:
+    try:
+        return file[index]
+    except FrameError as error:
+        return error
+    except IndexError:
+        return FrameError(file.path, f"has {len(file)} frames, fewer than before", "see who writes to it")

@@ -1,0 +1,196 @@
+"""Workers of dask.distributed, one of which is killed by a frame, against one process."""
+
+import contextlib
+import sys
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+
+from jitterkit.batch import Processor, cluster, process_files
+from jitterkit.batch.cluster import connected, process_on_cluster
+from jitterkit.batch.ledger_worst import MOST
+from jitterkit.batch.plan import plan_batches
+from jitterkit.batch.stream import process_batches
+from jitterkit.errors import ConfigurationError
+from jitterkit.frames import write_fits
+from jitterkit.optics import obstructed_circle
+
+distributed = pytest.importorskip("distributed")
+cloudpickle = pytest.importorskip("cloudpickle")
+
+SIZE, FRAMES, DEADLY = 8, 16, 12
+"""Of a batch, of the night; and the place of the frame that kills."""
+
+
+@pytest.fixture(scope="module")
+def bent(telescope):
+    """A small telescope with an aberration, so that batches have an anchor."""
+    return replace(telescope, pupil_from=obstructed_circle(0.09, 0.03, noll=(7,), samples=64), shape=(40, 40))
+
+
+@pytest.fixture(scope="module")
+def night(bent, drawn_by, tmp_path_factory):
+    """Sixteen frames; one is damaged and one is about to be deadly."""
+    directory, rng = tmp_path_factory.mktemp("night"), np.random.default_rng(11)
+    for number in range(FRAMES):
+        name = f"{number:02d}{'-deadly' * (number == DEADLY)}.fits"
+        image = drawn_by(bent, rng, aberrations=[15.0]).raw.data
+        path = write_fits(directory / name, image.astype(np.float32))
+        if number == 5:
+            path.write_bytes(path.read_bytes()[:-3000])
+    return sorted(directory.iterdir())
+
+
+@pytest.fixture(scope="module")
+def processor(bent):
+    return Processor(bent, locus="mvn")
+
+
+@pytest.fixture(scope="module")
+def _programs(tmp_path_factory):
+    """Compiled programs, kept for the workers as the commands keep them."""
+    shared = {
+        "jax_compilation_cache_dir": str(tmp_path_factory.mktemp("compiled")),
+        "jax_persistent_cache_min_compile_time_secs": 0.3,
+    }
+    before = {name: getattr(jax.config, name) for name in shared}
+    for name, value in shared.items():
+        jax.config.update(name, value)
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+def done(night, engine):
+    """What becomes of each batch, by its number; one picture is left to be drawn, the worst."""
+    ranks = [(True, -1e9, -1, place) for place in range(MOST - 1)]
+    batches = plan_batches(night, [1] * FRAMES, SIZE)
+    return {part.batch.number: part for part in engine(batches, ranks=lambda: ranks)}
+
+
+@pytest.fixture(scope="module")
+def alone(night, processor, _programs):
+    return done(night, partial(process_batches, processor=processor, threads=1))
+
+
+class Armed(distributed.WorkerPlugin):
+    """Makes a worker die of opening a file that is called deadly."""
+
+    def setup(self, worker):
+        import os
+        import signal
+
+        from jitterkit.batch import survey
+
+        sound = survey.open_frames
+
+        def opened(path, **options):
+            if "deadly" in path.name:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return sound(path, **options)
+
+        survey.open_frames = opened
+
+
+@pytest.fixture(scope="module")
+def spread(night, processor, alone):
+    """The same by a worker that is killed, and again, and again."""
+    with connected(workers=1) as client:
+        cloudpickle.register_pickle_by_value(sys.modules[__name__])  # which workers cannot import
+        client.register_plugin(Armed())
+        cloudpickle.unregister_pickle_by_value(sys.modules[__name__])
+        return done(night, partial(process_on_cluster, processor=processor, client=client))
+
+
+def exactly(parts):
+    """Rows by file, every number to the last bit, NaN too, but for the time that a frame took."""
+    rows = (row for number in sorted(parts) for row in parts[number].rows)
+    return {row["file"]: repr({**row, "seconds": 0.0}) for row in rows}
+
+
+def test_workers_give_what_one_process_gives_to_the_last_digit(alone, spread, night):
+    expected, found = exactly(alone), exactly(spread)
+    assert list(found) == list(expected) == [path.name for path in night]
+    other = [name for name in found if found[name] != expected[name]]
+    assert other == [night[DEADLY].name]
+    assert sum("'status': 'ok'" in row for row in found.values()) == FRAMES - 2
+
+
+def test_a_frame_that_kills_its_worker_has_a_row_that_says_so(spread, night):
+    row = spread[DEADLY // SIZE].rows[DEADLY % SIZE]
+    assert (row["path"], row["frame"], row["status"]) == (str(night[DEADLY]), 0, "failed")
+    assert "it killed the process that fitted it" in row["message"]
+    assert np.isnan(row["separation"])
+
+
+def test_pictures_come_back_with_the_rows(alone, spread):
+    assert list(spread[0].pictures) == list(alone[0].pictures)
+    name = next(iter(alone[0].pictures))
+    assert spread[0].pictures[name].row == spread[0].rows[name]
+
+
+def test_a_run_takes_what_workers_give_in_any_order(night, processor, alone, tmp_path, monkeypatch):
+    def backwards(batches, processor, *, hdu, ranks):
+        return [alone[batch.number] for batch in reversed(list(batches))]
+
+    monkeypatch.setattr("jitterkit.batch.run.batch_size", lambda shape: SIZE)
+    run = process_files(night, tmp_path / "out", processor, engine=backwards)
+    assert list(run.table["file"]) == [path.name for path in night]
+
+
+def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
+    monkeypatch.setattr(cluster, "_REACHED", 0.5)
+    with (
+        pytest.raises(ConfigurationError, match=r"No scheduler answers at tcp://127\.0\.0\.1:9"),
+        connected(scheduler="tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_a_scheduler_without_workers_is_told(monkeypatch):
+    monkeypatch.setattr(cluster, "_JOINED", 0.2)
+    empty = distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None)
+    with (
+        contextlib.closing(empty),
+        pytest.raises(ConfigurationError, match="has no workers; start some with 'dask worker"),
+        connected(scheduler=empty.scheduler_address),
+    ):
+        pass
+
+
+def test_without_dask_the_remedy_is_told(monkeypatch):
+    monkeypatch.setattr(cluster, "distributed", None)
+    with pytest.raises(ConfigurationError, match=r'pip install "jitterkit\[cluster\]"'), connected(workers=2):
+        pass
+
+
+@pytest.fixture
+def equipment(processor, night):
+    return cluster._Equipment(processor, None, night[0])
+
+
+def test_a_worker_that_does_not_see_the_files_is_told(equipment, tmp_path):
+    equipment.witness = tmp_path / "elsewhere.fits"
+    with pytest.raises(ConfigurationError, match=r"worker tcp://far:1 does not see .*elsewhere\.fits"):
+        equipment.setup(SimpleNamespace(address="tcp://far:1"))
+
+
+def test_a_worker_of_another_version_is_told(equipment):
+    equipment.computed["numpy"] = "1.0"
+    with pytest.raises(ConfigurationError, match=r"with numpy [2-9]\S+, this process with 1.0"):
+        equipment.setup(SimpleNamespace(address="tcp://far:1"))
+
+
+def test_workers_that_die_whatever_they_do_end_the_run():
+    def result():
+        raise distributed.KilledWorker("task", None, 0)
+
+    dispatch = cluster._Dispatch(client=None, name="any", ranks=tuple)
+    killing = SimpleNamespace(result=result)
+    assert [dispatch._result(killing) for _ in range(cluster._HOPELESS - 1)] == [None] * 7
+    with pytest.raises(ConfigurationError, match="Workers died 8 times and none has finished anything"):
+        dispatch._result(killing)
