@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from jitterkit.batch.configuration import settings, versions
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger import Ledger
 from jitterkit.batch.plan import count_frames, plan_batches
-from jitterkit.batch.stream import process_batches
+from jitterkit.batch.stream import Done, process_batches
 from jitterkit.frames import find_files
 from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
@@ -23,7 +24,7 @@ from jitterkit.report.row import Row
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, write_table
 
-__all__ = ["Run", "process_files"]
+__all__ = ["Run", "conclude", "process_files"]
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +67,7 @@ def process_files(
     overwrite: bool = False,
     resume: bool = False,
     threads: int | None = None,
+    engine: Callable[..., Iterable[Done]] | None = None,
     watch: Callable[[Row], None] | None = None,
     command: str = "",
 ) -> Run:
@@ -87,6 +89,9 @@ def process_files(
     threads : int, optional
         How many frames are fitted at a time; by default as many as there are processors.  The results do
         not depend on it.
+    engine : callable, optional
+        What processes batches, in place of :func:`~jitterkit.batch.stream.process_batches` with threads:
+        :func:`~jitterkit.batch.cluster.process_on_cluster` with its ``client`` filled in, say.
     watch : callable, optional
         Called with each row, those of an earlier session too.
     command : str
@@ -109,6 +114,7 @@ def process_files(
     size = batch_size(processor.instrument.shape)
     configuration = settings(processor, files, hdu=hdu, batch=size)
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
+    engine = engine or partial(process_batches, threads=threads)
     with begin(directory, configuration, {"command": command}) as ledger:
         counts = ledger.frame_counts(files, partial(count_frames, hdu=hdu))
         if watch is not None:
@@ -116,12 +122,12 @@ def process_files(
                 watch(row)
         done = ledger.done()
         missing = (batch for batch in plan_batches(files, counts, size) if batch.number not in done)
-        for part in process_batches(missing, processor, hdu=hdu, threads=threads, ranks=ledger.ranks):
+        for part in engine(missing, processor, hdu=hdu, ranks=ledger.ranks):
             ledger.add(part.batch.number, part.rows, part.pictures)
             if watch is not None:
                 for row in part.rows:
                     watch(row)
-        return _conclude(ledger, directory, processor)
+        return conclude(ledger, directory, processor)
 
 
 def batch_size(shape: tuple[int, int]) -> int:
@@ -129,9 +135,9 @@ def batch_size(shape: tuple[int, int]) -> int:
     return min(max(_PIXELS // (shape[0] * shape[1]), _FEWEST), _MOST)
 
 
-def _conclude(ledger: Ledger, directory: Path, processor: Processor) -> Run:
-    """Table, summary and report of all that the ledger holds."""
-    table = make_table(ledger.rows(), _provenance(processor, ledger.notes.get("command", "")))
+def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterable[Row] = ()) -> Run:
+    """Table, summary and report of all that the ledger holds, and of rows that it is not to keep."""
+    table = make_table(chain(ledger.rows(), more), _provenance(processor, ledger.notes.get("command", "")))
     summary = summarise(table)
     described = {name: value for name, value in ledger.configuration.items() if name != "files"}
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:

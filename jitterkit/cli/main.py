@@ -18,6 +18,7 @@ from jitterkit.cli.process import process
 from jitterkit.cli.runtime import set_talk, tells_errors
 from jitterkit.cli.sequence import sequence
 from jitterkit.cli.simulate import simulate
+from jitterkit.cli.watch import watch
 
 __all__ = ["app", "run"]
 
@@ -35,6 +36,7 @@ for command in (
     calibrate,
     estimate,
     process,
+    watch,
     sequence,
     forecast,
     causes,

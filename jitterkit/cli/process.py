@@ -2,63 +2,56 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import locus_sizes
+from jitterkit.cli.processor import takes_processor
 from jitterkit.cli.progress import following
-from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say
+from jitterkit.cli.runtime import SOME_FAILED, command_line, say
 
-__all__ = ["process"]
-
-_LOCUS = f"Jitter locus: auto (the simplest that the frame supports), {', '.join(locus_sizes())}."
+__all__ = ["Output", "Resume", "conclude", "process"]
 
 _TOLD = {"prior_contradicted", "prior_unused"}
 """Remarks on a fitted frame that are worth a line on stderr."""
 
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on with a run that was interrupted; nothing is done twice.")
+]
 
+
+@takes_processor
 def process(
+    make: Callable,
     files: options.Files,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")],
-    instrument: options.InstrumentName = "toliman",
-    locus: Annotated[str, typer.Option(metavar="auto|NAME", help=_LOCUS)] = "auto",
-    estimator: Annotated[
-        str, typer.Option(metavar="NAME", help="Kernel estimator that starts the fit: score or mtf.")
-    ] = "score",
-    prior: Annotated[
-        Path | None,
+    output: Output,
+    hdu: options.Hdu = None,
+    workers: Annotated[
+        int | None,
         typer.Option(
-            metavar="FILE",
-            help="What other data say about the jitter: a table of 'estimate -o' (.ecsv; a frame's own row, "
-            "known by its pixels, is left out), or a trace t,x,y (.csv, s and arcsec, good to 10 % of its "
-            "rms), the same for every frame: of one longer than an exposure its first, of two exposures or "
-            "more their mean and scatter.",
+            min=1,
+            help="Processes to share the work on this machine, each with one thread; by default one with as "
+            "many threads as there are processors.",
             show_default=False,
         ),
     ] = None,
-    censored: options.Censored = False,
-    rays: Annotated[
-        bool,
+    scheduler: Annotated[
+        str | None,
         typer.Option(
-            "--rays",
-            help="Look for cosmic rays in what the fit leaves over, and fit again without their pixels.",
+            metavar="ADDRESS",
+            help="Scheduler of dask.distributed whose workers share the work: tcp://host:8786. Files must be "
+            "readable there under the same paths.",
+            show_default=False,
         ),
-    ] = False,
-    background: options.Background = False,
-    gain: options.Gain = None,
-    read_noise: options.ReadNoise = None,
-    bias: options.Bias = None,
-    saturation: options.Saturation = None,
-    plate_scale: options.PlateScale = None,
-    exposure: options.Exposure = None,
-    hdu: options.Hdu = None,
+    ] = None,
     overwrite: options.Overwrite = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a run that was interrupted; nothing is done twice.")
-    ] = False,
+    resume: Resume = False,
 ) -> None:
     """Fit every frame: kernel estimate, then separation, optics and jitter together.
 
@@ -66,31 +59,18 @@ def process(
     ledger.sqlite. Exit status: 0 if every frame was fitted, 1 if some were not, 2 if the command cannot be
     carried out.
     """
+    from jitterkit.errors import ConfigurationError
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import RUN, check_directory
 
+    if workers is not None and scheduler is not None:
+        raise ConfigurationError("A scheduler has its own workers; give --workers or --scheduler.")
     paths = find_files(files)
     check_directory(output, RUN, overwrite or resume)
-    prepare_jax()
-    from jitterkit.batch import Processor, process_files
-    from jitterkit.instruments import load_instrument
-    from jitterkit.refit import FitOptions, read_kernel_prior
+    processor = make()
+    from jitterkit.batch import process_files
 
-    telescope = load_instrument(instrument)
-    known = None if prior is None else read_kernel_prior(prior, exposure=exposure or telescope.exposure)
-    if known is not None and known.remark:
-        say(f"{prior}: {known.remark}")
-    processor = Processor(
-        telescope,
-        options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
-        locus=locus,
-        kernel=estimator,
-        options=FitOptions(hold=() if background else ("background",)),
-        prior=known,
-        censored=censored,
-        rays=rays,
-    )
-    with following(len(paths)) as watch:
+    with _engine(workers, scheduler) as engine, following(len(paths)) as watch:
         run = process_files(
             paths,
             output,
@@ -98,9 +78,27 @@ def process(
             hdu=hdu,
             overwrite=overwrite,
             resume=resume,
+            engine=engine,
             watch=watch,
             command=command_line(),
         )
+    conclude(run, processor.instrument)
+
+
+@contextlib.contextmanager
+def _engine(workers: int | None, scheduler: str | None) -> Iterator[Callable | None]:
+    """What processes batches: workers if some are asked for."""
+    if workers is None and scheduler is None:
+        yield None
+        return
+    from jitterkit.batch.cluster import connected, process_on_cluster
+
+    with connected(workers, scheduler) as client:
+        yield partial(process_on_cluster, client=client)
+
+
+def conclude(run, telescope) -> None:
+    """Tell the result; end with status 1 if some frames were not fitted."""
     _tell(run)
     _tell_of_rows(run, telescope)
     if run.failures:

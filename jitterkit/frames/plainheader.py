@@ -10,8 +10,11 @@ from jitterkit.frames.hdu import CARD
 
 __all__ = ["PlainHeader"]
 
-#: Bytes that FITS does not allow in a header, for ``bytes.translate``.
+_REMARKS = ("COMMENT", "HISTORY")
+"""Keywords of text, which no card continues."""
+
 _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
+"""For ``bytes.translate``: FITS allows no other bytes in a header."""
 
 
 class PlainHeader(Mapping[str, Any]):
@@ -43,7 +46,7 @@ class PlainHeader(Mapping[str, Any]):
         self.warnings = [] if self._text == text else ["the header holds bytes that are no text; read as '?'"]
         self.unreadable: set[str] = set()
         self._places = _places(self._text)
-        self._values: dict[str, Any] = {}
+        self._values: dict[str, Any] = {key: self._remarks(key) for key in _REMARKS if key in self._places}
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._values:
@@ -78,6 +81,11 @@ class PlainHeader(Mapping[str, Any]):
         chosen = [place for key, place in self._places.items() if keywords.match(key)]
         return b"".join(self._image(*place) for place in chosen).decode()
 
+    def _remarks(self, key: str) -> str:
+        """All cards of a keyword that may stand many times, a line each."""
+        cards = (self._text[at : at + CARD].decode() for at in range(0, len(self._text), CARD))
+        return "\n".join(card[8:].rstrip() for card in cards if card[:8].rstrip() == key)
+
     def _image(self, start: int, end: int) -> bytes:
         return self._text[start:end].ljust(CARD)
 
@@ -93,7 +101,7 @@ def _places(text: bytes) -> dict[str, tuple[int, int]]:
             continue
         if key == "HIERARCH":
             key = text[at + 9 : at + CARD].split(b"=")[0].decode().strip().upper()
-        last = "" if key in ("", "COMMENT", "HISTORY") else key
-        if last:
+        if key:
             places[key] = (at, at + CARD)
+        last = "" if key in _REMARKS else key
     return places

@@ -81,7 +81,7 @@ def locate_binary(
     tried: list[Binary] = []
     near = 0.1 * resolution(otf)
     for _ in range(_ROUNDS):
-        fresh = [pair for pair in find_pairs(data, otf, jitter, most=3) if _is_new(pair.scene, tried, near)]
+        fresh = (pair for pair in find_pairs(data, otf, jitter, most=3) if _is_new(pair.scene, tried, near))
         before = np.inf if best is None else best.deviance_dof
         for pair in fresh:
             tried.append(pair.scene)
@@ -98,8 +98,12 @@ def locate_binary(
 
 def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
     """Whether a pair lies further [arcsec] from those already tried."""
-    here = np.array(scene.sources()[:2])
-    return all(np.abs(here - np.array(other.sources()[:2])).max() > near for other in tried)
+    return all(np.abs(_places(scene) - _places(other)).max() > near for other in tried)
+
+
+def _places(scene: Binary) -> np.ndarray:
+    x, y, _ = scene.sources()
+    return np.array([x, y])
 
 
 def _polish(

@@ -58,10 +58,6 @@ def copies(paths, directory):
     return [lambda path=path: (directory / path.name).write_bytes(path.read_bytes()) for path in paths]
 
 
-def nothing():
-    pass
-
-
 def names(run):
     return list(run.table["file"])
 
@@ -114,21 +110,29 @@ def test_a_watch_that_is_resumed_does_what_is_left_and_nothing_twice(watched, ni
     assert list(table["seconds"][:-1]) == list(run.table["seconds"][:-1])  # not fitted again
 
 
-def test_a_watch_that_is_told_to_stop_ends_with_what_has_come(night, processor, tmp_path):
-    where = tmp_path / "camera"
-    where.mkdir()
-    came = copies(night[:3], where)
-    rows = []
+def test_a_watch_that_is_told_to_stop_ends_with_what_it_has_begun(night, processor, tmp_path, monkeypatch):
+    """It is told while it reads the second of many files."""
+    read = []
+
+    def noted(path):
+        read.append(path)
+        return True
+
+    monkeypatch.setattr("jitterkit.batch.arrivals.is_whole", noted)
+    monkeypatch.setattr("jitterkit.batch.live._AT_ONCE", 2)
     run = watch_directory(
-        where,
-        tmp_path / "out",
-        processor,
-        stop=lambda: len(rows) == 2,
-        watch=rows.append,
-        sleep=Camera(came[0], came[1], *[nothing] * 5, came[2]),
+        night[0].parent, tmp_path / "out", processor, stop=lambda: len(read) >= 2, sleep=Camera()
     )
     assert names(run) == [path.name for path in night[:2]]
     assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_file_that_grows_to_the_end_is_told(small, tmp_path):
+    arrivals = Arrivals(tmp_path)
+    for size in (100, 200, 300):
+        (tmp_path / "a.fits").write_bytes(small[:size])
+        assert told(arrivals) == []
+    assert arrivals.unfinished() == [tmp_path / "a.fits"]
 
 
 def test_a_watch_without_a_frame_says_so(processor, tmp_path):

