@@ -16,7 +16,7 @@ from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch, count_frames, plan_batches
 from jitterkit.batch.reference import OwnReferenceError
 from jitterkit.batch.stream import in_threads
-from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
+from jitterkit.errors import JitterkitError, NoStarError, UndeterminedError
 from jitterkit.frames import RawFrame, find_files
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
@@ -102,7 +102,7 @@ def estimate_files(
     files = find_files(paths)
     batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), _TOGETHER)
 
-    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | FrameError], Callable[[], _Result]]:
+    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | JitterkitError], Callable[[], _Result]]:
         return partial(_task, measurer.among(batch, hdu))
 
     rows: list[dict[str, Any]] = []
@@ -114,14 +114,20 @@ def estimate_files(
     return _table(rows)
 
 
+class _Unreadable(Exception):
+    """A file that gives no frame, and why."""
+
+
 _Result = tuple[Measured | FitResult, str] | Exception
 """What a frame gives, with the digest of its pixels; or what it raised."""
 
 
-def _task(measurer: Measurer, path: Path, index: int, raw: RawFrame | FrameError) -> Callable[[], _Result]:
+def _task(
+    measurer: Measurer, path: Path, index: int, raw: RawFrame | JitterkitError
+) -> Callable[[], _Result]:
     def measure() -> _Result:
-        if isinstance(raw, FrameError):
-            return raw
+        if isinstance(raw, JitterkitError):
+            return _Unreadable(str(raw))
         try:
             return measurer.measure(raw), raw.digest
         except _BREAKDOWNS as error:
@@ -163,7 +169,7 @@ def _status(error: Exception) -> str:
         NoStarError: Status.NO_STAR.name,
         OwnReferenceError: "reference",
         UndeterminedError: "undetermined",
-        FrameError: Status.UNREADABLE.name,
+        _Unreadable: Status.UNREADABLE.name,
     }
     return next((word for kind, word in known.items() if isinstance(error, kind)), Status.FAILED.name)
 

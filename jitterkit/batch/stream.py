@@ -25,7 +25,7 @@ from jitterkit.batch.frame import Processed, Processor
 from jitterkit.batch.ledger_worst import Rank, wanted
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.survey import Survey, read_items
-from jitterkit.errors import FrameError
+from jitterkit.errors import JitterkitError
 from jitterkit.frames import RawFrame
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.pictures import FrameReport, render_frame
@@ -100,7 +100,7 @@ def process_batches(
         yield _collected(batch, results, ranks())
 
 
-_Task = Callable[[Path, int, RawFrame | FrameError], Callable[[], T]]
+_Task = Callable[[Path, int, RawFrame | JitterkitError], Callable[[], T]]
 """Takes what was read of a frame, and gives what is to be done about it."""
 
 
@@ -166,13 +166,13 @@ def _collected(batch: Batch, results: list[tuple[Processed, Row]], ranks: Iterab
 
 
 def _prepare(
-    near: Processor, alone: Processor, path: Path, index: int, raw: RawFrame | FrameError
+    near: Processor, alone: Processor, path: Path, index: int, raw: RawFrame | JitterkitError
 ) -> Callable[[], tuple[Processed, Row]]:
     """Calibrate a frame here; fit it there."""
-    frame = raw if isinstance(raw, FrameError) else alone.prepare(raw)
+    frame = raw if isinstance(raw, JitterkitError) else alone.prepare(raw)
 
     def fit() -> tuple[Processed, Row]:
-        if isinstance(frame, FrameError):
+        if isinstance(frame, JitterkitError):
             done = Processed(None, FitResult(Status.UNREADABLE, str(frame)))
         elif isinstance(frame, Processed):
             done = frame
@@ -180,7 +180,7 @@ def _prepare(
             done = near.fit(frame)
             if near.anchored and done.result.status in _MENDED:
                 done = alone.fit(frame)
-        source = done.frame or (None if isinstance(raw, FrameError) else raw)
+        source = done.frame or (None if isinstance(raw, JitterkitError) else raw)
         row = make_row(
             done.result,
             path,

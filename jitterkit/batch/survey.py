@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jitterkit.batch.frame import GridKey, Processor
-from jitterkit.errors import FrameError
+from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
@@ -53,7 +53,7 @@ class Survey:
     def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Optics]:
         found: dict[GridKey, Optics] = {}
         for _, _, raw in read_items(lead, self._hdu):
-            frame = None if isinstance(raw, FrameError) else self._processor.prepare(raw)
+            frame = None if isinstance(raw, JitterkitError) else self._processor.prepare(raw)
             if not isinstance(frame, Frame) or (key := self._processor.grid(frame)) in found:
                 continue
             shown = self._processor.wavefront(frame)
@@ -63,22 +63,25 @@ class Survey:
         return found
 
     def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:
-        state = np.round(np.asarray(shown.aberrations))
+        shown_state = np.asarray(shown.aberrations)
+        state = np.round(shown_state)
         key = (grid, *state)
         anchor = self._anchors.pop(key, None) or Anchor.at(optics, state)
         self._anchors[key] = anchor
         if len(self._anchors) > _KEPT:
             self._anchors.popitem(last=False)
-        return AnchoredOptics(optics, anchor, _BRIGHTER * float(shown.scene.flux))
+        return AnchoredOptics(optics, anchor, _BRIGHTER * float(shown.scene.flux), shown_state)
 
 
-def read_items(items: Iterable[Item], hdu: int | None) -> Iterator[tuple[Path, int, RawFrame | FrameError]]:
-    """Frames, or what is wrong with their files; a file is opened once."""
+def read_items(
+    items: Iterable[Item], hdu: int | None
+) -> Iterator[tuple[Path, int, RawFrame | JitterkitError]]:
+    """Frames, or what is wrong with their files or the TOML beside them; a file is opened once."""
     for path, group in groupby(items, key=lambda item: item[0]):
         places = [index for _, index in group]
         try:
             file = open_frames(path, hdu=hdu)
-        except FrameError as error:
+        except JitterkitError as error:
             yield from ((path, index, error) for index in places)
             continue
         with file:
@@ -86,10 +89,10 @@ def read_items(items: Iterable[Item], hdu: int | None) -> Iterator[tuple[Path, i
                 yield path, index, _frame(file, index)
 
 
-def _frame(file: FrameFile, index: int) -> RawFrame | FrameError:
+def _frame(file: FrameFile, index: int) -> RawFrame | JitterkitError:
     try:
         return file[index]
-    except FrameError as error:
+    except JitterkitError as error:
         return error
     except IndexError:
         return FrameError(file.path, f"has {len(file)} frames, fewer than before", "see who writes to it")

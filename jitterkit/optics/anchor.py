@@ -101,16 +101,19 @@ class AnchoredOptics:
     anchor : Anchor
     photons : float
         Of a frame: how small a change it shows.
+    start : (k,) array, optional
+        The aberrations [nm] to begin with, where they are better known than by the anchor's state.
     """
 
     system: OpticalSystem
     anchor: Anchor
     photons: float
+    start: np.ndarray | None = None
 
     @cached_property
     def nominal(self) -> OTF:
-        """Transfer function at the anchor."""
-        return self.anchor.otf(self.anchor.state)
+        """Transfer function to start from."""
+        return self.anchor.otf(self.anchor.state if self.start is None else self.start)
 
     def phase(self, aberrations) -> float:
         """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""

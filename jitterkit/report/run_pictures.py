@@ -205,10 +205,10 @@ def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[Ru
     if np.isfinite(angles).sum() >= _MANY:
         rose = plot_angles(angles[np.isfinite(angles)], float(summary["theta"]["mean"]))
         yield _drawn("jitter", rose, "Rose of the jitter's directions")
-    yield _drawn(
-        "jitter", plot_loci(np.asarray(table["locus"])[good].tolist()), "Frames by the locus chosen",
-        "Locus chosen, frame by frame; what the frames say together stands above.",
-    )  # fmt: skip
+    loci = np.asarray(table["locus"])[good].tolist()
+    if len(set(loci)) > 1:
+        gloss = "Locus chosen, frame by frame; what the frames say together stands above."
+        yield _drawn("jitter", plot_loci(loci), "Frames by the locus chosen", gloss)
     shape, error = (np.asarray(table[name])[good] for name in ("shape", "shape_err"))
     known = np.isfinite(shape) & np.isfinite(error)
     if known.sum() >= _MANY:

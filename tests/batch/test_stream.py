@@ -8,7 +8,7 @@ import pytest
 from jitterkit.batch import Processor
 from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.batch.stream import process_batches
-from jitterkit.frames import open_frames, write_fits
+from jitterkit.frames import open_frames, write_fits, write_tiff
 from jitterkit.optics import OpticalSystem, obstructed_circle
 
 SIZE = 10
@@ -101,6 +101,16 @@ def test_a_file_that_has_lost_frames_since_they_were_counted_says_so(night, proc
     (part,) = process_batches([batch], processor)
     assert [row["status"] for row in part.rows] == ["ok", "unreadable", "unreadable"]
     assert "has 1 frames, fewer than before" in part.rows[2]["message"]
+
+
+def test_a_bad_toml_beside_an_image_is_a_row_like_any_other_fault(night, processor, tmp_path):
+    with open_frames(night[0]) as file:
+        write_tiff(tmp_path / "a.tif", file[0].data)
+    (tmp_path / "a.toml").write_text("gain = 'much'\n")
+    batch = Batch(0, ((tmp_path / "a.tif", 0), (night[0], 0)))
+    (part,) = process_batches([batch], processor)
+    assert [row["status"] for row in part.rows] == ["unreadable", "ok"]
+    assert "a.toml" in part.rows[0]["message"]
 
 
 def test_what_is_not_worth_a_picture_is_not_drawn(night, processor):
