@@ -3,7 +3,7 @@
 Reach for :func:`watch_directory`.  Frames go through the same engine as those of
 :func:`~jitterkit.batch.run.process_files` and into the same ledger.  Which of them are done together, and
 about whose optics, depends on when they came: so numbers agree with those of a run of the same files within
-a thousandth of their errors, not to the last digit.
+a few hundredths of their errors, not to the last digit.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterab
     summary = summarise(table)
     described = {name: value for name, value in ledger.configuration.items() if name != "files"}
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
-        temporary.write_text(json.dumps(described, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     write_table(directory / TABLE, table, overwrite=True)
     write_summary(directory / SUMMARY, summary, overwrite=True)
     write_report(directory / REPORT, ledger.pictures(), table, summary, overwrite=True)

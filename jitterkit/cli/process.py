@@ -20,6 +20,9 @@ __all__ = ["Output", "Resume", "conclude", "process"]
 _TOLD = {"prior_contradicted", "prior_unused"}
 """Remarks on a fitted frame that are worth a line on stderr."""
 
+_LISTED = 50
+"""Lines of them, at most."""
+
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on with a run that was interrupted; nothing is done twice.")
@@ -70,18 +73,22 @@ def process(
     processor = make()
     from jitterkit.batch import process_files
 
-    with _engine(workers, scheduler) as engine, following(len(paths)) as watch:
-        run = process_files(
-            paths,
-            output,
-            processor,
-            hdu=hdu,
-            overwrite=overwrite,
-            resume=resume,
-            engine=engine,
-            watch=watch,
-            command=command_line(),
-        )
+    try:
+        with _engine(workers, scheduler) as engine, following(len(paths)) as watch:
+            run = process_files(
+                paths,
+                output,
+                processor,
+                hdu=hdu,
+                overwrite=overwrite,
+                resume=resume,
+                engine=engine,
+                watch=watch,
+                command=command_line(),
+            )
+    except KeyboardInterrupt:
+        say(f"What has been done is kept in {output}: the same command with --resume goes on.")
+        raise
     conclude(run, processor.instrument)
 
 
@@ -125,9 +132,12 @@ def _tell(run) -> None:
     from jitterkit.report.sequence import say_loci
     from jitterkit.report.words import with_error
 
-    for row in run.table:
-        if row["status"] != "ok" or _TOLD & set(decode_flags(row["flags"])):
-            say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
+    remarkable = (row["status"] != "ok" or _TOLD & set(decode_flags(row["flags"])) for row in run.table)
+    places = [place for place, told in enumerate(remarkable) if told]
+    for row in run.table[places[:_LISTED]]:
+        say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
+    if len(places) > _LISTED:
+        say(f"... and {len(places) - _LISTED} more, which the table and the report have")
     fitted = len(run.table) - run.failures
     separation = run.summary["separation"]
     if fitted:

@@ -1,0 +1,39 @@
+"""What ``jitterkit process`` says of a run that was interrupted, and of many failures."""
+
+import pytest
+from typer.testing import CliRunner
+
+from jitterkit.cli.main import app
+
+runner = CliRunner()
+
+
+@pytest.fixture
+def blanks(tmp_path):
+    """Fifty-two files that are no frames."""
+    directory = tmp_path / "frames"
+    directory.mkdir()
+    for number in range(52):
+        (directory / f"{number:02d}.fits").write_text("exposure = 3\n" * 50)
+    return directory
+
+
+def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    out = str(tmp_path / "out")
+    command = ["process", str(blanks), "-o", out, "-i", "smallsat", "--locus", "mvn"]
+    with monkeypatch.context() as patched:
+        patched.setattr("jitterkit.batch.run.process_batches", interrupted)
+        stopped = runner.invoke(app, command)
+    assert stopped.exit_code == 130
+    assert f"What has been done is kept in {out}: the same command with --resume goes on." in stopped.stderr
+    assert runner.invoke(app, command).exit_code == 2  # a run is there, and it is not to be lost unasked
+    assert runner.invoke(app, [*command, "--resume"]).exit_code == 1
+
+
+def test_of_many_failures_some_are_told_and_the_others_counted(blanks, tmp_path):
+    done = runner.invoke(app, ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat"])
+    assert done.stderr.count("] unreadable: ") == 50
+    assert "... and 2 more, which the table and the report have" in done.stderr
