@@ -81,10 +81,13 @@ class Arrivals:
                 yield from self._taken(self._seen[name], path)
                 self._settle(name)
 
-    def unfinished(self) -> list[Path]:
-        """Files that could not be read or were changing; not those that were left to be looked at."""
+    def unfinished(self) -> list[Item]:
+        """Files that could not be read or were changing, and the first frame of each that was not taken.
+
+        Not those that were left to be looked at.
+        """
         seen = sorted(self._seen.items())
-        return [self._directory / name for name, one in seen if one.doubtful and not one.whole]
+        return [(self._directory / name, one.taken) for name, one in seen if one.doubtful and not one.whole]
 
     def _names(self) -> list[str]:
         """Of files that are new or may yet change; none while the directory cannot be listed."""

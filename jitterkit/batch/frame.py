@@ -27,7 +27,7 @@ from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import locus_class
-from jitterkit.optics.system import Optics
+from jitterkit.optics import AnchoredOptics, Optics
 from jitterkit.refit import (
     POOR,
     FitOptions,
@@ -53,8 +53,8 @@ _RAY_ROUNDS = 3
 GridKey = tuple[tuple[int, int], float]
 """Shape ``(ny, nx)`` and plate scale [arcsec]."""
 
-_TROUBLES = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""What a frame may raise without harm to the others."""
+_SYSTEMS = 8
+"""Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
 
 _SCORE = "score"
 """The estimator that is what finding the pair does, as far as a fit's start goes."""
@@ -151,7 +151,7 @@ class Processor:
         """Calibrate a frame, or say what became of it if that cannot be done."""
         try:
             return self.calibrate(raw)
-        except _TROUBLES as error:
+        except Exception as error:  # whatever a frame does, the others are not to suffer
             return Processed(None, self._trouble(error, None))
 
     def fit(self, frame: Frame) -> Processed:
@@ -159,7 +159,7 @@ class Processor:
         began = time.perf_counter()
         try:
             frame, result = self._fit(frame)
-        except _TROUBLES as error:
+        except Exception as error:
             log.debug("%s", frame.name, exc_info=True)
             result = self._trouble(error, frame)
         result = replace(result, seconds=time.perf_counter() - began)
@@ -171,7 +171,7 @@ class Processor:
         """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
         try:
             start = self._locate(frame, self._data(frame), rough=True)
-        except _TROUBLES:
+        except Exception:  # the frame itself will say
             return None
         sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
         return start.parameters if sound else None
@@ -227,15 +227,22 @@ class Processor:
         """Optics on a frame's grid, at the scale the frame says it has."""
         key = self.grid(frame)
         if key in self.anchored:
-            return self.anchored[key]
-        if key not in self._systems:
+            anchored = self.anchored[key]
+            if isinstance(anchored, AnchoredOptics):  # how far it reaches depends on the light
+                light = float(np.sum(frame.electrons, where=~frame.mask))
+                return replace(anchored, photons=max(light, 1.0))
+            return anchored
+        system = self._systems.get(key)
+        if system is None:
             shape, scale = key
-            self._systems[key] = self.instrument.system(shape=shape, plate_scale=scale)
-        return self._systems[key]
+            while len(self._systems) >= _SYSTEMS:
+                self._systems.pop(next(iter(self._systems)), None)
+            system = self._systems[key] = self.instrument.system(shape=shape, plate_scale=scale)
+        return system
 
     def grid(self, frame: Frame) -> GridKey:
-        """What frames have in common that share their optics: shape and plate scale."""
-        return frame.shape, frame.plate_scale or self.instrument.plate_scale
+        """What frames have in common that share their optics: shape and plate scale, but for its rounding."""
+        return frame.shape, float(f"{frame.plate_scale or self.instrument.plate_scale:.9g}")
 
     def _options(self, frame: Frame) -> FitOptions:
         """The options, and what is known of this frame's jitter."""

@@ -22,6 +22,7 @@ from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
 from jitterkit.report.estimate_pictures import is_undetected
+from jitterkit.report.words import printable
 
 __all__ = ["Measurer", "estimate_files"]
 
@@ -110,7 +111,7 @@ def estimate_files(
         for (path, index), result in zip(batch.items, results, strict=True):
             rows.append(_row(path, index, measurer, result, keep))
             if watch is not None and index == 0:
-                watch(path.name)
+                watch(printable(path.name))
     return _table(rows)
 
 
@@ -216,7 +217,7 @@ def _correlation(covariance: np.ndarray, i: int, j: int) -> float:
 
 def _blank(path: Path, index: int, measurer: Measurer, status: str, message: str) -> dict[str, Any]:
     row = {
-        "file": path.name,
+        "file": printable(path.name),
         "frame": index,
         "status": status.lower(),
         "estimator": measurer.name,

@@ -18,13 +18,14 @@ from jitterkit.batch.arrivals import Arrivals
 from jitterkit.batch.configuration import settings
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger import Ledger
-from jitterkit.batch.plan import Batch
+from jitterkit.batch.plan import Batch, count_frames
 from jitterkit.batch.run import Run, conclude
 from jitterkit.batch.stream import Done, process_batches
 from jitterkit.batch.survey import Item
 from jitterkit.errors import FrameError
 from jitterkit.report.outputs import RUN, make_directory
 from jitterkit.report.row import Row
+from jitterkit.report.words import printable
 
 __all__ = ["POLL", "watch_directory"]
 
@@ -102,7 +103,7 @@ def watch_directory(
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     with begin(output, settings(processor, [directory], hdu=hdu), {"command": command}) as ledger:
         work = partial(process_batches, processor=processor, hdu=hdu, threads=threads, ranks=ledger.ranks)
-        watched = _Watch(ledger, work, watch or (lambda row: None))
+        watched = _Watch(ledger, work, partial(count_frames, hdu=hdu), watch or (lambda row: None))
         arrivals = Arrivals(directory, hdu, watched.told_before())
         for burst in _bursts(arrivals, stop, idle, partial(sleep, poll), poll):
             watched.work_through(burst)
@@ -149,18 +150,22 @@ class _Watch:
     """What is done with frames: batches are made of them, and what becomes of those is kept and told."""
 
     def __init__(
-        self, ledger: Ledger, work: Callable[..., Iterator[Done]], watch: Callable[[Row], None]
+        self,
+        ledger: Ledger,
+        work: Callable[..., Iterator[Done]],
+        count: Callable[[Path], int],
+        watch: Callable[[Row], None],
     ) -> None:
-        self._ledger, self._work, self._watch = ledger, work, watch
+        self._ledger, self._work, self._count, self._watch = ledger, work, count, watch
         self._number = max(ledger.done(), default=-1) + 1
+        self._before: set[tuple[str, int]] = set()
 
     def told_before(self) -> frozenset[tuple[str, int]]:
         """Tell the rows of an earlier session; returns their paths and places."""
-        before = set()
         for row in self._ledger.rows():
             self._watch(row)
-            before.add((row["path"], row["frame"]))
-        return frozenset(before)
+            self._before.add((row["path"], row["frame"]))
+        return frozenset(self._before)
 
     def work_through(self, burst: Burst) -> None:
         """Process a burst."""
@@ -184,15 +189,22 @@ class _Watch:
         for row in done.rows:
             self._watch(row)
 
-    def try_last(self, paths: list[Path]) -> list[Row]:
-        """Try files that were never whole; returns the rows of those that cannot be read."""
+    def try_last(self, items: list[Item]) -> list[Row]:
+        """Try files that were never whole, from a frame on; returns a row for the first that cannot be read.
+
+        A frame of which there is a row already is not tried again.
+        """
         unreadable = []
-        for path in paths:
-            for done in self._work([Batch(self._number, ((path, 0),))]):
+        for path, first in items:
+            for index in range(first, max(self._count(path), first + 1)):
+                if (printable(path), index) in self._before:
+                    continue
+                (done,) = self._work([Batch(self._number, ((path, index),))])
                 if done.rows[0]["status"] == "unreadable":
-                    unreadable += done.rows
-                    self._watch(done.rows[0])
-                else:
-                    self._keep(done)
-                    self._number += 1
+                    if index == 0 or "fewer than before" not in done.rows[0]["message"]:
+                        unreadable += done.rows
+                        self._watch(done.rows[0])
+                    break
+                self._keep(done)
+                self._number += 1
         return unreadable

@@ -170,6 +170,8 @@ def _prepare(
 ) -> Callable[[], tuple[Processed, Row]]:
     """Calibrate a frame here; fit it there."""
     frame = raw if isinstance(raw, JitterkitError) else alone.prepare(raw)
+    metadata = None if isinstance(raw, JitterkitError) else raw.metadata
+    del raw  # a camera's whole frame need not wait with the stars that were cut out of it
 
     def fit() -> tuple[Processed, Row]:
         if isinstance(frame, JitterkitError):
@@ -180,12 +182,11 @@ def _prepare(
             done = near.fit(frame)
             if near.anchored and done.result.status in _MENDED:
                 done = alone.fit(frame)
-        source = done.frame or (None if isinstance(raw, JitterkitError) else raw)
         row = make_row(
             done.result,
             path,
             index,
-            metadata=None if source is None else source.metadata,
+            metadata=metadata if done.frame is None else done.frame.metadata,
             flags=() if done.frame is None else done.frame.flags,
             pixel=done.pixel,
             pa=done.pa,

@@ -20,9 +20,6 @@ __all__ = ["Item", "Survey", "read_items"]
 Item = tuple[Path, int]
 """File and place of the frame in it."""
 
-_BRIGHTER = 2.0
-"""Times the light of the frame looked at, that another may have."""
-
 _KEPT = 8
 """Anchors, of 20 MB each at 128 x 128 pixels, kept for leads to come."""
 
@@ -70,7 +67,7 @@ class Survey:
         self._anchors[key] = anchor
         if len(self._anchors) > _KEPT:
             self._anchors.popitem(last=False)
-        return AnchoredOptics(optics, anchor, _BRIGHTER * float(shown.scene.flux), shown_state)
+        return AnchoredOptics.about(optics, anchor, float(shown.scene.flux), shown_state)
 
 
 def read_items(

@@ -7,12 +7,12 @@ A format is one module with a class derived from :class:`FrameFile`; it implemen
 from __future__ import annotations
 
 import os
+import threading
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import RLock
 from typing import Self
 
 import numpy as np
@@ -21,11 +21,11 @@ from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "one_line", "translated"]
+__all__ = ["FrameFile", "collected", "one_line", "translated"]
 
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
-_CATCHING = RLock()
+_CATCHING = threading.RLock()
 #: What a library raises that believed a damaged file, rather than found it out.
 _STUMBLES = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError)
 
@@ -147,8 +147,7 @@ def translated(path: Path) -> Iterator[list[str]]:
         Filled with the warnings, one line each and each once, when the block ends.
     """
     messages: list[str] = []
-    with _CATCHING, warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collected() as caught:
         try:
             yield messages
         except JitterkitError:
@@ -159,7 +158,23 @@ def translated(path: Path) -> Iterator[list[str]]:
             remedy = "the file seems damaged: copy it again or convert it"
             stumbled = "its values make no sense: " if isinstance(error, _STUMBLES) else ""
             raise FrameError(path, f"cannot be read ({stumbled}{one_line(error)})", remedy) from error
-    messages += dict.fromkeys(one_line(w.message) for w in caught)
+    messages += dict.fromkeys(map(one_line, caught))
+
+
+@contextmanager
+def collected() -> Iterator[list[object]]:
+    """Collect the warnings of this thread; what others warn of meanwhile says nothing of a file."""
+    caught: list[object] = []
+    reader = threading.get_ident()
+
+    def collect(message: object, *_: object, **__: object) -> None:
+        if threading.get_ident() == reader:
+            caught.append(message)
+
+    with _CATCHING, warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = collect
+        yield caught
 
 
 def _stamp(path: Path) -> tuple[int, int, int]:

@@ -119,7 +119,14 @@ class Pixels:
         return np.frombuffer(content, dtype).reshape(shape)
 
     def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        values, (scale, zero) = stored.astype(np.float64), self.scaling
+        scale, zero = self.scaling
+        if stored.dtype.kind == "i" and stored.dtype.itemsize == 8 and (scale, zero) == (1.0, 2.0**63):
+            whole = stored.astype(np.int64).view(np.uint64) ^ np.uint64(
+                2**63
+            )  # a sum of floats loses ten bits
+            values, zero = whole.astype(np.float64), 0.0
+        else:
+            values = stored.astype(np.float64)
         if scale != 1.0:
             values *= scale  # in place: a frame of 61 million pixels is 0.5 GB
         if zero != 0.0:

@@ -95,7 +95,7 @@ def _places(text: bytes) -> dict[str, tuple[int, int]]:
     places: dict[str, tuple[int, int]] = {}
     last = ""
     for at in range(0, len(text), CARD):
-        key = text[at : at + 8].decode().rstrip()
+        key = text[at : at + 8].decode().rstrip().upper()
         if key == "CONTINUE" and last:
             places[last] = (places[last][0], at + CARD)
             continue

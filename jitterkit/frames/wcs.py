@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import re
-import warnings
 from functools import lru_cache
 
 import numpy as np
 from astropy import log
 from astropy.wcs import WCS
 
-from jitterkit.frames.framefile import one_line
+from jitterkit.frames.framefile import collected, one_line
 from jitterkit.frames.plainheader import PlainHeader
 
 __all__ = ["celestial_wcs"]
@@ -72,13 +71,12 @@ def _made(cards: str) -> tuple[WCS | None, tuple[str, ...]]:
 
     log.addFilter(note)  # of distortions astropy tells the screen
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with collected() as caught:
             whole = WCS(_NO_PATH + cards)
             celestial = whole.celestial if whole.has_celestial else None
     finally:
         log.removeFilter(note)
-    said += [one_line(warning.message) for warning in caught]
+    said += map(one_line, caught)
     if celestial is None:
         return None, ()
     if not 0 < abs(np.linalg.det(celestial.pixel_scale_matrix)) < np.inf:

@@ -30,6 +30,8 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     temporary = path.with_name(f".{uuid4().hex[:8]}.{path.name}")
     try:
         yield temporary
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())  # a name must not survive a power cut that its content does not
         os.replace(temporary, path)
     except OSError as error:
         reason = error.strerror or str(error)

@@ -28,10 +28,6 @@ Place = tuple[float, float]
 _FAINTEST = 1 / 100
 """Faintest companion considered, as a share of the brighter star."""
 
-_RIVAL = 1 / 3
-"""Of the chi-squared that the best companion adds, what another must add to be looked at closely: what the
-roughness of the places costs is less."""
-
 
 @dataclass(frozen=True)
 class FoundPair:
@@ -78,8 +74,7 @@ def find_pairs(data: Data, otf: OTF, jitter: Locus | None = None, *, most: int =
         return []
     first = field.peak(single, single.argmax())
     least = resolution(otf)
-    seconds = field.companions(first, least, most, alone=float(single.max()))
-    settled = [field.settle(first, second, least) for second in seconds]
+    settled = [field.settle(first, second, least) for second in field.companions(first, least, most)]
     pairs = [field.pair(*places) for places in settled or [(first, (first[0] + least, first[1]))]]
     return sorted(pairs, key=lambda pair: -pair.gain)
 
@@ -158,19 +153,15 @@ class _Field:
         gain = np.where(lawful, flux_one * u + flux_two * v, 0.0) / max(self.noise, 1e-300)
         return gain, flux_one, flux_two
 
-    def companions(self, first: Place, least: float, most: int, alone: float = 0.0) -> list[Place]:
-        """The best places for a second star, each the best within ``least`` of itself.
-
-        Left out are those that add little to what the first explains ``alone``, where one of them adds much.
-        """
+    def companions(self, first: Place, least: float, most: int) -> list[Place]:
+        """The best places for a second star, each the best within ``least`` of itself."""
         gain, _, _ = self.beside(first)
         y, x = np.meshgrid(*self._axes(), indexing="ij")
         gain = np.where(np.hypot(x - first[0], y - first[1]) >= least, gain, 0.0)
         reach = max(3, 2 * int(np.ceil(least / 2 / self.grid.plate_scale)) + 1)
         peaks = np.flatnonzero((gain == maximum_filter(gain, size=reach)) & (gain > 0))
         best = peaks[np.argsort(gain.ravel()[peaks])[::-1][:most]]
-        added = gain.ravel()[best] - alone
-        return [self.peak(gain, i) for i, more in zip(best, added, strict=True) if more >= _RIVAL * added[0]]
+        return [self.peak(gain, i) for i in best]
 
     def settle(self, first: Place, second: Place, least: float) -> tuple[Place, Place]:
         """Let the two places change roles until neither moves."""

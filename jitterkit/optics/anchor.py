@@ -9,7 +9,6 @@ for, and is as exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -101,19 +100,19 @@ class AnchoredOptics:
     anchor : Anchor
     photons : float
         Of a frame: how small a change it shows.
-    start : (k,) array, optional
-        The aberrations [nm] to begin with, where they are better known than by the anchor's state.
+    nominal : OTF
+        Transfer function to start from.
     """
 
     system: OpticalSystem
     anchor: Anchor
     photons: float
-    start: np.ndarray | None = None
+    nominal: OTF
 
-    @cached_property
-    def nominal(self) -> OTF:
-        """Transfer function to start from."""
-        return self.anchor.otf(self.anchor.state if self.start is None else self.start)
+    @classmethod
+    def about(cls, system: OpticalSystem, anchor: Anchor, photons: float, start=None) -> AnchoredOptics:
+        """To start from some aberrations [nm]; by default those of the anchor."""
+        return cls(system, anchor, photons, anchor.otf(anchor.state if start is None else start))
 
     def phase(self, aberrations) -> float:
         """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""

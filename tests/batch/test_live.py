@@ -132,7 +132,7 @@ def test_a_file_that_grows_to_the_end_is_told(small, tmp_path):
     for size in (100, 200, 300):
         (tmp_path / "a.fits").write_bytes(small[:size])
         assert told(arrivals) == []
-    assert arrivals.unfinished() == [tmp_path / "a.fits"]
+    assert arrivals.unfinished() == [(tmp_path / "a.fits", 0)]
 
 
 def test_a_watch_without_a_frame_says_so(processor, tmp_path):
@@ -173,7 +173,7 @@ def test_a_file_that_rests_unfinished_is_taken_when_it_is_finished_later(small, 
     arrivals, path = Arrivals(tmp_path), tmp_path / "a.fits"
     path.write_bytes(small[:2900])
     assert [told(arrivals) for _ in range(20)] == [[]] * 20
-    assert arrivals.unfinished() == [path]
+    assert arrivals.unfinished() == [(path, 0)]
     path.write_bytes(small)
     assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
 

@@ -60,7 +60,15 @@ def test_where_there_is_no_terminal_lines_come_every_few_seconds(capsys):
     assert [re.search(r"; last (\d)", line)[1] for line in said] == ["0", "3"]
 
 
-def test_who_asks_once_is_waited_for_and_who_asks_twice_is_not(capsys):
+@pytest.fixture
+def listening():
+    """As at a terminal; what a shell starts in the background does not hear SIGINT."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_who_asks_once_is_waited_for_and_who_asks_twice_is_not(listening, capsys):
     with _until_asked() as asked:
         assert not asked()
         os.kill(os.getpid(), signal.SIGINT)

@@ -145,3 +145,24 @@ def test_threads_that_read_leave_the_warnings_as_they_were(tmp_path):
     for thread in threads:
         thread.join()
     assert (list(warnings.filters), warnings.showwarning) == before
+
+
+def test_what_another_thread_warns_of_is_no_remark_on_a_file(tmp_path):
+    path = write_fits(tmp_path / "a.fits", np.ones((8, 8), np.uint16))
+    busy = threading.Event()
+
+    def warn() -> None:
+        while not busy.is_set():
+            warnings.warn("of something else", RuntimeWarning, stacklevel=1)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        thread = threading.Thread(target=warn)
+        thread.start()
+        try:
+            for _ in range(50):
+                with open_frames(path) as file:
+                    assert file[0].metadata.warnings == ()
+        finally:
+            busy.set()
+            thread.join()

@@ -195,3 +195,17 @@ def test_a_cube_is_read_one_plane_at_a_time(tmp_path, ending):
         tracemalloc.stop()
     # a few copies of a plane of 80 kB, and never the cube of 3.2 MB
     assert peak < 12 * noise[0].nbytes
+
+
+def test_large_unsigned_integers_keep_their_last_digits(tmp_path):
+    image = np.arange(64, dtype=np.uint64).reshape(8, 8) + 777
+    fits.PrimaryHDU(image).writeto(tmp_path / "a.fits")
+    with open_frames(tmp_path / "a.fits") as file:
+        assert np.array_equal(file[0].data, image.astype(float))
+
+
+def test_a_keyword_in_small_letters_is_read(tmp_path):
+    path = write_fits(tmp_path / "a.fits", np.ones((8, 8), np.uint16), header={"EXPTIME": (7.0, "s")})
+    path.write_bytes(path.read_bytes().replace(b"EXPTIME =", b"exptime ="))
+    with open_frames(path) as file:
+        assert file[0].metadata.value("exposure") == 7.0

@@ -53,7 +53,7 @@ def test_diffused_charge_is_in_the_anchor(system):
 @pytest.mark.parametrize(("size", "own"), [(1.0, True), (7.0, False), (60.0, False)])
 def test_beyond_its_reach_the_optics_are_computed_anew(system, anchor, size, own):
     """At 1e7 photons the reach is 1.9 nm; 7 nm is near enough for the derivatives, 60 nm for nothing."""
-    optics, state = AnchoredOptics(system, anchor, 1e7), STATE + size * CHANGE / np.linalg.norm(CHANGE)
+    optics, state = AnchoredOptics.about(system, anchor, 1e7), STATE + size * CHANGE / np.linalg.norm(CHANGE)
     here, exact = optics.otf(state), system.otf(state)
     assert (largest(here.value - exact.value) > 1e-13) is own
     slopes = largest(here.jacobian - exact.jacobian) / largest(exact.jacobian)
@@ -66,7 +66,7 @@ def test_beyond_its_reach_the_optics_are_computed_anew(system, anchor, size, own
 
 def test_what_the_second_order_leaves_out_is_not_seen(system, anchor):
     """Chi-squared of all photons, at the far end of the reach, in a few directions."""
-    optics, rng = AnchoredOptics(system, anchor, 4e7), np.random.default_rng(1)
+    optics, rng = AnchoredOptics.about(system, anchor, 4e7), np.random.default_rng(1)
     for change in rng.normal(size=(4, 7)):
         change *= (0.05 / 1.5 / np.sqrt(4e7)) ** (1 / 3) / system.phase(change) * 0.999
         psf = np.asarray(system.otf(STATE + change).psf())
