@@ -44,7 +44,7 @@ class BinaryMeasurer:
         Tells what the frames of a batch have in common; by default one of its own.
     """
 
-    threads = None
+    threads, together = None, 128
 
     def __init__(self, processor: Processor, survey: Survey | None = None) -> None:
         self.processor, self._survey = processor, survey

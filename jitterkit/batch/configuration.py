@@ -46,7 +46,7 @@ def settings(processor: Processor, files: Sequence[Path], **more: Any) -> dict[s
     zero = jnp.zeros(())
     (device,) = zero.devices()
     computed = {"device": device.platform, "numbers": str(zero.dtype)}
-    names = [str(file) for file in files]
+    names = [str(file.absolute()) for file in files]
     return {**described, **computed, **describe(more), VERSIONS: versions(), "files": names}
 
 

@@ -7,6 +7,7 @@ A frame that cannot be used ends with a status and a sentence at whatever step s
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import time
@@ -123,10 +124,7 @@ class Processor:
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible numbers before any frame is read, and warn of 32 bits."""
         if jnp.zeros(()).dtype == jnp.float32:
-            log.warning(
-                "JAX computes in 32 bits, which costs accuracy: call "
-                "jax.config.update('jax_enable_x64', True) before anything else."
-            )
+            _warn_of_32_bits()
         estimator(self.kernel)
         Metadata().apply("command line", **self.overrides)
         if self.locus != "auto":
@@ -287,3 +285,11 @@ class Processor:
             return result
         message = f"{result.message or result.status.value} {_UNUSED}"
         return replace(result, message=message, flags=(*result.flags, "prior_unused"))
+
+
+@functools.cache
+def _warn_of_32_bits() -> None:
+    log.warning(
+        "JAX computes in 32 bits, which costs accuracy: call jax.config.update('jax_enable_x64', True) "
+        "before anything else."
+    )

@@ -36,9 +36,6 @@ _NUMBERS = (
     *CORRELATIONS,
     *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
 )
-_TOGETHER = 128
-"""Frames of a batch."""
-
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What one frame may raise without harm to the others."""
 
@@ -60,6 +57,11 @@ class Measurer(Protocol):
     @property
     def threads(self) -> int | None:
         """How many frames may be measured at a time; None for as many as there are processors."""
+        ...
+
+    @property
+    def together(self) -> int:
+        """Frames of a batch, all of which are held until it is done."""
         ...
 
     def among(self, batch: Batch, hdu: int | None) -> Measurer:
@@ -101,7 +103,7 @@ def estimate_files(
         status ``reference``.
     """
     files = find_files(paths)
-    batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), _TOGETHER)
+    batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), measurer.together)
 
     def begin(batch: Batch) -> Callable[[Path, int, RawFrame | JitterkitError], Callable[[], _Result]]:
         return partial(_task, measurer.among(batch, hdu))

@@ -72,6 +72,11 @@ class SceneMeasurer:
         """One: what finds stars and warns of them is not made for more."""
         return 1
 
+    @property
+    def together(self) -> int:
+        """One: a frame may be as large as its camera."""
+        return 1
+
     def among(self, batch: Batch, hdu: int | None) -> SceneMeasurer:
         """Itself: every frame is compared with the reference alone."""
         return self

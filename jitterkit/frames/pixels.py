@@ -121,9 +121,8 @@ class Pixels:
     def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         scale, zero = self.scaling
         if stored.dtype.kind == "i" and stored.dtype.itemsize == 8 and (scale, zero) == (1.0, 2.0**63):
-            whole = stored.astype(np.int64).view(np.uint64) ^ np.uint64(
-                2**63
-            )  # a sum of floats loses ten bits
+            # unsigned: a sum of floats would lose ten bits
+            whole = stored.astype(np.int64).view(np.uint64) ^ np.uint64(2**63)
             values, zero = whole.astype(np.float64), 0.0
         else:
             values = stored.astype(np.float64)

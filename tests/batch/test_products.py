@@ -81,7 +81,7 @@ def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
 class _Same:
     """A measurer that has the same to say of every frame."""
 
-    name, threads = "same", 1
+    name, threads, together = "same", 1, 8
 
     def __init__(self, measured):
         self.measured = measured
