@@ -33,7 +33,7 @@ LEDGER = "ledger.sqlite"
 """Its name in the directory of a run."""
 
 _SHOWN = ("file", "frame", "status", "locus", "separation", "separation_err", "chi2_dof")
-"""Columns of a row that stand in the table ``frames`` besides, for people and for :meth:`Ledger.counts`."""
+"""Columns of a row that stand in the table ``frames`` besides, for people."""
 
 _AT_ONCE = 64
 """Files counted between two writes: a flush of the disk costs as much as opening a file or more."""
@@ -187,7 +187,6 @@ class Ledger:
                 execute("INSERT INTO pictures VALUES (?, ?, ?, ?, ?, ?, ?)", values)
             if pictures:
                 self._prune(execute)
-            execute("DELETE FROM run WHERE name = 'finished'")
 
     def _prune(self, execute: Callable) -> None:
         ranks = self.ranks()
@@ -206,26 +205,6 @@ class Ledger:
     def _rows_of(self, batch: int) -> list[Row]:
         with told(self.path):
             return _unpack(self._file.read("SELECT rows FROM batches WHERE batch = ?", (batch,))[0][0])
-
-    def counts(self) -> dict[str, int]:
-        """Frames entered so far by status, the most frequent first."""
-        return dict(self._file.read("SELECT status, count(*) FROM frames GROUP BY status ORDER BY 2 DESC, 1"))
-
-    def separation(self) -> tuple[float, float]:
-        """Mean separation so far and its error [arcsec], as the summary will have them; NaN before the first.
-
-        Cheap enough to be asked every second: 0.02 s for 60,000 frames.
-        """
-        good = "status = 'ok' AND abs(separation) < 9e999 AND separation_err > 0 AND separation_err < 9e999"
-        ((first,),) = self._file.read(f"SELECT min(separation) FROM frames WHERE {good}")
-        if first is None:
-            return float("nan"), float("nan")
-        ((offset, weight),) = self._file.read(  # about one of them, which keeps the last digits
-            "SELECT total((separation - ?) / (separation_err * separation_err)), "
-            f"total(1.0 / (separation_err * separation_err)) FROM frames WHERE {good}",
-            (first,),
-        )
-        return first + offset / weight, weight**-0.5
 
     def ranks(self) -> list[Rank]:
         """Ranks of the pictures there are, for :func:`~jitterkit.batch.ledger_worst.wanted`."""
@@ -273,16 +252,6 @@ class Ledger:
                     execute("INSERT INTO files VALUES (?, ?)", (position, frames))
             yield from chunk
             place += len(chunk)
-
-    @property
-    def finished(self) -> bool:
-        """Whether table, summary and report were made of all that has been entered."""
-        return self._noted("finished", False)
-
-    def finish(self) -> None:
-        """Note that they were; a batch entered later takes the note back."""
-        with self._file.transaction() as execute:
-            self._note(execute, "finished", True)
 
     @property
     def _begun(self) -> bool:

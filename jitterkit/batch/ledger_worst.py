@@ -10,15 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
+from jitterkit.report.pictures import MOST_PICTURES
 from jitterkit.report.row import Row
 
-__all__ = ["MOST", "Rank", "rank", "wanted", "worst"]
+__all__ = ["Rank", "rank", "wanted", "worst"]
 
 Rank = tuple[bool, float, int, int]
 """Whether the frame was fitted, minus its misfit, its batch and its place there: the worst sorts first."""
-
-MOST = 24
-"""Pictures kept of either kind, fitted or not; a report shows as many of both together."""
 
 
 def rank(row: Row, batch: int, place: int) -> Rank:
@@ -27,8 +25,8 @@ def rank(row: Row, batch: int, place: int) -> Rank:
     return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, place
 
 
-def worst(ranks: Iterable[Rank], most: int = MOST) -> list[Rank]:
-    """Take the first of each kind.
+def worst(ranks: Iterable[Rank], most: int = MOST_PICTURES) -> list[Rank]:
+    """Take the first of each kind, fitted or not: a report shows as many of both together.
 
     Notes
     -----
@@ -39,7 +37,9 @@ def worst(ranks: Iterable[Rank], most: int = MOST) -> list[Rank]:
     return [one for one in ordered if not one[0]][:most] + fitted[:most]
 
 
-def wanted(ranks: Iterable[Rank], batch: int, rows: Mapping[int, Row], most: int = MOST) -> list[int]:
+def wanted(
+    ranks: Iterable[Rank], batch: int, rows: Mapping[int, Row], most: int = MOST_PICTURES
+) -> list[int]:
     """Say which frames of a batch to draw.
 
     Parameters

@@ -145,7 +145,6 @@ def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterab
     write_table(directory / TABLE, table, overwrite=True)
     write_summary(directory / SUMMARY, summary, overwrite=True)
     write_report(directory / REPORT, ledger.pictures(), table, summary, overwrite=True)
-    ledger.finish()
     return Run(table, summary, directory)
 
 

@@ -1,7 +1,7 @@
 """One fitted frame as a picture, made right after the fit so that the frame can be let go.
 
 :func:`render_frame` encodes data, model, residual and kernel side by side; a :class:`Gallery` keeps
-the few of a long run that are worth looking at, and says beforehand whether a frame is among them.
+the few of a long run that are worth looking at.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ from jitterkit.report.plots import (
 from jitterkit.report.row import Row, make_row
 from jitterkit.report.words import number, printable
 
-__all__ = ["FrameReport", "Gallery", "render_frame"]
+__all__ = ["MOST_PICTURES", "FrameReport", "Gallery", "render_frame"]
+
+MOST_PICTURES = 24
+"""Frames that a report shows."""
 
 
 @dataclass(frozen=True)
@@ -107,20 +110,15 @@ class Gallery:
 
     Notes
     -----
-    Holds at most ``2 * limit`` pictures however long the run.  Of n frames in random order it wants
-    about ``limit * (1 + ln(n/limit))``, so most are never drawn.
+    Holds at most ``2 * limit`` pictures however many it is offered.
     """
 
-    def __init__(self, limit: int = 24) -> None:
+    def __init__(self, limit: int = MOST_PICTURES) -> None:
         if limit < 0:
             raise ValueError(f"A gallery cannot show {limit} pictures; give zero or more.")
         self.limit = limit
         self._heaps: dict[bool, list[tuple[float, int, FrameReport]]] = {True: [], False: []}
         self._count = 0
-
-    def wants(self, result: FitResult) -> bool:
-        """Whether a frame with this result would be kept: ask before drawing it."""
-        return self._admits(result.status.usable, _misfit(result.chi2_dof))
 
     def add(self, report: FrameReport) -> None:
         """Offer a frame; the best-fitting of its kind makes room."""

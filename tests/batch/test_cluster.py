@@ -1,7 +1,10 @@
 """Workers of dask.distributed, one of which is killed by a frame, against one process."""
 
 import contextlib
+import os
+import signal
 import sys
+import time
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -10,14 +13,15 @@ import jax
 import numpy as np
 import pytest
 
-from jitterkit.batch import Processor, cluster, process_files
+from jitterkit.batch import Processor, cluster, dispatch, process_files
 from jitterkit.batch.cluster import connected, process_on_cluster
-from jitterkit.batch.ledger_worst import MOST
+from jitterkit.batch.equipment import Equipment
 from jitterkit.batch.plan import plan_batches
 from jitterkit.batch.stream import process_batches
 from jitterkit.errors import ConfigurationError
 from jitterkit.frames import write_fits
 from jitterkit.optics import obstructed_circle
+from jitterkit.report.pictures import MOST_PICTURES
 
 distributed = pytest.importorskip("distributed")
 cloudpickle = pytest.importorskip("cloudpickle")
@@ -67,7 +71,7 @@ def _programs(tmp_path_factory):
 
 def done(night, engine):
     """What becomes of each batch, by its number; one picture is left to be drawn, the worst."""
-    ranks = [(True, -1e9, -1, place) for place in range(MOST - 1)]
+    ranks = [(True, -1e9, -1, place) for place in range(MOST_PICTURES - 1)]
     batches = plan_batches(night, [1] * FRAMES, SIZE)
     return {part.batch.number: part for part in engine(batches, ranks=lambda: ranks)}
 
@@ -142,6 +146,15 @@ def test_a_run_takes_what_workers_give_in_any_order(night, processor, alone, tmp
     assert list(run.table["file"]) == [path.name for path in night]
 
 
+def test_a_worker_is_replaced_however_often_it_dies():
+    with connected(workers=1) as client:
+        end = time.monotonic() + 17  # dask gives up a worker that is not there 15 s after an earlier death
+        while time.monotonic() < end:
+            with pytest.raises(distributed.KilledWorker):
+                client.submit(signal.raise_signal, signal.SIGKILL, pure=False).result()
+        assert client.submit(os.getpid).result() != os.getpid()
+
+
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
     monkeypatch.setattr(cluster, "_REACHED", 0.5)
     with (
@@ -170,7 +183,7 @@ def test_without_dask_the_remedy_is_told(monkeypatch):
 
 @pytest.fixture
 def equipment(processor, night):
-    return cluster._Equipment(processor, None, night[0])
+    return Equipment(processor, None, night[0])
 
 
 def test_a_worker_that_does_not_see_the_files_is_told(equipment, tmp_path):
@@ -185,12 +198,32 @@ def test_a_worker_of_another_version_is_told(equipment):
         equipment.setup(SimpleNamespace(address="tcp://far:1"))
 
 
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (distributed.scheduler.NoValidWorkerError("task", set(), set(), set(), 120.0), "No worker is left"),
+        (distributed.scheduler.NoWorkerError("task", 120.0), "No worker is left"),
+        (
+            distributed.client.FutureCancelledError("task", "scheduler-connection-lost"),
+            "The scheduler is gone",
+        ),
+    ],
+    ids=["restrictions", "workers", "scheduler"],
+)
+def test_where_nothing_is_left_to_work_the_run_ends_with_a_sentence(error, told):
+    def result():
+        raise error
+
+    with pytest.raises(ConfigurationError, match=f"{told}; see why .* --resume"):
+        dispatch.Dispatch(client=None, name="any", ranks=tuple)._result(SimpleNamespace(result=result))
+
+
 def test_workers_that_die_whatever_they_do_end_the_run():
     def result():
         raise distributed.KilledWorker("task", None, 0)
 
-    dispatch = cluster._Dispatch(client=None, name="any", ranks=tuple)
+    one = dispatch.Dispatch(client=None, name="any", ranks=tuple)
     killing = SimpleNamespace(result=result)
-    assert [dispatch._result(killing) for _ in range(cluster._HOPELESS - 1)] == [None] * 7
+    assert [one._result(killing) for _ in range(dispatch._HOPELESS - 1)] == [None] * 7
     with pytest.raises(ConfigurationError, match="Workers died 8 times and none has finished anything"):
-        dispatch._result(killing)
+        one._result(killing)

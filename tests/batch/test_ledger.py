@@ -7,12 +7,10 @@ import struct
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from jitterkit.batch.ledger import LEDGER, Ledger
 from jitterkit.errors import ConfigurationError
-from jitterkit.report.means import weighted_mean
 from jitterkit.report.pictures import FrameReport
 
 CONFIGURATION = {"--locus": "auto"}
@@ -102,7 +100,7 @@ def test_a_batch_that_breaks_off_leaves_nothing(ledger):
         ledger.add(0, [row()], {5: picture})
     with pytest.raises(TypeError, match="not JSON serializable"):
         ledger.add(0, [row(), {"value": object()}])
-    assert (ledger.done(), ledger.counts(), ledger.pictures()) == (set(), {}, [])
+    assert (ledger.done(), list(ledger.rows()), ledger.pictures()) == (set(), [], [])
     ledger.add(0, [row()], {0: picture})
     assert ledger.pictures() == [picture]
 
@@ -118,22 +116,6 @@ def test_a_person_reads_it_in_the_sqlite_shell(ledger, tmp_path):
     shell.close()
     assert read == [("a.fits", 3, "ok", 10.0, 0.1), ("\\udcff.fits", None, "no_star", None, 0.1)]
     assert '"--locus": "auto"' in configuration
-
-
-def test_running_numbers_are_those_of_the_summary(ledger):
-    assert all(math.isnan(number) for number in ledger.separation())
-    rng = np.random.default_rng(3)
-    values, errors = 10.0 + 1e-6 * rng.normal(size=40), 1e-6 * rng.uniform(0.5, 2, 40)
-    values[3], errors[5], errors[7], values[9], errors[11] = math.nan, math.nan, 0.0, math.inf, math.inf
-    rows = [row(separation=s, separation_err=e) for s, e in zip(values, errors, strict=True)]
-    ledger.add(1, rows[:25])
-    ledger.add(
-        0, [*rows[25:], row(status="no_star", separation=1.0), row(status="failed"), row(status="failed")]
-    )
-    expected = weighted_mean(values, errors)
-    # sums of 35 terms about one of the values: relative rounding 35 * 1.1e-16 of offsets of 1e-6
-    assert ledger.separation() == pytest.approx((expected["mean"], expected["error"]), rel=1e-14)
-    assert ledger.counts() == {"ok": 40, "failed": 2, "no_star": 1}
 
 
 def test_threads_may_share_it(ledger):
@@ -163,12 +145,11 @@ def test_frames_are_counted_once_and_stay_counted(ledger, tmp_path):
 def test_a_run_is_not_begun_twice_unless_it_may_be_forgotten(ledger, tmp_path):
     ledger.add(0, [row()], {0: FrameReport("a", row(), b"png")})
     list(ledger.frame_counts([Path("a")], lambda path: 3))
-    ledger.finish()
     ledger.close()
     with pytest.raises(ConfigurationError, match=r"holds a run already; give --resume .* --overwrite"):
         Ledger.create(tmp_path, CONFIGURATION)
     with Ledger.create(tmp_path, {"--locus": "mvn"}, overwrite=True) as again:
-        assert (list(again.rows()), again.pictures(), again.finished) == ([], [], False)
+        assert (list(again.rows()), again.pictures()) == ([], [])
         assert list(again.frame_counts([Path("a")], lambda path: 4)) == [4]
         assert again.configuration == {"--locus": "mvn"}
 
@@ -180,14 +161,3 @@ def test_a_run_that_was_interrupted_before_it_began_is_begun(tmp_path):
         assert ledger.done() == {0}
         assert ledger.notes == {"date": "Monday"}
         assert ledger.configuration["--locus"] == "auto"
-
-
-def test_a_finished_run_says_so_until_more_is_entered(ledger, tmp_path):
-    ledger.add(0, [row()])
-    assert not ledger.finished
-    ledger.finish()
-    ledger.close()
-    with Ledger.resume(tmp_path, CONFIGURATION) as again:
-        assert again.finished
-        again.add(1, [row()])
-        assert not again.finished

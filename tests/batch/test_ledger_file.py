@@ -149,7 +149,6 @@ def test_twenty_kills_lose_nothing_and_do_nothing_twice(tmp_path, start, context
         assert repr(list(killed.rows())) == repr(list(whole.rows())) == repr(expected)
         assert repr(killed.pictures()) == repr(whole.pictures())
         assert [one.picture for one in killed.pictures()] == [one.picture for one in whole.pictures()]
-        assert killed.counts() == whole.counts()
     assert sorted(path.name for path in tmp_path.iterdir()) == [LEDGER, "whole"]
 
 
@@ -223,7 +222,7 @@ def test_a_full_disk_ends_the_run_in_a_sentence_and_keeps_what_was_done(tmp_path
         ledger.add(1000, batch_rows(1000))
     with Ledger.resume(tmp_path, CONFIGURATION) as again:
         assert again.done() == entered | {1000}
-        assert len(list(again.rows())) == sum(again.counts().values())
+        assert len(list(again.rows())) == sum(len(batch_rows(batch)) for batch in again.done())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jitterkit.batch.ledger import Ledger
-from jitterkit.batch.ledger_worst import MOST, wanted
-from jitterkit.report.pictures import FrameReport, Gallery
+from jitterkit.batch.ledger_worst import wanted
+from jitterkit.report.pictures import MOST_PICTURES, FrameReport, Gallery
 
 
 def row(frame=0, status="ok", chi2_dof=1.0):
@@ -60,7 +60,7 @@ def test_the_pictures_do_not_depend_on_which_batch_was_done_first(tmp_path, ties
         with Ledger.create(tmp_path / str(n), {}) as ledger:
             drawn(ledger, batches, order)
             chosen.append([(one.name, one.picture) for one in ledger.pictures()])
-            assert len(ledger.ranks()) == 2 * MOST
+            assert len(ledger.ranks()) == 2 * MOST_PICTURES
     assert len(chosen[0]) == 24
     assert chosen[0] == chosen[1] == chosen[2]
 
@@ -68,4 +68,4 @@ def test_the_pictures_do_not_depend_on_which_batch_was_done_first(tmp_path, ties
 def test_a_frame_that_cannot_be_drawn_takes_no_place():
     rows = [row(status="unreadable", chi2_dof=math.nan) for _ in range(60)]
     assert wanted([], 0, {50: rows[50]}) == [50]
-    assert wanted([], 0, dict(enumerate(rows))) == list(range(MOST))
+    assert wanted([], 0, dict(enumerate(rows))) == list(range(MOST_PICTURES))
