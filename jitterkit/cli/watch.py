@@ -87,7 +87,8 @@ def _until_asked() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, before)
         say("jitterkit: ending with the frames that have come; Ctrl-C again ends at once.")
 
-    signal.signal(signal.SIGINT, end)
+    if before is not signal.SIG_IGN:  # as it is behind an ampersand in a script, where no one is asked
+        signal.signal(signal.SIGINT, end)
     try:
         yield lambda: asked
     finally:
