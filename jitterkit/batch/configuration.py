@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.batch.frame import Processor
-from jitterkit.batch.ledger_match import VERSIONS
+from jitterkit.batch.ledger_match import FILES, VERSIONS
 from jitterkit.instruments import Instrument
 
 __all__ = ["describe", "settings", "versions"]
@@ -47,7 +47,7 @@ def settings(processor: Processor, files: Sequence[Path], **more: Any) -> dict[s
     (device,) = zero.devices()
     computed = {"device": device.platform, "numbers": str(zero.dtype)}
     names = [str(file.absolute()) for file in files]
-    return {**described, **computed, **describe(more), VERSIONS: versions(), "files": names}
+    return {**described, **computed, **describe(more), VERSIONS: versions(), FILES: names}
 
 
 def versions() -> dict[str, str]:

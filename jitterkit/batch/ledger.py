@@ -14,12 +14,15 @@ import json
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Self
 
 from jitterkit.batch.ledger_file import LedgerFile
 from jitterkit.batch.ledger_match import refuse_difference
+from jitterkit.batch.ledger_results import refuse_results, remove_results
+from jitterkit.batch.ledger_stamps import Counted, counted, recounted
 from jitterkit.batch.ledger_trouble import told
 from jitterkit.batch.ledger_worst import Rank, rank, worst
 from jitterkit.errors import ConfigurationError
@@ -90,7 +93,8 @@ class Ledger:
         notes : mapping, optional
             What is only kept: the command line, the date.
         overwrite : bool
-            Whether a run that is in the directory may be forgotten.
+            Whether a run that is in the directory may be forgotten; its table, summary and report, which
+            would be taken for those of the new one, are removed then.
 
         Raises
         ------
@@ -105,6 +109,8 @@ class Ledger:
                     f"{printable(ledger.path)} holds a run already; give --resume to go on with it, "
                     "--overwrite to begin again, or another directory."
                 )
+            if overwrite:
+                remove_results(ledger.path.parent)  # first: whatever kills it now, none outlive their run
             ledger._begin(configuration, notes or {})
         return ledger
 
@@ -125,14 +131,17 @@ class Ledger:
         Raises
         ------
         ConfigurationError
-            If the configuration is not that of the run, the ledger is damaged, another process is
-            writing to it, or the directory cannot be written.
+            If the configuration is not that of the run, there is none but results of one, the ledger is
+            damaged, another process is writing to it, or the directory cannot be written.
         """
+        if not (Path(directory) / LEDGER).exists():
+            refuse_results(Path(directory))  # before there is an empty ledger beside them
         ledger = cls(Path(directory) / LEDGER)
         with ledger._closed_on_error():
             if ledger._begun:
                 refuse_difference(ledger.path.parent, ledger.configuration, _as_json(configuration))
             else:
+                refuse_results(ledger.path.parent)
                 ledger._begin(configuration, notes or {})
         return ledger
 
@@ -220,11 +229,31 @@ class Ledger:
             gallery.add(FrameReport(name, self._rows_of(batch)[place], picture, alt))
         return gallery.chosen()
 
+    def check_files(self, files: Sequence[Path], count: Callable[[Path], int], size: int) -> None:
+        """Look whether files are still those that were counted, before a run goes on.
+
+        Parameters
+        ----------
+        files, count
+            As for :meth:`frame_counts`.
+        size : int
+            Frames in a batch.
+
+        Raises
+        ------
+        ConfigurationError
+            As from :func:`~jitterkit.batch.ledger_stamps.recounted`; what has changed without harm is
+            counted anew.
+        """
+        changed = recounted(files, self._counted(), count, size, self.done())
+        with self._file.transaction() as execute:
+            self._keep_counts(execute, changed)
+
     def frame_counts(
         self,
         files: Sequence[Path],
         count: Callable[[Path], int],
-        over: Callable[[Callable[[Path], int], Iterable[Path]], Iterable[int]] = map,
+        over: Callable[[Callable[[Path], Counted], Iterable[Path]], Iterable[Counted]] = map,
     ) -> Iterator[int]:
         """Number of frames in each file, each counted once in the life of a run.
 
@@ -235,23 +264,31 @@ class Ledger:
         count : callable
             Counts the frames of a file, :func:`~jitterkit.batch.plan.count_frames`.
         over : callable
-            Maps it lazily over files: ``map``, or a pool's.
+            Maps a function lazily over files: ``map``, or a pool's.
 
         Yields
         ------
         frames : int
-            A number is kept before it is yielded.  So the plan of a run stays as it was, even if a file
-            has since grown, vanished or been damaged, and no batch comes to mean other frames.
+            A number is kept before it is yielded, with the size and time of the file.  So the plan of a run
+            stays as it was, even if a file has since vanished, and no batch comes to mean other frames.
         """
-        known = [frames for (frames,) in self._file.read("SELECT frames FROM files ORDER BY position")]
-        yield from known
-        place, fresh = len(known), iter(over(count, files[len(known) :]))
-        while chunk := list(islice(fresh, _AT_ONCE)):
+        known = self._counted()
+        yield from (one.frames for one in known)
+        place, fresh = len(known), iter(over(partial(counted, count=count), files[len(known) :]))
+        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), place)):
             with self._file.transaction() as execute:
-                for position, frames in enumerate(chunk, place):
-                    execute("INSERT INTO files VALUES (?, ?)", (position, frames))
-            yield from chunk
+                self._keep_counts(execute, chunk)
+            yield from (one.frames for one in chunk.values())
             place += len(chunk)
+
+    def _counted(self) -> list[Counted]:
+        found = self._file.read("SELECT frames, size, time FROM files ORDER BY position")
+        return [Counted(frames, None if size is None else (size, time)) for frames, size, time in found]
+
+    def _keep_counts(self, execute: Callable, files: Mapping[int, Counted]) -> None:
+        for position, one in files.items():
+            values = (position, one.frames, *(one.stamp or (None, None)))
+            execute("INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)", values)
 
     @property
     def _begun(self) -> bool:

@@ -24,12 +24,12 @@ __all__ = ["LedgerFile"]
 _APPLICATION = 0x4A544B4C
 """Marks the file as ours in its header: JTKL."""
 
-_FORMAT = 1
+_FORMAT = 2
 """Of the tables below; to be raised when they change."""
 
 _TABLES = """
     CREATE TABLE run (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-    CREATE TABLE files (position INTEGER PRIMARY KEY, frames INTEGER NOT NULL);
+    CREATE TABLE files (position INTEGER PRIMARY KEY, frames INTEGER NOT NULL, size INTEGER, time INTEGER);
     CREATE TABLE batches (batch INTEGER PRIMARY KEY, rows BLOB NOT NULL);
     CREATE TABLE frames (
         batch INTEGER, place INTEGER, file TEXT, frame INTEGER, status TEXT, locus TEXT,
@@ -140,7 +140,7 @@ def _recognise(path: Path, connection: sqlite3.Connection) -> None:
     if (found := _pragma(connection, "user_version")) != _FORMAT:
         raise ConfigurationError(
             f"{printable(path)} was written by another version of jitterkit (ledger format {found}, not "
-            f"{_FORMAT}); finish the run with that version, or give another directory."
+            f"{_FORMAT}); finish the run with that version, delete it, or give another directory."
         )
     if (found := _pragma(connection, "quick_check")) != "ok":
         raise damaged(path, found)

@@ -12,7 +12,10 @@ from typing import Any
 from jitterkit.errors import ConfigurationError
 from jitterkit.report.words import printable
 
-__all__ = ["VERSIONS", "refuse_difference"]
+__all__ = ["FILES", "VERSIONS", "refuse_difference"]
+
+FILES = "files"
+"""Key of a configuration under which the names of files stand, in order."""
 
 VERSIONS = "versions"
 """Key of a configuration under which the versions of programs stand."""
@@ -41,6 +44,9 @@ def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
     if (difference := _first_difference(begun, now)) is None:
         return
     place, before, after = difference
+    inside_files = place[0] == FILES and len(place) > 1
+    if inside_files and (sentence := _come_or_gone(printable(directory), begun[FILES], now[FILES])):
+        raise ConfigurationError(sentence)
     what = f"{printable(directory)} was begun {_said(place, before, after)}"
     if place[0] == VERSIONS:
         raise ConfigurationError(
@@ -73,6 +79,32 @@ def _said(place: tuple, before: Any, after: Any) -> str:
     if after is _ABSENT:
         return f"with {name} {_short(before)}, not without"
     return f"with {name} {_short(before)}, not {_short(after)}"
+
+
+def _come_or_gone(directory: str, begun: list[str], now: list[str]) -> str:
+    """What to do about files that are new, or about some that are missing; nothing if both, or neither."""
+    new, gone = _without(now, begun), _without(begun, now)
+    if new and not gone:
+        return (
+            f"{directory} was begun without {len(new)} of these files ({_some(new)}); process what is new "
+            "into another directory, give --overwrite instead of --resume to begin anew with all, or let "
+            "'jitterkit watch' follow a directory that grows."
+        )
+    if gone and not new:
+        return (
+            f"{directory} was begun with {len(gone)} file{'s' * (len(gone) > 1)} more than these "
+            f"({_some(gone)}); put back what is missing, or give another directory."
+        )
+    return ""
+
+
+def _without(names: list[str], others: list[str]) -> list[str]:
+    known = set(others)
+    return [name for name in names if name not in known]
+
+
+def _some(names: list[str]) -> str:
+    return printable(names[0]) + " for one" * (len(names) > 1)
 
 
 def _short(value: Any) -> str:

@@ -14,8 +14,10 @@ from typing import Any
 from jitterkit.batch.configuration import settings, versions
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger import Ledger
+from jitterkit.batch.ledger_match import FILES
 from jitterkit.batch.plan import count_frames, plan_batches
 from jitterkit.batch.stream import Done, process_batches
+from jitterkit.errors import ConfigurationError
 from jitterkit.frames import find_files
 from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
@@ -69,6 +71,7 @@ def process_files(
     threads: int | None = None,
     engine: Callable[..., Iterable[Done]] | None = None,
     watch: Callable[[Row], None] | None = None,
+    before: Callable[[Row], None] | None = None,
     command: str = "",
 ) -> Run:
     """Process files and write table, summary and report.
@@ -83,9 +86,9 @@ def process_files(
     hdu : int, optional
         HDU to read in every FITS file.
     overwrite : bool
-        Whether a run that is in the directory may be replaced.
+        Whether a run that is in the directory may be replaced; its results are removed at once.
     resume : bool
-        Whether to go on with it; what has been done is not done again.
+        Whether to go on with it instead; what has been done is not done again.
     threads : int, optional
         How many frames are fitted at a time; by default as many as there are processors.  The results do
         not depend on it.
@@ -93,7 +96,9 @@ def process_files(
         What processes batches, in place of :func:`~jitterkit.batch.stream.process_batches` with threads:
         :func:`~jitterkit.batch.cluster.process_on_cluster` with its ``client`` filled in, say.
     watch : callable, optional
-        Called with each row, those of an earlier session too.
+        Called with each row as it is done.
+    before : callable, optional
+        Called first, with each row of an earlier session; by default ``watch``.
     command : str
         The command line, to be kept with the table.
 
@@ -105,10 +110,13 @@ def process_files(
     ------
     ConfigurationError
         If the outputs exist and may not be replaced, the directory cannot be written, another run is writing
-        to it, or a run that is to be resumed was begun otherwise.
+        to it, or a run that is to be resumed was begun otherwise: with other settings, other versions, other
+        files or another content of those that are done.
     FrameError
         If a path does not exist or holds no frame: told before anything is processed.
     """
+    if overwrite and resume:
+        raise ConfigurationError("--resume goes on with a run, --overwrite begins anew; give one of the two.")
     files, directory = find_files(paths), Path(directory)
     make_directory(directory, RUN, overwrite or resume)
     size = batch_size(processor.instrument.shape)
@@ -116,11 +124,12 @@ def process_files(
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     engine = engine or partial(process_batches, threads=threads)
     with begin(directory, configuration, {"command": command}) as ledger:
-        counts = ledger.frame_counts(files, partial(count_frames, hdu=hdu))
-        if watch is not None:
+        count, done = partial(count_frames, hdu=hdu), ledger.done()
+        ledger.check_files(files, count, size)
+        counts = ledger.frame_counts(files, count)
+        if tell := before or watch:
             for row in ledger.rows():
-                watch(row)
-        done = ledger.done()
+                tell(row)
         missing = (batch for batch in plan_batches(files, counts, size) if batch.number not in done)
         for part in engine(missing, processor, hdu=hdu, ranks=ledger.ranks):
             ledger.add(part.batch.number, part.rows, part.pictures)
@@ -139,7 +148,7 @@ def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterab
     """Table, summary and report of all that the ledger holds, and of rows that it is not to keep."""
     table = make_table(chain(ledger.rows(), more), _provenance(processor, ledger.notes.get("command", "")))
     summary = summarise(table)
-    described = {name: value for name, value in ledger.configuration.items() if name != "files"}
+    described = {name: value for name, value in ledger.configuration.items() if name != FILES}
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
         temporary.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     write_table(directory / TABLE, table, overwrite=True)

@@ -74,7 +74,7 @@ def process(
     from jitterkit.batch import process_files
 
     try:
-        with _engine(workers, scheduler) as engine, following(len(paths)) as watch:
+        with _engine(workers, scheduler) as engine, following(len(paths)) as (watch, before):
             run = process_files(
                 paths,
                 output,
@@ -84,10 +84,12 @@ def process(
                 resume=resume,
                 engine=engine,
                 watch=watch,
+                before=before,
                 command=command_line(),
             )
     except KeyboardInterrupt:
-        say(f"What has been done is kept in {output}: the same command with --resume goes on.")
+        instead = " instead of --overwrite" * overwrite
+        say(f"What has been done is kept in {output}: the same command with --resume{instead} goes on.")
         raise
     conclude(run, processor.instrument)
 

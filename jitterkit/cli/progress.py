@@ -14,6 +14,9 @@ __all__ = ["Tally", "following", "watching"]
 _WINDOW = 30.0
 """Seconds over which the rate is taken: long enough for the steps in which batches come."""
 
+_TOGETHER = 0.1
+"""Seconds within which rows come at one time: those of a batch take a few milliseconds to be told."""
+
 
 @dataclass
 class Tally:
@@ -35,9 +38,7 @@ class Tally:
         """Count a row that was done at a time [s]; without one it was done in an earlier session."""
         self.rows += 1
         if now is not None:
-            self._times.append((now, self.rows))
-            while self._times[0][0] < now - _WINDOW:
-                self._times.popleft()
+            self._note(now)
         separation, error = row["separation"], row["separation_err"]
         if row["status"] != "ok":
             self.failed += 1
@@ -47,6 +48,14 @@ class Tally:
             )  # sums about it keep the last digits
             self._weight += error**-2
             self._sum += (separation - self._first) * error**-2
+
+    def _note(self, now: float) -> None:
+        """Note how many rows there were when the last of those that come together had come."""
+        if self._times and now - self._times[-1][0] < _TOGETHER:
+            now, _ = self._times.pop()
+        self._times.append((now, self.rows))
+        while self._times[0][0] < now - _WINDOW:
+            self._times.popleft()
 
     @property
     def rate(self) -> float:
@@ -71,35 +80,74 @@ class Tally:
         return "  ".join([*parts, *[f"{self.failed} failed"] * bool(self.failed)])
 
 
-@contextlib.contextmanager
-def following(total: int | None = None) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """A line on stderr, at a terminal only; yields a function to call with each row.
+def time_left(tally: Tally, done: int, total: int) -> str:
+    """How long files will take that are yet to come, if they hold as many frames as those that are done.
 
     Parameters
     ----------
-    total : int, optional
-        Files, if their number is known.
+    tally : Tally
+        Of their rows.
+    done, total : int
+        Files.
+
+    Returns
+    -------
+    time : str
+        Hours, minutes and seconds; dashes before there is a rate.
+
+    Examples
+    --------
+    >>> tally = Tally()
+    >>> for now in range(5):
+    ...     tally.add({"status": "failed", "separation": 0.0, "separation_err": 0.0}, now=2.0 * now)
+    >>> time_left(tally, done=5, total=2005), time_left(Tally(), done=0, total=3)
+    ('1:06:40', '-:--:--')
+    """
+    if tally.rate != tally.rate or not done:
+        return "-:--:--"
+    seconds = round((total - done) * tally.rows / done / tally.rate)
+    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+
+
+Follow = Callable[[dict[str, Any]], None]
+
+
+@contextlib.contextmanager
+def following(total: int) -> Iterator[tuple[Follow, Follow]]:
+    """A line on stderr, at a terminal only.
+
+    Parameters
+    ----------
+    total : int
+        Files.
+
+    Yields
+    ------
+    follow, recall : callable
+        To be called with each row: one that is done now, and one of an earlier session, which tells nothing
+        of how fast it goes.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     console, tally = Console(stderr=True), Tally()
     columns = (
         BarColumn(20),
         MofNCompleteColumn(),
-        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[left]}"),
         TextColumn("{task.fields[told]}"),
     )
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task, seen = progress.add_task("", total=total, told=""), ""
+        task, seen, files = progress.add_task("", total=total, told="", left=""), "", 0
 
-        def follow(row: dict[str, Any]) -> None:
-            nonlocal seen
-            tally.add(row, time.monotonic())
-            progress.update(task, advance=row["path"] != seen, told=str(tally))
-            seen = row["path"]
+        def count(row: dict[str, Any], now: float | None) -> None:
+            nonlocal seen, files
+            tally.add(row, now)
+            seen, files = row["path"], files + (row["path"] != seen)
+            left = time_left(tally, files, total)
+            progress.update(task, completed=files, told=str(tally), left=left)
 
-        yield follow
+        yield lambda row: count(row, time.monotonic()), lambda row: count(row, None)
 
 
 @contextlib.contextmanager

@@ -299,7 +299,7 @@ def test_a_ledger_of_another_format_is_refused(filled):
     other.execute("PRAGMA user_version = 99")
     other.close()
     with pytest.raises(
-        ConfigurationError, match=r"another version of jitterkit \(ledger format 99, not 1\); finish"
+        ConfigurationError, match=r"another version of jitterkit \(ledger format 99, not 2\); finish"
     ):
         Ledger.resume(filled.parent, CONFIGURATION)
 

@@ -31,8 +31,22 @@ def test_the_same_configuration_may_be_said_in_another_way(tmp_path):
         ({"--locus": "mvn"}, r"was begun with --locus auto, not mvn; give the same, or another directory\."),
         ({"priors": [1.0, 2.0]}, r"with priors\[1\] NaN, not 2\.0; give"),
         ({"priors": [1.0]}, r"with priors\[1\] NaN, not without; give"),
-        ({"files": ["a.fits", "b.fits", "\x1b[2J"]}, r"without files\[2\], not with files\[2\] \\x1b\[2J;"),
+        (
+            {"files": ["a.fits", "\x1b[2J", "b.fits"]},
+            r"was begun without 1 of these files \(\\x1b\[2J\); process .* another directory, give "
+            "--overwrite instead of --resume .* or let 'jitterkit watch' follow",
+        ),
+        (
+            {"files": ["0", "a.fits", "1", "2", "b.fits"]},
+            r"without 3 of these files \(0 for one\); process what",
+        ),
+        (
+            {"files": ["b.fits"]},
+            r"was begun with 1 file more than these \(a\.fits\); put back what is missing",
+        ),
+        ({"files": []}, r"was begun with 2 files more than these \(a\.fits for one\); put back"),
         ({"files": ["x" * 200, "b.fits"]}, r"files\[0\] a\.fits, not x{77}\.\.\.;"),
+        ({"files": ["b.fits", "a.fits"]}, r"files\[0\] a\.fits, not b\.fits;"),
         ({"--rays": True}, "was begun without --rays, not with --rays true;"),
         (
             {"versions": {"jax": "0.11"}},
@@ -40,7 +54,7 @@ def test_the_same_configuration_may_be_said_in_another_way(tmp_path):
         ),
         ({"versions": {}}, r"with versions\.jax 0\.10, not without, and .* the same versions"),
     ],
-    ids=["value", "nan", "shorter", "longer", "long", "new", "version", "gone"],
+    ids=["value", "nan", "shorter", "come", "more", "went", "all", "long", "order", "new", "version", "gone"],
 )
 def test_another_configuration_is_refused_by_its_first_difference(tmp_path, changes, sentence):
     with Ledger.create(tmp_path, CONFIGURATION) as ledger:

@@ -1,5 +1,7 @@
 """What ``jitterkit process`` says of a run that was interrupted, and of many failures."""
 
+from contextlib import nullcontext
+
 import pytest
 from typer.testing import CliRunner
 
@@ -31,6 +33,34 @@ def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_pat
     assert f"What has been done is kept in {out}: the same command with --resume goes on." in stopped.stderr
     assert runner.invoke(app, command).exit_code == 2  # a run is there, and it is not to be lost unasked
     assert runner.invoke(app, [*command, "--resume"]).exit_code == 1
+    with monkeypatch.context() as patched:
+        patched.setattr("jitterkit.batch.run.process_batches", interrupted)
+        stopped = runner.invoke(app, [*command, "--overwrite"])
+    assert f"{out}: the same command with --resume instead of --overwrite goes on." in stopped.stderr
+
+
+def test_a_file_that_was_overwritten_before_a_run_goes_on_is_told(blanks, tmp_path):
+    command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--locus", "mvn"]
+    assert runner.invoke(app, command).exit_code == 1
+    (blanks / "07.fits").write_text("exposure = 4\n")
+    refused = runner.invoke(app, [*command, "--resume"])
+    assert refused.exit_code == 2
+    assert (
+        "07.fits has changed since frames of it were done (650 bytes then, 13 now); put it" in refused.stderr
+    )
+    assert runner.invoke(app, [*command, "--overwrite"]).exit_code == 1
+
+
+def test_the_line_on_the_screen_is_told_which_rows_are_of_an_earlier_session(blanks, tmp_path, monkeypatch):
+    now, earlier = [], []
+    monkeypatch.setattr(
+        "jitterkit.cli.process.following", lambda total: nullcontext((now.append, earlier.append))
+    )
+    command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--locus", "mvn"]
+    runner.invoke(app, command)
+    assert (len(now), len(earlier)) == (52, 0)
+    runner.invoke(app, [*command, "--resume"])
+    assert (len(now), len(earlier)) == (52, 52)
 
 
 def test_of_many_failures_some_are_told_and_the_others_counted(blanks, tmp_path):
