@@ -8,8 +8,9 @@ a few hundredths of their errors, not to the last digit.
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,16 +19,19 @@ from jitterkit.batch.arrivals import Arrivals
 from jitterkit.batch.configuration import settings
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger import Ledger
-from jitterkit.batch.plan import Batch, count_frames
+from jitterkit.batch.plan import Batch
 from jitterkit.batch.run import Run, conclude
 from jitterkit.batch.stream import Done, process_batches
 from jitterkit.batch.survey import Item
-from jitterkit.errors import FrameError
+from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.refit import Status
 from jitterkit.report.outputs import RUN, make_directory
 from jitterkit.report.row import Row
 from jitterkit.report.words import printable
 
 __all__ = ["POLL", "watch_directory"]
+
+log = logging.getLogger(__name__)
 
 POLL = 1.0
 """Seconds between two looks.  A look at 60,000 files, all but a few of them known, takes 0.05 s."""
@@ -69,7 +73,7 @@ def watch_directory(
         Made if need be.
     processor : Processor
     hdu : int, optional
-        HDU to read in every FITS file.
+        HDU to read in every FITS file; a file without it is unfinished.
     idle : float, optional
         Seconds of waiting for nothing after which to end; never by default.
     poll : float
@@ -87,7 +91,9 @@ def watch_directory(
     -------
     run : Run
         Rows in the order in which frames came.  Files that are unfinished at the end stand behind them, with
-        what the reader says; they are done when the run is resumed, if they are whole then.
+        what the reader says; they are done when the run is resumed, if they are whole then.  What there was
+        and has not been looked at when the run is stopped, the rest of a file of many frames too, is told by
+        a warning, and done when the run is resumed.
 
     Raises
     ------
@@ -95,22 +101,43 @@ def watch_directory(
         As for :func:`~jitterkit.batch.run.process_files`.
     FrameError
         If the directory does not exist, or no frame came.
+
+    Notes
+    -----
+    A frame counts once.  What was read first stays: a file that is written anew under its name is not done
+    anew, in this session or in one that resumes it.  A frame that cannot be read, though its file was whole
+    before, is no row yet: it is tried again when the file changes, and at the end.
     """
     directory, output = Path(directory), Path(output)
     if not directory.is_dir():
         raise FrameError(directory, "is not a directory", "give the one into which the camera writes")
+    if overwrite and resume:
+        raise ConfigurationError("--resume goes on with a run, --overwrite begins anew; give one of the two.")
     make_directory(output, RUN, overwrite or resume)
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     with begin(output, settings(processor, [directory], hdu=hdu), {"command": command}) as ledger:
         work = partial(process_batches, processor=processor, hdu=hdu, threads=threads, ranks=ledger.ranks)
-        watched = _Watch(ledger, work, partial(count_frames, hdu=hdu), watch or (lambda row: None))
-        arrivals = Arrivals(directory, hdu, watched.told_before())
+        watch = watch or (lambda row: None)
+        arrivals = Arrivals(directory, hdu, _told_before(ledger, watch))
+        watched = _Watch(ledger, work, watch, arrivals.again)
         for burst in _bursts(arrivals, stop, idle, partial(sleep, poll), poll):
             watched.work_through(burst)
+        if left := arrivals.left():
+            log.warning("Not looked at in %s: %s; --resume does them.", printable(directory), left)
         unfinished = watched.try_last(arrivals.unfinished())
         if not ledger.done() and not unfinished:
             raise FrameError(directory, "has shown no frame", "see where the camera writes")
         return conclude(ledger, output, processor, unfinished)
+
+
+def _told_before(ledger: Ledger, watch: Callable[[Row], None]) -> frozenset[tuple[str, int]]:
+    """Tell the rows of an earlier session; returns the names of their files and their places."""
+    told = set()
+    for row in ledger.rows():
+        watch(row)
+        # the directory may have been named otherwise
+        told.add((row["file"], row["frame"]))
+    return frozenset(told)
 
 
 Burst = Iterator[tuple[Item, ...]]
@@ -146,6 +173,10 @@ def _bursts(
         yield burst()
 
 
+_UNREADABLE = Status.UNREADABLE.name.lower()
+"""In a row."""
+
+
 class _Watch:
     """What is done with frames: batches are made of them, and what becomes of those is kept and told."""
 
@@ -153,19 +184,11 @@ class _Watch:
         self,
         ledger: Ledger,
         work: Callable[..., Iterator[Done]],
-        count: Callable[[Path], int],
         watch: Callable[[Row], None],
+        again: Callable[[Path, int], None],
     ) -> None:
-        self._ledger, self._work, self._count, self._watch = ledger, work, count, watch
+        self._ledger, self._work, self._watch, self._again = ledger, work, watch, again
         self._number = max(ledger.done(), default=-1) + 1
-        self._before: set[tuple[str, int]] = set()
-
-    def told_before(self) -> frozenset[tuple[str, int]]:
-        """Tell the rows of an earlier session; returns their paths and places."""
-        for row in self._ledger.rows():
-            self._watch(row)
-            self._before.add((row["path"], row["frame"]))
-        return frozenset(self._before)
 
     def work_through(self, burst: Burst) -> None:
         """Process a burst."""
@@ -185,26 +208,28 @@ class _Watch:
             self._number += 1
 
     def _keep(self, done: Done) -> None:
-        self._ledger.add(done.batch.number, done.rows, done.pictures)
-        for row in done.rows:
+        """Keep and tell what has become of a batch, but for frames that could not be read."""
+        read = [place for place, row in enumerate(done.rows) if row["status"] != _UNREADABLE]
+        for place in set(range(len(done.rows))).difference(read):
+            self._again(*done.batch.items[place])
+        rows = [done.rows[place] for place in read]
+        pictures = {new: done.pictures[old] for new, old in enumerate(read) if old in done.pictures}
+        if rows:
+            self._ledger.add(done.batch.number, rows, pictures)
+        for row in rows:
             self._watch(row)
 
-    def try_last(self, items: list[Item]) -> list[Row]:
-        """Try files that were never whole, from a frame on; returns a row for the first that cannot be read.
-
-        A frame of which there is a row already is not tried again.
-        """
-        unreadable = []
-        for path, first in items:
-            for index in range(first, max(self._count(path), first + 1)):
-                if (printable(path), index) in self._before:
-                    continue
-                (done,) = self._work([Batch(self._number, ((path, index),))])
-                if done.rows[0]["status"] == "unreadable":
-                    if index == 0 or "fewer than before" not in done.rows[0]["message"]:
-                        unreadable += done.rows
-                        self._watch(done.rows[0])
-                    break
+    def try_last(self, items: Iterable[Item]) -> list[Row]:
+        """Try frames of files that were never whole; returns a row for the first unreadable one of each."""
+        unreadable: dict[Path, Row] = {}
+        for path, index in items:
+            if path in unreadable:
+                continue
+            (done,) = self._work([Batch(self._number, ((path, index),))])
+            if done.rows[0]["status"] == _UNREADABLE:
+                unreadable[path] = done.rows[0]
+                self._watch(done.rows[0])
+            else:
                 self._keep(done)
                 self._number += 1
-        return unreadable
+        return list(unreadable.values())

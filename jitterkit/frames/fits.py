@@ -7,8 +7,10 @@ nothing is believed of a header that the file cannot hold.  The pixels are read 
 
 from __future__ import annotations
 
+import functools
 import gzip
 import math
+import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,6 +29,9 @@ from jitterkit.frames.pixels import Pixels
 from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.wcs import celestial_wcs
+
+_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') */ [ -~]*")
+"""A card of which there is nothing to warn."""
 
 __all__ = ["FitsFile", "open", "read_extensions", "read_image", "write"]
 
@@ -67,7 +72,7 @@ class FitsFile(FrameFile):
         *planes, ny, nx = unit.shape
         self._count, self.shape = math.prod(planes), (ny, nx)
         wcs, messages = celestial_wcs(header)
-        inherit = _header(primary) if unit.number else None
+        inherit = _header(primary) if unit.number and header.get("INHERIT") is not False else None
         metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
         lossy = _lossy(unit, header) if unit.packed else []
         self.metadata = metadata.warn(*header.warnings, *messages, *lossy)
@@ -94,6 +99,18 @@ def open(path: Path, hdu: int | None = None) -> FitsFile:
     return FitsFile(path, hdu)
 
 
+def _known_card(image: bytes) -> fits.Card:
+    """A card; one by the letter of the standard is read once, however many headers repeat it."""
+    return _seen(image) if _REGULAR.fullmatch(image) else fits.Card.fromstring(image)
+
+
+@functools.lru_cache(maxsize=1024)
+def _seen(image: bytes) -> fits.Card:
+    card = fits.Card.fromstring(image)
+    _ = card.value, card.comment  # which parses it
+    return card
+
+
 def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Unit]:
     """The HDU of the image asked for, and the primary HDU."""
     units: list[Unit] = []
@@ -115,7 +132,7 @@ def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Un
 
 
 def _header(unit: Unit) -> PlainHeader:
-    return PlainHeader(unit.text, fits.Card.fromstring)
+    return PlainHeader(unit.text, _known_card)
 
 
 def _opened(handle: BinaryIO, unit: Unit) -> tuple[PlainHeader, Pixels]:
@@ -125,7 +142,10 @@ def _opened(handle: BinaryIO, unit: Unit) -> tuple[PlainHeader, Pixels]:
         return header, Pixels(handle, unit, header)
     handle.seek(0)
     tables = fits.open(handle, memmap=False, disable_image_compression=True)
-    image = fits.CompImageHDU(bintable=tables[unit.number], do_not_scale_image_data=True)
+    table = tables[unit.number]
+    if "BLANK" not in header:  # one without a value astropy would compare with
+        table.header.remove("BLANK", ignore_missing=True, remove_all=True)
+    image = fits.CompImageHDU(bintable=table, do_not_scale_image_data=True)
     return header, Pixels(handle, unit, header, image)
 
 

@@ -54,7 +54,8 @@ def resolve_header(
     hdu : int
         Named in the sources.
     inherit : mapping, optional
-        The primary header, asked where an extension's is silent.
+        The primary header, asked where an extension's is silent; not given of an extension that says
+        ``INHERIT = F``.
     wcs : astropy.wcs.WCS, optional
         The celestial coordinates already made of the header.
 

@@ -45,37 +45,35 @@ class Pixels:
     packed: Any = None
 
     @cached_property
-    def scaling(self) -> tuple[float, float]:
-        """BSCALE and BZERO."""
+    def scaling(self) -> tuple[float, float, int | None]:
+        """BSCALE, BZERO, and the stored number that stands for no value, None where there is none."""
         scale, zero = self._number("BSCALE", 1), self._number("BZERO", 0)
         if not (math.isfinite(scale) and math.isfinite(zero)) or scale == 0:
             problem = f"has BSCALE = {scale:g} and BZERO = {zero:g}, of which no pixel value follows"
             raise FrameError(self.unit.path, problem, "mend its header")
-        return float(scale), float(zero)
-
-    @cached_property
-    def blank(self) -> int | None:
-        """The stored number that stands for no value, None where there is none."""
-        number = self._number("BLANK", None) if self.unit.bitpix > 0 else None
-        return None if number is None or number != int(number) else int(number)
+        blank = self._number("BLANK", None) if self.unit.bitpix > 0 else None
+        if blank is not None:
+            blank = int(blank) if float(blank).is_integer() else None
+        return float(scale), float(zero), blank
 
     def _number(self, key: str, default: Any) -> Any:
         """A number on which every pixel depends: not to be passed over where it cannot be read."""
         value = self.header.get(key, default)
-        known = value is default or isinstance(value, int | float)
-        if key in self.header.unreadable or not known:
-            said = (
-                "cannot be read" if key in self.header.unreadable else f"is {str(value)[:40]!r}, not a number"
-            )
-            raise FrameError(
-                self.unit.path, f"has pixels that depend on {key}, which {said}", "mend its header"
-            )
-        return value
+        if key in self.header.unreadable:
+            said = "cannot be read"
+        elif key in self.header.valueless and default is not None:
+            said = "has no value"
+        elif value is not default and (isinstance(value, bool) or not isinstance(value, int | float)):
+            said = f"is {str(value)[:40]!r}, not a number"
+        else:
+            return value
+        problem = f"has pixels that depend on {key}, which {said}"
+        raise FrameError(self.unit.path, problem, "mend its header")
 
     @property
     def dtype(self) -> np.dtype:
         """Of the numbers stored; FITS says uint16 by a BZERO of 32768."""
-        (scale, zero), bitpix = self.scaling, self.unit.bitpix
+        (scale, zero, _), bitpix = self.scaling, self.unit.bitpix
         if scale == 1 and bitpix > 8 and zero == 2.0 ** (bitpix - 1):
             return np.dtype(f"u{bitpix // 8}")
         return np.dtype("i1") if (bitpix, scale, zero) == (8, 1, -128) else np.dtype(DTYPES[bitpix])
@@ -119,7 +117,7 @@ class Pixels:
         return np.frombuffer(content, dtype).reshape(shape)
 
     def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        scale, zero = self.scaling
+        scale, zero, blank = self.scaling
         if stored.dtype.kind == "i" and stored.dtype.itemsize == 8 and (scale, zero) == (1.0, 2.0**63):
             # unsigned: a sum of floats would lose ten bits
             whole = stored.astype(np.int64).view(np.uint64) ^ np.uint64(2**63)
@@ -130,8 +128,8 @@ class Pixels:
             values *= scale  # in place: a frame of 61 million pixels is 0.5 GB
         if zero != 0.0:
             values += zero
-        if self.blank is None:
+        if blank is None:
             return values, None
-        where = stored == self.blank
+        where = stored == blank
         values[where] = 0.0
         return values, where

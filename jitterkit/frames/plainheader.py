@@ -16,9 +16,14 @@ _REMARKS = ("COMMENT", "HISTORY")
 _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
 """For ``bytes.translate``: FITS allows no other bytes in a header."""
 
+_VALUELESS = re.compile(rb"(HIERARCH [^=]*|.{8})= *(/.*)?")
+"""A card that names a keyword and gives it no value, which FITS calls undefined."""
+
 
 class PlainHeader(Mapping[str, Any]):
-    """The readable cards of a header, with their comments; of two of one keyword the last counts.
+    """The readable cards of a header, with their comments; of two of one keyword the first counts.
+
+    One without a value is as good as none, and hides those of its keyword that follow.
 
     Parameters
     ----------
@@ -34,10 +39,12 @@ class PlainHeader(Mapping[str, Any]):
     comments : dict of str to str
         Of the cards read so far.
     warnings : list of str
-        One for each card that was asked for and could not be read, which counts as absent, and one if the
-        header holds bytes that are no text.
+        One for each card that was asked for and could not be read, which counts as absent, or is followed by
+        another that says otherwise, and one if the header holds bytes that are no text.
     unreadable : set of str
         The keywords of the former.
+    valueless : set of str
+        Keywords that were asked for, and whose card has no value.
     """
 
     def __init__(self, text: bytes, card: Callable[[bytes], Any]) -> None:
@@ -45,21 +52,38 @@ class PlainHeader(Mapping[str, Any]):
         self.comments: dict[str, str] = {}
         self.warnings = [] if self._text == text else ["the header holds bytes that are no text; read as '?'"]
         self.unreadable: set[str] = set()
-        self._places = _places(self._text)
+        self.valueless: set[str] = set()
+        self._cards = _cards(self._text)
+        self._places: dict[str, tuple[int, int]] = {}
+        self._later: dict[str, list[tuple[int, int]]] = {}
+        for key, place in self._cards:
+            if self._places.setdefault(key, place) is not place:
+                self._later.setdefault(key, []).append(place)
         self._values: dict[str, Any] = {key: self._remarks(key) for key in _REMARKS if key in self._places}
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._values:
             image = self._image(*self._places[key])
             try:
-                card = self._card(image)
-                self._values[key], self.comments[key] = card.value, card.comment
-            except Exception:  # VerifyError and others
+                self._values[key], self.comments[key] = self._read(key, image)
+            except KeyError:
                 del self._places[key]
-                self.unreadable.add(key)
-                self.warnings.append(f"the header card {image[:60].decode().strip()!r} cannot be read")
-                raise KeyError(key) from None
+                raise
+            if any(_said(self._image(*place)) != _said(image) for place in self._later.get(key, ())):
+                self.warnings.append(f"the header says {key} more than once; the first counts")
         return self._values[key]
+
+    def _read(self, key: str, image: bytes) -> tuple[Any, str]:
+        if _VALUELESS.fullmatch(image):
+            self.valueless.add(key)
+            raise KeyError(key)
+        try:
+            card = self._card(image)
+            return card.value, card.comment
+        except Exception:  # VerifyError and others
+            self.unreadable.add(key)
+            self.warnings.append(f"the header card {image[:60].decode().strip()!r} cannot be read")
+            raise KeyError(key) from None
 
     def __contains__(self, key: object) -> bool:
         if key not in self._places:
@@ -77,9 +101,9 @@ class PlainHeader(Mapping[str, Any]):
         return sum(1 for _ in self)
 
     def lines(self, keywords: re.Pattern[str]) -> str:
-        """Return the cards with such keywords as they stand, one behind the other."""
-        chosen = [place for key, place in self._places.items() if keywords.match(key)]
-        return b"".join(self._image(*place) for place in chosen).decode()
+        """Return all cards with such keywords and a value as they stand, one behind the other."""
+        images = (self._image(*place) for key, place in self._cards if keywords.match(key))
+        return b"".join(image for image in images if not _VALUELESS.fullmatch(image)).decode()
 
     def _remarks(self, key: str) -> str:
         """All cards of a keyword that may stand many times, a line each."""
@@ -90,18 +114,23 @@ class PlainHeader(Mapping[str, Any]):
         return self._text[start:end].ljust(CARD)
 
 
-def _places(text: bytes) -> dict[str, tuple[int, int]]:
-    """Where the card of each keyword begins and ends, with the cards that continue it."""
-    places: dict[str, tuple[int, int]] = {}
-    last = ""
+def _said(image: bytes) -> list[bytes]:
+    """The words of a card without its comment."""
+    return image.split(b"/")[0].split()
+
+
+def _cards(text: bytes) -> list[tuple[str, tuple[int, int]]]:
+    """The keyword of each card, and where it begins and ends, with the cards that continue it."""
+    cards: list[tuple[str, tuple[int, int]]] = []
+    continued = False
     for at in range(0, len(text), CARD):
         key = text[at : at + 8].decode().rstrip().upper()
-        if key == "CONTINUE" and last:
-            places[last] = (places[last][0], at + CARD)
+        if key == "CONTINUE" and continued:
+            cards[-1] = (cards[-1][0], (cards[-1][1][0], at + CARD))
             continue
         if key == "HIERARCH":
             key = text[at + 9 : at + CARD].split(b"=")[0].decode().strip().upper()
         if key:
-            places[key] = (at, at + CARD)
-        last = "" if key in _REMARKS else key
-    return places
+            cards.append((key, (at, at + CARD)))
+        continued = bool(key) and key not in _REMARKS
+    return cards

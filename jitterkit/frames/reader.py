@@ -49,19 +49,21 @@ def read_frames(path: str | Path, *, hdu: int | None = None) -> Iterator[RawFram
         yield from file
 
 
-def is_whole(path: str | Path) -> bool:
+def is_whole(path: str | Path, *, hdu: int | None = None) -> bool:
     """Tell whether a frame file is complete and can be read, by reading all of it.
 
     Parameters
     ----------
     path : str or Path
         May be anything: a file that is being written, a damaged one, none.
+    hdu : int, optional
+        The FITS HDU that is wanted, as for :func:`open_frames`: what stands behind it may be missing.
 
     Returns
     -------
     whole : bool
-        False for a file that is missing, empty, cut short, still changing, or of another kind, and for a
-        TIFF beside which a TOML stands that cannot be used.
+        False for a file that is missing, empty, cut short, still changing, of another kind, or without the
+        HDU, and for a TIFF beside which a TOML stands that cannot be used.
 
     Notes
     -----
@@ -70,7 +72,7 @@ def is_whole(path: str | Path) -> bool:
     never whole: a watcher gives up waiting at last, and lets the reader say why.
     """
     try:
-        with open_frames(path) as file:
+        with open_frames(path, hdu=hdu) as file:
             file.read_through()
     except (FrameError, ConfigurationError):
         return False

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from jitterkit.batch import Processor, process_files
-from jitterkit.batch.arrivals import _RESTING, Arrivals
 from jitterkit.batch.live import watch_directory
 from jitterkit.errors import ConfigurationError, FrameError
-from jitterkit.frames import write_fits, write_tiff
+from jitterkit.frames import is_whole, read_frames, write_fits
 from jitterkit.optics import obstructed_circle
 
 COUNT = 20
@@ -33,14 +32,6 @@ def night(bent, drawn_by, tmp_path_factory):
         image = drawn_by(bent, rng, aberrations=[15.0]).raw.data
         write_fits(directory / f"{number:02d}.fits", image.astype(np.float32))
     return sorted(directory.iterdir())
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A file that is soon read."""
-    return write_fits(
-        tmp_path_factory.mktemp("small") / "small.fits", np.ones((8, 8), np.float32)
-    ).read_bytes()
 
 
 class Camera:
@@ -110,11 +101,13 @@ def test_a_watch_that_is_resumed_does_what_is_left_and_nothing_twice(watched, ni
     assert list(table["seconds"][:-1]) == list(run.table["seconds"][:-1])  # not fitted again
 
 
-def test_a_watch_that_is_told_to_stop_ends_with_what_it_has_begun(night, processor, tmp_path, monkeypatch):
+def test_a_watch_that_is_told_to_stop_ends_with_what_it_has_begun(
+    night, processor, tmp_path, monkeypatch, caplog
+):
     """It is told while it reads the second of many files."""
     read = []
 
-    def noted(path):
+    def noted(path, hdu):
         read.append(path)
         return True
 
@@ -125,14 +118,7 @@ def test_a_watch_that_is_told_to_stop_ends_with_what_it_has_begun(night, process
     )
     assert names(run) == [path.name for path in night[:2]]
     assert (tmp_path / "out" / "report.html").exists()
-
-
-def test_a_file_that_grows_to_the_end_is_told(small, tmp_path):
-    arrivals = Arrivals(tmp_path)
-    for size in (100, 200, 300):
-        (tmp_path / "a.fits").write_bytes(small[:size])
-        assert told(arrivals) == []
-    assert arrivals.unfinished() == [(tmp_path / "a.fits", 0)]
+    assert caplog.messages == [f"Not looked at in {night[0].parent}: 18 files; --resume does them."]
 
 
 def test_a_watch_without_a_frame_says_so(processor, tmp_path):
@@ -151,65 +137,64 @@ def test_a_run_of_process_is_not_gone_on_with_by_watch(night, processor, tmp_pat
         watch_directory(night[0].parent, tmp_path / "out", processor, resume=True)
 
 
-def told(arrivals):
-    return [(path.name, index) for path, index in arrivals.look()]
-
-
-def test_a_file_is_taken_when_it_is_whole_and_rests(small, tmp_path):
-    arrivals, path = Arrivals(tmp_path), tmp_path / "a.fits"
-    for size in (0, 100, 2000, 2900):
-        path.write_bytes(small[:size])
-        assert told(arrivals) == []
-        assert arrivals.stirred
-    path.write_bytes(small)
-    assert told(arrivals) == []
-    assert told(arrivals) == [("a.fits", 0)]
-    assert not arrivals.stirred
-    assert told(arrivals) == []
-    assert arrivals.unfinished() == []
-
-
-def test_a_file_that_rests_unfinished_is_taken_when_it_is_finished_later(small, tmp_path):
-    arrivals, path = Arrivals(tmp_path), tmp_path / "a.fits"
-    path.write_bytes(small[:2900])
-    assert [told(arrivals) for _ in range(20)] == [[]] * 20
-    assert arrivals.unfinished() == [(path, 0)]
-    path.write_bytes(small)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
-
-
-def test_frames_that_are_added_to_a_file_are_taken_and_none_twice(tmp_path):
-    arrivals, path = Arrivals(tmp_path, done={(str(tmp_path / "a.tif"), 1)}), tmp_path / "a.tif"
-    for pages, expected in ((1, [("a.tif", 0)]), (3, [("a.tif", 2)]), (4, [("a.tif", 3)])):
-        write_tiff(path, np.ones((pages, 8, 8), np.uint16), overwrite=True)
-        assert [told(arrivals) for _ in range(3)] == [[], expected, []]
-
-
-def test_what_has_rested_for_long_is_not_looked_at_again(small, tmp_path, monkeypatch):
-    (tmp_path / "a.fits").write_bytes(small)
-    arrivals = Arrivals(tmp_path)
-    for _ in range(_RESTING + 2):
-        told(arrivals)
-    monkeypatch.setattr("pathlib.Path.stat", None)  # whoever asks is told
-    assert told(arrivals) == []
-
-
-def test_only_frames_of_the_directory_itself_count(small, tmp_path):
-    for name in ("a.fits", ".hidden.fits", "results.ecsv", "out/b.fits"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(small)
-    arrivals = Arrivals(tmp_path)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
-
-
-def test_a_directory_that_is_lost_for_a_while_is_waited_for(small, tmp_path, caplog):
+@pytest.fixture
+def spoilt(night, tmp_path, monkeypatch):
+    """A directory with two files, the second of which is written anew just after it was found to be whole."""
     where = tmp_path / "camera"
     where.mkdir()
-    (where / "a.fits").write_bytes(small)
-    arrivals = Arrivals(where)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
-    where.rename(tmp_path / "elsewhere")
-    assert [told(arrivals) for _ in range(2)] == [[], []]
-    assert [record.getMessage().split(" (")[0] for record in caplog.records] == [f"{where} cannot be listed"]
-    (tmp_path / "elsewhere").rename(where)
-    assert [told(arrivals) for _ in range(3)] == [[], [], []]
+    for copy in copies(night[:2], where):
+        copy()
+    late = where / night[1].name
+    contents = [late.read_bytes()[:9000]]
+
+    def spoil(path, hdu):
+        whole = is_whole(path, hdu=hdu)
+        if path == late and contents:
+            path.write_bytes(contents.pop())
+        return whole
+
+    monkeypatch.setattr("jitterkit.batch.arrivals.is_whole", spoil)
+    return where
+
+
+def test_a_frame_that_became_unreadable_after_its_file_was_whole_is_tried_again(night, processor, spoilt):
+    """Rows come after some looks without a frame; then the writer comes to its end."""
+    rows = []
+    written = (lambda: None,) * 6 + (lambda: copies(night[1:2], spoilt)[0](),)
+    run = watch_directory(
+        spoilt, spoilt, processor, idle=12, watch=rows.append, sleep=Camera(*written), threads=2
+    )
+    assert names(run) == [row["file"] for row in rows] == [path.name for path in night[:2]]
+    assert list(run.table["status"]) == ["ok", "ok"]
+
+
+def test_a_frame_that_stays_unreadable_is_told_at_the_end_and_done_by_a_resumed_watch(
+    night, processor, spoilt
+):
+    run = watch_directory(spoilt, spoilt, processor, idle=5, sleep=Camera())
+    assert list(run.table["status"]) == ["ok", "unreadable"]
+    copies(night[1:2], spoilt)[0]()
+    run = watch_directory(spoilt, spoilt, processor, idle=5, resume=True, sleep=Camera())
+    assert list(run.table["status"]) == ["ok", "ok"]
+
+
+@pytest.fixture
+def cube(night, tmp_path):
+    """A directory with three frames in one file."""
+    frames = [frame.data for path in night[:3] for frame in read_frames(path)]
+    (tmp_path / "camera").mkdir()
+    return write_fits(tmp_path / "camera" / "cube.fits", np.array(frames, np.float32))
+
+
+def test_a_file_of_many_frames_that_is_cut_is_told_and_resumed(cube, processor, monkeypatch, caplog):
+    """Two frames are asked for before the stop is heard; then the directory is named otherwise."""
+    asked, out = [], cube.parent.parent / "out"
+    monkeypatch.setattr("jitterkit.batch.live._AT_ONCE", 2)
+    monkeypatch.setattr("jitterkit.batch.arrivals.is_whole", lambda path, hdu: not asked.append(path))
+    run = watch_directory(cube.parent, out, processor, stop=lambda: bool(asked), sleep=Camera())
+    assert list(run.table["frame"]) == [0, 1]
+    assert caplog.messages == [f"Not looked at in {cube.parent}: 1 frame of cube.fits; --resume does them."]
+    monkeypatch.chdir(cube.parent.parent)
+    table = watch_directory("camera", out, processor, idle=3, resume=True, sleep=Camera()).table
+    assert list(table["frame"]) == [0, 1, 2]
+    assert set(table["status"]) == {"ok"}
