@@ -27,7 +27,17 @@ from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.frames.frame import Frame
 from jitterkit.optics.otf import OTF
 
-__all__ = ["Data", "Misfit", "NormalEquations", "deviance", "normal_equations", "pearson"]
+__all__ = [
+    "Data",
+    "Misfit",
+    "NormalEquations",
+    "chi_squared",
+    "deviance",
+    "equations_of",
+    "is_clear",
+    "normal_equations",
+    "pearson",
+]
 
 _FLOOR = 1e-6
 """Smallest expected count, as a share of the frame's mean: ringing must not make it negative."""
@@ -74,7 +84,7 @@ class Data(eqx.Module):
         used = np.ones(electrons.shape, bool) if used is None else np.asarray(used, bool)
         used = used & np.isfinite(electrons)
         self.electrons = jnp.asarray(np.where(used, electrons, 0.0))
-        self.read_variance = jnp.broadcast_to(jnp.asarray(read_variance, float), electrons.shape)
+        self.read_variance = jnp.asarray(np.broadcast_to(np.asarray(read_variance, float), electrons.shape))
         self.used = jnp.asarray(used)
         self.response = None if response is None else jnp.broadcast_to(response, electrons.shape)
         ceiling = None if ceiling is None else np.minimum(ceiling, _NO_CEILING)
@@ -123,7 +133,7 @@ class Data(eqx.Module):
         """
         if not self.trims:
             return self
-        keep = np.asarray(_is_clear(jnp.asarray(image), self))
+        keep = np.asarray(is_clear(jnp.asarray(image), self))
         return Data(self.electrons, self.read_variance, keep, response=self.response)
 
     @property
@@ -172,6 +182,11 @@ def normal_equations(parameters: Parameters, otf: OTF, data: Data, free: tuple[i
         ``solve(information, score)`` is the scoring step, the natural gradient.
     """
     image, jacobian = image_and_jacobian(parameters, otf, free)
+    return equations_of(image, jacobian, data)
+
+
+def equations_of(image, jacobian, data: Data) -> NormalEquations:
+    """The same of an expected image (ny, nx) and its derivatives (p, ny, nx)."""
     mean = _mean(image, data)
     slope = jnp.where(_telling(image, data), data.weight, 0.0)
     residual, share = _residual(mean, data), 1 / mean
@@ -217,6 +232,11 @@ def pearson(image, data: Data) -> Misfit:
     return Misfit(float(chi2), int(pixels), float(spread), np.asarray(residual))
 
 
+def chi_squared(image, data: Data):
+    """The numbers of :func:`pearson`, for use within a compiled program: chi-squared, pixels and spread."""
+    return _pearson(image, data)[:3]
+
+
 @eqx.filter_jit
 def _pearson(image, data: Data):
     mean = _mean(image, data)
@@ -229,8 +249,9 @@ def _pearson(image, data: Data):
 
 
 @eqx.filter_jit
-def _is_clear(image, data: Data):
-    return data.used & _clears(_mean(image, data), data)
+def is_clear(image, data: Data):
+    """Pixels (ny, nx) that are used and that an expected image leaves clear of their ceiling."""
+    return data.used if data.ceiling is None else data.used & _clears(_mean(image, data), data)
 
 
 def _clears(mean, data: Data):

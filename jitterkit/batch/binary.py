@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from jitterkit.batch.frame import Processor
+from jitterkit.batch.frame import SCORE, GridKey, Processor
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.survey import Survey
+from jitterkit.batch.repeats import Repeats
+from jitterkit.batch.stream import cores
+from jitterkit.batch.survey import Item, Survey
 from jitterkit.batch.verdict import judge, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
 from jitterkit.estimators import KernelEstimate
+from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data, Misfit, pearson
@@ -40,30 +46,69 @@ class BinaryMeasurer:
     ----------
     processor : Processor
         Its ``kernel`` names the estimator.
-    survey : Survey, optional
-        Tells what the frames of a batch have in common; by default one of its own.
+    survey, repeats : Survey, Repeats, optional
+        Tell what the frames of a batch have in common; by default of its own.
     """
 
-    threads, together = None, 128
+    together = 128
 
-    def __init__(self, processor: Processor, survey: Survey | None = None) -> None:
-        self.processor, self._survey = processor, survey
+    def __init__(
+        self, processor: Processor, survey: Survey | None = None, repeats: Repeats | None = None
+    ) -> None:
+        self.processor, self._survey, self._repeats = processor, survey, repeats
+        self._lead: tuple[Item, ...] = ()
+        self._known: Mapping[GridKey, Repeat] = {}
+        self._looking = Lock()
 
     @property
     def name(self) -> str:
         """Of the estimator."""
         return self.processor.kernel
 
+    @property
+    def threads(self) -> int:
+        """One more than there are processors: a third of a frame is Python's, which does one at a time."""
+        return cores() + 1
+
     def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:
         """The same for the frames of a batch, with what its lead shows."""
         self._survey = self._survey or Survey(self.processor, hdu)
-        return BinaryMeasurer(replace(self.processor, anchored=self._survey.of(batch.lead)), self._survey)
+        self._repeats = self._repeats or Repeats(self.processor, hdu)
+        one = BinaryMeasurer(self.processor, self._survey, self._repeats)
+        one._lead, one._known = batch.lead, self._repeats.of(batch.lead) if self.name == SCORE else {}
+        return one
 
     def measure(self, raw: RawFrame) -> Measured | FitResult:
         """Measure one frame, or say in a status why not."""
         frame = self.processor.calibrate(raw)
+        return self._again(frame) or self._from_nothing(frame)
+
+    def _again(self, frame: Frame) -> Measured | None:
+        """As a repetition of what others have shown, where it is one."""
+        repeat, data = self._known.get(self.processor.grid(frame)), Data.of(frame)
+        repeated = None if repeat is None else repeat.estimate(data)
+        if repeated is None:
+            return None
+        parameters = repeated.parameters
+
+        def look() -> tuple[Parameters, OTF]:
+            return parameters, self.processor.optics(frame).otf(np.asarray(parameters.aberrations))
+
+        estimate = replace(repeated.estimate, source=frame.name, digest=frame.digest)
+        return self._measured(frame, data, estimate, look)
+
+    @cached_property
+    def _among_others(self) -> Processor:
+        """With the optics that the lead shows; asked for by the first frame that needs them."""
+        if self._survey is None or not self._lead:
+            return self.processor
+        return replace(self.processor, anchored=self._survey.of(self._lead))
+
+    def _from_nothing(self, frame: Frame) -> Measured | FitResult:
+        with self._looking:
+            processor = self._among_others
         try:
-            estimated = self.processor.estimate(frame)
+            estimated = processor.estimate(frame)
         except (FrameError, NoStarError, UndeterminedError):
             raise
         except JitterkitError as error:  # as ``process`` calls it
@@ -82,24 +127,23 @@ class BinaryMeasurer:
                 f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with everything "
                 f"fitted {best:.3g}: the picture's residual is the template's."
             )
-        return self._measured(frame, data, start.parameters, start.otf, estimate, misfit, message)
+        return self._measured(frame, data, estimate, lambda: (start.parameters, start.otf), message)
 
     def _measured(
         self,
         frame: Frame,
         data: Data,
-        template: Parameters,
-        otf: OTF,
         estimate: KernelEstimate,
-        misfit: Misfit,
+        look: Callable[[], tuple[Parameters, OTF]],
         message: str = "",
     ) -> Measured:
+        """With a picture for which template and optics are looked up when it is drawn."""
         scale = frame.plate_scale or self.processor.instrument.plate_scale
 
         def draw() -> list[Any]:
-            sharp, blurred = template_images(estimate, template, otf)
+            sharp, blurred = template_images(estimate, *look())
             variance = np.asarray((blurred.clip(0) + data.offset) / data.weight)
-            mask = ~np.isfinite(misfit.residual)
+            mask = ~np.isfinite(pearson(blurred, data).residual)
             return plot_estimate(
                 estimate, frame.electrons, sharp, blurred, scale, variance=variance, mask=mask
             )

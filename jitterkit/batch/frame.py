@@ -41,7 +41,7 @@ from jitterkit.refit import (
 )
 from jitterkit.refit.rays import find_rays
 
-__all__ = ["Processed", "Processor"]
+__all__ = ["SCORE", "Processed", "Processor"]
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ GridKey = tuple[tuple[int, int], float]
 _SYSTEMS = 8
 """Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
 
-_SCORE = "score"
+SCORE = "score"
 """The estimator that is what finding the pair does, as far as a fit's start goes."""
 
 _UNUSED = "The prior holds this frame only and was not used."
@@ -113,7 +113,7 @@ class Processor:
     instrument: Instrument
     overrides: Mapping[str, Any] = field(default_factory=dict)
     locus: str = "auto"
-    kernel: str = _SCORE
+    kernel: str = SCORE
     options: FitOptions = field(default_factory=FitOptions)
     prior: KernelPrior | None = None
     censored: bool = False
@@ -263,7 +263,7 @@ class Processor:
 
     def _fit_once(self, frame: Frame) -> FitResult:
         data = self._data(frame)
-        start = self._locate(frame, data, rough=self.kernel == _SCORE)
+        start = self._locate(frame, data, rough=self.kernel == SCORE)
         if isinstance(start, FitResult):
             return start
         estimate, options = self._first(frame, data, start), self._options(frame)
@@ -274,7 +274,7 @@ class Processor:
 
     def _first(self, frame: Frame, data: Data, start: Start) -> KernelEstimate:
         """The blur that the fit starts from: the pair was found by scoring, which need not be done twice."""
-        if self.kernel != _SCORE:
+        if self.kernel != SCORE:
             return self._estimate(frame, data, start)
         moments = np.asarray(start.parameters.locus.moments())
         return KernelEstimate(moments, start.covariance, self.kernel, frame.name, digest=frame.digest)

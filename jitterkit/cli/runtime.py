@@ -16,7 +16,7 @@ __all__ = ["command_line", "prepare_jax", "say", "tells_errors"]
 USAGE, SOME_FAILED = 2, 1
 
 
-def prepare_jax(device: str | None = None, float32: bool = False) -> None:
+def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = False) -> None:
     """Choose where to compute and with what numbers, and keep compiled programs for the next start.
 
     Parameters
@@ -25,12 +25,17 @@ def prepare_jax(device: str | None = None, float32: bool = False) -> None:
         ``cpu`` or ``gpu``; by default what JAX finds best.
     float32 : bool
         Whether to do with 32 bits.
+    alone : bool
+        Whether threads compute on one processor each: XLA shares what takes a millisecond among all of them,
+        which takes longer.
 
     Raises
     ------
     ConfigurationError
         If there is no such device.
     """
+    if alone:
+        os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax
 
     from jitterkit.errors import ConfigurationError

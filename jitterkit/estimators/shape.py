@@ -159,6 +159,6 @@ def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
     return covariance + _DECISIVE**2 * np.outer(known, known)
 
 
-def is_decisive(shape_err: float) -> bool:
-    """Whether a shape is known so well that the moments must not be taken for a normal's."""
-    return bool(shape_err < _DECISIVE)
+def is_decisive(shape_err):
+    """Whether a shape is known so well, by its error, that the moments must not be taken for a normal's."""
+    return shape_err < _DECISIVE

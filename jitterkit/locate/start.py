@@ -31,6 +31,8 @@ _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a b
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _STILL = 0.03  # rad: what the optics may move without being climbed anew adds 0.02 to the deviance per pixel
+_LEFT_OUT = 0.03  # sigmas of the whole image
+_EXPANSIONS = 4  # at most, of the optics: each squares what is left of the way
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
 
 
@@ -106,6 +108,11 @@ def _places(scene: Binary) -> np.ndarray:
     return np.array([x, y])
 
 
+def _unseen(parameters: Parameters) -> float:
+    """Rms phase [rad] whose square, which an expansion leaves out, changes the image by 0.03 of its noise."""
+    return float(np.sqrt(_LEFT_OUT / np.sqrt(max(float(parameters.scene.flux), 1.0))))
+
+
 def _polish(
     data: Data,
     optics: Optics,
@@ -120,13 +127,14 @@ def _polish(
     here = Parameters(pair.scene, locus, otf.state)
     names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
-    tolerance, still = (_NEARBY, _STILL) if rough else (_CLOSE, 0.0)
+    tolerance = _NEARBY if rough else _CLOSE
     end = climb(here, otf, data, free, leash, steps=15, tolerance=tolerance)
-    if otf.names:
+    for _ in range((1 if rough else _EXPANSIONS) if otf.names else 0):
         moved = optics.phase(np.asarray(end.parameters.aberrations - otf.state))
         otf = optics.otf(end.parameters.aberrations)
-        if moved > still:
-            end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=tolerance)
+        if moved < (_STILL if rough else _unseen(end.parameters)):
+            break
+        end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=tolerance)
     used = max(int(np.sum(np.asarray(data.used))), 1)
     slots = [names.index(name) for name in locus.names]
     covariance, _ = invert_information(end.information)

@@ -129,7 +129,7 @@ def axis_variances(moments) -> tuple[float, float, float]:
     >>> axis_variances([2.0, 1.0, 2.0])
     (3.0, 1.0, 45.0)
     """
-    sxx, sxy, syy = (float(s) for s in moments)
+    sxx, sxy, syy = np.asarray(moments, float).tolist()
     mean, half = (sxx + syy) / 2, float(np.hypot((sxx - syy) / 2, sxy))
     return mean + half, mean - half, axis_angle(np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2)
 

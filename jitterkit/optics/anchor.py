@@ -120,13 +120,18 @@ class AnchoredOptics:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
-        phase = self.phase(np.asarray(aberrations) - np.asarray(self.anchor.state))
-        if phase > _SLOPES:
+        if self._distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
         here = self.anchor.otf(aberrations)
-        if _THIRD_ORDER * np.sqrt(self.photons) * phase**3 < _UNSEEN:
-            return here
-        return self.system.near(aberrations, here)
+        return here if self.reaches(aberrations) else self.system.near(aberrations, here)
+
+    def reaches(self, aberrations) -> bool:
+        """Whether the anchor alone is as good as exact at ``aberrations`` [nm]."""
+        return _THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3 < _UNSEEN
+
+    def _distance(self, aberrations) -> float:
+        """Rms phase [rad] from the anchor."""
+        return self.phase(np.asarray(aberrations) - np.asarray(self.anchor.state))
 
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Likewise; derivatives cost nothing here."""

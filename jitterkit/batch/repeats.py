@@ -1,0 +1,66 @@
+"""What the frames of a run show again and again, so that the blur of each is found in milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from jitterkit.batch.frame import GridKey, Processor
+from jitterkit.batch.survey import Item, read_items
+from jitterkit.errors import JitterkitError
+from jitterkit.estimators.repeat import Repeat
+from jitterkit.frames import Frame
+from jitterkit.likelihood import Data
+from jitterkit.optics import OpticalSystem
+
+__all__ = ["Repeats"]
+
+
+class Repeats:
+    """Looks at the leads of batches, one after the other.
+
+    What a frame of the lead repeats is kept; what none repeats any more is made anew from one of them.  So
+    what a batch is given depends on the leads up to it, and on nothing else.
+
+    Parameters
+    ----------
+    processor : Processor
+    hdu : int, optional
+        To read in every FITS file.
+    """
+
+    def __init__(self, processor: Processor, hdu: int | None = None) -> None:
+        self._processor, self._hdu = processor, hdu
+        self._known: dict[GridKey, Repeat] = {}
+        self._lead: tuple[Item, ...] = ()
+
+    def of(self, lead: tuple[Item, ...]) -> Mapping[GridKey, Repeat]:
+        """What the frames of a batch may repeat, by their grids; of grids that its lead has."""
+        if lead != self._lead:
+            self._lead, self._known = lead, self._look(lead)
+        return self._known
+
+    def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Repeat]:
+        found: dict[GridKey, Repeat] = {}
+        frames: dict[GridKey, list[Frame]] = {}
+        for _, _, raw in read_items(lead, self._hdu):
+            frame = None if isinstance(raw, JitterkitError) else self._processor.prepare(raw)
+            if isinstance(frame, Frame):
+                frames.setdefault(self._processor.grid(frame), []).append(frame)
+        for grid, here in frames.items():
+            repeat = self._known.get(grid)
+            if repeat is None or not any(repeat.estimate(Data.of(frame)) for frame in here):
+                repeat = next(filter(None, map(self._anew, here)), None)
+            if repeat is not None:
+                found[grid] = repeat
+        return found
+
+    def _anew(self, frame: Frame) -> Repeat | None:
+        shown = self._processor.wavefront(frame)
+        if shown is None or not len(shown.aberrations):
+            return None
+        system = self._processor.optics(frame)
+        return (
+            Repeat.of(shown, system, self._processor.options.hold)
+            if isinstance(system, OpticalSystem)
+            else None
+        )

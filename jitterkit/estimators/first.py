@@ -1,0 +1,243 @@
+"""The frame that others repeat, and the one compiled program that compares a frame with it.
+
+Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which is made of these.  Work is done on a cut-out
+about the pair, periodic at its rim: light that leaves on one side comes back on the other, so the rim is left
+out.  Derivatives and what is summed over pixels are in 32 bits; images, and what moves them, are not.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jitterkit.estimators.shape import is_decisive
+from jitterkit.forward import Parameters, expected_image, image_and_jacobian, to_vector
+from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
+from jitterkit.loci import Shaped
+from jitterkit.optics import Anchor
+from jitterkit.optics.otf import OTF
+
+__all__ = ["End", "First", "Fourth", "compared", "invert", "moved", "offset_of", "within"]
+
+_AROUND = 1.5
+"""Pixels, 1 sigma, of what stands in for pixels that are not used, to find the pair by."""
+
+_FAR, _CLOSE = 3, 2
+"""Steps by the derivatives of the first frame, and by its own."""
+
+
+class Fourth(Shaped):
+    """A normal, and what a small excess kurtosis changes in it: ``Shaped``, to first order and cheaply."""
+
+    def transfer(self, fx, fy):
+        w = 4 * jnp.pi**2 * self.variance_along(fx, fy)
+        return jnp.exp(-w / 2 + self.coords[3] * w**2 / 24)
+
+
+class First(eqx.Module):
+    """The frame that others are compared with.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        What fits it, about the centre of its cut-out.
+    anchor : Anchor
+        Of the optics, on the cut-out's pixels alone.
+    otf : OTF
+        The same at its state.
+    values : (p,) array
+        Those of the parameters that are fitted.
+    slopes : (p, my, mx) array
+        Derivatives of the expected image over its variance, within the rim.
+    covariance : (p, p) array
+        Of the values, the kurtosis held.
+    whole : (ny, nx) array
+        Expected image of the whole frame.
+    matched : (ny, nx//2 + 1) complex array
+        Conjugate of its spectrum, without its mean.
+    corner : (2,) int array
+        First pixel ``(y, x)`` of the cut-out.
+    rim : (int, int)
+        Pixels ``(y, x)`` along each side of the cut-out that are left out.
+    free : tuple of int
+        Positions of the values in the parameter vector.
+    names : tuple of str
+        Of the values.
+    """
+
+    parameters: Parameters
+    anchor: Anchor
+    otf: OTF
+    values: Float[Array, " p"]
+    slopes: Float[Array, "p my mx"]
+    covariance: Float[Array, "p p"]
+    whole: Float[Array, "ny nx"]
+    matched: Complex[Array, "ny mx"]
+    corner: Int[Array, "2"]
+    rim: tuple[int, int] = eqx.field(static=True)
+    free: tuple[int, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def kurtosis(self) -> int:
+        """Which value is the excess kurtosis; the three before it are the moments."""
+        return self.names.index(Fourth.names[-1])
+
+    def at(self, values) -> Parameters:
+        """The parameters with other values."""
+        vector, unravel = to_vector(self.parameters)
+        return unravel(vector.at[np.asarray(self.free)].set(values))
+
+
+class End(NamedTuple):
+    """Where a few steps of scoring lead, and what is left there.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        With a ``Shaped`` locus.
+    data : Data
+        The cut-out, with the pixels that were used.
+    offset : (2,) array
+        Of its centre from the frame's, ``(y, x)`` [arcsec].
+    values : (p,) array
+        Those of the parameters that are fitted; no kurtosis while it says little.
+    score : (p,) array
+    remains : float
+        Length of the next step, in standard errors.
+    excess : float
+        Of chi-squared over what is expected of it, in standard deviations.
+    information : (p, p) array
+        At the normal blur.
+    """
+
+    parameters: Parameters
+    data: Data
+    offset: Float[Array, "2"]
+    values: Float[Array, " p"]
+    score: Float[Array, " p"]
+    remains: Float[Array, ""]
+    excess: Float[Array, ""]
+    information: Float[Array, "p p"]
+
+
+@jax.jit
+def compared(first: First, data: Data) -> End:
+    """Find pair, wavefront and blur of a frame that repeats the first one, in a few steps of scoring."""
+    whole, size = data.used.shape, first.otf.grid.shape
+    data, near, corner, shift = _cut_out(first, data)
+    values, normal = first.values, np.arange(len(first.names)) != first.kurtosis
+    seen, light = _at_first(data, near, shift)
+    for _ in range(_FAR):
+        rest = within(first.rim, seen - expected_image(first.at(values), first.otf))
+        values = values + first.covariance @ jnp.tensordot(first.slopes, rest.astype(jnp.float32), 2)
+    y, x, flux = (first.names.index(name) for name in ("y", "x", "flux"))
+    values = values.at[np.array([y, x])].add(shift * first.otf.grid.pitch).at[flux].multiply(light)
+
+    here = first.at(values)
+    otf = first.anchor.otf(here.aberrations)
+    image, jacobian = image_and_jacobian(here, otf, first.free)
+    used = is_clear(image, data) & _inside(first.rim, image.shape)
+    data = eqx.tree_at(lambda d: (d.used, d.ceiling), data, (used, None), is_leaf=lambda part: part is None)
+    inner = partial(within, first.rim)
+    jacobian, seen = _single(inner(jacobian)), _single(jax.tree.map(inner, data))
+    _, score, information = equations_of(_single(inner(image)), jacobian, seen)
+    information = information.astype(values.dtype)
+    _, errors = invert(information, normal | True)
+    covariance, _ = invert(information, normal | is_decisive(errors[first.kurtosis]))
+    for _ in range(_CLOSE):
+        values = values + covariance @ score
+        end = first.at(values)
+        end = end.with_locus(Shaped(end.locus.coords))
+        image = _single(inner(expected_image(end, otf)))
+        score = equations_of(image, jacobian, seen).score
+    chi2, pixels, spread = chi_squared(image, seen)
+    remains = jnp.sqrt(score @ covariance @ score)
+    offset = offset_of(corner, size, whole) * first.otf.grid.plate_scale
+    return End(
+        moved(end, offset), data, offset, values, score, remains, (chi2 - pixels) / spread, information
+    )
+
+
+def _cut_out(first: First, data: Data):
+    """A frame's cut-out about the pair, the first frame's image moved there, the cut-out's first pixel, and
+    how far ``(y, x)`` [pixels] the pair is in it from where the first frame has it, to about a tenth.
+    """
+    whole = jax.lax.cond(jnp.all(data.used), lambda data: data.electrons, _without_holes, data)
+    match = jnp.fft.irfft2(jnp.fft.rfft2(whole) * first.matched, s=whole.shape)
+    row, column = jnp.unravel_index(jnp.argmax(match), match.shape)
+    shift = jnp.stack([_peak(match[:, column], row), _peak(match[row], column)])
+    steps, shape = jnp.round(shift).astype(int), first.otf.grid.shape
+    corner = jnp.clip(first.corner + steps, 0, np.subtract(match.shape, shape))
+    cut = partial(jax.lax.dynamic_slice, start_indices=corner, slice_sizes=shape)
+    near = cut(jnp.roll(first.whole, steps, (0, 1)))
+    return jax.tree.map(cut, data), near, corner, shift - (corner - first.corner)
+
+
+def _without_holes(data: Data):
+    """Electrons, and where pixels are not used a mean of those around: a star with a full core has a core."""
+    fy, fx = np.fft.fftfreq(data.used.shape[0])[:, None], np.fft.rfftfreq(data.used.shape[1])[None]
+    soft = np.exp(-2 * (np.pi * _AROUND) ** 2 * (fy**2 + fx**2))
+    both = jnp.stack([jnp.where(data.used, data.electrons, 0.0), data.used.astype(data.electrons.dtype)])
+    light, share = jnp.fft.irfft2(jnp.fft.rfft2(both) * soft, s=data.used.shape)
+    return jnp.where(data.used, data.electrons, light / jnp.maximum(share, 1e-3))
+
+
+def _peak(values, place):
+    """Where a periodic row is highest, by a parabola through three values; negative in its far half."""
+    size = len(values)
+    left, middle, right = (values[(place + step) % size] for step in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    vertex = jnp.where(bend < 0, 0.5 * (left - right) / bend, 0.0)
+    return (place + size // 2) % size - size // 2 + jnp.clip(vertex, -0.5, 0.5)
+
+
+def _at_first(data: Data, near, shift):
+    """A cut-out with the pair where the first frame has it, and as much light; and how much more it has."""
+    light = jnp.sum(jnp.where(data.used, data.electrons, 0.0)) / jnp.sum(jnp.where(data.used, near, 0.0))
+    counts = jnp.where(data.used, data.electrons, light * near)
+    fy, fx = np.fft.fftfreq(counts.shape[0])[:, None], np.fft.rfftfreq(counts.shape[1])[None]
+    turn = jnp.exp(2j * np.pi * fy * shift[0]) @ jnp.exp(2j * np.pi * fx * shift[1])
+    return jnp.fft.irfft2(jnp.fft.rfft2(counts) * turn, s=counts.shape) / light, light
+
+
+def offset_of(corner, size, shape):
+    """Of a cut-out's centre from the frame's, ``(y, x)`` [pixels]."""
+    return corner + np.subtract(size, shape) / 2
+
+
+def moved(parameters: Parameters, by) -> Parameters:
+    """Parameters with the pair moved by ``(y, x)`` [arcsec]."""
+    scene = parameters.scene
+    return eqx.tree_at(lambda p: (p.scene.y, p.scene.x), parameters, (scene.y + by[0], scene.x + by[1]))
+
+
+def _single(tree):
+    return jax.tree.map(lambda a: a.astype(jnp.float32) if a.dtype == jnp.float64 else a, tree)
+
+
+def within(rim: tuple[int, int], arrays):
+    """Arrays (..., ny, nx) without their rim."""
+    y, x = rim
+    return arrays[..., y:-y, x:-x]
+
+
+def _inside(rim: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+    inside = np.zeros(shape, bool)
+    within(rim, inside)[...] = True
+    return inside
+
+
+def invert(information, varied):
+    """Covariance (p, p) of what is varied, zero elsewhere, and its standard errors (p,)."""
+    scale = jnp.sqrt(jnp.diag(information))
+    both = varied[:, None] & varied
+    unit = jnp.where(both, information / jnp.outer(scale, scale), jnp.eye(len(scale)))
+    covariance = jnp.where(both, jnp.linalg.inv(unit) / jnp.outer(scale, scale), 0.0)
+    return covariance, jnp.sqrt(jnp.diag(covariance))

@@ -1,0 +1,253 @@
+"""The blur of a frame that shows again what another has shown: the score estimate in a few milliseconds.
+
+Frames of one telescope repeat each other but for place, light, blur and a little of the wavefront.  A
+:class:`Repeat` is made from what one frame has told.  Another is registered to it by a correlation and moved
+onto it; a few steps by the first frame's derivatives come near, and one expansion there gives the blur, tests
+its shape, and tells whether to believe it.  All is fitted that
+:func:`~jitterkit.estimators.score.estimate_score` fits; of the frame only what tells of the blur is used,
+which adds a hundredth to the errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.fft import next_fast_len
+
+from jitterkit.estimators.first import End, First, Fourth, compared, invert, moved, offset_of, within
+from jitterkit.estimators.shape import doubted, fit_shape, is_decisive
+from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
+from jitterkit.kernel_estimate import KernelEstimate, is_detected
+from jitterkit.likelihood import Data
+from jitterkit.loci import Locus
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
+from jitterkit.scoring import invert_information
+
+__all__ = ["Repeat", "Repeated"]
+
+_DEARER = 1.01
+"""Factor by which the errors of the moments may grow, for the sake of a smaller cut-out."""
+
+_STEP = 4
+"""Pixels between the cut-outs that are tried."""
+
+_SPARE = 3
+"""Pixels by which the pair may be off its place before light returns within the rim."""
+
+_SHARE = 6
+"""Rims that a frame must be wide: of a smaller one too much would be left out."""
+
+_DARK = 1e-5
+"""Share of the brightest pixel that no variance falls below, where the way depends on it, not the goal."""
+
+_SETTLED = 0.05
+"""Standard errors that a further step may be long."""
+
+_SURE = 5.0
+"""Standard deviations by which chi-squared may exceed what is expected of it."""
+
+_SHAPELESS = 0.2
+"""Excess kurtosis up to which the derivatives at none serve."""
+
+
+class Repeated(NamedTuple):
+    """What a frame has told.
+
+    Attributes
+    ----------
+    estimate : KernelEstimate
+    parameters : Parameters
+        Everything that was fitted, with a ``Shaped`` locus.
+    """
+
+    estimate: KernelEstimate
+    parameters: Parameters
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """What one frame of many has shown.  Build it with :meth:`of`.
+
+    Attributes
+    ----------
+    first : First
+        The frame.
+    optics : AnchoredOptics
+        Of the telescope; tells how far they reach.
+    hold : collection of str
+        Parameters that are kept.
+    """
+
+    first: First
+    optics: AnchoredOptics
+    hold: Collection[str]
+
+    @classmethod
+    def of(
+        cls, parameters: Parameters, system: OpticalSystem, hold: Collection[str] = ("background",)
+    ) -> Repeat | None:
+        """From what fits one frame.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            Of a binary.
+        system : OpticalSystem
+        hold : collection of str
+            Parameters to keep.
+
+        Returns
+        -------
+        repeat : Repeat or None
+            None where the frame is undersampled, or so small that its rim is much of it.
+        """
+        rim = _rim(parameters, system)
+        if system.grid.refine > 1 or min(system.grid.shape) < _SHARE * max(rim):
+            return None
+        state, near = np.asarray(parameters.aberrations), Fourth.near(parameters.locus.moments())
+        parameters = parameters.with_locus(near)
+        bare = _sized(system, system.grid.shape)
+        otf = bare.otf(state)
+        names, free = free_parameters(parameters, otf, hold)
+        kurtosis = names.index(Fourth.names[-1])
+        whole, jacobian = (np.asarray(part) for part in image_and_jacobian(parameters, otf, free))
+        others, moments = np.delete(jacobian, kurtosis, 0), slice(kurtosis - 3, kurtosis)
+        corner, size = _cut(parameters, whole, others, moments, rim, bare.grid.plate_scale)
+
+        parameters = moved(parameters, -offset_of(corner, size, whole.shape) * system.grid.plate_scale)
+        bare = _sized(system, size)
+        optics = AnchoredOptics.about(bare, Anchor.at(bare, state), 1.0)
+        image, jacobian = image_and_jacobian(parameters, optics.nominal, free)
+        slopes = within(rim, jacobian / jnp.maximum(image, _DARK * image.max())).astype(jnp.float32)
+        information = jnp.tensordot(slopes, within(rim, jacobian), ((1, 2), (1, 2)))
+        first = First(
+            parameters,
+            optics.anchor,
+            optics.nominal,
+            to_vector(parameters)[0][np.asarray(free)],
+            slopes,
+            invert(information, np.arange(len(names)) != kurtosis)[0],
+            jnp.asarray(whole),
+            jnp.conj(jnp.fft.rfft2(whole - whole.mean())),
+            jnp.asarray(corner),
+            rim,
+            free,
+            names,
+        )
+        return cls(first, optics, hold)
+
+    def estimate(self, data: Data) -> Repeated | None:
+        """Estimate the blur of another frame.
+
+        Parameters
+        ----------
+        data : Data
+            Of the same shape.  Pixels that may reach their ceiling are left out.
+
+        Returns
+        -------
+        repeated : Repeated or None
+            None if the frame does not repeat what this one has shown.
+
+        Notes
+        -----
+        *Fails when* pair or wavefront are other ones: then a step is left, chi-squared is large or the
+        state out of the anchor's reach, and the answer is None.
+        """
+        end = compared(self.first, data)
+        values, score, remains, excess, information = map(np.asarray, end[3:])
+        if not (excess < _SURE and self._reaches(values)):
+            return None
+        estimate = self._estimate(end.parameters, values, score, information)
+        near = estimate.locus is None or abs(estimate.shape) < max(_SHAPELESS, 2 * estimate.shape_err)
+        if near and remains < _SETTLED:
+            return Repeated(estimate, end.parameters)
+        return None if estimate.locus is None else self._expanded(end)
+
+    def _expanded(self, end: End) -> Repeated | None:
+        """With derivatives at the blur's own shape."""
+        otf = self.first.anchor.otf(end.parameters.aberrations)
+        blur = fit_shape(moved(end.parameters, -end.offset), otf, end.data, self.hold)
+        if blur is None:
+            return None
+        return Repeated(_with_shape(blur.locus, blur.covariance), end.parameters.with_locus(blur.locus))
+
+    def _reaches(self, values: np.ndarray) -> bool:
+        names, state = self.first.names, np.array(self.first.parameters.aberrations)
+        for place, name in enumerate(self.first.otf.names):
+            if name in names:
+                state[place] = values[names.index(name)]
+        light = max(values[names.index("flux")], 1.0)
+        return replace(self.optics, photons=light).reaches(state)
+
+    def _estimate(self, parameters: Parameters, values, score, information) -> KernelEstimate:
+        """As :func:`~jitterkit.estimators.score.estimate_score` has it."""
+        k = self.first.kurtosis
+        covariance, _ = invert_information(information)
+        variance = covariance[k, k]
+        if is_decisive(np.sqrt(variance)):
+            return _with_shape(parameters.locus, covariance[k - 3 : k + 1, k - 3 : k + 1])
+        response = -covariance[k] / variance
+        held = covariance - variance * np.outer(response, response)
+        moments, spread = values[k - 3 : k], held[k - 3 : k, k - 3 : k]
+        if not is_detected(moments, spread):
+            return KernelEstimate(moments, spread, "score")
+        doubt = doubted(spread, response[k - 3 : k])
+        shape, shape_err = float(covariance[k] @ score), float(np.sqrt(variance))
+        return KernelEstimate(moments, doubt, "score", shape=shape, shape_err=shape_err)
+
+
+def _with_shape(locus: Locus, covariance: np.ndarray) -> KernelEstimate:
+    """With moments and kurtosis."""
+    *moments, shape = np.asarray(locus.coords)
+    shape_err = float(np.sqrt(covariance[3, 3]))
+    spread = covariance[:3, :3]
+    return KernelEstimate(
+        np.array(moments), spread, "score", shape=float(shape), shape_err=shape_err, locus=locus
+    )
+
+
+def _sized(system: OpticalSystem, shape: tuple[int, int]) -> OpticalSystem:
+    """A telescope on so many pixels and no padding."""
+    return replace(system, grid=replace(system.grid, shape=shape, pad=0))
+
+
+def _rim(parameters: Parameters, system: OpticalSystem) -> tuple[int, int]:
+    """Pixels ``(y, x)`` along each side that light reaches from the other one, as a cut-out is periodic."""
+    x, y, _ = parameters.scene.sources()
+    middle = np.array([parameters.scene.y, parameters.scene.x])[:, None]
+    reach = np.abs(np.array([y, x]) - middle).max(axis=1) / system.grid.plate_scale
+    rim_y, rim_x = (int(np.ceil(pixels)) + _SPARE for pixels in reach)
+    return rim_y, rim_x
+
+
+def _cut(
+    parameters: Parameters,
+    image: np.ndarray,
+    jacobian: np.ndarray,
+    moments: slice,
+    rim: tuple[int, int],
+    pitch: float,
+) -> tuple[np.ndarray, tuple[int, int]]:
+    """First pixel and size ``(y, x)`` of the smallest cut-out about a pair that tells enough of its blur."""
+    root = jacobian / np.sqrt(np.maximum(image, _DARK * image.max()))
+    scene, shape = parameters.scene, np.array(image.shape)
+    middle = np.array([scene.y, scene.x]) / pitch + (shape - 1) / 2
+
+    def errors(half: int) -> np.ndarray:
+        (top, left), (bottom, right) = (
+            np.clip(np.round(middle) + by, 0, shape).astype(int) for by in (-half, half)
+        )
+        part = root[:, top:bottom, left:right].reshape(len(root), -1)
+        return np.sqrt(np.diag(invert_information(part @ part.T)[0])[moments])
+
+    most = int(max(shape))
+    least = errors(most)
+    half = next(h for h in range(_STEP, most + _STEP, _STEP) if np.all(errors(h) < _DEARER * least))
+    size = [min(next_fast_len(2 * (half + edge), real=True), n) for edge, n in zip(rim, shape, strict=True)]
+    corner = np.clip(np.round(middle).astype(int) - np.array(size) // 2, 0, shape - size)
+    return corner, (size[0], size[1])

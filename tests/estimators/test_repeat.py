@@ -1,0 +1,119 @@
+"""The quick score estimate against the truth, and against the one that finds everything from nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.estimators import estimate_score
+from jitterkit.estimators.repeat import Repeat
+from jitterkit.instruments import load_instrument
+from jitterkit.likelihood import Data
+from jitterkit.locate import locate_binary
+from jitterkit.loci import Linear, Mvn
+from jitterkit.optics import obstructed_circle
+from jitterkit.scene import Binary
+from jitterkit.simulate import simulate_frame
+
+FLUX = 1e7
+
+
+@pytest.fixture(scope="module")
+def telescope():
+    """A small one with coma, and a detector that nothing fills."""
+    pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
+    small = load_instrument("smallsat")
+    deep = replace(small.detector, full_well=1e7, bits=22)
+    return replace(small, pupil_from=pupil, detector=deep)
+
+
+@pytest.fixture(scope="module")
+def shown(telescope):
+    """One frame of many, and what fits it."""
+    frame = draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=1)
+    return locate_binary(Data.of(frame), telescope.system()).parameters
+
+
+@pytest.fixture(scope="module")
+def repeat(telescope, shown):
+    return Repeat.of(shown, telescope.system())
+
+
+def draw(telescope, locus, *, seed, aberrations=(5.0, -8.0), **changes):
+    """Calibrated as a command would."""
+    values = {"separation": 10.0, "theta": 30.0, "x": 1.0, "y": -2.0, "flux": FLUX, "contrast": 3.37}
+    rng = np.random.default_rng(seed)
+    raw = simulate_frame(telescope, Binary(**values | changes), locus, aberrations=aberrations, rng=rng).raw
+    return telescope.detector.calibrate(raw)
+
+
+def test_moments_and_places_are_those_of_the_truth(telescope, repeat):
+    rng, pulls = np.random.default_rng(2), []
+    for seed in range(24):
+        major, minor, angle = rng.uniform(0.0, 0.25), rng.uniform(0.0, 0.1), rng.uniform(0, 180)
+        locus, (x, y) = Mvn.of(major, minor, angle), rng.uniform(-3, 3, 2)
+        wander = np.array([5.0, -8.0]) + rng.normal(0, 0.5, 2)
+        frame = draw(telescope, locus, seed=100 + seed, x=x, y=y, aberrations=wander)
+        estimate, parameters = repeat.estimate(Data.of(frame))
+        off = estimate.moments - np.asarray(locus.moments())
+        pulls.append(off @ np.linalg.solve(estimate.covariance, off))
+        # a photon's place scatters by 0.5 arcsec: 1e7 of them give 2e-4 along each axis
+        np.testing.assert_allclose((parameters.scene.x, parameters.scene.y), (x, y), atol=1.5e-3)
+    # chi-squared of 72 degrees of freedom; errors that hold a doubt about the shape make it smaller
+    assert 30 < sum(pulls) < 72 + 4 * 12
+
+
+@pytest.mark.parametrize("major", [0.0, 0.05, 0.2])
+def test_it_agrees_with_the_estimate_from_nothing(telescope, repeat, major):
+    frame = draw(telescope, Mvn.of(major, major / 2, 70.0), seed=5)
+    quick, _ = repeat.estimate(Data.of(frame))
+    start = locate_binary(Data.of(frame), telescope.system())
+    whole = estimate_score(Data.of(frame), start.parameters, start.otf)
+    # pixels that are left out may grow errors by 1 %: then the two differ by sqrt(1.01² - 1) = 0.14 of one
+    np.testing.assert_allclose(quick.errors, whole.errors, rtol=0.04)
+    np.testing.assert_array_less(np.abs(quick.moments - whole.moments), 0.5 * whole.errors)
+    assert (quick.locus is None) == (whole.locus is None)
+
+
+def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
+    locus = Linear.of(0.9, 35.0)
+    estimate, _ = repeat.estimate(Data.of(draw(telescope, locus, seed=7)))
+    off = estimate.moments - np.asarray(locus.moments())
+    assert off @ np.linalg.solve(estimate.covariance, off) < 16.3  # once in a thousand, of three degrees
+    assert estimate.shape == pytest.approx(-1.2, abs=4 * estimate.shape_err)  # of a uniform density
+    assert estimate.shape_err < 0.3
+
+
+def test_a_pair_at_the_edge_of_its_frame_is_found_there(telescope, repeat):
+    locus = Mvn.of(0.1, 0.05, 0.0)
+    frame = draw(telescope, locus, seed=8, x=12.0, y=-13.0)
+    estimate, parameters = repeat.estimate(Data.of(frame))
+    np.testing.assert_allclose((parameters.scene.x, parameters.scene.y), (12.0, -13.0), atol=2e-3)
+    assert np.all(np.abs(estimate.moments - np.asarray(locus.moments())) < 5 * estimate.errors)
+
+
+def test_masked_and_full_pixels_are_left_out(telescope, repeat):
+    locus = Mvn.of(0.1, 0.05, 0.0)
+    frame = draw(telescope, locus, seed=9)
+    brightest = np.unravel_index(np.argmax(frame.electrons), frame.shape)
+    hot = np.random.default_rng(3).random(frame.shape) < 0.01
+    hot[brightest] = True
+    spoilt = replace(frame, electrons=np.where(hot, 1e7, frame.electrons), mask=frame.mask | hot)
+    low = replace(frame, ceiling=np.full(frame.shape, 0.8 * frame.electrons[brightest]))
+    for one in (spoilt, replace(low, full=low.electrons >= low.ceiling, mask=low.electrons >= low.ceiling)):
+        estimate, _ = repeat.estimate(Data.of(one))
+        assert np.all(np.abs(estimate.moments - np.asarray(locus.moments())) < 4.5 * estimate.errors)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"separation": 13.0}, {"theta": 40.0}, {"contrast": 1.5}, {"aberrations": (5.0, 60.0)}, {"flux": 1.0}],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_what_repeats_nothing_is_told_apart(telescope, repeat, changes):
+    assert repeat.estimate(Data.of(draw(telescope, Mvn.of(0.1, 0.1, 0.0), seed=10, **changes))) is None
+
+
+def test_small_and_undersampled_frames_are_left_to_others(telescope, shown):
+    assert Repeat.of(shown, telescope.system(shape=(64, 64))) is None
+    assert Repeat.of(shown, telescope.system(plate_scale=0.75)) is None
