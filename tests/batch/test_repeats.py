@@ -1,0 +1,82 @@
+"""Blur of many frames that repeat one another, from files to table."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jitterkit.batch import Processor
+from jitterkit.batch.binary import BinaryMeasurer
+from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch.repeats import Repeats
+from jitterkit.frames import write_fits
+from jitterkit.instruments import load_instrument
+from jitterkit.loci import Mvn
+from jitterkit.optics import obstructed_circle
+from jitterkit.scene import Binary
+from jitterkit.simulate import simulate_frame
+
+FRAMES, OTHER = 12, 7
+"""Of a night; and the place of one of another pair."""
+
+
+@pytest.fixture(scope="module")
+def telescope():
+    pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
+    return replace(load_instrument("smallsat"), pupil_from=pupil)
+
+
+@pytest.fixture(scope="module")
+def night(telescope, tmp_path_factory):
+    """Twelve frames, each blurred otherwise; and the truth."""
+    directory, rng, truth = tmp_path_factory.mktemp("night"), np.random.default_rng(6), []
+    for number in range(FRAMES):
+        locus, (x, y) = Mvn.of(rng.uniform(0.1, 0.2), 0.05, rng.uniform(0, 180)), rng.uniform(-2, 2, 2)
+        scene = Binary(15.0 if number == OTHER else 10.0, 30.0, x, y, 2e5, 3.37)
+        image = simulate_frame(telescope, scene, locus, aberrations=[5.0, -8.0], rng=rng).raw.data
+        write_fits(directory / f"{number:02d}.fits", image.astype(np.float32))
+        truth.append(np.asarray(locus.moments()))
+    return sorted(directory.iterdir()), np.array(truth)
+
+
+def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(telescope, night, monkeypatch):
+    files, truth = night
+    searched = []
+    sound = BinaryMeasurer._from_nothing
+
+    def noted(self, frame):
+        searched.append(frame.name)
+        return sound(self, frame)
+
+    monkeypatch.setattr(BinaryMeasurer, "_from_nothing", noted)
+    kept = []
+    table = estimate_files(files, BinaryMeasurer(Processor(telescope)), keep=kept.append)
+    assert list(table["status"]) == ["ok"] * FRAMES
+    assert [name.endswith(files[OTHER].name) for name in searched] == [True]
+    pulls = [
+        (table[n].value - truth[:, i]) / table[f"{n}_err"].value for i, n in enumerate(("sxx", "sxy", "syy"))
+    ]
+    assert np.sum(np.square(pulls)) < 36 + 4 * np.sqrt(72)  # chi-squared of 36 degrees of freedom
+    assert len(kept[0].draw()) == 3
+
+
+def test_threads_do_not_matter(telescope, night, monkeypatch):
+    files, _ = night
+    tables = []
+    for threads in (1, 3):
+        monkeypatch.setattr(BinaryMeasurer, "threads", threads)
+        tables.append(estimate_files(files, BinaryMeasurer(Processor(telescope))))
+    for name in tables[0].colnames:
+        np.testing.assert_array_equal(np.asarray(tables[0][name]), np.asarray(tables[1][name]), err_msg=name)
+
+
+def test_what_is_repeated_is_kept_and_made_anew_when_it_is_not(telescope, night):
+    files, _ = night
+    repeats = Repeats(Processor(telescope))
+    (first,) = repeats.of(((files[0], 0),)).values()
+    (second,) = repeats.of(((files[1], 0), (files[2], 0))).values()
+    assert second is first
+    (third,) = repeats.of(((files[OTHER], 0),)).values()
+    assert third is not first
+    assert float(third.first.parameters.scene.separation) == pytest.approx(15.0, abs=0.1)
+    assert repeats.of(()) == {}
