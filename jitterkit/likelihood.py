@@ -186,7 +186,7 @@ def normal_equations(parameters: Parameters, otf: OTF, data: Data, free: tuple[i
 
 
 def equations_of(image, jacobian, data: Data) -> NormalEquations:
-    """The same of an expected image (ny, nx) and its derivatives (p, ny, nx)."""
+    """The :func:`normal_equations` of an expected image (ny, nx) and its derivatives (p, ny, nx)."""
     mean = _mean(image, data)
     slope = jnp.where(_telling(image, data), data.weight, 0.0)
     residual, share = _residual(mean, data), 1 / mean

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,6 @@ class BinaryMeasurer:
         self.processor, self._survey, self._repeats = processor, survey, repeats
         self._lead: tuple[Item, ...] = ()
         self._known: Mapping[GridKey, Repeat] = {}
-        self._looking = Lock()
 
     @property
     def name(self) -> str:
@@ -105,10 +103,9 @@ class BinaryMeasurer:
         return replace(self.processor, anchored=self._survey.of(self._lead))
 
     def _from_nothing(self, frame: Frame) -> Measured | FitResult:
-        with self._looking:
-            processor = self._among_others
+        odd = self.processor.grid(frame) in self._known  # one among many is not worth a look at the optics
         try:
-            estimated = processor.estimate(frame)
+            estimated = (self.processor if odd else self._among_others).estimate(frame)
         except (FrameError, NoStarError, UndeterminedError):
             raise
         except JitterkitError as error:  # as ``process`` calls it

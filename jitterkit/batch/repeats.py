@@ -55,8 +55,9 @@ class Repeats:
         return found
 
     def _anew(self, frame: Frame) -> Repeat | None:
-        shown = self._processor.wavefront(frame)
-        if shown is None or not len(shown.aberrations):
+        aberrations = self._processor.instrument.aberrations
+        shown = self._processor.wavefront(frame) if aberrations else None
+        if shown is None:
             return None
         system = self._processor.optics(frame)
         return (

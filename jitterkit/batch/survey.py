@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
@@ -40,12 +41,14 @@ class Survey:
         self._processor, self._hdu = processor, hdu
         self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
         self._last: tuple[tuple[Item, ...], dict[GridKey, Optics]] = ((), {})
+        self._looking = Lock()
 
     def of(self, lead: tuple[Item, ...]) -> Mapping[GridKey, Optics]:
         """Optics by the grids of frames; none of a grid on which no frame of the lead is sound."""
-        if lead != self._last[0]:
-            self._last = lead, self._look(lead)
-        return self._last[1]
+        with self._looking:  # threads of two batches may ask
+            if lead != self._last[0]:
+                self._last = lead, self._look(lead)
+            return self._last[1]
 
     def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Optics]:
         found: dict[GridKey, Optics] = {}

@@ -23,13 +23,23 @@ from jitterkit.loci import Shaped
 from jitterkit.optics import Anchor
 from jitterkit.optics.otf import OTF
 
-__all__ = ["End", "First", "Fourth", "compared", "invert", "moved", "offset_of", "within"]
+__all__ = ["SPARE", "End", "First", "Fourth", "compared", "invert", "moved", "offset_of", "within"]
 
 _AROUND = 1.5
 """Pixels, 1 sigma, of what stands in for pixels that are not used, to find the pair by."""
 
-_FAR, _CLOSE = 3, 2
+_FAR, _CLOSE = 5, 2
 """Steps by the derivatives of the first frame, and by its own."""
+
+_NEARBY, _EXPANSIONS = 3.0, 4
+"""Standard errors that the step from an expansion may be long, and how often one is made: 4 errors away the
+errors are off by a hundredth or three, and 200 away the shape seems to be known."""
+
+_BRIGHTER = 3.0
+"""Factor by which light may differ: a cut-out that does for a faint frame leaves out much of a bright one."""
+
+SPARE = 3
+"""Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
 
 
 class Fourth(Shaped):
@@ -112,7 +122,8 @@ class End(NamedTuple):
     remains : float
         Length of the next step, in standard errors.
     excess : float
-        Of chi-squared over what is expected of it, in standard deviations.
+        Of chi-squared over what is expected of it, in standard deviations; infinite where the frame is too
+        unlike the first for the rest to be believed.
     information : (p, p) array
         At the normal blur.
     """
@@ -130,39 +141,89 @@ class End(NamedTuple):
 @jax.jit
 def compared(first: First, data: Data) -> End:
     """Find pair, wavefront and blur of a frame that repeats the first one, in a few steps of scoring."""
-    whole, size = data.used.shape, first.otf.grid.shape
+    size, whole = first.otf.grid.shape, data.used.shape
     data, near, corner, shift = _cut_out(first, data)
-    values, normal = first.values, np.arange(len(first.names)) != first.kurtosis
     seen, light = _at_first(data, near, shift)
+    values, normal = first.values, np.arange(len(first.names)) != first.kurtosis
     for _ in range(_FAR):
         rest = within(first.rim, seen - expected_image(first.at(values), first.otf))
         values = values + first.covariance @ jnp.tensordot(first.slopes, rest.astype(jnp.float32), 2)
-    y, x, flux = (first.names.index(name) for name in ("y", "x", "flux"))
-    values = values.at[np.array([y, x])].add(shift * first.otf.grid.pitch).at[flux].multiply(light)
+    places = np.array([first.names.index(name) for name in ("y", "x")])
+    bright = np.array([name in ("flux", "background") for name in first.names])
+    values = jnp.where(bright, light * values, values).at[places].add(shift * first.otf.grid.pitch)
 
-    here = first.at(values)
-    otf = first.anchor.otf(here.aberrations)
-    image, jacobian = image_and_jacobian(here, otf, first.free)
-    used = is_clear(image, data) & _inside(first.rim, image.shape)
-    data = eqx.tree_at(lambda d: (d.used, d.ceiling), data, (used, None), is_leaf=lambda part: part is None)
-    inner = partial(within, first.rim)
-    jacobian, seen = _single(inner(jacobian)), _single(jax.tree.map(inner, data))
-    _, score, information = equations_of(_single(inner(image)), jacobian, seen)
-    information = information.astype(values.dtype)
-    _, errors = invert(information, normal | True)
-    covariance, _ = invert(information, normal | is_decisive(errors[first.kurtosis]))
+    def go_on(state):
+        here, n = state
+        return (here.length(normal) > _NEARBY) & (n < _EXPANSIONS)
+
+    def expand(state):
+        here, n = state
+        return _expanded(first, data, here.values + here.step(normal)), n + 1
+
+    here, _ = jax.lax.while_loop(go_on, expand, (_expanded(first, data, values), 1))
+    _, errors = invert(here.information, normal | True)
+    covariance, _ = invert(here.information, normal | is_decisive(errors[first.kurtosis]))
+    values, score, seen = (
+        here.values,
+        here.score,
+        _single(jax.tree.map(partial(within, first.rim), here.data)),
+    )
     for _ in range(_CLOSE):
         values = values + covariance @ score
         end = first.at(values)
         end = end.with_locus(Shaped(end.locus.coords))
-        image = _single(inner(expected_image(end, otf)))
-        score = equations_of(image, jacobian, seen).score
+        image = _single(within(first.rim, expected_image(end, here.otf)))
+        score = equations_of(image, here.jacobian, seen).score
     chi2, pixels, spread = chi_squared(image, seen)
-    remains = jnp.sqrt(score @ covariance @ score)
+    alike = jnp.all(jnp.abs(shift) < SPARE) & (light < _BRIGHTER) & (light > 1 / _BRIGHTER)
+    alike &= here.length(normal) < _NEARBY
+    excess = jnp.where(alike, (chi2 - pixels) / spread, jnp.inf)
     offset = offset_of(corner, size, whole) * first.otf.grid.plate_scale
-    return End(
-        moved(end, offset), data, offset, values, score, remains, (chi2 - pixels) / spread, information
-    )
+    remains = jnp.sqrt(score @ covariance @ score)
+    return End(moved(end, offset), here.data, offset, values, score, remains, excess, here.information)
+
+
+class _Expansion(NamedTuple):
+    """A frame about values of what is fitted, with a normal blur.
+
+    Attributes
+    ----------
+    values : (p,) array
+    otf : OTF
+    data : Data
+        With the pixels that are used there.
+    jacobian : (p, my, mx) array
+        Of the image, within the rim.
+    score : (p,) array
+    information : (p, p) array
+    """
+
+    values: Float[Array, " p"]
+    otf: OTF
+    data: Data
+    jacobian: Float[Array, "p my mx"]
+    score: Float[Array, " p"]
+    information: Float[Array, "p p"]
+
+    def step(self, varied):
+        """The scoring step of what is varied."""
+        return invert(self.information, varied)[0] @ self.score
+
+    def length(self, varied):
+        """Its length in standard errors."""
+        return jnp.sqrt(self.score @ self.step(varied))
+
+
+def _expanded(first: First, data: Data, values) -> _Expansion:
+    here, inner = first.at(values), partial(within, first.rim)
+    otf = first.anchor.otf(here.aberrations)
+    image, jacobian = image_and_jacobian(here, otf, first.free)
+    used = is_clear(image, data) & _inside(first.rim, image.shape)
+    data = eqx.tree_at(lambda d: (d.used, d.ceiling), data, (used, None), is_leaf=lambda part: part is None)
+    jacobian, seen = _single(inner(jacobian)), _single(jax.tree.map(inner, data))
+    _, score, information = equations_of(_single(inner(image)), jacobian, seen)
+    kind = values.dtype
+    return _Expansion(values, otf, data, jacobian, score.astype(kind), information.astype(kind))
 
 
 def _cut_out(first: First, data: Data):

@@ -4,8 +4,8 @@ Frames of one telescope repeat each other but for place, light, blur and a littl
 :class:`Repeat` is made from what one frame has told.  Another is registered to it by a correlation and moved
 onto it; a few steps by the first frame's derivatives come near, and one expansion there gives the blur, tests
 its shape, and tells whether to believe it.  All is fitted that
-:func:`~jitterkit.estimators.score.estimate_score` fits; of the frame only what tells of the blur is used,
-which adds a hundredth to the errors.
+:func:`~jitterkit.estimators.score.estimate_score` fits; of the frame only a cut-out is used, so small that
+the errors of a frame like the first grow by a hundredth.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.fft import next_fast_len
 
-from jitterkit.estimators.first import End, First, Fourth, compared, invert, moved, offset_of, within
+from jitterkit.estimators.first import SPARE, End, First, Fourth, compared, invert, moved, offset_of, within
 from jitterkit.estimators.shape import doubted, fit_shape, is_decisive
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
+from jitterkit.scene import Binary
 from jitterkit.scoring import invert_information
 
 __all__ = ["Repeat", "Repeated"]
@@ -35,11 +36,11 @@ _DEARER = 1.01
 _STEP = 4
 """Pixels between the cut-outs that are tried."""
 
-_SPARE = 3
-"""Pixels by which the pair may be off its place before light returns within the rim."""
-
 _SHARE = 6
 """Rims that a frame must be wide: of a smaller one too much would be left out."""
+
+_ASKED_FOR = frozenset({*Binary.names, *Fourth.names})
+"""What must be fitted: what a first frame has is not another's."""
 
 _DARK = 1e-5
 """Share of the brightest pixel that no variance falls below, where the way depends on it, not the goal."""
@@ -61,7 +62,8 @@ class Repeated(NamedTuple):
     ----------
     estimate : KernelEstimate
     parameters : Parameters
-        Everything that was fitted, with a ``Shaped`` locus.
+        Everything that was fitted, with a ``Shaped`` locus; where that is far from a normal, the others are
+        those that go with the derivatives of one.
     """
 
     estimate: KernelEstimate
@@ -103,7 +105,8 @@ class Repeat:
         Returns
         -------
         repeat : Repeat or None
-            None where the frame is undersampled, or so small that its rim is much of it.
+            None where the frame is undersampled, or so small that its rim is much of it; or if something of
+            the pair or of its blur is held.
         """
         rim = _rim(parameters, system)
         if system.grid.refine > 1 or min(system.grid.shape) < _SHARE * max(rim):
@@ -113,6 +116,8 @@ class Repeat:
         bare = _sized(system, system.grid.shape)
         otf = bare.otf(state)
         names, free = free_parameters(parameters, otf, hold)
+        if not _ASKED_FOR.issubset(names):
+            return None
         kurtosis = names.index(Fourth.names[-1])
         whole, jacobian = (np.asarray(part) for part in image_and_jacobian(parameters, otf, free))
         others, moments = np.delete(jacobian, kurtosis, 0), slice(kurtosis - 3, kurtosis)
@@ -155,9 +160,12 @@ class Repeat:
 
         Notes
         -----
-        *Fails when* pair or wavefront are other ones: then a step is left, chi-squared is large or the
-        state out of the anchor's reach, and the answer is None.
+        *Fails when* pair or wavefront are other ones, the pair is at the edge of the frame, or its light is
+        another by a factor of three: then a step is left, chi-squared is large or the state out of the
+        anchor's reach, and the answer is None.
         """
+        if data.used.shape != self.first.whole.shape:
+            return None
         end = compared(self.first, data)
         values, score, remains, excess, information = map(np.asarray, end[3:])
         if not (excess < _SURE and self._reaches(values)):
@@ -221,7 +229,7 @@ def _rim(parameters: Parameters, system: OpticalSystem) -> tuple[int, int]:
     x, y, _ = parameters.scene.sources()
     middle = np.array([parameters.scene.y, parameters.scene.x])[:, None]
     reach = np.abs(np.array([y, x]) - middle).max(axis=1) / system.grid.plate_scale
-    rim_y, rim_x = (int(np.ceil(pixels)) + _SPARE for pixels in reach)
+    rim_y, rim_x = (int(np.ceil(pixels)) + SPARE for pixels in reach)
     return rim_y, rim_x
 
 
@@ -247,7 +255,7 @@ def _cut(
 
     most = int(max(shape))
     least = errors(most)
-    half = next(h for h in range(_STEP, most + _STEP, _STEP) if np.all(errors(h) < _DEARER * least))
+    half = next((h for h in range(_STEP, most, _STEP) if np.all(errors(h) < _DEARER * least)), most)
     size = [min(next_fast_len(2 * (half + edge), real=True), n) for edge, n in zip(rim, shape, strict=True)]
     corner = np.clip(np.round(middle).astype(int) - np.array(size) // 2, 0, shape - size)
     return corner, (size[0], size[1])

@@ -121,7 +121,7 @@ def _lightened(w, k):
     series has no cancellation near the normal, and no pole at any negative k.
     """
     k, w = jnp.where(k > 0, 0.0, k), jnp.minimum(w, _FAR)
-    return jax.lax.cond(jnp.max(w) < _NEAR, partial(_series, _FEWER), partial(_series, _TERMS), w, k)
+    return jax.lax.cond(jnp.max(jnp.abs(w)) < _NEAR, partial(_series, _FEWER), partial(_series, _TERMS), w, k)
 
 
 def _series(terms: int, w, k):
