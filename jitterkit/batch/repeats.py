@@ -18,8 +18,9 @@ __all__ = ["Repeats"]
 class Repeats:
     """Looks at the leads of batches, one after the other.
 
-    What a frame of the lead repeats is kept; what none repeats any more is made anew from one of them.  So
-    what a batch is given depends on the leads up to it, and on nothing else.
+    What a frame of the lead repeats is kept; what none repeats any more is made anew from one of them; and if
+    less than half of them repeat that, they are too unlike each other.  So what a batch is given depends on
+    the leads up to it, and on nothing else.
 
     Parameters
     ----------
@@ -48,9 +49,9 @@ class Repeats:
                 frames.setdefault(self._processor.grid(frame), []).append(frame)
         for grid, here in frames.items():
             repeat = self._known.get(grid)
-            if repeat is None or not any(repeat.estimate(Data.of(frame)) for frame in here):
+            if repeat is None or not _repeating(repeat, here):
                 repeat = next(filter(None, map(self._anew, here)), None)
-            if repeat is not None:
+            if repeat is not None and 2 * _repeating(repeat, here) >= len(here):
                 found[grid] = repeat
         return found
 
@@ -65,3 +66,8 @@ class Repeats:
             if isinstance(system, OpticalSystem)
             else None
         )
+
+
+def _repeating(repeat: Repeat, frames: list[Frame]) -> int:
+    """How many frames repeat what one has shown."""
+    return sum(repeat.estimate(Data.of(frame)) is not None for frame in frames)

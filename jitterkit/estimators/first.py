@@ -163,11 +163,8 @@ def compared(first: First, data: Data) -> End:
     here, _ = jax.lax.while_loop(go_on, expand, (_expanded(first, data, values), 1))
     _, errors = invert(here.information, normal | True)
     covariance, _ = invert(here.information, normal | is_decisive(errors[first.kurtosis]))
-    values, score, seen = (
-        here.values,
-        here.score,
-        _single(jax.tree.map(partial(within, first.rim), here.data)),
-    )
+    values, score = here.values, here.score
+    seen = _single(jax.tree.map(partial(within, first.rim), here.data))
     for _ in range(_CLOSE):
         values = values + covariance @ score
         end = first.at(values)

@@ -80,3 +80,13 @@ def test_what_is_repeated_is_kept_and_made_anew_when_it_is_not(telescope, night)
     assert third is not first
     assert float(third.first.parameters.scene.separation) == pytest.approx(15.0, abs=0.1)
     assert repeats.of(()) == {}
+
+
+def test_frames_that_differ_repeat_nothing(telescope, tmp_path):
+    rng = np.random.default_rng(8)
+    for number, separation in enumerate((9.0, 13.0, 17.0, 21.0)):
+        scene = Binary(separation, 30.0, 0.0, 0.0, 2e5, 3.37)
+        image = simulate_frame(telescope, scene, Mvn.of(0.1), aberrations=[5.0, -8.0], rng=rng).raw.data
+        write_fits(tmp_path / f"{number}.fits", image.astype(np.float32))
+    files = sorted(tmp_path.iterdir())
+    assert Repeats(Processor(telescope)).of(tuple((path, 0) for path in files)) == {}
