@@ -96,7 +96,7 @@ def _local(workers: int) -> Any:
         n_workers=workers,
         threads_per_worker=1,
         memory_limit=None,  # by dask's, a share of the machine's, a worker is suspended and never wakes
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",  # any port: another run may have the usual one
         silence_logs=logging.CRITICAL,
     )
 
