@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.fft import next_fast_len
 
-from jitterkit.estimators.first import SPARE, End, First, Fourth, compared, invert, moved, offset_of, within
+from jitterkit.estimators.compare import End, compared
+from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, within
 from jitterkit.estimators.shape import doubted, fit_shape, is_decisive
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
