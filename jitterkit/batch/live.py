@@ -33,6 +33,9 @@ __all__ = ["POLL", "watch_directory"]
 
 log = logging.getLogger(__name__)
 
+_UNREADABLE = Status.UNREADABLE.name.lower()
+"""In a row."""
+
 POLL = 1.0
 """Seconds between two looks.  A look at 60,000 files, all but a few of them known, takes 0.05 s."""
 
@@ -171,10 +174,6 @@ def _bursts(
 
     while not over():
         yield burst()
-
-
-_UNREADABLE = Status.UNREADABLE.name.lower()
-"""In a row."""
 
 
 class _Watch:
