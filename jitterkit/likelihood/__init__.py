@@ -1,0 +1,30 @@
+"""How well an expected image explains a frame, and what the frame says about its parameters.
+
+The likelihood is Poisson.  Read noise of variance σ² enters as the shifted Poisson law: ``d + σ²`` is
+treated as Poisson with mean ``μ + σ²``, which has the right mean and variance at every pixel and
+tends to a normal law where σ² dominates (Snyder et al., J. Opt. Soc. Am. A 12, 272, 1995).  Electrons
+that were divided by a flat field count as what they were before: ``r d + σ²``, of mean ``r μ + σ²``.
+
+A pixel at its ceiling is known to hold at least so much.  It is left out, together with all that the
+*model* expects near the ceiling (to choose pixels by their data would trim their noise), or it counts with
+the probability of reaching the ceiling; see :meth:`Data.of`.
+
+Information is always the expected Fisher information, which is positive by construction; a Hessian at
+the data need not be.
+"""
+
+from jitterkit.likelihood.data import Data, is_clear
+from jitterkit.likelihood.equations import NormalEquations, deviance, equations_of, normal_equations
+from jitterkit.likelihood.misfit import Misfit, chi_squared, pearson
+
+__all__ = [
+    "Data",
+    "Misfit",
+    "NormalEquations",
+    "chi_squared",
+    "deviance",
+    "equations_of",
+    "is_clear",
+    "normal_equations",
+    "pearson",
+]

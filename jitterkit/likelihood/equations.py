@@ -1,0 +1,106 @@
+"""What a frame says about the parameters of its image: deviance, score and information."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jitterkit.forward import Parameters, expected_image, image_and_jacobian
+from jitterkit.likelihood.data import Data, ceiling_distance, mean_counts, relative_residual, telling
+from jitterkit.optics.otf import OTF
+
+__all__ = ["NormalEquations", "deviance", "equations_of", "normal_equations"]
+
+
+class NormalEquations(NamedTuple):
+    """A frame's deviance, score and information at one point of the parameters.
+
+    Attributes
+    ----------
+    deviance : float
+    score : (p,) array
+        Derivative of the log-likelihood.
+    information : (p, p) array
+        Expected Fisher information.
+    """
+
+    deviance: Float[Array, ""]
+    score: Float[Array, " p"]
+    information: Float[Array, "p p"]
+
+
+@eqx.filter_jit
+def normal_equations(parameters: Parameters, otf: OTF, data: Data, free: tuple[int, ...]) -> NormalEquations:
+    """Deviance, score and Fisher information of a frame.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    otf : OTF
+    data : Data
+    free : tuple of int
+        Positions in the parameter vector that vary, ascending.
+
+    Returns
+    -------
+    equations : NormalEquations
+        ``solve(information, score)`` is the scoring step, the natural gradient.
+    """
+    image, jacobian = image_and_jacobian(parameters, otf, free)
+    return equations_of(image, jacobian, data)
+
+
+def equations_of(image, jacobian, data: Data) -> NormalEquations:
+    """The :func:`normal_equations` of an expected image (ny, nx) and its derivatives (p, ny, nx)."""
+    mean = mean_counts(image, data)
+    slope = jnp.where(telling(image, data), data.weight, 0.0)
+    residual, share = relative_residual(mean, data), 1 / mean
+    if data.full is not None:
+        residual, share = _with_full(residual, mean, data)
+    score = jnp.tensordot(jacobian, slope * residual, 2)
+    information = jnp.tensordot(jacobian * (slope * share), jacobian, ((1, 2), (1, 2)))
+    return NormalEquations(_deviance(mean, data), score, information)
+
+
+def deviance(parameters: Parameters, otf: OTF, data: Data) -> Float[Array, ""]:
+    """Twice the log-likelihood lost against a perfect model of the used pixels; about their number."""
+    return _deviance(mean_counts(expected_image(parameters, otf), data), data)
+
+
+def _deviance(mean, data: Data):
+    """Its slope is minus twice the score at every count, negative ones (read noise) included."""
+    count = data.electrons + data.offset
+    positive = count > 0
+    ratio = jnp.where(positive, count, mean) / mean
+    below = mean - count * jnp.log(mean)
+    each = jnp.where(positive, mean - count + count * jnp.log(ratio), below) * data.weight
+    total = 2 * jnp.sum(jnp.where(data.used, each, 0.0))
+    if data.full is None:
+        return total
+    reached, _ = ceiling_distance(mean, data)
+    return total - 2 * jnp.sum(jnp.where(data.full, jax.scipy.stats.norm.logcdf(reached), 0.0))
+
+
+def _with_full(residual, mean, data: Data):
+    """Score and information of a pixel's mean count, where it may reach its ceiling.
+
+    Returns
+    -------
+    residual : (ny, nx) array
+        Of a full pixel, the slope of the logarithm of its chance to be full.
+    share : (ny, nx) array
+        Information on the mean, of the counts below the ceiling and of reaching it together: 1/mean far
+        below the ceiling, nothing far above.
+    """
+    assert data.full is not None
+    reached, slope = ceiling_distance(mean, data)
+    normal = jax.scipy.stats.norm
+    chance, density = normal.cdf(reached), normal.pdf(reached)
+    hazard = jnp.exp(normal.logpdf(reached) - normal.logcdf(reached))
+    below = 1 - chance + reached * density
+    above = density * hazard * slope**2 * mean * data.weight
+    return jnp.where(data.full, hazard * slope, residual), (below + above) / mean
