@@ -23,7 +23,6 @@ from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data, Misfit, pearson
-from jitterkit.locate import Start
 from jitterkit.loci import Shaped
 from jitterkit.optics import OTF
 from jitterkit.refit import POOR, FitResult, Status
@@ -100,7 +99,7 @@ class BinaryMeasurer:
         """With the optics that the lead shows; asked for by the first frame that needs them."""
         if self._survey is None or not self._lead:
             return self.processor
-        return replace(self.processor, anchored=self._survey.of(self._lead))
+        return replace(self.processor, known=self._survey.of(self._lead))
 
     def _from_nothing(self, frame: Frame) -> Measured | FitResult:
         odd = self.processor.grid(frame) in self._known  # one among many is not worth a look at the optics
@@ -113,18 +112,17 @@ class BinaryMeasurer:
             return FitResult(Status.MISMATCH, told)
         if isinstance(estimated, FitResult):
             return estimated
-        estimate, start = estimated
-        data = Data.of(frame)
-        misfit, message = pearson(blurred_image(estimate, start.parameters, start.otf), data), ""
+        data, parameters, otf, estimate = estimated
+        misfit, message = pearson(blurred_image(estimate, parameters, otf), data), ""
         if not _per_pixel(misfit) <= POOR:
-            best = _per_pixel(self._fitted(data, start))
+            best = _per_pixel(self._fitted(data, parameters, otf))
             if not best <= POOR:
-                return self._poor(frame, start, misfit)
+                return self._poor(frame, parameters, misfit)
             message = (
                 f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with everything "
                 f"fitted {best:.3g}: the picture's residual is the template's."
             )
-        return self._measured(frame, data, estimate, lambda: (start.parameters, start.otf), message)
+        return self._measured(frame, data, estimate, lambda: (parameters, otf), message)
 
     def _measured(
         self,
@@ -150,20 +148,20 @@ class BinaryMeasurer:
     def _scale_hint(self, frame: Frame) -> str:
         return scale_hint(frame, self.processor.instrument.plate_scale)
 
-    def _fitted(self, data: Data, start: Start) -> Misfit:
+    def _fitted(self, data: Data, parameters: Parameters, otf: OTF) -> Misfit:
         """What is left with everything free: the template was fitted with a normal's shape."""
-        shaped = start.parameters.with_locus(Shaped.near(start.parameters.locus.moments()))
-        end, _ = climb_a_little(shaped, start.otf, data, self.processor.options.hold, _STEPS)
-        return pearson(expected_image(end.parameters, start.otf), data)
+        shaped = parameters.with_locus(Shaped.near(parameters.locus.moments()))
+        end, _ = climb_a_little(shaped, otf, data, self.processor.options.hold, _STEPS)
+        return pearson(expected_image(end.parameters, otf), data)
 
-    def _poor(self, frame: Frame, start: Start, misfit: Misfit) -> FitResult:
+    def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
         """That no binary with a blur describes a frame, and why not where that can be told."""
         said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
         names = () if "background" in self.processor.options.hold else ("background",)
         poor = FitResult(
             Status.POOR_FIT,
             said,
-            parameters=start.parameters,
+            parameters=parameters,
             names=names,
             chi2=misfit.chi2,
             dof=misfit.pixels,

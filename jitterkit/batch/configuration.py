@@ -42,7 +42,7 @@ def settings(processor: Processor, files: Sequence[Path], **more: Any) -> dict[s
     settings : dict
         As JSON knows it; equal for two runs whose rows are equal to the last digit on one machine.
     """
-    described = _fields(processor, skip=("anchored",))
+    described = _fields(processor, skip=("known",))
     zero = jnp.zeros(())
     (device,) = zero.devices()
     computed = {"device": device.platform, "numbers": str(zero.dtype)}

@@ -59,7 +59,7 @@ class Equipment(distributed.WorkerPlugin if distributed else object):  # type: i
     """
 
     def __init__(self, processor: Processor, hdu: int | None, witness: Path) -> None:
-        self.pickled = pickle.dumps(replace(processor, anchored={}, _systems={}))
+        self.pickled = pickle.dumps(replace(processor, known={}, _systems={}))
         self.hdu = hdu
         self.witness = witness if witness.exists() else None
         self.directory = os.getcwd()

@@ -13,11 +13,12 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle, scale_hint, why_unusable
 from jitterkit.errors import JitterkitError, NoStarError
 from jitterkit.estimators import KernelEstimate, estimator
@@ -27,8 +28,8 @@ from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary
-from jitterkit.loci import locus_class
-from jitterkit.optics import AnchoredOptics, Optics
+from jitterkit.loci import Mvn, locus_class
+from jitterkit.optics import OTF, Optics
 from jitterkit.refit import (
     POOR,
     FitOptions,
@@ -41,7 +42,7 @@ from jitterkit.refit import (
 )
 from jitterkit.refit.rays import find_rays
 
-__all__ = ["SCORE", "Processed", "Processor"]
+__all__ = ["SCORE", "Estimated", "Processed", "Processor"]
 
 log = logging.getLogger(__name__)
 
@@ -84,6 +85,29 @@ class Processed:
     pa: float = math.nan
 
 
+class Estimated(NamedTuple):
+    """What a frame shows before everything of it is fitted.
+
+    Attributes
+    ----------
+    data : Data
+    parameters : Parameters
+        Of the pair, with a normal locus.
+    otf : OTF
+        About aberrations very near theirs.
+    estimate : KernelEstimate
+    """
+
+    data: Data
+    parameters: Parameters
+    otf: OTF
+    estimate: KernelEstimate
+
+
+_Found = tuple[Parameters, OTF, KernelEstimate | None]
+"""Pair, optics and blur; None for an estimate that is still to be made."""
+
+
 @dataclass
 class Processor:
     """Processes frames of one instrument; optics are computed once for each shape and scale.
@@ -106,8 +130,8 @@ class Processor:
         Whether pixels at their ceiling count with the probability of being there, or are left out.
     rays : bool
         Whether to look for cosmic rays in what a fit leaves, and to fit again without the pixels they hit.
-    anchored : mapping
-        Optics known from other frames, by :meth:`grid`; of other grids they are computed from nothing.
+    known : mapping
+        What other frames have shown, by :meth:`grid`; on other grids all is found from nothing.
     """
 
     instrument: Instrument
@@ -118,7 +142,7 @@ class Processor:
     prior: KernelPrior | None = None
     censored: bool = False
     rays: bool = False
-    anchored: Mapping[GridKey, Optics] = field(default_factory=dict, repr=False)
+    known: Mapping[GridKey, Shown] = field(default_factory=dict, repr=False)
     _systems: dict[GridKey, Optics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -168,7 +192,7 @@ class Processor:
     def wavefront(self, frame: Frame) -> Parameters | None:
         """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
         try:
-            start = self._locate(frame, self._data(frame), rough=True)
+            start = self._locate(frame, Data.of(frame, censored=self.censored), rough=True)
         except Exception:  # the frame itself will say
             return None
         sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
@@ -195,18 +219,47 @@ class Processor:
         flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
         return replace(frame, flags=flags, digest=digest)
 
-    def estimate(self, frame: Frame) -> tuple[KernelEstimate, Start] | FitResult:
-        """Find the pair and estimate the kernel, or say why not."""
-        data = self._data(frame)
-        start = self._locate(frame, data)
-        return start if isinstance(start, FitResult) else (self._estimate(frame, data, start), start)
+    def estimate(self, frame: Frame, *, rough: bool = False) -> Estimated | FitResult:
+        """Find the pair and estimate the kernel, or say why not.
 
-    def _data(self, frame: Frame) -> Data:
-        return Data.of(frame, censored=self.censored)
+        Parameters
+        ----------
+        frame : Frame
+        rough : bool
+            Whether a fit of everything is to follow: the score estimate is then the one that finding the pair
+            gives, which need not be made twice.
 
-    def _estimate(self, frame: Frame, data: Data, start: Start) -> KernelEstimate:
-        estimate = estimator(self.kernel)(data, start.parameters, start.otf, hold=self.options.hold)
-        return replace(estimate, source=frame.name, digest=frame.digest)
+        Returns
+        -------
+        estimated : Estimated or FitResult
+        """
+        data = Data.of(frame, censored=self.censored)
+        found = self._repeated(frame, data) or self._located(frame, data, rough and self.kernel == SCORE)
+        if isinstance(found, FitResult):
+            return found
+        parameters, otf, estimate = found
+        if estimate is None:
+            estimate = estimator(self.kernel)(data, parameters, otf, hold=self.options.hold)
+        return Estimated(data, parameters, otf, replace(estimate, source=frame.name, digest=frame.digest))
+
+    def _repeated(self, frame: Frame, data: Data) -> _Found | None:
+        """What a frame shows that repeats others; None of one that does not."""
+        known = self.known.get(self.grid(frame))
+        repeated = None if known is None or known.repeat is None else known.repeat.estimate(data)
+        if known is None or repeated is None:
+            return None
+        parameters = repeated.parameters.with_locus(Mvn.near(repeated.estimate.moments))
+        otf = known.optics(frame).otf(parameters.aberrations)
+        return parameters, otf, repeated.estimate if self.kernel == SCORE else None
+
+    def _located(self, frame: Frame, data: Data, rough: bool) -> _Found | FitResult:
+        """What a frame shows that is searched through; with the blur that was found if that is enough."""
+        start = self._locate(frame, data, rough=rough)
+        if isinstance(start, FitResult):
+            return start
+        moments = np.asarray(start.parameters.locus.moments())
+        estimate = KernelEstimate(moments, start.covariance, self.kernel) if rough else None
+        return start.parameters, start.otf, estimate
 
     def _locate(self, frame: Frame, data: Data, *, rough: bool = False) -> Start | FitResult:
         """Find the pair, or say why not."""
@@ -224,12 +277,8 @@ class Processor:
     def optics(self, frame: Frame) -> Optics:
         """Optics on a frame's grid, at the scale the frame says it has."""
         key = self.grid(frame)
-        if key in self.anchored:
-            anchored = self.anchored[key]
-            if isinstance(anchored, AnchoredOptics):  # how far it reaches depends on the light
-                light = float(np.sum(frame.electrons, where=~frame.mask))
-                return replace(anchored, photons=max(light, 1.0))
-            return anchored
+        if key in self.known:
+            return self.known[key].optics(frame)
         system = self._systems.get(key)
         if system is None:
             shape, scale = key
@@ -262,22 +311,14 @@ class Processor:
         return frame, result
 
     def _fit_once(self, frame: Frame) -> FitResult:
-        data = self._data(frame)
-        start = self._locate(frame, data, rough=self.kernel == SCORE)
-        if isinstance(start, FitResult):
-            return start
-        estimate, options = self._first(frame, data, start), self._options(frame)
-        common = (data, self.optics(frame), start.parameters, estimate.moments, start.otf, options)
+        found = self.estimate(frame, rough=True)
+        if isinstance(found, FitResult):
+            return found
+        data, parameters, otf, estimate = found
+        common = (data, self.optics(frame), parameters, estimate.moments, otf, self._options(frame))
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
         result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
         return self._remark_unused(frame, result)
-
-    def _first(self, frame: Frame, data: Data, start: Start) -> KernelEstimate:
-        """The blur that the fit starts from: the pair was found by scoring, which need not be done twice."""
-        if self.kernel != SCORE:
-            return self._estimate(frame, data, start)
-        moments = np.asarray(start.parameters.locus.moments())
-        return KernelEstimate(moments, start.covariance, self.kernel, frame.name, digest=frame.digest)
 
     def _remark_unused(self, frame: Frame, result: FitResult) -> FitResult:
         """The result, with a remark where a prior was given and nothing of it holds for this frame."""

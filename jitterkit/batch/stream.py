@@ -18,11 +18,12 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
 from jitterkit.batch.frame import Processed, Processor
-from jitterkit.batch.ledger_worst import Rank, wanted
+from jitterkit.batch.ledger_worst import Rank, rank, wanted
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.survey import Survey, read_items
 from jitterkit.errors import JitterkitError
@@ -94,10 +95,19 @@ def process_batches(
     survey = Survey(processor, hdu)
 
     def begin(batch: Batch) -> _Task:
-        return partial(_prepare, replace(processor, anchored=survey.of(batch.lead)), processor)
+        return partial(_prepare, replace(processor, known=survey.of(batch.lead)), processor)
 
-    for batch, results in in_threads(batches, begin, hdu=hdu, threads=threads):
-        yield _collected(batch, results, ranks())
+    drawing: deque[tuple[Future[Done], list[Rank]]] = deque()
+    with ThreadPoolExecutor(1, "draw") as painter:  # frames go on being read meanwhile
+        for batch, results in in_threads(batches, begin, hdu=hdu, threads=threads):
+            known = chain(ranks(), *(under_way for _, under_way in drawing))
+            rows, chosen = [row for _, row in results], _chosen(batch, results, known)
+            new = [rank(rows[place], batch.number, place) for place in chosen]
+            drawing.append((painter.submit(_drawn, batch, rows, chosen), new))
+            while len(drawing) > 1 or (drawing and drawing[0][0].done()):
+                yield drawing.popleft()[0].result()
+        while drawing:
+            yield drawing.popleft()[0].result()
 
 
 _Task = Callable[[Path, int, RawFrame | JitterkitError], Callable[[], T]]
@@ -154,15 +164,20 @@ def _results(batch: Batch, tasks: list[Future[T]]) -> tuple[Batch, list[T]]:
     return batch, [task.result() for task in tasks]
 
 
-def _collected(batch: Batch, results: list[tuple[Processed, Row]], ranks: Iterable[Rank]) -> Done:
-    """What became of a batch, with pictures of those frames that the report of the run may want."""
+def _chosen(
+    batch: Batch, results: list[tuple[Processed, Row]], ranks: Iterable[Rank]
+) -> dict[int, Processed]:
+    """Frames of a batch, by their place in it, of which the report of the run may want a picture."""
     drawable = {place: row for place, (done, row) in enumerate(results) if done.frame is not None}
+    return {place: results[place][0] for place in wanted(ranks, batch.number, drawable)}
+
+
+def _drawn(batch: Batch, rows: list[Row], chosen: dict[int, Processed]) -> Done:
     pictures = {}
-    for place in wanted(ranks, batch.number, drawable):
-        done, row = results[place]
+    for place, done in chosen.items():
         assert done.frame is not None
-        pictures[place] = render_frame(done.frame, done.result, row)
-    return Done(batch, [row for _, row in results], pictures)
+        pictures[place] = render_frame(done.frame, done.result, rows[place])
+    return Done(batch, rows, pictures)
 
 
 def _prepare(
@@ -180,7 +195,7 @@ def _prepare(
             done = frame
         else:
             done = near.fit(frame)
-            if near.anchored and done.result.status in _MENDED:
+            if near.known and done.result.status in _MENDED:
                 done = alone.fit(frame)
         row = make_row(
             done.result,

@@ -11,10 +11,12 @@ from threading import Lock
 import numpy as np
 
 from jitterkit.batch.frame import GridKey, Processor
+from jitterkit.batch.shown import Shown
 from jitterkit.errors import FrameError, JitterkitError
+from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
-from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
 
 __all__ = ["Item", "Survey", "read_items"]
 
@@ -40,18 +42,18 @@ class Survey:
     def __init__(self, processor: Processor, hdu: int | None = None) -> None:
         self._processor, self._hdu = processor, hdu
         self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
-        self._last: tuple[tuple[Item, ...], dict[GridKey, Optics]] = ((), {})
+        self._last: tuple[tuple[Item, ...], dict[GridKey, Shown]] = ((), {})
         self._looking = Lock()
 
-    def of(self, lead: tuple[Item, ...]) -> Mapping[GridKey, Optics]:
-        """Optics by the grids of frames; none of a grid on which no frame of the lead is sound."""
+    def of(self, lead: tuple[Item, ...]) -> Mapping[GridKey, Shown]:
+        """By the grids of frames; nothing of a grid on which no frame of the lead is sound."""
         with self._looking:  # threads of two batches may ask
             if lead != self._last[0]:
                 self._last = lead, self._look(lead)
             return self._last[1]
 
-    def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Optics]:
-        found: dict[GridKey, Optics] = {}
+    def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Shown]:
+        found: dict[GridKey, Shown] = {}
         for _, _, raw in read_items(lead, self._hdu):
             frame = None if isinstance(raw, JitterkitError) else self._processor.prepare(raw)
             if not isinstance(frame, Frame) or (key := self._processor.grid(frame)) in found:
@@ -59,7 +61,8 @@ class Survey:
             shown = self._processor.wavefront(frame)
             optics = None if shown is None else self._processor.optics(frame)
             if shown is not None and isinstance(optics, OpticalSystem) and len(shown.aberrations):
-                found[key] = self._anchored(key, optics, shown)
+                repeat = Repeat.of(shown, optics, self._processor.options.hold)
+                found[key] = Shown(self._anchored(key, optics, shown), repeat)
         return found
 
     def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:

@@ -149,7 +149,8 @@ def _expanded(first: First, data: Data, values) -> _Expansion:
     otf = first.anchor.otf(here.aberrations)
     image, jacobian = image_and_jacobian(here, otf, first.free)
     used = is_clear(image, data) & _inside(first.rim, image.shape)
-    data = eqx.tree_at(lambda d: (d.used, d.ceiling), data, (used, None), is_leaf=lambda part: part is None)
+    parts, clear = (lambda d: (d.used, d.ceiling, d.full)), (used, None, None)
+    data = eqx.tree_at(parts, data, clear, is_leaf=lambda part: part is None)
     jacobian, seen = _single(inner(jacobian)), _single(jax.tree.map(inner, data))
     _, score, information = equations_of(_single(inner(image)), jacobian, seen)
     kind = values.dtype

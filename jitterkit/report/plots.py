@@ -58,8 +58,12 @@ def small_png(ax: Axes, dpi: float = 130.0) -> bytes:
     0.16 sigma.  A palette chosen by the picture's own colours would lose the rare ones, which are the ends
     of the scale.
     """
-    image = Image.open(io.BytesIO(png(ax, dpi))).convert("RGB")
-    pixels = np.asarray(image).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    figure: Any = ax.figure
+    figure.set(dpi=dpi, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    rgba = np.asarray(canvas.buffer_rgba())
+    pixels = rgba[..., :3].astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     colours, places = np.unique(pixels, return_inverse=True)
     rgb = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.int32)
     palette = _palette()

@@ -61,9 +61,9 @@ def test_a_frame_that_no_binary_describes_is_a_poor_fit_that_names_its_scale_and
 class _Blind(Processor):
     """Finds the pair, and no blur."""
 
-    def estimate(self, frame):
-        found, start = super().estimate(frame)
-        return replace(found, moments=np.zeros(3), locus=None), start
+    def estimate(self, frame, **kwargs):
+        found = super().estimate(frame, **kwargs)
+        return found._replace(estimate=replace(found.estimate, moments=np.zeros(3), locus=None))
 
 
 def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_doubted(drifted):

@@ -8,7 +8,10 @@ import pytest
 from jitterkit.batch import Processor
 from jitterkit.batch.binary import BinaryMeasurer
 from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch.plan import plan_batches
 from jitterkit.batch.repeats import Repeats
+from jitterkit.batch.stream import process_batches
+from jitterkit.batch.survey import read_items
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Mvn
@@ -90,3 +93,33 @@ def test_frames_that_differ_repeat_nothing(telescope, tmp_path):
         write_fits(tmp_path / f"{number}.fits", image.astype(np.float32))
     files = sorted(tmp_path.iterdir())
     assert Repeats(Processor(telescope)).of(tuple((path, 0) for path in files)) == {}
+
+
+@pytest.fixture(scope="module")
+def searched(telescope):
+    """Names of frames that were searched through for a pair; beside it a processor that notes them."""
+    names = []
+
+    class Noting(Processor):
+        def _locate(self, frame, data, *, rough=False):
+            names.append(frame.name)
+            return super()._locate(frame, data, rough=rough)
+
+    return names, Noting
+
+
+@pytest.mark.parametrize("options", [{}, {"locus": "auto"}, {"kernel": "mtf"}])
+def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alone(
+    telescope, night, searched, options
+):
+    (files, _), (names, noting) = night, searched
+    processor = noting(telescope, **{"locus": "mvn", **options})
+    names.clear()
+    batches = plan_batches(files, [1] * FRAMES, FRAMES)
+    rows = [row for part in process_batches(batches, processor) for row in part.rows]
+    assert {name for name in names if name != files[0].name} == {files[OTHER].name}
+    for (_, _, raw), row in zip(read_items([(path, 0) for path in files], None), rows, strict=True):
+        alone = Processor(telescope, **{"locus": "mvn", **options}).process(raw).result
+        for name in ("separation", "theta", "x", "flux", "contrast"):
+            assert abs(row[name] - alone.of_scene(name)) < 0.05 * alone.error(name)
+        assert row["separation_err"] == pytest.approx(alone.error("separation"), rel=2e-3)

@@ -126,6 +126,8 @@ def test_masked_and_full_pixels_are_left_out(telescope, repeat):
     for one in (spoilt, replace(low, full=low.electrons >= low.ceiling, mask=low.electrons >= low.ceiling)):
         estimate, _ = repeat.estimate(Data.of(one))
         assert np.all(np.abs(estimate.moments - np.asarray(locus.moments())) < 4.5 * estimate.errors)
+        censored, _ = repeat.estimate(Data.of(one, censored=True))
+        np.testing.assert_array_equal(censored.moments, estimate.moments)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,33 @@
+"""What frames have shown of their telescope, for others that are like them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jitterkit.estimators.repeat import Repeat
+from jitterkit.frames import Frame
+from jitterkit.optics import AnchoredOptics
+
+__all__ = ["Shown"]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is known of the frames on one grid before they are looked at.
+
+    Attributes
+    ----------
+    anchored : AnchoredOptics
+    repeat : Repeat or None
+        What they may repeat; then pair and blur need not be searched for.
+    """
+
+    anchored: AnchoredOptics
+    repeat: Repeat | None = None
+
+    def optics(self, frame: Frame) -> AnchoredOptics:
+        """The optics for a frame: how far they reach depends on its light."""
+        light = float(np.sum(frame.electrons, where=~frame.mask))
+        return replace(self.anchored, photons=max(light, 1.0))
