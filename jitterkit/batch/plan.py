@@ -17,8 +17,8 @@ from jitterkit.frames import open_frames
 __all__ = ["Batch", "count_frames", "plan_batches"]
 
 
-_TOGETHER = 4
-"""Batches that have one lead: at ten frames a second a minute, in which a telescope changes little."""
+_TOGETHER = 8
+"""Batches that have one lead: at ten frames a second two minutes, in which a telescope changes little."""
 
 _LEAD = 4
 """Frames in it: one is enough, if it is sound."""

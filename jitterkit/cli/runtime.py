@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import functools
 import logging
 import os
@@ -14,6 +15,9 @@ import typer
 __all__ = ["command_line", "prepare_jax", "say", "tells_errors"]
 
 USAGE, SOME_FAILED = 2, 1
+
+_ARENA_MAX = -8
+"""glibc's name for the number of heaps."""
 
 
 def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = False) -> None:
@@ -34,6 +38,7 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
     ConfigurationError
         If there is no such device.
     """
+    _share_heaps()
     if alone:
         os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax
@@ -59,6 +64,13 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
         directory.mkdir(parents=True, exist_ok=True)
         jax.config.update("jax_compilation_cache_dir", str(directory))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+def _share_heaps() -> None:
+    """Let threads share two heaps, where the C library is glibc: with one each, what they free between arrays
+    that still live is not used again: 0.2 to 0.5 GB of a long run."""
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).mallopt(_ARENA_MAX, 2)
 
 
 def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
