@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jitterkit.batch.room import out_of_memory
 from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle, scale_hint, why_unusable
 from jitterkit.errors import JitterkitError, NoStarError
@@ -165,6 +166,11 @@ class Processor:
         -------
         processed : Processed
             Never raises for the frame's sake; ``result.status`` says how it ended.
+
+        Raises
+        ------
+        MemoryError or jax.errors.JaxRuntimeError
+            If memory runs out.
         """
         frame = self.prepare(raw)
         return frame if isinstance(frame, Processed) else self.fit(frame)
@@ -177,11 +183,13 @@ class Processor:
             return Processed(None, self._trouble(error, None))
 
     def fit(self, frame: Frame) -> Processed:
-        """Fit a calibrated frame."""
+        """Fit a calibrated frame; raises nothing but a lack of memory, which is not the frame's fault."""
         began = time.perf_counter()
         try:
             frame, result = self._fit(frame)
         except Exception as error:
+            if out_of_memory(error):
+                raise
             log.debug("%s", frame.name, exc_info=True)
             result = self._trouble(error, frame)
         result = replace(result, seconds=time.perf_counter() - began)
@@ -241,6 +249,10 @@ class Processor:
         if estimate is None:
             estimate = estimator(self.kernel)(data, parameters, otf, hold=self.options.hold)
         return Estimated(data, parameters, otf, replace(estimate, source=frame.name, digest=frame.digest))
+
+    def repeats(self, frame: Frame) -> bool:
+        """Whether a frame shows what others have shown but for its blur, so that its pair is in no doubt."""
+        return self._repeated(frame, Data.of(frame)) is not None
 
     def _repeated(self, frame: Frame, data: Data) -> _Found | None:
         """What a frame shows that repeats others; None of one that does not."""

@@ -15,6 +15,7 @@ from astropy.units import Unit
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch, count_frames, plan_batches
 from jitterkit.batch.reference import OwnReferenceError
+from jitterkit.batch.room import out_of_memory
 from jitterkit.batch.stream import in_threads
 from jitterkit.errors import JitterkitError, NoStarError, UndeterminedError
 from jitterkit.frames import RawFrame, find_files
@@ -105,7 +106,7 @@ def estimate_files(
     files = find_files(paths)
     batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), measurer.together)
 
-    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | JitterkitError], Callable[[], _Result]]:
+    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | JitterkitError], Callable[[bool], _Result]]:
         return partial(_task, measurer.among(batch, hdu))
 
     rows: list[dict[str, Any]] = []
@@ -127,14 +128,18 @@ _Result = tuple[Measured | FitResult, str] | Exception
 
 def _task(
     measurer: Measurer, path: Path, index: int, raw: RawFrame | JitterkitError
-) -> Callable[[], _Result]:
-    def measure() -> _Result:
+) -> Callable[[bool], _Result]:
+    def measure(last: bool) -> _Result:
         if isinstance(raw, JitterkitError):
             return _Unreadable(str(raw))
         try:
             return measurer.measure(raw), raw.digest
         except _BREAKDOWNS as error:
             return error
+        except Exception as error:
+            if last and out_of_memory(error):
+                return error
+            raise
 
     return measure
 

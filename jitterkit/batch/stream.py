@@ -25,9 +25,10 @@ from typing import TypeVar
 from jitterkit.batch.frame import Processed, Processor
 from jitterkit.batch.ledger_worst import Rank, rank, wanted
 from jitterkit.batch.plan import Batch
+from jitterkit.batch.room import Room
 from jitterkit.batch.survey import Survey, read_items
 from jitterkit.errors import JitterkitError
-from jitterkit.frames import RawFrame
+from jitterkit.frames import Frame, RawFrame
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.pictures import FrameReport, render_frame
 from jitterkit.report.row import Row, make_row
@@ -110,8 +111,8 @@ def process_batches(
             yield drawing.popleft()[0].result()
 
 
-_Task = Callable[[Path, int, RawFrame | JitterkitError], Callable[[], T]]
-"""Takes what was read of a frame, and gives what is to be done about it."""
+_Task = Callable[[Path, int, RawFrame | JitterkitError], Callable[[bool], T]]
+"""Takes what was read of a frame, and gives what is to be done about it, for :class:`Room` to call."""
 
 
 def in_threads(
@@ -140,7 +141,7 @@ def in_threads(
     """
     threads = threads or cores()
     waiting: deque[tuple[Batch, list[Future[T]]]] = deque()
-    room = threading.Semaphore(threads * _AHEAD)
+    room, ahead = Room(threads), threading.Semaphore(threads * _AHEAD)
     with ThreadPoolExecutor(threads, "fit") as pool:
         try:
             for batch in batches:
@@ -149,9 +150,9 @@ def in_threads(
                 waiting.append((batch, tasks))
                 for path, index, raw in read_items(batch.items, hdu):
                     task = prepare(path, index, raw)
-                    room.acquire()
-                    tasks.append(pool.submit(task))
-                    tasks[-1].add_done_callback(lambda _: room.release())
+                    ahead.acquire()
+                    tasks.append(pool.submit(room.do, task))
+                    tasks[-1].add_done_callback(lambda _: ahead.release())
                     if len(waiting) > 1 and all(task.done() for task in waiting[0][1]):
                         yield _results(*waiting.popleft())
             while waiting:
@@ -182,21 +183,24 @@ def _drawn(batch: Batch, rows: list[Row], chosen: dict[int, Processed]) -> Done:
 
 def _prepare(
     near: Processor, alone: Processor, path: Path, index: int, raw: RawFrame | JitterkitError
-) -> Callable[[], tuple[Processed, Row]]:
+) -> Callable[[bool], tuple[Processed, Row]]:
     """Calibrate a frame here; fit it there."""
     frame = raw if isinstance(raw, JitterkitError) else alone.prepare(raw)
     metadata = None if isinstance(raw, JitterkitError) else raw.metadata
     del raw  # a camera's whole frame need not wait with the stars that were cut out of it
 
-    def fit() -> tuple[Processed, Row]:
+    def fit(last: bool) -> tuple[Processed, Row]:
         if isinstance(frame, JitterkitError):
             done = Processed(None, FitResult(Status.UNREADABLE, str(frame)))
         elif isinstance(frame, Processed):
             done = frame
         else:
-            done = near.fit(frame)
-            if near.known and done.result.status in _MENDED:
-                done = alone.fit(frame)
+            try:
+                done = _fit(near, alone, frame)
+            except Exception as error:  # memory ran out
+                if not last:
+                    raise
+                done = Processed(frame, FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}"))
         row = make_row(
             done.result,
             path,
@@ -210,3 +214,12 @@ def _prepare(
         return done, row
 
     return fit
+
+
+def _fit(near: Processor, alone: Processor, frame: Frame) -> Processed:
+    """Fit a frame about what is known; without, if that may be why it cannot be fitted."""
+    done = near.fit(frame)
+    if not near.known or done.result.status not in _MENDED:
+        return done
+    innocent = done.result.status is not Status.FAILED and near.repeats(frame)
+    return done if innocent else alone.fit(frame)

@@ -23,8 +23,8 @@ __all__ = ["Item", "Survey", "read_items"]
 Item = tuple[Path, int]
 """File and place of the frame in it."""
 
-_KEPT = 8
-"""Anchors, of 20 MB each at 128 x 128 pixels, kept for leads to come."""
+_KEPT = 160_000_000
+"""Bytes of anchors that are kept for leads to come: eight at 128 x 128 pixels."""
 
 
 class Survey:
@@ -71,7 +71,7 @@ class Survey:
         key = (grid, *state)
         anchor = self._anchors.pop(key, None) or Anchor.at(optics, state)
         self._anchors[key] = anchor
-        if len(self._anchors) > _KEPT:
+        while len(self._anchors) > 1 and sum(one.taylor.nbytes for one in self._anchors.values()) > _KEPT:
             self._anchors.popitem(last=False)
         return AnchoredOptics.about(optics, anchor, float(shown.scene.flux), shown_state)
 

@@ -1,0 +1,128 @@
+"""When memory runs out: fewer frames at a time, and a row for one that even alone has none."""
+
+import logging
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.errors import JaxRuntimeError
+
+from jitterkit.batch import Processor
+from jitterkit.batch.binary import BinaryMeasurer
+from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch.plan import plan_batches
+from jitterkit.batch.room import Room, out_of_memory
+from jitterkit.batch.stream import process_batches
+from jitterkit.frames import write_fits
+
+FRAMES, GREEDY = 8, 3
+
+
+def too_much():
+    """Ask for a million times what a machine has, as a program does that is too large for its device."""
+    return jnp.zeros(2**55, jnp.uint8).block_until_ready()
+
+
+def test_what_jax_and_numpy_say_is_understood():
+    for ask, kind in ((too_much, JaxRuntimeError), (lambda: np.zeros(2**55, np.uint8), MemoryError)):
+        with pytest.raises(kind) as caught:
+            ask()
+        assert out_of_memory(caught.value)
+    assert not out_of_memory(ValueError("no"))
+
+
+@pytest.fixture
+def crowd():
+    """Counts who is at work, and what the most were."""
+
+    class Crowd:
+        def __init__(self):
+            self.lock, self.now, self.most = threading.Lock(), 0, []
+
+        def __enter__(self):
+            with self.lock:
+                self.now += 1
+                self.most.append(self.now)
+                return self.now
+
+        def __exit__(self, *_):
+            with self.lock:
+                self.now -= 1
+
+    return Crowd()
+
+
+@pytest.mark.parametrize("fits", [1, 2])
+def test_fewer_work_at_a_time_after_memory_has_run_out(crowd, fits, caplog):
+    room, together, waiting = Room(3), threading.Barrier(3), {0, 1, 2}
+
+    def task(number):
+        def work(alone):
+            with crowd as here:
+                if number in waiting:  # three at once, at least once
+                    waiting.discard(number)
+                    together.wait(10)
+                    here = 3
+                if here > fits:
+                    raise MemoryError
+                return number
+
+        return work
+
+    with caplog.at_level(logging.WARNING), ThreadPoolExecutor(3) as pool:
+        done = list(pool.map(room.do, map(task, range(30))))
+    assert done == list(range(30))
+    assert max(crowd.most[-20:]) <= fits
+    assert f"no more than {fits} frames at a time" in caplog.text
+
+
+def test_an_error_that_is_not_for_want_of_memory_is_raised_at_once():
+    calls = []
+
+    def task(alone):
+        calls.append(alone)
+        raise ValueError("wrong")
+
+    with pytest.raises(ValueError, match="wrong"):
+        Room(2).do(task)
+    assert calls == [False]
+
+
+@pytest.fixture(scope="module")
+def files(drawn, tmp_path_factory):
+    directory, rng = tmp_path_factory.mktemp("frames"), np.random.default_rng(11)
+    return [write_fits(directory / f"{n}.fits", drawn(rng).raw.data) for n in range(FRAMES)]
+
+
+@pytest.fixture
+def greedy(telescope, crowd):
+    """A processor for which there is memory for one frame at a time, and none at all for one of them."""
+
+    class Greedy(Processor):
+        def estimate(self, frame, **options):
+            with crowd as here:
+                if here > 1 or frame.name == f"{GREEDY}.fits":
+                    too_much()
+                return super().estimate(frame, **options)
+
+    return Greedy(telescope, locus="mvn")
+
+
+def test_a_frame_without_memory_is_a_row_and_the_others_are_fitted_as_ever(files, greedy, telescope):
+    plan = [*plan_batches(files, [1] * FRAMES, FRAMES)]
+    (done,) = process_batches(plan, greedy, threads=3)
+    (sound,) = process_batches(plan, Processor(telescope, locus="mvn"), threads=3)
+    for place, (row, expected) in enumerate(zip(done.rows, sound.rows, strict=True)):
+        if place == GREEDY:
+            assert row["status"] == "failed"
+            assert "Out of memory" in row["message"]
+        else:
+            assert repr({**row, "seconds": 0}) == repr({**expected, "seconds": 0})
+
+
+def test_an_estimate_without_memory_is_a_row_too(files, greedy):
+    table = estimate_files(files[:5], BinaryMeasurer(greedy))
+    assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
+    assert "Out of memory" in table["message"][GREEDY]
