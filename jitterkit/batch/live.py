@@ -63,6 +63,7 @@ def watch_directory(
     threads: int | None = None,
     stop: Callable[[], bool] = lambda: False,
     watch: Callable[[Row], None] | None = None,
+    before: Callable[[Row], None] | None = None,
     command: str = "",
     sleep: Callable[[float], None] = time.sleep,
 ) -> Run:
@@ -86,7 +87,9 @@ def watch_directory(
     stop : callable, optional
         Asked before each look and each batch whether to end.
     watch : callable, optional
-        Called with each row, those of an earlier session too.
+        Called with each row as it is done.
+    before : callable, optional
+        Called first, with each row of an earlier session; by default ``watch``.
     sleep : callable, optional
         Called with the seconds to wait.
 
@@ -121,7 +124,7 @@ def watch_directory(
     with begin(output, settings(processor, [directory], hdu=hdu), {"command": command}) as ledger:
         work = partial(process_batches, processor=processor, hdu=hdu, threads=threads, ranks=ledger.ranks)
         watch = watch or (lambda row: None)
-        arrivals = Arrivals(directory, hdu, _told_before(ledger, watch))
+        arrivals = Arrivals(directory, hdu, _told_before(ledger, before or watch))
         watched = _Watch(ledger, work, watch, arrivals.again)
         for burst in _bursts(arrivals, stop, idle, partial(sleep, poll), poll):
             watched.work_through(burst)
@@ -133,11 +136,11 @@ def watch_directory(
         return conclude(ledger, output, processor, unfinished)
 
 
-def _told_before(ledger: Ledger, watch: Callable[[Row], None]) -> frozenset[tuple[str, int]]:
+def _told_before(ledger: Ledger, tell: Callable[[Row], None]) -> frozenset[tuple[str, int]]:
     """Tell the rows of an earlier session; returns the names of their files and their places."""
     told = set()
     for row in ledger.rows():
-        watch(row)
+        tell(row)
         # the directory may have been named otherwise
         told.add((row["file"], row["frame"]))
     return frozenset(told)

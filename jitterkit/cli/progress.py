@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Tally", "following", "watching"]
+__all__ = ["Follow", "Tally", "following", "watching"]
 
 _WINDOW = 30.0
 """Seconds over which the rate is taken: long enough for the steps in which batches come."""
@@ -110,6 +110,7 @@ def time_left(tally: Tally, done: int, total: int) -> str:
 
 
 Follow = Callable[[dict[str, Any]], None]
+"""To be called with a row."""
 
 
 @contextlib.contextmanager

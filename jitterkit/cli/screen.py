@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from jitterkit.cli.progress import Tally
+from jitterkit.cli.progress import Follow, Tally
 from jitterkit.cli.runtime import say
 
 __all__ = ["Screen", "on_screen"]
@@ -41,7 +41,7 @@ class Screen:
         self._last = ""
 
     def add(self, row: dict[str, Any], now: float | None = None) -> None:
-        """Count a row that was done at a time [s]."""
+        """Count a row that was done at a time [s]; without one it was done in an earlier session."""
         self._tally.add(row, now)
         self._statuses[row["status"]] += 1
         moments = row["sxx"], row["sxy"], row["syy"]
@@ -80,8 +80,8 @@ class Screen:
 
 
 @contextlib.contextmanager
-def on_screen(where: str) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """Keep the screen; yields a function to call with each row."""
+def on_screen(where: str) -> Iterator[tuple[Follow, Follow]]:
+    """Keep the screen; yields what to call with each row that is done now, and of an earlier session."""
     from rich.console import Console
     from rich.live import Live
     from rich.table import Table
@@ -89,7 +89,7 @@ def on_screen(where: str) -> Iterator[Callable[[dict[str, Any]], None]]:
 
     console, screen = Console(stderr=True), Screen(where)
     if not console.is_terminal:
-        yield _lines(screen)
+        yield _lines(screen), screen.add
         return
 
     def drawn() -> Table:
@@ -99,10 +99,10 @@ def on_screen(where: str) -> Iterator[Callable[[dict[str, Any]], None]]:
         return grid
 
     with Live(console=console, get_renderable=drawn, transient=True):
-        yield lambda row: screen.add(row, time.monotonic())
+        yield lambda row: screen.add(row, time.monotonic()), screen.add
 
 
-def _lines(screen: Screen, clock: Callable[[], float] = time.monotonic) -> Callable[[dict[str, Any]], None]:
+def _lines(screen: Screen, clock: Callable[[], float] = time.monotonic) -> Follow:
     """Say what there is with the first row and then every few seconds."""
     said = -math.inf
 

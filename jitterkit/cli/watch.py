@@ -58,7 +58,7 @@ def watch(
     processor = make()
     from jitterkit.batch.live import watch_directory
 
-    with on_screen(printable(directory)) as follow, _until_asked() as asked:
+    with on_screen(printable(directory)) as (follow, recall), _until_asked() as asked:
         run = watch_directory(
             directory,
             output,
@@ -70,6 +70,7 @@ def watch(
             resume=resume,
             stop=asked,
             watch=follow,
+            before=recall,
             command=command_line(),
         )
     conclude(run, processor.instrument)

@@ -123,3 +123,18 @@ def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alon
         for name in ("separation", "theta", "x", "flux", "contrast"):
             assert abs(row[name] - alone.of_scene(name)) < 0.05 * alone.error(name)
         assert row["separation_err"] == pytest.approx(alone.error("separation"), rel=2e-3)
+
+
+def test_a_frame_that_a_locus_does_not_fit_is_not_searched_through_for_that(telescope, searched, tmp_path):
+    """The pair is in no doubt; what fails is what was asked for."""
+    rng, (names, noting) = np.random.default_rng(9), searched
+    deep = replace(telescope, detector=replace(telescope.detector, full_well=1e7, bits=22))
+    scene, locus = Binary(10.0, 30.0, 0.3, -0.4, 2e7, 3.37), Mvn.of(0.5, 0.3, 20.0)
+    for n in range(8):
+        raw = simulate_frame(deep, scene, locus, aberrations=[5.0, -8.0], rng=rng).raw
+        write_fits(tmp_path / f"{n}.fits", raw.data)
+    files = sorted(tmp_path.iterdir())
+    names.clear()
+    (done,) = process_batches(plan_batches(files, [1] * 8, 8), noting(deep, locus="stable"))
+    assert [row["status"] for row in done.rows] == ["poor_fit"] * 8
+    assert set(names) == {files[0].name}  # to know what the others may repeat
