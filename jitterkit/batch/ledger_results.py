@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jitterkit.batch.ledger_trouble import unwritable
 from jitterkit.errors import ConfigurationError
-from jitterkit.report.outputs import CONFIGURATION, RUN
+from jitterkit.report.outputs import RUN
 from jitterkit.report.words import printable
 
 __all__ = ["refuse_results", "remove_results"]
@@ -38,7 +38,7 @@ def remove_results(directory: Path) -> None:
     ConfigurationError
         If a file cannot be removed.
     """
-    for path in (directory / name for name in (*RUN, CONFIGURATION)):
+    for path in (directory / name for name in RUN):
         try:
             path.unlink(missing_ok=True)
         except OSError as error:

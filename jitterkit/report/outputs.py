@@ -23,11 +23,10 @@ __all__ = [
     "make_directory",
 ]
 
-TABLE, SUMMARY, REPORT = RUN = "results.ecsv", "summary.json", "report.html"
-"""What a run leaves behind."""
+RUN = "results.ecsv", "summary.json", "report.html", "configuration.json"
+"""What a run leaves behind; the last says with what settings and versions."""
 
-CONFIGURATION = "configuration.json"
-"""With what settings and versions, beside them."""
+TABLE, SUMMARY, REPORT, CONFIGURATION = RUN
 
 ENDS = (".png", ".kernel.fits", ".deblurred.fits")
 """Of the names of an estimate's picture, kernel and deblurred image."""

@@ -123,6 +123,13 @@ def test_results_are_not_replaced_unasked(run, spoilt, processor):
         process_files([spoilt], run.directory, processor)
 
 
+def test_nor_is_somebody_s_own_configuration(spoilt, processor, tmp_path):
+    (tmp_path / "configuration.json").write_text("mine")
+    with pytest.raises(ConfigurationError, match=r"configuration\.json exists; give --overwrite"):
+        process_files([spoilt], tmp_path, processor)
+    assert (tmp_path / "configuration.json").read_text() == "mine"
+
+
 def test_a_path_that_does_not_exist_is_told_before_any_work(tmp_path, processor):
     with pytest.raises(FrameError, match="does not exist"):
         process_files([tmp_path / "nowhere.fits"], tmp_path / "out", processor)
