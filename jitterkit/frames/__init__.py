@@ -10,7 +10,7 @@ from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.framefile import FrameFile
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Known, Metadata
-from jitterkit.frames.reader import is_whole, open_frames, read_frames
+from jitterkit.frames.reader import frame_count, is_whole, open_frames, read_frames
 from jitterkit.frames.sky import sky_position_angle
 from jitterkit.frames.writer import write_fits, write_tiff
 
@@ -21,6 +21,7 @@ __all__ = [
     "Metadata",
     "RawFrame",
     "find_files",
+    "frame_count",
     "is_whole",
     "open_frames",
     "read_frames",

@@ -33,7 +33,7 @@ from jitterkit.frames.wcs import celestial_wcs
 _REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') */ [ -~]*")
 """A card of which there is nothing to warn."""
 
-__all__ = ["FitsFile", "open", "read_extensions", "read_image", "write"]
+__all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]
 
 
 class FitsFile(FrameFile):
@@ -97,6 +97,13 @@ class FitsFile(FrameFile):
 def open(path: Path, hdu: int | None = None) -> FitsFile:
     """Open a FITS file; see :class:`FitsFile`."""
     return FitsFile(path, hdu)
+
+
+def is_plane(path: Path, hdu: int | None = None) -> bool:
+    """Tell from the layout of a file alone whether it holds one frame; errors are those of :func:`open`."""
+    with translated(path), open_bytes(path) as handle:
+        *planes, _, _ = _image_unit(path, handle, hdu)[0].shape
+        return math.prod(planes) == 1
 
 
 def _known_card(image: bytes) -> fits.Card:

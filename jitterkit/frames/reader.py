@@ -11,7 +11,7 @@ from jitterkit.frames.files import sniff
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile
 
-__all__ = ["is_whole", "open_frames", "read_frames"]
+__all__ = ["frame_count", "is_whole", "open_frames", "read_frames"]
 
 
 def open_frames(path: str | Path, *, hdu: int | None = None) -> FrameFile:
@@ -47,6 +47,20 @@ def read_frames(path: str | Path, *, hdu: int | None = None) -> Iterator[RawFram
     """
     with open_frames(path, hdu=hdu) as file:
         yield from file
+
+
+def frame_count(path: str | Path, *, hdu: int | None = None) -> int:
+    """Count the frames of a file without reading a pixel, nor more of a header than that takes.
+
+    Parameters and errors are those of :func:`open_frames`, but that a FITS of a single frame may be counted
+    whose metadata it would refuse.
+    """
+    path = Path(path)
+    kind = sniff(path)
+    if kind == "FITS" and backend(kind).is_plane(path, hdu):
+        return 1
+    with open_frames(path, hdu=hdu) as file:
+        return len(file)
 
 
 def is_whole(path: str | Path, *, hdu: int | None = None) -> bool:

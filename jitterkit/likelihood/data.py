@@ -80,14 +80,15 @@ class Data(eqx.Module):
         used = ~frame.mask
         counts = np.where(used, frame.electrons * frame.response + frame.read_variance, 0.0)
         level = frame.response * frame.ceiling + frame.read_variance
-        near = frame.full | (np.sqrt(counts.clip(0)) + _NEAR / 2 > np.sqrt(level))  # a root's error is 1/2
+        # a root's error is 1/2
+        near = np.any(frame.full) or np.any(np.sqrt(counts.clip(0)) + _NEAR / 2 > np.sqrt(level))
         return cls(
             frame.electrons,
             frame.read_variance,
             used,
             response=flat,
-            ceiling=frame.ceiling if np.any(near) else None,
-            full=frame.full if censored and np.any(near) else None,
+            ceiling=frame.ceiling if near else None,
+            full=frame.full if censored and near else None,
         )
 
     @property
