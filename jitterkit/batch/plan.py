@@ -62,7 +62,7 @@ def count_frames(path: Path, hdu: int | None = None) -> int:
 
     Notes
     -----
-    Takes 0.1 ms for a FITS of one frame, else as long as opening: 0.4 ms for a TIFF, 4 ms for a compressed one.
+    Takes 0.1 ms for a FITS of one frame, else as long as opening: 0.4 ms for a TIFF, 4 ms for a packed FITS.
     """
     try:
         return max(1, frame_count(path, hdu=hdu))
