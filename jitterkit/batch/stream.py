@@ -98,17 +98,18 @@ def process_batches(
     def begin(batch: Batch) -> _Task:
         return partial(_prepare, replace(processor, known=survey.of(batch.lead)), processor)
 
-    drawing: deque[tuple[Future[Done], list[Rank]]] = deque()
-    with ThreadPoolExecutor(1, "draw") as painter:  # frames go on being read meanwhile
-        for batch, results in in_threads(batches, begin, hdu=hdu, threads=threads):
-            known = chain(ranks(), *(under_way for _, under_way in drawing))
-            rows, chosen = [row for _, row in results], _chosen(batch, results, known)
-            new = [rank(rows[place], batch.number, place) for place in chosen]
-            drawing.append((painter.submit(_drawn, batch, rows, chosen), new))
-            while len(drawing) > 1 or (drawing and drawing[0][0].done()):
-                yield drawing.popleft()[0].result()
-        while drawing:
-            yield drawing.popleft()[0].result()
+    drawing: deque[_Drawing] = deque()
+    with ThreadPoolExecutor(1, "draw") as painter:  # while frames go on being read
+        try:
+            for batch, results in in_threads(batches, begin, hdu=hdu, threads=threads):
+                known = chain(ranks(), *(one.ranks() for one in drawing))
+                drawing.append(_Drawing.begin(painter, batch, results, known))
+                while len(drawing) > 1 or (drawing and drawing[0].over):
+                    yield drawing.popleft().done()
+            while drawing:
+                yield drawing.popleft().done()
+        finally:
+            painter.shutdown(cancel_futures=True)
 
 
 _Task = Callable[[Path, int, RawFrame | JitterkitError], Callable[[bool], T]]
@@ -165,20 +166,48 @@ def _results(batch: Batch, tasks: list[Future[T]]) -> tuple[Batch, list[T]]:
     return batch, [task.result() for task in tasks]
 
 
-def _chosen(
-    batch: Batch, results: list[tuple[Processed, Row]], ranks: Iterable[Rank]
-) -> dict[int, Processed]:
-    """Frames of a batch, by their place in it, of which the report of the run may want a picture."""
-    drawable = {place: row for place, (done, row) in enumerate(results) if done.frame is not None}
-    return {place: results[place][0] for place in wanted(ranks, batch.number, drawable)}
+@dataclass(frozen=True)
+class _Drawing:
+    """A batch that is done but for its pictures."""
+
+    batch: Batch
+    rows: list[Row]
+    pictures: dict[int, Future[FrameReport]]
+
+    @classmethod
+    def begin(
+        cls,
+        painter: ThreadPoolExecutor,
+        batch: Batch,
+        results: list[tuple[Processed, Row]],
+        ranks: Iterable[Rank],
+    ) -> _Drawing:
+        """Draw those of its frames of which the report of the run may want a picture."""
+        drawable = {place: row for place, (done, row) in enumerate(results) if done.frame is not None}
+        pictures = {
+            place: painter.submit(_picture, *results[place])
+            for place in wanted(ranks, batch.number, drawable)
+        }
+        return cls(batch, [row for _, row in results], pictures)
+
+    def ranks(self) -> list[Rank]:
+        """Those of its pictures."""
+        return [rank(self.rows[place], self.batch.number, place) for place in self.pictures]
+
+    @property
+    def over(self) -> bool:
+        """Whether they are all drawn."""
+        return all(picture.done() for picture in self.pictures.values())
+
+    def done(self) -> Done:
+        """The batch, when they are."""
+        pictures = {place: picture.result() for place, picture in self.pictures.items()}
+        return Done(self.batch, self.rows, pictures)
 
 
-def _drawn(batch: Batch, rows: list[Row], chosen: dict[int, Processed]) -> Done:
-    pictures = {}
-    for place, done in chosen.items():
-        assert done.frame is not None
-        pictures[place] = render_frame(done.frame, done.result, rows[place])
-    return Done(batch, rows, pictures)
+def _picture(done: Processed, row: Row) -> FrameReport:
+    assert done.frame is not None
+    return render_frame(done.frame, done.result, row)
 
 
 def _prepare(
