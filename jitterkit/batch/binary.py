@@ -99,7 +99,10 @@ class BinaryMeasurer:
         """With the optics that the lead shows; asked for by the first frame that needs them."""
         if self._survey is None or not self._lead:
             return self.processor
-        return replace(self.processor, known=self._survey.of(self._lead))
+        known = self._survey.of(self._lead)
+        if self.name == SCORE:  # what may be repeated is known better
+            known = {grid: replace(shown, repeat=None) for grid, shown in known.items()}
+        return replace(self.processor, known=known)
 
     def _from_nothing(self, frame: Frame) -> Measured | FitResult:
         odd = self.processor.grid(frame) in self._known  # one among many is not worth a look at the optics

@@ -201,8 +201,10 @@ class Processor:
         """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
         try:
             start = self._locate(frame, Data.of(frame, censored=self.censored), rough=True)
-        except Exception:  # the frame itself will say
-            return None
+        except Exception as error:
+            if out_of_memory(error):
+                raise
+            return None  # the frame itself will say why
         sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
         return start.parameters if sound else None
 
@@ -251,14 +253,13 @@ class Processor:
         return Estimated(data, parameters, otf, replace(estimate, source=frame.name, digest=frame.digest))
 
     def repeats(self, frame: Frame) -> bool:
-        """Whether a frame shows what others have shown but for its blur, so that its pair is in no doubt."""
+        """Whether a frame shows what others have shown, so that its pair is in no doubt."""
         return self._repeated(frame, Data.of(frame)) is not None
 
     def _repeated(self, frame: Frame, data: Data) -> _Found | None:
         """What a frame shows that repeats others; None of one that does not."""
         known = self.known.get(self.grid(frame))
-        repeated = None if known is None or known.repeat is None else known.repeat.estimate(data)
-        if known is None or repeated is None:
+        if known is None or known.repeat is None or (repeated := known.repeat.estimate(data)) is None:
             return None
         parameters = repeated.parameters.with_locus(Mvn.near(repeated.estimate.moments))
         otf = known.optics(frame).otf(parameters.aberrations)

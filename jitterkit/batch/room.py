@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import Condition
 from typing import TypeVar
 
@@ -19,6 +20,12 @@ def out_of_memory(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
 
 
+class _Stay:
+    """Of one task in the room: how many were there at a time."""
+
+    most = 0
+
+
 class Room:
     """Lets so many tasks work at a time, and fewer when memory has run out.
 
@@ -29,36 +36,61 @@ class Room:
     """
 
     def __init__(self, places: int) -> None:
-        self._places, self._busy, self._changed = places, 0, Condition()
+        self._places, self._want_all = places, 0
+        self._stays: list[_Stay] = []
+        self._changed = Condition()
 
     def do(self, task: Callable[[bool], T]) -> T:
-        """Call a task when there is a place; if it runs out of memory, again with fewer beside it.
+        """Call a task when there is a place; if it runs out of memory, again with nothing beside it.
+
+        Where that helps, the others were to blame, and from then on there is room for fewer.
 
         Parameters
         ----------
         task : callable
-            Called with whether nothing may be beside it: then what it raises is raised here, else what is not
-            a lack of memory.
+            Called with whether it is alone: then what it raises is raised, else what is no lack of memory.
         """
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._busy < self._places)
-                self._busy += 1
-                alone = self._places == 1
+        with self._stay(lambda: not self._want_all and len(self._stays) < self._places) as stay:
             try:
-                return task(alone)
+                return task(False)
             except Exception as error:
-                if alone or not out_of_memory(error):
+                if not out_of_memory(error):
                     raise
-                self._narrow()
-            finally:
-                with self._changed:
-                    self._busy -= 1
-                    self._changed.notify_all()
+        with self._alone():
+            result = task(True)
+        self._narrow(stay.most - 1)
+        return result
 
-    def _narrow(self) -> None:
+    @contextmanager
+    def _stay(self, may_enter: Callable[[], bool]) -> Iterator[_Stay]:
+        stay = _Stay()
         with self._changed:
-            places = max(1, min(self._places, self._busy - 1))
-            if places < self._places:
+            self._changed.wait_for(may_enter)
+            self._stays.append(stay)
+            for one in self._stays:
+                one.most = max(one.most, len(self._stays))
+        try:
+            yield stay
+        finally:
+            with self._changed:
+                self._stays.remove(stay)
+                self._changed.notify_all()
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """When all others have left, and none may enter."""
+        with self._changed:
+            self._want_all += 1
+        try:
+            with self._stay(lambda: not self._stays):
+                yield
+        finally:
+            with self._changed:
+                self._want_all -= 1
+                self._changed.notify_all()
+
+    def _narrow(self, places: int) -> None:
+        with self._changed:
+            if 0 < places < self._places:
+                self._places = places
                 log.warning("Memory ran out: no more than %d frames at a time from here on.", places)
-            self._places = places

@@ -31,7 +31,7 @@ __all__ = ["Run", "conclude", "process_files"]
 log = logging.getLogger(__name__)
 
 _PIXELS = 2**21
-"""In the frames of a batch: 128 of 128 x 128, 4 s of work that a kill may cost, 0.1 GB."""
+"""In the frames of a batch: 128 of 128 x 128, 4 s of work, two of which a kill may cost; 0.1 GB."""
 
 _FEWEST, _MOST = 16, 128
 

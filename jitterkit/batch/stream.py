@@ -2,11 +2,12 @@
 
 Reach for :func:`process_batches`.  Frames are read and calibrated one after the other while threads fit
 those before; no more than a few are held at a time, however many there are.  Frames of a batch that one
-telescope took are fitted about one :class:`~jitterkit.optics.Anchor`, ten times as fast; what
-is left out of their optics stays below what a single fit leaves out, 0.1 sigma of the whole image.
+telescope took are fitted about one :class:`~jitterkit.optics.Anchor`, and begun where one of them repeats
+another (:class:`~jitterkit.estimators.repeat.Repeat`), twenty times as fast; what is left out of their
+optics stays below what a single fit leaves out, 0.1 sigma of the whole image.
 
-What a batch gives depends on its frames alone, to the last digit: not on who else is working, nor on what was
-done before.
+What a batch gives depends on its frames and its lead alone, to the last digit: not on who else is working,
+nor on what was done before.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -25,7 +26,7 @@ from typing import TypeVar
 from jitterkit.batch.frame import Processed, Processor
 from jitterkit.batch.ledger_worst import Rank, rank, wanted
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.room import Room
+from jitterkit.batch.room import Room, out_of_memory
 from jitterkit.batch.survey import Survey, read_items
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame, RawFrame
@@ -41,7 +42,10 @@ _AHEAD = 4
 """Frames read ahead for each thread."""
 
 _MENDED = (Status.POOR_FIT, Status.NOT_CONVERGED, Status.NO_PAIR, Status.FAILED)
-"""What an anchor far from the truth may do to a frame, which is then fitted anew without."""
+"""What may come of what is known of others; such a frame is fitted anew without."""
+
+_SURE = (Status.POOR_FIT, Status.NO_PAIR)
+"""Of these, what does not, where pair and wavefront are in no doubt: the locus does not fit."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,7 @@ def process_batches(
             for batch, results in in_threads(batches, begin, hdu=hdu, threads=threads):
                 known = chain(ranks(), *(one.ranks() for one in drawing))
                 drawing.append(_Drawing.begin(painter, batch, results, known))
+                del results  # their images need not wait for the next batch
                 while len(drawing) > 1 or (drawing and drawing[0].over):
                     yield drawing.popleft().done()
             while drawing:
@@ -146,7 +151,7 @@ def in_threads(
     with ThreadPoolExecutor(threads, "fit") as pool:
         try:
             for batch in batches:
-                prepare = begin(batch)
+                prepare = _begun(begin, batch, waiting)
                 tasks: list[Future[T]] = []
                 waiting.append((batch, tasks))
                 for path, index, raw in read_items(batch.items, hdu):
@@ -160,6 +165,19 @@ def in_threads(
                 yield _results(*waiting.popleft())
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _begun(
+    begin: Callable[[Batch], _Task[T]], batch: Batch, waiting: Iterable[tuple[Batch, list[Future[T]]]]
+) -> _Task[T]:
+    """Begin a batch; if memory runs out, once more when nothing else is under way."""
+    try:
+        return begin(batch)
+    except Exception as error:
+        if not out_of_memory(error):
+            raise
+        wait([task for _, tasks in waiting for task in tasks])
+        return begin(batch)
 
 
 def _results(batch: Batch, tasks: list[Future[T]]) -> tuple[Batch, list[T]]:
@@ -250,5 +268,4 @@ def _fit(near: Processor, alone: Processor, frame: Frame) -> Processed:
     done = near.fit(frame)
     if not near.known or done.result.status not in _MENDED:
         return done
-    innocent = done.result.status is not Status.FAILED and near.repeats(frame)
-    return done if innocent else alone.fit(frame)
+    return done if done.result.status in _SURE and near.repeats(frame) else alone.fit(frame)

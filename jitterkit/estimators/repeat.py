@@ -21,7 +21,7 @@ from scipy.fft import next_fast_len
 from jitterkit.estimators.compare import End, compared
 from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, within
 from jitterkit.estimators.shape import doubted, fit_shape, is_decisive
-from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
+from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, parameter_names, to_vector
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus
@@ -116,6 +116,8 @@ class Repeat:
         parameters = parameters.with_locus(near)
         bare = _sized(system, system.grid.shape)
         otf = bare.otf(state)
+        if not set(hold).issubset(parameter_names(parameters, otf.names)):
+            return None  # coordinates of another locus
         names, free = free_parameters(parameters, otf, hold)
         if not _ASKED_FOR.issubset(names):
             return None

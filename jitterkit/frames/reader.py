@@ -53,7 +53,7 @@ def frame_count(path: str | Path, *, hdu: int | None = None) -> int:
     """Count the frames of a file without reading a pixel, nor more of a header than that takes.
 
     Parameters and errors are those of :func:`open_frames`, but that a FITS of a single frame may be counted
-    whose metadata it would refuse.
+    whose pixels are missing or whose metadata it would refuse.
     """
     path = Path(path)
     kind = sniff(path)

@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
@@ -65,7 +66,8 @@ def test_fewer_work_at_a_time_after_memory_has_run_out(crowd, fits, caplog):
                     waiting.discard(number)
                     together.wait(10)
                     here = 3
-                if here > fits:
+                time.sleep(0.01)  # so that others come
+                if max(here, crowd.now) > fits:
                     raise MemoryError
                 return number
 
@@ -76,6 +78,20 @@ def test_fewer_work_at_a_time_after_memory_has_run_out(crowd, fits, caplog):
     assert done == list(range(30))
     assert max(crowd.most[-20:]) <= fits
     assert f"no more than {fits} frames at a time" in caplog.text
+
+
+def test_one_that_has_no_memory_even_alone_takes_no_place_from_the_others(crowd):
+    room, together = Room(2), threading.Barrier(2)
+
+    def hopeless(alone):
+        with crowd as here:
+            assert here == 1 or not alone
+            raise MemoryError
+
+    with pytest.raises(MemoryError):
+        room.do(hopeless)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(room.do, [lambda alone: together.wait(10)] * 2))  # which breaks if one has to wait
 
 
 def test_an_error_that_is_not_for_want_of_memory_is_raised_at_once():

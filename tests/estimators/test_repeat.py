@@ -111,7 +111,7 @@ def test_a_blurred_first_frame_lends_no_shape_to_sharp_ones(telescope, major):
 
 
 def test_what_is_asked_for_must_not_be_held(telescope, shown):
-    for name in ("x", "separation", "shaped_xx"):
+    for name in ("x", "separation", "shaped_xx", "mvn_xy"):
         assert Repeat.of(shown, telescope.system(), hold=("background", name)) is None
 
 
