@@ -125,6 +125,19 @@ def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alon
         assert row["separation_err"] == pytest.approx(alone.error("separation"), rel=2e-3)
 
 
+def test_fits_of_repeated_frames_are_the_same_to_the_last_digit_whoever_works_and_whatever_was_before(
+    telescope, night
+):
+    files, _ = night
+    first, second = plan_batches(files, [1] * FRAMES, 8)
+
+    def rows(*batches, threads):
+        done = [*process_batches(batches, Processor(telescope, locus="mvn"), threads=threads)][-1]
+        return [repr({**row, "seconds": 0.0}) for row in done.rows]
+
+    assert rows(second, threads=1) == rows(first, second, threads=3)
+
+
 def test_a_frame_that_a_locus_does_not_fit_is_not_searched_through_for_that(telescope, searched, tmp_path):
     """The pair is in no doubt; what fails is what was asked for."""
     rng, (names, noting) = np.random.default_rng(9), searched
