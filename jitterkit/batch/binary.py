@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.batch.frame import SCORE, GridKey, Processor
+from jitterkit.batch.finder import SCORE, Finder, GridKey
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.repeats import Repeats
@@ -42,7 +42,7 @@ class BinaryMeasurer:
 
     Parameters
     ----------
-    processor : Processor
+    finder : Finder
         Its ``kernel`` names the estimator.
     survey, repeats : Survey, Repeats, optional
         Tell what the frames of a batch have in common; by default of its own.
@@ -50,17 +50,15 @@ class BinaryMeasurer:
 
     together = 128
 
-    def __init__(
-        self, processor: Processor, survey: Survey | None = None, repeats: Repeats | None = None
-    ) -> None:
-        self.processor, self._survey, self._repeats = processor, survey, repeats
+    def __init__(self, finder: Finder, survey: Survey | None = None, repeats: Repeats | None = None) -> None:
+        self.finder, self._survey, self._repeats = finder, survey, repeats
         self._lead: tuple[Item, ...] = ()
         self._known: Mapping[GridKey, Repeat] = {}
 
     @property
     def name(self) -> str:
         """Of the estimator."""
-        return self.processor.kernel
+        return self.finder.kernel
 
     @property
     def threads(self) -> int:
@@ -69,45 +67,45 @@ class BinaryMeasurer:
 
     def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:
         """The same for the frames of a batch, with what its lead shows."""
-        self._survey = self._survey or Survey(self.processor, hdu)
-        self._repeats = self._repeats or Repeats(self.processor, hdu)
-        one = BinaryMeasurer(self.processor, self._survey, self._repeats)
+        self._survey = self._survey or Survey(self.finder, hdu)
+        self._repeats = self._repeats or Repeats(self.finder, hdu)
+        one = BinaryMeasurer(self.finder, self._survey, self._repeats)
         one._lead, one._known = batch.lead, self._repeats.of(batch.lead) if self.name == SCORE else {}
         return one
 
     def measure(self, raw: RawFrame) -> Measured | FitResult:
         """Measure one frame, or say in a status why not."""
-        frame = self.processor.calibrate(raw)
+        frame = self.finder.calibrate(raw)
         return self._again(frame) or self._from_nothing(frame)
 
     def _again(self, frame: Frame) -> Measured | None:
         """As a repetition of what others have shown, where it is one."""
-        repeat, data = self._known.get(self.processor.grid(frame)), Data.of(frame)
+        repeat, data = self._known.get(self.finder.grid(frame)), Data.of(frame)
         repeated = None if repeat is None else repeat.estimate(data)
         if repeated is None:
             return None
         parameters = repeated.parameters
 
         def look() -> tuple[Parameters, OTF]:
-            return parameters, self.processor.optics(frame).otf(np.asarray(parameters.aberrations))
+            return parameters, self.finder.optics(frame).otf(np.asarray(parameters.aberrations))
 
         estimate = replace(repeated.estimate, source=frame.name, digest=frame.digest)
         return self._measured(frame, data, estimate, look)
 
     @cached_property
-    def _among_others(self) -> Processor:
+    def _among_others(self) -> Finder:
         """With the optics that the lead shows; asked for by the first frame that needs them."""
         if self._survey is None or not self._lead:
-            return self.processor
+            return self.finder
         known = self._survey.of(self._lead)
         if self.name == SCORE:  # what may be repeated is known better
             known = {grid: replace(shown, repeat=None) for grid, shown in known.items()}
-        return replace(self.processor, known=known)
+        return replace(self.finder, known=known)
 
     def _from_nothing(self, frame: Frame) -> Measured | FitResult:
-        odd = self.processor.grid(frame) in self._known  # one among many is not worth a look at the optics
+        odd = self.finder.grid(frame) in self._known  # one among many is not worth a look at the optics
         try:
-            estimated = (self.processor if odd else self._among_others).estimate(frame)
+            estimated = (self.finder if odd else self._among_others).estimate(frame)
         except (FrameError, NoStarError, UndeterminedError):
             raise
         except JitterkitError as error:  # as ``process`` calls it
@@ -136,7 +134,7 @@ class BinaryMeasurer:
         message: str = "",
     ) -> Measured:
         """With a picture for which template and optics are looked up when it is drawn."""
-        scale = frame.plate_scale or self.processor.instrument.plate_scale
+        scale = frame.plate_scale or self.finder.instrument.plate_scale
 
         def draw() -> list[Any]:
             sharp, blurred = template_images(estimate, *look())
@@ -149,18 +147,18 @@ class BinaryMeasurer:
         return Measured.of(frame, estimate, scale, draw, message)
 
     def _scale_hint(self, frame: Frame) -> str:
-        return scale_hint(frame, self.processor.instrument.plate_scale)
+        return scale_hint(frame, self.finder.instrument.plate_scale)
 
     def _fitted(self, data: Data, parameters: Parameters, otf: OTF) -> Misfit:
         """What is left with everything free: the template was fitted with a normal's shape."""
         shaped = parameters.with_locus(Shaped.near(parameters.locus.moments()))
-        end, _ = climb_a_little(shaped, otf, data, self.processor.options.hold, _STEPS)
+        end, _ = climb_a_little(shaped, otf, data, self.finder.options.hold, _STEPS)
         return pearson(expected_image(end.parameters, otf), data)
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
         """That no binary with a blur describes a frame, and why not where that can be told."""
         said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
-        names = () if "background" in self.processor.options.hold else ("background",)
+        names = () if "background" in self.finder.options.hold else ("background",)
         poor = FitResult(
             Status.POOR_FIT,
             said,
@@ -170,7 +168,7 @@ class BinaryMeasurer:
             dof=misfit.pixels,
             residual=misfit.residual,
         )
-        told = judge(frame, poor, self.processor.instrument.plate_scale).message
+        told = judge(frame, poor, self.finder.instrument.plate_scale).message
         scale = self._scale_hint(frame)
         hints = [told, "" if scale in told else scale, _ELSE]
         return FitResult(Status.POOR_FIT, " ".join(filter(None, hints)))

@@ -7,60 +7,25 @@ A frame that cannot be used ends with a status and a sentence at whatever step s
 
 from __future__ import annotations
 
-import functools
 import logging
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
-import numpy as np
-
+from jitterkit.batch.finder import Finder
 from jitterkit.batch.room import out_of_memory
-from jitterkit.batch.shown import Shown
-from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle, scale_hint, why_unusable
-from jitterkit.errors import JitterkitError, NoStarError
-from jitterkit.estimators import KernelEstimate, estimator
-from jitterkit.forward import Parameters
-from jitterkit.frames import Frame, Metadata, RawFrame
-from jitterkit.frames.region import find_region
-from jitterkit.instruments import Instrument, resolve
-from jitterkit.likelihood import Data
-from jitterkit.locate import Start, locate_binary
-from jitterkit.loci import Mvn, locus_class
-from jitterkit.optics import OTF, Optics
-from jitterkit.refit import (
-    POOR,
-    FitOptions,
-    FitResult,
-    KernelPrior,
-    Priors,
-    Status,
-    fit_best_locus,
-    fit_locus,
-)
+from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle
+from jitterkit.frames import Frame, RawFrame
+from jitterkit.loci import locus_class
+from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, fit_best_locus, fit_locus
 from jitterkit.refit.rays import find_rays
 
-__all__ = ["SCORE", "Estimated", "Processed", "Processor"]
+__all__ = ["Processed", "Processor"]
 
 log = logging.getLogger(__name__)
 
-_FEWEST = 8
-"""Pixels along a side below which no pair can be told from one star."""
-
 _RAY_ROUNDS = 3
 """Times that a frame is fitted again without what rays hit: the first fit is bent by them."""
-
-GridKey = tuple[tuple[int, int], float]
-"""Shape ``(ny, nx)`` and plate scale [arcsec]."""
-
-_SYSTEMS = 8
-"""Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
-
-SCORE = "score"
-"""The estimator that is what finding the pair does, as far as a fit's start goes."""
 
 _UNUSED = "The prior holds this frame only and was not used."
 
@@ -86,72 +51,28 @@ class Processed:
     pa: float = math.nan
 
 
-class Estimated(NamedTuple):
-    """What a frame shows before everything of it is fitted.
-
-    Attributes
-    ----------
-    data : Data
-    parameters : Parameters
-        Of the pair, with a normal locus.
-    otf : OTF
-        About aberrations very near theirs.
-    estimate : KernelEstimate
-    """
-
-    data: Data
-    parameters: Parameters
-    otf: OTF
-    estimate: KernelEstimate
-
-
-_Found = tuple[Parameters, OTF, KernelEstimate | None]
-"""Pair, optics and blur; None for an estimate that is still to be made."""
-
-
 @dataclass
-class Processor:
-    """Processes frames of one instrument; optics are computed once for each shape and scale.
+class Processor(Finder):
+    """Processes frames of one instrument: finds their pairs and fits them.
 
     Attributes
     ----------
-    instrument : Instrument
-    overrides : mapping
-        Metadata from the command line, by field.
     locus : str
         ``"auto"`` or a name in ``LOCI``.
-    kernel : str
-        Name of the estimator that starts the fit.
-    options : FitOptions
-        Its priors hold for every frame.
     prior : KernelPrior or None
         What other data say about the jitter: of each frame, whatever was not made of that frame itself.
         It joins the priors in the options.
-    censored : bool
-        Whether pixels at their ceiling count with the probability of being there, or are left out.
     rays : bool
         Whether to look for cosmic rays in what a fit leaves, and to fit again without the pixels they hit.
-    known : mapping
-        What other frames have shown, by :meth:`grid`; on other grids all is found from nothing.
     """
 
-    instrument: Instrument
-    overrides: Mapping[str, Any] = field(default_factory=dict)
     locus: str = "auto"
-    kernel: str = SCORE
-    options: FitOptions = field(default_factory=FitOptions)
     prior: KernelPrior | None = None
-    censored: bool = False
     rays: bool = False
-    known: Mapping[GridKey, Shown] = field(default_factory=dict, repr=False)
-    _systems: dict[GridKey, Optics] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and impossible numbers before any frame is read, and warn of 32 bits."""
-        if jnp.zeros(()).dtype == jnp.float32:
-            _warn_of_32_bits()
-        estimator(self.kernel)
-        Metadata().apply("command line", **self.overrides)
+        """Refuse an unknown locus too."""
+        super().__post_init__()
         if self.locus != "auto":
             locus_class(self.locus)
 
@@ -173,14 +94,7 @@ class Processor:
             If memory runs out.
         """
         frame = self.prepare(raw)
-        return frame if isinstance(frame, Processed) else self.fit(frame)
-
-    def prepare(self, raw: RawFrame) -> Frame | Processed:
-        """Calibrate a frame, or say what became of it if that cannot be done."""
-        try:
-            return self.calibrate(raw)
-        except Exception as error:  # whatever a frame does, the others are not to suffer
-            return Processed(None, self._trouble(error, None))
+        return self.fit(frame) if isinstance(frame, Frame) else Processed(None, frame)
 
     def fit(self, frame: Frame) -> Processed:
         """Fit a calibrated frame; raises nothing but a lack of memory, which is not the frame's fault."""
@@ -191,118 +105,11 @@ class Processor:
             if out_of_memory(error):
                 raise
             log.debug("%s", frame.name, exc_info=True)
-            result = self._trouble(error, frame)
+            result = self.trouble(error, frame)
         result = replace(result, seconds=time.perf_counter() - began)
         scale = frame.plate_scale or self.instrument.plate_scale
         pixel, pa = midpoint_pixel(frame, result, scale), position_angle(frame, result, scale)
         return Processed(frame, result, pixel, pa)
-
-    def wavefront(self, frame: Frame) -> Parameters | None:
-        """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
-        try:
-            start = self._locate(frame, Data.of(frame, censored=self.censored), rough=True)
-        except Exception as error:
-            if out_of_memory(error):
-                raise
-            return None  # the frame itself will say why
-        sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
-        return start.parameters if sound else None
-
-    def _trouble(self, error: Exception, frame: Frame | None) -> FitResult:
-        """What stopped a frame, as its status."""
-        if isinstance(error, NoStarError):
-            return FitResult(Status.NO_STAR, str(error))
-        if isinstance(error, JitterkitError):
-            hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
-            return FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
-        return FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
-
-    def calibrate(self, raw: RawFrame) -> Frame:
-        """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons."""
-        digest = raw.digest  # of the whole frame, as its file holds it
-        raw = resolve(raw, self.instrument, self.overrides)
-        ny, nx = self.instrument.shape
-        large = raw.shape[0] > ny or raw.shape[1] > nx
-        if large:
-            raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
-        frame = self.instrument.detector.calibrate(raw)
-        flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
-        return replace(frame, flags=flags, digest=digest)
-
-    def estimate(self, frame: Frame, *, rough: bool = False) -> Estimated | FitResult:
-        """Find the pair and estimate the kernel, or say why not.
-
-        Parameters
-        ----------
-        frame : Frame
-        rough : bool
-            Whether a fit of everything is to follow: the score estimate is then the one that finding the pair
-            gives, which need not be made twice.
-
-        Returns
-        -------
-        estimated : Estimated or FitResult
-        """
-        data = Data.of(frame, censored=self.censored)
-        found = self._repeated(frame, data) or self._located(frame, data, rough and self.kernel == SCORE)
-        if isinstance(found, FitResult):
-            return found
-        parameters, otf, estimate = found
-        if estimate is None:
-            estimate = estimator(self.kernel)(data, parameters, otf, hold=self.options.hold)
-        return Estimated(data, parameters, otf, replace(estimate, source=frame.name, digest=frame.digest))
-
-    def repeats(self, frame: Frame) -> bool:
-        """Whether a frame shows what others have shown, so that its pair is in no doubt."""
-        return self._repeated(frame, Data.of(frame)) is not None
-
-    def _repeated(self, frame: Frame, data: Data) -> _Found | None:
-        """What a frame shows that repeats others; None of one that does not."""
-        known = self.known.get(self.grid(frame))
-        if known is None or known.repeat is None or (repeated := known.repeat.estimate(data)) is None:
-            return None
-        parameters = repeated.parameters.with_locus(Mvn.near(repeated.estimate.moments))
-        otf = known.optics(frame).otf(parameters.aberrations)
-        return parameters, otf, repeated.estimate if self.kernel == SCORE else None
-
-    def _located(self, frame: Frame, data: Data, rough: bool) -> _Found | FitResult:
-        """What a frame shows that is searched through; with the blur that was found if that is enough."""
-        start = self._locate(frame, data, rough=rough)
-        if isinstance(start, FitResult):
-            return start
-        moments = np.asarray(start.parameters.locus.moments())
-        estimate = KernelEstimate(moments, start.covariance, self.kernel) if rough else None
-        return start.parameters, start.otf, estimate
-
-    def _locate(self, frame: Frame, data: Data, *, rough: bool = False) -> Start | FitResult:
-        """Find the pair, or say why not."""
-        if not np.any(np.asarray(data.used)):
-            return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
-        if min(frame.shape) < _FEWEST:
-            return FitResult(
-                Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a pair."
-            )
-        start = locate_binary(data, self.optics(frame), self.options.hold, rough=rough)
-        if start is None:
-            return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-        return start
-
-    def optics(self, frame: Frame) -> Optics:
-        """Optics on a frame's grid, at the scale the frame says it has."""
-        key = self.grid(frame)
-        if key in self.known:
-            return self.known[key].optics(frame)
-        system = self._systems.get(key)
-        if system is None:
-            shape, scale = key
-            while len(self._systems) >= _SYSTEMS:
-                self._systems.pop(next(iter(self._systems)), None)
-            system = self._systems[key] = self.instrument.system(shape=shape, plate_scale=scale)
-        return system
-
-    def grid(self, frame: Frame) -> GridKey:
-        """What frames have in common that share their optics: shape and plate scale, but for its rounding."""
-        return frame.shape, float(f"{frame.plate_scale or self.instrument.plate_scale:.9g}")
 
     def _options(self, frame: Frame) -> FitOptions:
         """The options, and what is known of this frame's jitter."""
@@ -339,11 +146,3 @@ class Processor:
             return result
         message = f"{result.message or result.status.value} {_UNUSED}"
         return replace(result, message=message, flags=(*result.flags, "prior_unused"))
-
-
-@functools.cache
-def _warn_of_32_bits() -> None:
-    log.warning(
-        "JAX computes in 32 bits, which costs accuracy: call jax.config.update('jax_enable_x64', True) "
-        "before anything else."
-    )

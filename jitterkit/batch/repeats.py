@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jitterkit.batch.frame import GridKey, Processor
+from jitterkit.batch.finder import Finder, GridKey
 from jitterkit.batch.survey import Item, read_items
 from jitterkit.errors import JitterkitError
 from jitterkit.estimators.repeat import Repeat
@@ -24,13 +24,13 @@ class Repeats:
 
     Parameters
     ----------
-    processor : Processor
+    finder : Finder
     hdu : int, optional
         To read in every FITS file.
     """
 
-    def __init__(self, processor: Processor, hdu: int | None = None) -> None:
-        self._processor, self._hdu = processor, hdu
+    def __init__(self, finder: Finder, hdu: int | None = None) -> None:
+        self._finder, self._hdu = finder, hdu
         self._known: dict[GridKey, Repeat] = {}
         self._lead: tuple[Item, ...] = ()
 
@@ -44,9 +44,9 @@ class Repeats:
         found: dict[GridKey, Repeat] = {}
         frames: dict[GridKey, list[Frame]] = {}
         for _, _, raw in read_items(lead, self._hdu):
-            frame = None if isinstance(raw, JitterkitError) else self._processor.prepare(raw)
+            frame = None if isinstance(raw, JitterkitError) else self._finder.prepare(raw)
             if isinstance(frame, Frame):
-                frames.setdefault(self._processor.grid(frame), []).append(frame)
+                frames.setdefault(self._finder.grid(frame), []).append(frame)
         for grid, here in frames.items():
             repeat = self._known.get(grid)
             if repeat is None or not _repeating(repeat, here):
@@ -56,15 +56,13 @@ class Repeats:
         return found
 
     def _anew(self, frame: Frame) -> Repeat | None:
-        aberrations = self._processor.instrument.aberrations
-        shown = self._processor.wavefront(frame) if aberrations else None
+        aberrations = self._finder.instrument.aberrations
+        shown = self._finder.wavefront(frame) if aberrations else None
         if shown is None:
             return None
-        system = self._processor.optics(frame)
+        system = self._finder.optics(frame)
         return (
-            Repeat.of(shown, system, self._processor.options.hold)
-            if isinstance(system, OpticalSystem)
-            else None
+            Repeat.of(shown, system, self._finder.options.hold) if isinstance(system, OpticalSystem) else None
         )
 
 

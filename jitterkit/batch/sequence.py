@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 
-from jitterkit.batch.frame import Processor
+from jitterkit.batch.finder import Finder
 from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.joint import Exposure
@@ -24,7 +24,7 @@ class FileExposures:
     ----------
     paths : sequence of str or Path
         Files, and directories whose FITS and TIFF files are taken in order of name.
-    processor : Processor
+    finder : Finder
         Calibrates them, and cuts the stars out of large ones.
     hdu : int, optional
     cadence : float, optional
@@ -45,13 +45,13 @@ class FileExposures:
     def __init__(
         self,
         paths: Sequence[str | Path],
-        processor: Processor,
+        finder: Finder,
         *,
         hdu: int | None = None,
         cadence: float | None = None,
     ) -> None:
         self.files = find_files(paths)
-        self.processor, self.hdu, self.cadence = processor, hdu, cadence
+        self.finder, self.hdu, self.cadence = finder, hdu, cadence
         self.timed = True
 
     def __iter__(self) -> Iterator[Exposure]:
@@ -80,15 +80,15 @@ class FileExposures:
         for path in self.files:
             try:
                 with open_frames(path, hdu=self.hdu) as file:
-                    return self.processor.optics(self.processor.calibrate(file[0]))
+                    return self.finder.optics(self.finder.calibrate(file[0]))
             except JitterkitError as error:
                 told = str(error)
         raise JitterkitError(f"No frame of the sequence can be used; the last: {told}")
 
     def _exposure(self, raw: RawFrame, clock: _Clock) -> Exposure:
         try:
-            frame = self.processor.calibrate(raw)
-            optics, when = self.processor.optics(frame), clock.middle(frame)
+            frame = self.finder.calibrate(raw)
+            optics, when = self.finder.optics(frame), clock.middle(frame)
         except JitterkitError as error:
             problem = FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error}")
             return Exposure(raw.name, clock.lost(), None, problem)

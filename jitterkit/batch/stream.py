@@ -232,22 +232,21 @@ def _prepare(
     near: Processor, alone: Processor, path: Path, index: int, raw: RawFrame | JitterkitError
 ) -> Callable[[bool], tuple[Processed, Row]]:
     """Calibrate a frame here; fit it there."""
-    frame = raw if isinstance(raw, JitterkitError) else alone.prepare(raw)
-    metadata = None if isinstance(raw, JitterkitError) else raw.metadata
+    ready: Frame | FitResult | RawFrame
+    if isinstance(raw, JitterkitError):
+        metadata, ready = None, FitResult(Status.UNREADABLE, str(raw))
+    else:
+        metadata, ready = raw.metadata, _calibrated(alone, raw)
     del raw  # a camera's whole frame need not wait with the stars that were cut out of it
 
     def fit(last: bool) -> tuple[Processed, Row]:
-        if isinstance(frame, JitterkitError):
-            done = Processed(None, FitResult(Status.UNREADABLE, str(frame)))
-        elif isinstance(frame, Processed):
-            done = frame
-        else:
-            try:
-                done = _fit(near, alone, frame)
-            except Exception as error:  # memory ran out
-                if not last:
-                    raise
-                done = Processed(frame, FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}"))
+        try:
+            done = _fit(near, alone, ready)
+        except Exception as error:  # memory ran out
+            if not last:
+                raise
+            frame = ready if isinstance(ready, Frame) else None
+            done = Processed(frame, FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}"))
         row = make_row(
             done.result,
             path,
@@ -263,8 +262,19 @@ def _prepare(
     return fit
 
 
-def _fit(near: Processor, alone: Processor, frame: Frame) -> Processed:
+def _calibrated(processor: Processor, raw: RawFrame) -> Frame | FitResult | RawFrame:
+    """A frame in electrons, or why not; as it is where there is no memory at the moment."""
+    try:
+        return processor.prepare(raw)
+    except Exception:
+        return raw
+
+
+def _fit(near: Processor, alone: Processor, ready: Frame | FitResult | RawFrame) -> Processed:
     """Fit a frame about what is known; without, if that may be why it cannot be fitted."""
+    frame = alone.prepare(ready) if isinstance(ready, RawFrame) else ready
+    if isinstance(frame, FitResult):
+        return Processed(None, frame)
     done = near.fit(frame)
     if not near.known or done.result.status not in _MENDED:
         return done

@@ -10,7 +10,7 @@ from threading import Lock
 
 import numpy as np
 
-from jitterkit.batch.frame import GridKey, Processor
+from jitterkit.batch.finder import Finder, GridKey
 from jitterkit.batch.shown import Shown
 from jitterkit.errors import FrameError, JitterkitError
 from jitterkit.estimators.repeat import Repeat
@@ -34,13 +34,13 @@ class Survey:
 
     Parameters
     ----------
-    processor : Processor
+    finder : Finder
     hdu : int, optional
         To read in every FITS file.
     """
 
-    def __init__(self, processor: Processor, hdu: int | None = None) -> None:
-        self._processor, self._hdu = processor, hdu
+    def __init__(self, finder: Finder, hdu: int | None = None) -> None:
+        self._finder, self._hdu = finder, hdu
         self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
         self._last: tuple[tuple[Item, ...], dict[GridKey, Shown]] = ((), {})
         self._looking = Lock()
@@ -55,13 +55,13 @@ class Survey:
     def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Shown]:
         found: dict[GridKey, Shown] = {}
         for _, _, raw in read_items(lead, self._hdu):
-            frame = None if isinstance(raw, JitterkitError) else self._processor.prepare(raw)
-            if not isinstance(frame, Frame) or (key := self._processor.grid(frame)) in found:
+            frame = None if isinstance(raw, JitterkitError) else self._finder.prepare(raw)
+            if not isinstance(frame, Frame) or (key := self._finder.grid(frame)) in found:
                 continue
-            shown = self._processor.wavefront(frame)
-            optics = None if shown is None else self._processor.optics(frame)
+            shown = self._finder.wavefront(frame)
+            optics = None if shown is None else self._finder.optics(frame)
             if shown is not None and isinstance(optics, OpticalSystem) and len(shown.aberrations):
-                repeat = Repeat.of(shown, optics, self._processor.options.hold)
+                repeat = Repeat.of(shown, optics, self._finder.options.hold)
                 found[key] = Shown(self._anchored(key, optics, shown), repeat)
         return found
 

@@ -145,13 +145,13 @@ def estimate(
 
 
 def _binary_measurer(instrument, estimator, metadata, background):
-    from jitterkit.batch import Processor
+    from jitterkit.batch import Finder
     from jitterkit.batch.binary import BinaryMeasurer
     from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions
 
     options = FitOptions(hold=() if background else ("background",))
-    return BinaryMeasurer(Processor(load_instrument(instrument), metadata, kernel=estimator, options=options))
+    return BinaryMeasurer(Finder(load_instrument(instrument), metadata, kernel=estimator, options=options))
 
 
 def _check_options(reference, stars, blind, estimator, export, oversample) -> None:

@@ -91,16 +91,14 @@ def sequence(
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
     prepare_jax()
-    from jitterkit.batch import FileExposures, Processor
+    from jitterkit.batch import FileExposures, Finder
     from jitterkit.instruments import load_instrument
     from jitterkit.joint import Looker, SequenceOptions, refit_sequence
     from jitterkit.loci.trace_locus import read_trace
 
     held = () if background else ("background",)
     overrides = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
-    exposures = FileExposures(
-        files, Processor(load_instrument(instrument), overrides), hdu=hdu, cadence=cadence
-    )
+    exposures = FileExposures(files, Finder(load_instrument(instrument), overrides), hdu=hdu, cadence=cadence)
     how = SequenceOptions(
         laws=_laws(law or []),
         rolling=not global_shutter,

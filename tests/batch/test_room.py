@@ -13,7 +13,7 @@ from jax.errors import JaxRuntimeError
 from jitterkit.batch import Processor
 from jitterkit.batch.binary import BinaryMeasurer
 from jitterkit.batch.kernels import estimate_files
-from jitterkit.batch.plan import plan_batches
+from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.batch.room import Room, out_of_memory
 from jitterkit.batch.stream import process_batches
 from jitterkit.frames import write_fits
@@ -142,3 +142,19 @@ def test_an_estimate_without_memory_is_a_row_too(files, greedy):
     table = estimate_files(files[:5], BinaryMeasurer(greedy))
     assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
     assert "Out of memory" in table["message"][GREEDY]
+
+
+def test_a_frame_for_which_there_was_no_memory_as_it_was_read_is_calibrated_again(files, telescope):
+    asked = set()
+
+    class Late(Processor):
+        def calibrate(self, raw):
+            if raw.name not in asked or raw.name == f"{GREEDY}.fits":
+                asked.add(raw.name)
+                too_much()
+            return super().calibrate(raw)
+
+    (done,) = process_batches([Batch(0, tuple((path, 0) for path in files))], Late(telescope, locus="mvn"))
+    expected = ["ok"] * FRAMES
+    expected[GREEDY] = "failed"
+    assert [row["status"] for row in done.rows] == expected

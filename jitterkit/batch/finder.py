@@ -1,0 +1,229 @@
+"""What a frame shows before everything of it is fitted: its electrons, its star pair and a kernel estimate.
+
+raw frame -> (region) -> electrons -> star pair -> kernel estimate
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.batch.room import out_of_memory
+from jitterkit.batch.shown import Shown
+from jitterkit.batch.verdict import scale_hint, why_unusable
+from jitterkit.errors import JitterkitError, NoStarError
+from jitterkit.estimators import KernelEstimate, estimator
+from jitterkit.forward import Parameters
+from jitterkit.frames import Frame, Metadata, RawFrame
+from jitterkit.frames.region import find_region
+from jitterkit.instruments import Instrument, resolve
+from jitterkit.likelihood import Data
+from jitterkit.locate import Start, locate_binary
+from jitterkit.loci import Mvn
+from jitterkit.optics import OTF, Optics
+from jitterkit.refit import POOR, FitOptions, FitResult, Status
+
+__all__ = ["SCORE", "Estimated", "Finder", "GridKey"]
+
+log = logging.getLogger(__name__)
+
+_FEWEST = 8
+"""Pixels along a side below which no pair can be told from one star."""
+
+GridKey = tuple[tuple[int, int], float]
+"""Shape ``(ny, nx)`` and plate scale [arcsec]."""
+
+_SYSTEMS = 8
+"""Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
+
+SCORE = "score"
+"""The estimator that is what finding the pair does, as far as a fit's start goes."""
+
+
+class Estimated(NamedTuple):
+    """What a frame shows before everything of it is fitted.
+
+    Attributes
+    ----------
+    data : Data
+    parameters : Parameters
+        Of the pair, with a normal locus.
+    otf : OTF
+        About aberrations very near theirs.
+    estimate : KernelEstimate
+    """
+
+    data: Data
+    parameters: Parameters
+    otf: OTF
+    estimate: KernelEstimate
+
+
+_Found = tuple[Parameters, OTF, KernelEstimate | None]
+"""Pair, optics and blur; None for an estimate that is still to be made."""
+
+
+@dataclass
+class Finder:
+    """Finds the pairs in frames of one instrument; optics are computed once for each shape and scale.
+
+    Attributes
+    ----------
+    instrument : Instrument
+    overrides : mapping
+        Metadata from the command line, by field.
+    kernel : str
+        Name of the estimator.
+    options : FitOptions
+        Its priors hold for every frame.
+    censored : bool
+        Whether pixels at their ceiling count with the probability of being there, or are left out.
+    known : mapping
+        What other frames have shown, by :meth:`grid`; on other grids all is found from nothing.
+    """
+
+    instrument: Instrument
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    _: KW_ONLY
+    kernel: str = SCORE
+    options: FitOptions = field(default_factory=FitOptions)
+    censored: bool = False
+    known: Mapping[GridKey, Shown] = field(default_factory=dict, repr=False)
+    _systems: dict[GridKey, Optics] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names and impossible numbers before any frame is read, and warn of 32 bits."""
+        if jnp.zeros(()).dtype == jnp.float32:
+            _warn_of_32_bits()
+        estimator(self.kernel)
+        Metadata().apply("command line", **self.overrides)
+
+    def prepare(self, raw: RawFrame) -> Frame | FitResult:
+        """Calibrate a frame, or say why that cannot be done; raises nothing but a lack of memory."""
+        try:
+            return self.calibrate(raw)
+        except Exception as error:  # whatever a frame does, the others are not to suffer
+            if out_of_memory(error):
+                raise
+            return self.trouble(error)
+
+    def calibrate(self, raw: RawFrame) -> Frame:
+        """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons."""
+        digest = raw.digest  # of the whole frame, as its file holds it
+        raw = resolve(raw, self.instrument, self.overrides)
+        ny, nx = self.instrument.shape
+        large = raw.shape[0] > ny or raw.shape[1] > nx
+        if large:
+            raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
+        frame = self.instrument.detector.calibrate(raw)
+        flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
+        return replace(frame, flags=flags, digest=digest)
+
+    def estimate(self, frame: Frame, *, rough: bool = False) -> Estimated | FitResult:
+        """Find the pair and estimate the kernel, or say why not.
+
+        Parameters
+        ----------
+        frame : Frame
+        rough : bool
+            Whether a fit of everything is to follow: the score estimate is then the one that finding the pair
+            gives, which need not be made twice.
+
+        Returns
+        -------
+        estimated : Estimated or FitResult
+        """
+        data = Data.of(frame, censored=self.censored)
+        found = self._repeated(frame, data) or self._located(frame, data, rough and self.kernel == SCORE)
+        if isinstance(found, FitResult):
+            return found
+        parameters, otf, estimate = found
+        if estimate is None:
+            estimate = estimator(self.kernel)(data, parameters, otf, hold=self.options.hold)
+        return Estimated(data, parameters, otf, replace(estimate, source=frame.name, digest=frame.digest))
+
+    def wavefront(self, frame: Frame) -> Parameters | None:
+        """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
+        try:
+            start = self._locate(frame, Data.of(frame, censored=self.censored), rough=True)
+        except Exception as error:
+            if out_of_memory(error):
+                raise
+            return None  # the frame itself will say why
+        sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
+        return start.parameters if sound else None
+
+    def repeats(self, frame: Frame) -> bool:
+        """Whether a frame shows what others have shown, so that its pair is in no doubt."""
+        return self._repeated(frame, Data.of(frame)) is not None
+
+    def optics(self, frame: Frame) -> Optics:
+        """Optics on a frame's grid, at the scale the frame says it has."""
+        key = self.grid(frame)
+        if key in self.known:
+            return self.known[key].optics(frame)
+        system = self._systems.get(key)
+        if system is None:
+            shape, scale = key
+            while len(self._systems) >= _SYSTEMS:
+                self._systems.pop(next(iter(self._systems)), None)
+            system = self._systems[key] = self.instrument.system(shape=shape, plate_scale=scale)
+        return system
+
+    def grid(self, frame: Frame) -> GridKey:
+        """What frames have in common that share their optics: shape and plate scale, but for its rounding."""
+        return frame.shape, float(f"{frame.plate_scale or self.instrument.plate_scale:.9g}")
+
+    def trouble(self, error: Exception, frame: Frame | None = None) -> FitResult:
+        """What stopped a frame, as its status."""
+        if isinstance(error, NoStarError):
+            return FitResult(Status.NO_STAR, str(error))
+        if isinstance(error, JitterkitError):
+            hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
+            return FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
+        return FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
+
+    def _repeated(self, frame: Frame, data: Data) -> _Found | None:
+        """What a frame shows that repeats others; None of one that does not."""
+        known = self.known.get(self.grid(frame))
+        if known is None or known.repeat is None or (repeated := known.repeat.estimate(data)) is None:
+            return None
+        parameters = repeated.parameters.with_locus(Mvn.near(repeated.estimate.moments))
+        otf = known.optics(frame).otf(parameters.aberrations)
+        return parameters, otf, repeated.estimate if self.kernel == SCORE else None
+
+    def _located(self, frame: Frame, data: Data, rough: bool) -> _Found | FitResult:
+        """What a frame shows that is searched through; with the blur that was found if that is enough."""
+        start = self._locate(frame, data, rough=rough)
+        if isinstance(start, FitResult):
+            return start
+        moments = np.asarray(start.parameters.locus.moments())
+        estimate = KernelEstimate(moments, start.covariance, self.kernel) if rough else None
+        return start.parameters, start.otf, estimate
+
+    def _locate(self, frame: Frame, data: Data, *, rough: bool = False) -> Start | FitResult:
+        """Find the pair, or say why not."""
+        if not np.any(np.asarray(data.used)):
+            return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
+        if min(frame.shape) < _FEWEST:
+            return FitResult(
+                Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a pair."
+            )
+        start = locate_binary(data, self.optics(frame), self.options.hold, rough=rough)
+        if start is None:
+            return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
+        return start
+
+
+@functools.cache
+def _warn_of_32_bits() -> None:
+    log.warning(
+        "JAX computes in 32 bits, which costs accuracy: call jax.config.update('jax_enable_x64', True) "
+        "before anything else."
+    )
