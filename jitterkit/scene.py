@@ -77,8 +77,8 @@ class Binary(Scene):
         """Offsets x and y [arcsec] and fluxes of A and B."""
         angle = jnp.radians(self.theta)
         side = jnp.array([-0.5, 0.5]) * self.separation
-        share = self.contrast / (1 + self.contrast)
-        fluxes = self.flux * jnp.stack([share, 1 - share])
+        faint = 1 / (1 + self.contrast)  # not 1 - share, which rounds a faint star away
+        fluxes = self.flux * jnp.stack([self.contrast * faint, faint])
         return self.x + side * jnp.cos(angle), self.y + side * jnp.sin(angle), fluxes
 
     def lawful(self) -> Bool[Array, ""]:

@@ -174,7 +174,10 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         better = there.objective <= here.objective * (1 + rounding)
         here = jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here)
         damping = jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST)
-        return _State(here, damping, remains(here) < tolerance, state.iterations + 1)
+        left = remains(here)
+        # a step of so many standard errors changes the objective by their square, which rounding may drown
+        drowned = ~better & (left**2 < rounding * jnp.abs(here.objective))
+        return _State(here, damping, (left < tolerance) | drowned, state.iterations + 1)
 
     def remains(here: _Point):
         """Length of the undamped step from here, in standard errors."""

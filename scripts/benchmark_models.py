@@ -14,6 +14,8 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
+from jitterkit.optics.public import public_image  # noqa: E402
+
 LINES = np.linspace(530.0, 640.0, 3)
 FLUX, CONTRAST, SEPARATION = 3.811e7, 3.37, 10.0
 ANGLE = 25.0  # of the smear, degrees
@@ -57,28 +59,6 @@ def direct_image(length: float) -> np.ndarray:
 def public_truth(length: float) -> np.ndarray:
     """Separation, position angle, x, y, log flux, contrast, seven aberrations [m], length, angle."""
     return np.array([SEPARATION, 90.0, 0, 0, np.log10(FLUX), CONTRAST, *np.zeros(7), length, ANGLE])
-
-
-def public_image() -> Callable:
-    """Image of the public model by its fifteen parameters; the optics are part of every evaluation."""
-    import equinox as eqx
-    from dLuxToliman import AlphaCen, JitteredToliman, TolimanOpticalSystem
-
-    optics = TolimanOpticalSystem(noll_indices=list(range(4, 11)), oversample=4)
-    source = AlphaCen(n_wavels=len(LINES))
-    telescope = JitteredToliman(optics, source, 0.1, ANGLE, n_psfs=5, jitter_shape="linear")
-
-    def where(t):
-        s = t.source
-        scene = [s.separation, s.position_angle, s.x_position, s.y_position, s.log_flux, s.contrast]
-        return [*scene, t.optics.layers["aperture"].coefficients, t.jitter_mag, t.jitter_angle]
-
-    def image(vector):
-        values = [*vector[:6], vector[6:13], vector[13], vector[14]]
-        fine = eqx.tree_at(where, telescope, values).jitter_model()
-        return fine.reshape(SHAPE[0], 4, SHAPE[1], 4).sum(axis=(1, 3))
-
-    return image
 
 
 def public_loss(image: Callable, data) -> Callable:

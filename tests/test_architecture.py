@@ -27,6 +27,7 @@ FLOORS = [
     {"forecast", "joint"},
     {"report"},
     {"batch"},
+    {"trade"},
     {"cli"},
     {"__main__"},
 ]
@@ -39,7 +40,7 @@ ONLY_IN = {
     "astropy.io": {"frames/fits.py"},
     "photutils": {"starfield/detect.py"},
     "dLux": set(),
-    "dLuxToliman": {"optics/toliman.py"},
+    "dLuxToliman": {"optics/toliman.py", "optics/public.py"},
     "matplotlib": {"report/axes.py", "report/plots.py"}
     | {
         f"report/{noun}_plots.py"
@@ -63,6 +64,7 @@ ONLY_IN = {
             "scene",
             "separation",
             "series",
+            "trade",
         )
     },
     "PIL": {"report/plots.py"},

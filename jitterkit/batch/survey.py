@@ -58,12 +58,17 @@ class Survey:
             frame = None if isinstance(raw, JitterkitError) else self._finder.prepare(raw)
             if not isinstance(frame, Frame) or (key := self._finder.grid(frame)) in found:
                 continue
-            shown = self._finder.wavefront(frame)
-            optics = None if shown is None else self._finder.optics(frame)
-            if shown is not None and isinstance(optics, OpticalSystem) and len(shown.aberrations):
-                repeat = Repeat.of(shown, optics, self._finder.options.hold)
-                found[key] = Shown(self._anchored(key, optics, shown), repeat)
+            if (shown := self.shown(frame)) is not None:
+                found[key] = shown
         return found
+
+    def shown(self, frame: Frame) -> Shown | None:
+        """What one frame shows; None of one that is not sound, and of optics that cannot change."""
+        wavefront, optics = self._finder.wavefront(frame), self._finder.optics(frame)
+        if wavefront is None or not isinstance(optics, OpticalSystem) or not len(wavefront.aberrations):
+            return None
+        repeat = Repeat.of(wavefront, optics, self._finder.options.hold)
+        return Shown(self._anchored(self._finder.grid(frame), optics, wavefront), repeat)
 
     def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:
         shown_state = np.asarray(shown.aberrations)

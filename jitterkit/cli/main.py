@@ -18,6 +18,7 @@ from jitterkit.cli.process import process
 from jitterkit.cli.runtime import set_talk, tells_errors
 from jitterkit.cli.sequence import sequence
 from jitterkit.cli.simulate import simulate
+from jitterkit.cli.trade import trade
 from jitterkit.cli.watch import watch
 
 __all__ = ["app", "run"]
@@ -43,6 +44,7 @@ for command in (
     crossfit,
     motion,
     photons,
+    trade,
 ):
     app.command()(tells_errors(command))
 

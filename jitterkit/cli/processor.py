@@ -59,23 +59,31 @@ def make_processor(
     exposure: options.Exposure = None,
     device: options.Device = None,
     float32: options.Float32 = False,
+    preset: Annotated[
+        str,
+        typer.Option(
+            metavar="fast|balanced|exact",
+            help="How exactly frames are modelled; 'jitterkit trade' measures what that costs on your scene.",
+        ),
+    ] = "balanced",
 ) -> Processor:
     """Set JAX up and make a processor of what was given on the command line."""
     prepare_jax(device, float32)
     from jitterkit.batch import Processor
     from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions, read_kernel_prior
+    from jitterkit.trade.settings import settings_of
 
-    telescope = load_instrument(instrument)
+    telescope, settings = load_instrument(instrument), settings_of(preset)
     known = None if prior is None else read_kernel_prior(prior, exposure=exposure or telescope.exposure)
     if known is not None and known.remark:
         say(f"{prior}: {known.remark}")
     return Processor(
-        telescope,
+        settings.instrument(telescope),
         options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
         locus=locus,
         kernel=estimator,
-        options=FitOptions(hold=() if background else ("background",)),
+        options=settings.options(telescope, FitOptions(hold=() if background else ("background",))),
         prior=known,
         censored=censored,
         rays=rays,

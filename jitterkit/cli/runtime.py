@@ -68,7 +68,7 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
 
 def _share_heaps() -> None:
     """Let threads share heaps, as many as there are processors, where the C library is glibc and nobody has
-    said how many: it makes eight times as many, of which 0.2 to 0.5 GB lie idle in a long run."""
+    said how many: it makes eight times as many, of which 0.2 to 0.4 GB lie idle in a long run."""
     if "MALLOC_ARENA_MAX" not in os.environ:
         with contextlib.suppress(AttributeError, OSError, TypeError):
             ctypes.CDLL(None).mallopt(_ARENA_MAX, max(2, os.cpu_count() or 2))

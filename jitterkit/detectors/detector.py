@@ -116,7 +116,7 @@ class Detector(Characteristics):
         Returns
         -------
         readings : (ny, nx) array of int
-            ADU; uint16 or uint32 where the bits are known, else int32 without a range.
+            ADU; uint16 or uint32 where the bits are known, else int32, or int64 where need be.
 
         Raises
         ------

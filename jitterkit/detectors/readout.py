@@ -79,5 +79,6 @@ def _digitised(detector, level, origin) -> np.ndarray:
     bias = 0.0 if detector.bias is None else piece("bias", detector.bias, _NAME, origin, level.shape)
     rounded = np.rint(bias + level / (detector.gain or ASSUMED["gain"]))
     if detector.bits is None:
-        return rounded.astype(np.int32)
+        holds = np.abs(rounded).max(initial=0.0) <= np.iinfo(np.int32).max
+        return rounded.astype(np.int32 if holds else np.int64)
     return np.clip(rounded, 0, detector.largest).astype(np.uint16 if detector.bits <= 16 else np.uint32)

@@ -44,6 +44,9 @@ class Instrument:
         s, of a usual frame.
     flux : float, optional
         Photons detected from the scene in a usual frame, inside the frame or not.
+    pad : int, optional
+        Pixels of padding of the model on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if
+        omitted.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
         :data:`jitterkit.frames.metadata.RANKS`.
@@ -64,6 +67,7 @@ class Instrument:
     psf_from: np.ndarray | Callable[[], np.ndarray] | None = None
     exposure: float | None = None
     flux: float | None = None
+    pad: int | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -121,7 +125,7 @@ class Instrument:
         plate_scale : float, optional
             arcsec/pixel, where a frame knows better.
         pad : int, optional
-            Pixels of padding on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if omitted.
+            Of padding on each side, where it is not the instrument's own.
 
         Returns
         -------
@@ -136,7 +140,8 @@ class Instrument:
         # these load JAX, which a table of metadata does not need
         from jitterkit.optics import empirical, grid, otf, system
 
-        pad = grid.DEFAULT_PAD if pad is None else pad
+        pads = (pad, self.pad, grid.DEFAULT_PAD)
+        pad = next(pixels for pixels in pads if pixels is not None)
         shape, scale = shape or self.shape, plate_scale or self.plate_scale
         if self.pupil is None or self.spectrum is None:
             return system.FixedOptics(empirical.empirical_otf(np.asarray(self.psf), scale, shape, pad=pad))

@@ -23,6 +23,7 @@ To add a locus, write one file with one class of this kind and add one line to t
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import ClassVar, Self
 
@@ -65,6 +66,10 @@ class Locus(eqx.Module):
     @abstractmethod
     def transfer(self, fx, fy):
         """Transfer function ``M(f)`` at frequencies in cycles/arcsec; 1 at zero, complex if lopsided."""
+
+    def exact_to(self) -> float:
+        """Frequency [cycles/arcsec] up to which ``transfer`` is good to 1e-4; infinite if it is a formula."""
+        return math.inf
 
     @abstractmethod
     def moments(self) -> Float[Array, "3"]:

@@ -17,12 +17,13 @@ from scipy.interpolate import CubicSpline
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus, principal_axes, turned
-from jitterkit.loci.phasor import gauss_legendre, mean_phasor
+from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 
 __all__ = ["Path"]
 
 _KNOTS = 4
 _NODES = 16
+_MANY = 256
 
 _BEND = 0.1
 """Of the length, that a fit starts bent by at least: a straight line is its own mirror image."""
@@ -87,12 +88,15 @@ class Path(Locus):
         return cls.of(turned(length * s, height * (4 * s**2 - 1), angle))
 
     def transfer(self, fx, fy):
-        x, y = self._at_nodes()
-        return mean_phasor(x, y, jnp.asarray(_quadrature(self._knots)[1]), fx, fy)
+        x, y, weights = self._at_nodes()
+        return mean_phasor(x, y, weights, fx, fy)
 
     def moments(self):
-        x, y = self._at_nodes()
-        return jnp.stack([x * x, x * y, y * y]) @ _quadrature(self._knots)[1]
+        x, y, weights = self._at_nodes()
+        return jnp.stack([x * x, x * y, y * y]) @ weights
+
+    def exact_to(self) -> float:
+        return exact_to(greatest_speed(self.points(_MANY)) / (self._knots - 1), _NODES)
 
     def describe(self) -> dict[str, float]:
         """``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
@@ -113,7 +117,10 @@ class Path(Locus):
         return len(self.names) // 2 + 1
 
     def _at_nodes(self):
-        return self.coords.reshape(2, -1) @ _quadrature(self._knots)[0].T
+        """Offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
+        places, weights = (jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots))
+        x, y = self.coords.reshape(2, -1) @ places.T
+        return x, y, weights
 
     def _at(self, times: np.ndarray) -> np.ndarray:
         """Offsets (n, 2) from the mean at times from -1/2 to 1/2."""

@@ -6,6 +6,7 @@ attitude loop, two wheels at unrelated speeds, a measured trace and what its sen
 
 from __future__ import annotations
 
+import math
 from typing import Self
 
 import jax.numpy as jnp
@@ -62,6 +63,9 @@ class Product(Locus):
         for part in self.factors():
             product = product * part.transfer(fx, fy)
         return product
+
+    def exact_to(self) -> float:
+        return min((part.exact_to() for part in self.factors()), default=math.inf)
 
     def moments(self):
         return sum((part.moments() for part in self.factors()), jnp.zeros(3))

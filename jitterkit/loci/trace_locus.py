@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.csv_table import csv_rows, row_numbers
-from jitterkit.loci.phasor import gauss_legendre, mean_phasor
+from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
 __all__ = ["Trace", "read_trace"]
 
@@ -105,6 +105,10 @@ class Trace(Locus):
         x, y = places.T
         return jnp.stack([x * x, x * y, y * y]) @ weights
 
+    def exact_to(self) -> float:
+        steps = np.diff(np.asarray(self.places), axis=0)
+        return exact_to(float(np.hypot(*steps.T).max()), self._order)
+
     def describe(self) -> dict[str, float]:
         """``sigma_major``, ``sigma_minor`` [arcsec] and ``angle`` [deg] of its moments."""
         major, minor, angle = principal_axes(self.moments())
@@ -117,10 +121,14 @@ class Trace(Locus):
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return self.points(n)
 
+    @property
+    def _order(self) -> int:
+        """Nodes in every piece."""
+        return max(_NODES, -(-_IN_ALL // (len(self.times) - 1)))
+
     def _nodes(self):
         """Offsets (m, 2) at the nodes of every piece, and their weights (m,)."""
-        pieces = len(self.times) - 1
-        s, w = gauss_legendre(max(_NODES, -(-_IN_ALL // pieces)))
+        s, w = gauss_legendre(self._order)
         middle, step = (self.places[1:] + self.places[:-1]) / 2, jnp.diff(self.places, axis=0)
         places = middle[:, None] + s[:, None] * step[:, None]
         return places.reshape(-1, 2), (jnp.diff(self.times)[:, None] * w).ravel()

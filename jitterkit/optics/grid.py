@@ -11,7 +11,7 @@ from scipy.fft import next_fast_len
 __all__ = ["DEFAULT_PAD", "Grid"]
 
 DEFAULT_PAD = 64
-"""Pixels of padding on each side: chi-squared error 0.04 a frame at 3.8e7 photons (see README)."""
+"""Pixels of padding on each side: chi-squared error 0.04 a frame at 3.8e7 photons."""
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,29 @@ class Pupil(eqx.Module):
         extents = [np.flatnonzero(lit.any(axis=axis)) for axis in (0, 1)]
         return max(float(e[-1] - e[0] + 1) for e in extents) * self.pitch
 
+    def binned(self, factor: int) -> Pupil:
+        """The same telescope on coarser samples, each the mean of ``factor`` x ``factor``.
+
+        An edge between two wavefronts is a sample of their mean there, as an edge of the aperture is grey.
+
+        Raises
+        ------
+        ConfigurationError
+            If the factor does not divide the number of samples.
+        """
+        n = self.transmission.shape[0]
+        if factor < 1 or n % factor:
+            raise ConfigurationError(f"A pupil of {n} samples cannot be binned by {factor}; give a divisor.")
+        if factor == 1:
+            return self
+
+        def coarser(planes):
+            blocks = np.reshape(planes, (*np.shape(planes)[:-2], n // factor, factor, n // factor, factor))
+            return blocks.mean(axis=(-3, -1))
+
+        opd, basis = coarser(self.opd), coarser(self.basis)
+        return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names)
+
 
 def obstructed_circle(
     diameter: float,

@@ -29,6 +29,8 @@ class Spectrum:
         In nm, positive.
     weights : tuple of float
         Non-negative; they are scaled to sum to one.
+    band : (float, float), optional
+        Edges [nm] of the flat band that they stand for; None for any other spectrum.
 
     Raises
     ------
@@ -38,6 +40,7 @@ class Spectrum:
 
     wavelengths: tuple[float, ...]
     weights: tuple[float, ...]
+    band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         wavelengths = np.atleast_1d(np.asarray(self.wavelengths, dtype=float))
@@ -55,6 +58,58 @@ class Spectrum:
             )
         object.__setattr__(self, "wavelengths", tuple(wavelengths.tolist()))
         object.__setattr__(self, "weights", tuple((weights / weights.sum()).tolist()))
+
+    def sampled(self, samples: int) -> Spectrum:
+        """The same light at another number of wavelengths.
+
+        Parameters
+        ----------
+        samples : int
+            Of a flat band as many as are asked for; of any other spectrum no more than it has.
+
+        Returns
+        -------
+        spectrum : Spectrum
+            Exact for transfer functions that are polynomials of degree ``2 samples - 1`` in wavelength,
+            under the light of this one.
+
+        Raises
+        ------
+        ConfigurationError
+            If there are no samples.
+
+        Notes
+        -----
+        The Gauss rule of a discrete measure (Golub and Welsch, Math. Comp. 23, 221, 1969), its recurrence by
+        Lanczos's method (Gautschi, Orthogonal Polynomials, 2004, section 2.2).
+        """
+        if samples < 1:
+            raise ConfigurationError(f"A spectrum needs at least one sample; got {samples}.")
+        if self.band is not None:
+            return flat_band(*self.band, samples)
+        if samples >= len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}):
+            return self
+        nodes, weights = _gauss(np.array(self.wavelengths), np.array(self.weights), samples)
+        return Spectrum(tuple(nodes), tuple(weights))
+
+
+def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
+    middle, half = (at.max() + at.min()) / 2, (at.max() - at.min()) / 2
+    scaled = (at - middle) / half
+    basis = np.sqrt(weight / weight.sum())[None]
+    diagonal, beside = [], []
+    for k in range(n):
+        vector = scaled * basis[-1]
+        diagonal.append(vector @ basis[-1])
+        if k < n - 1:
+            for _again in range(2):
+                vector = vector - basis.T @ (basis @ vector)
+            beside.append(np.linalg.norm(vector))
+            basis = np.vstack([basis, vector / beside[-1]])
+    jacobi = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
+    nodes, vectors = np.linalg.eigh(jacobi)
+    return middle + half * nodes, vectors[0] ** 2
 
 
 def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
@@ -82,7 +137,7 @@ def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
     if samples < 1:
         raise ConfigurationError(f"A spectrum needs at least one sample; got {samples}.")
     nodes, weights = np.polynomial.legendre.leggauss(samples)
-    return Spectrum(tuple((low + high) / 2 + nodes * (high - low) / 2), tuple(weights))
+    return Spectrum(tuple((low + high) / 2 + nodes * (high - low) / 2), tuple(weights), (low, high))
 
 
 def lines(*wavelengths: float) -> Spectrum:

@@ -3,8 +3,8 @@
 Reach for :func:`read_spectrum`; :func:`read_curve` reads any other curve (a filter, a quantum
 efficiency) in the same format.  A measured spectrum may have hundreds of rows; an image needs some ten
 wavelengths.  The nodes and weights of the Gauss quadrature that belongs to *this* spectrum integrate
-every polynomial of degree ``2 n - 1`` in wavelength exactly against it (Golub and Welsch, Math. Comp.
-23, 221, 1969; the recurrence by Lanczos's method, Gautschi, Orthogonal Polynomials, 2004, section 2.2).
+every polynomial of degree ``2 n - 1`` in wavelength exactly against it
+(:meth:`~jitterkit.optics.spectrum.Spectrum.sampled`).
 """
 
 from __future__ import annotations
@@ -111,8 +111,7 @@ def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int =
             "A spectrum's wavelengths must be positive and ascend, in nm; sort the table."
         )
     at, weight = _fine(wavelengths, photons, samples + 1)
-    nodes, weights = _gauss(at, weight, samples)
-    return Spectrum(tuple(nodes.tolist()), tuple(weights.tolist()))
+    return Spectrum(tuple(at), tuple(weight)).sampled(samples)
 
 
 def _fine(wavelengths: np.ndarray, photons: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -123,25 +122,6 @@ def _fine(wavelengths: np.ndarray, photons: np.ndarray, points: int) -> tuple[np
     weight = (half * weights).ravel() * np.interp(at, wavelengths, photons)
     lit = weight > 0
     return at[lit], weight[lit]
-
-
-def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
-    middle, half = (at.max() + at.min()) / 2, (at.max() - at.min()) / 2
-    scaled = (at - middle) / half
-    basis = np.sqrt(weight / weight.sum())[None]
-    diagonal, beside = [], []
-    for k in range(n):
-        vector = scaled * basis[-1]
-        diagonal.append(vector @ basis[-1])
-        if k < n - 1:
-            for _again in range(2):
-                vector = vector - basis.T @ (basis @ vector)
-            beside.append(np.linalg.norm(vector))
-            basis = np.vstack([basis, vector / beside[-1]])
-    jacobi = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
-    nodes, vectors = np.linalg.eigh(jacobi)
-    return middle + half * nodes, vectors[0] ** 2
 
 
 def _rows(path: Path, values: str) -> list[tuple[float, float]]:

@@ -60,10 +60,13 @@ class FitOptions:
         Parameters to keep at their starting value.  The background is held at zero by default,
         because a detector's bias is subtracted; free it (``hold=()``) where there is sky.
     priors : Priors
+    tolerance : float
+        Length of a step, in standard errors, below which the fit has arrived.
     """
 
     hold: Collection[str] = ("background",)
     priors: Priors = field(default_factory=Priors)
+    tolerance: float = 1e-4
 
 
 def fit_frame(
@@ -115,25 +118,29 @@ def fit_and_expand(
         few = f"{Status.NO_DATA.value}: fewer than the {len(free)} parameters."
         return FitResult(Status.NO_DATA, few), otf
     prior = options.priors.over(names, start.locus)
+
+    def climb_from(data: Data, start: Parameters, otf: OTF) -> tuple[Climb, OTF, int]:
+        return _climb_and_expand(data, optics, start, otf, free, prior, options.tolerance)
+
     clear = data.clear(expected_image(start, otf)) if data.trims else data
-    end, otf, iterations = _climb_and_expand(clear, optics, start, otf, free, prior)
+    end, otf, iterations = climb_from(clear, start, otf)
     for _ in range(_CLEARINGS if data.trims else 0):
         again = data.clear(expected_image(end.parameters, otf))
         if np.array_equal(again.used, clear.used):
             break
         clear = again
-        end, otf, more = _climb_and_expand(clear, optics, end.parameters, otf, free, prior)
+        end, otf, more = climb_from(clear, end.parameters, otf)
         iterations += more
     tidy = end.parameters.scene.tidied() if set(names) & _TURNING else end.parameters.scene
     if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
-        end, otf, more = _climb_and_expand(clear, optics, tidied, otf, free, prior)
+        end, otf, more = climb_from(clear, tidied, otf)
         iterations += more
     result = _conclude(clear, otf, end, names, iterations, time.perf_counter() - began)
     return _heed(result, options.priors, free, end), otf
 
 
-def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF, int]:
+def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple[Climb, OTF, int]:
     """Climb, and expand the optics where that led, until the expansion serves where the climb ends.
 
     Where an aberration shows to second order first (defocus of a nearly symmetric pupil), the ends of
@@ -141,7 +148,7 @@ def _climb_and_expand(data, optics, start, otf, free, prior) -> tuple[Climb, OTF
     """
     iterations, share, before = 0, 1.0, np.inf
     idle, least = 0, np.inf
-    steps, tolerance = (_PATIENCE, _SLACK) if leashes(start.locus) else (50, 1e-4)
+    steps, tolerance = (_PATIENCE, max(_SLACK, tolerance)) if leashes(start.locus) else (50, tolerance)
     for _ in range(_EXPANSIONS):
         end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
         iterations += int(end.iterations)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci import Locus, principal_axes
+from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary
 
@@ -36,7 +36,9 @@ def check_scene(scene: Binary, locus: Locus, background: float = 0.0) -> None:
 
 
 def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
-    """Refuse stars so far out, or a blur so wide, that their light would wrap around the padded grid.
+    """Refuse stars so far out, or a blur so wide, that the image would not be exact.
+
+    Light would wrap around the padded grid, or the locus is not computed so far.
 
     Raises
     ------
@@ -53,3 +55,16 @@ def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
                 f"rms, leaves the modelled field of {limit:g} arcsec on each side; move it in, or give more "
                 "padding."
             )
+    finest = _finest(otf)
+    if locus.exact_to() < finest:
+        raise ConfigurationError(
+            f"A {locus_name(locus)} jitter of {major:.3g} arcsec rms is exact to {locus.exact_to():.3g} "
+            f"cycles/arcsec only, and the telescope shows {finest:.3g}; take a smaller one, or a locus that "
+            "has a formula: linear, shm, mvn or ellipse."
+        )
+
+
+def _finest(otf: OTF) -> float:
+    """Highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
+    fy, fx = otf.grid.frequencies
+    return float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))

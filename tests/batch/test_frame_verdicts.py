@@ -111,3 +111,13 @@ def test_what_is_known_of_the_jitter_in_python_joins_what_a_file_says(telescope,
     # a file of the frame's own estimate says nothing of it, and what was told in Python stands
     own = KernelPrior("its own", (replace(estimate, source=frame.name),))
     np.testing.assert_array_equal(priors(options=known, prior=own).moments[0], told + 2e-3)
+
+
+def test_twenty_pixels_are_too_few_for_a_pair(processor, rng, drawn):
+    # Several pairs fit so few: of fits to 10 to 16 one in thirty was called good, and off by 20 errors.
+    raw = drawn(rng).raw
+    mask = np.ones(raw.shape, bool)
+    mask.ravel()[np.argsort(raw.data.ravel())[-20:]] = False
+    result = processor.process(replace(raw, mask=mask)).result
+    assert result.status.name == "NO_DATA"
+    assert "20 usable pixels are too few" in result.message

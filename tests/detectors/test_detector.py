@@ -213,3 +213,8 @@ def test_a_detector_that_cannot_be_is_refused(numbers, sentence):
 def test_detectors_load_no_jax():
     code = "import sys, jitterkit.detectors; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_detector_without_a_range_counts_beyond_32_bits():
+    readings = Detector(gain=1.0, read_noise=0.0, bias=0.0).expose(np.array([[3.0, 2.0**31, 1e12]]))
+    assert readings.tolist() == [[3, 2**31, 10**12]]

@@ -1,5 +1,6 @@
 """Fisher scoring: where it ends, and that nothing on the way spoils it."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.optimize import minimize
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance
-from jitterkit.loci import Mvn, Stable
+from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.scoring import Prior, climb
@@ -104,3 +105,20 @@ def test_an_aberration_whose_sign_the_image_cannot_tell_is_not_fitted():
 def test_holding_what_does_not_exist_is_refused(truth, otf):
     with pytest.raises(ConfigurationError, match="no parameter 'focus' to hold; there are separation"):
         free_parameters(truth, otf, hold=("focus",))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_it_settles_in_32_bits_where_rounding_lets_no_step_be_told(seed):
+    # Ten roundings of a deviance of a thousand are a step of 0.035 errors squared.
+    jax.clear_caches()
+    with jax.enable_x64(False):
+        pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
+        otf = expand(pupil, band, grid_for(pupil, band, (32, 32), 0.375, pad=8))
+        bright = Parameters(Binary(4.0, 40.0, 0.2, -0.1, 1e8, 2.0), Linear.of(0.6, 30.0), [0.0, 0.0])
+        image = np.maximum(np.asarray(expected_image(bright, otf), float), 0.0)
+        counts = Data(np.random.default_rng(seed).poisson(image), 0.0)
+        free = free_of(bright, otf)
+        end = climb(bright, otf, counts, free, Prior.none(len(free)))
+        assert bool(end.converged)
+        error = float(np.linalg.inv(np.asarray(end.information, float))[0, 0]) ** 0.5
+        assert abs(float(end.parameters.scene.separation) - 4.0) < 4 * error

@@ -262,3 +262,30 @@ def test_principal_axes_agree_with_an_eigenvalue_solver(example):
     # The square root turns rounding of 1e-17 about a zero minor axis into 3e-9.
     assert found[:2] == pytest.approx((major, minor), abs=2e-8)
     assert 0 <= found[2] < 180
+
+
+@pytest.mark.parametrize("kind", ["partial", "shaped, light", "path", "trace"])
+def test_a_locus_says_how_far_it_is_exact(kind):
+    locus = EXAMPLES[kind](size=4.0)
+    f = locus.exact_to() * np.linspace(0.5, 1.0, 21)
+    assert np.all(np.isfinite(f))
+    # points on rings are a lattice, good to 1e-3
+    assert off_the_points(locus, f) < (2e-3 if kind == "shaped, light" else 1e-4)
+    assert off_the_points(locus, 3 * f) > 1e-2
+
+
+def off_the_points(locus, f):
+    """Most by which the transfer function along x is off the mean phasor over many points of the path."""
+    along = locus.points(65536)[:, 0]
+    mean = np.array([np.exp(-2j * np.pi * frequency * along).mean() for frequency in f])
+    return np.abs(np.asarray(locus.transfer(f, 0 * f)) - mean).max()
+
+
+@pytest.mark.parametrize("kind", ["linear", "shm", "mvn", "ellipse", "tones", "smear", "shaped"])
+def test_a_formula_is_exact_everywhere(kind):
+    assert EXAMPLES[kind](size=40.0).exact_to() == np.inf
+
+
+def test_a_product_is_as_exact_as_its_worst_part():
+    path = EXAMPLES["path"](size=4.0)
+    assert Product(Mvn.of(0.1), path, Linear.of(1.0)).exact_to() == path.exact_to()

@@ -1,6 +1,7 @@
 """Vibrations of a few cycles, against their definition and their limits."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
@@ -146,3 +147,16 @@ def test_no_derivative_is_lost_where_the_motion_is_its_own_reversal():
 def test_impossible_sizes_are_refused(sizes, message):
     with pytest.raises(ConfigurationError, match=message):
         PartialShm.of(**sizes)
+
+
+def test_the_slope_where_the_motion_turns_round_survives_32_bits():
+    # At a phase of 90 degrees the even share is one, where its root has a slope of 1/sqrt(eps).
+    def slope():
+        locus = PartialShm.of(0.6, 25.0, 0.05, 90.0)
+        f = np.linspace(0.0, 1.2, 9)
+        return np.asarray(jax.jacfwd(lambda c: jnp.abs(locus.at(c).transfer(f, f)))(locus.coords))[:, 3]
+
+    double = slope()
+    with jax.enable_x64(False):
+        single = slope()
+    assert single == pytest.approx(double, rel=0, abs=1e-3)

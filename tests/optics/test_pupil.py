@@ -93,3 +93,24 @@ def test_zernike_polynomials_are_nolls_table_in_cartesian_form(index, formula):
 def test_zernike_indices_start_at_one():
     with pytest.raises(ValueError, match="indices start at 1, got 0"):
         noll_to_nm(0)
+
+
+def test_binning_keeps_the_light_of_a_pupil_and_the_mean_of_its_modes():
+    fine = obstructed_circle(1.0, 0.3, noll=(4, 7), samples=64)
+    coarse = fine.binned(4)
+    assert coarse.transmission.shape == (16, 16)
+    assert coarse.pitch == 4 * fine.pitch
+    assert coarse.names == fine.names
+    assert np.mean(coarse.transmission) == pytest.approx(np.mean(fine.transmission), rel=1e-12)
+    assert coarse.basis[1, 3, 5] == pytest.approx(np.mean(fine.basis[1, 12:16, 20:24]), rel=1e-12)
+    assert fine.binned(1) is fine
+    # softened edges of samples four times as wide are those of samples made so
+    np.testing.assert_allclose(
+        coarse.transmission, obstructed_circle(1.0, 0.3, samples=16).transmission, atol=0.06
+    )
+
+
+@pytest.mark.parametrize("factor", [0, 3, 128])
+def test_a_pupil_is_binned_by_divisors_only(factor):
+    with pytest.raises(ConfigurationError, match="cannot be binned by"):
+        obstructed_circle(1.0, samples=64).binned(factor)

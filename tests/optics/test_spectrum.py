@@ -40,6 +40,37 @@ def test_thirteen_nodes_make_a_band_and_five_samples_with_end_points_do_not(toli
     assert chi_squared(lines(*np.linspace(530, 640, 5))) == pytest.approx(3.4e5, rel=0.05)
 
 
+def test_a_band_of_fewer_nodes_is_a_band():
+    assert flat_band(530, 640).sampled(9) == flat_band(530, 640, 9)
+    assert flat_band(530, 640, 9).sampled(20) == flat_band(530, 640, 20)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 5, 9])
+def test_fewer_wavelengths_have_the_same_moments(samples, rng):
+    light = Spectrum(tuple(rng.uniform(500, 700, 40)), tuple(rng.uniform(0, 1, 40)))
+    fewer = light.sampled(samples)
+    assert len(fewer.wavelengths) == samples
+    assert min(fewer.weights) > 0
+    for degree in range(2 * samples):
+        told, kept = (
+            np.dot(one.weights, ((np.array(one.wavelengths) - 600) / 100) ** degree) for one in (light, fewer)
+        )
+        assert kept == pytest.approx(told, abs=1e-12)
+
+
+def test_of_a_band_s_nodes_the_fewer_are_those_of_gauss_and_legendre():
+    nodes = flat_band(530, 640, 13)
+    fewer = Spectrum(nodes.wavelengths, nodes.weights).sampled(7)
+    x, w = np.polynomial.legendre.leggauss(7)
+    np.testing.assert_allclose(fewer.wavelengths, 585 + 55 * x, rtol=1e-12)
+    np.testing.assert_allclose(fewer.weights, w / 2, rtol=1e-11)
+
+
+def test_lines_are_never_more_than_they_are():
+    assert lines(500, 600).sampled(5) == lines(500, 600)
+    assert lines(500, 600).sampled(1).wavelengths == pytest.approx((550,))
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -51,6 +82,7 @@ def test_thirteen_nodes_make_a_band_and_five_samples_with_end_points_do_not(toli
         (lambda: Spectrum((500,), (0,)), "nor all zero"),
         (lambda: flat_band(640, 530), "needs 0 < low < high in nm; got 640 to 530"),
         (lambda: flat_band(530, 640, 0), "at least one sample; got 0"),
+        (lambda: lines(530, 640).sampled(0), "at least one sample; got 0"),
     ],
 )
 def test_impossible_spectra_are_refused(build, message):

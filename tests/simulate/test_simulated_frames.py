@@ -6,7 +6,7 @@ import pytest
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.instruments import Instrument
-from jitterkit.loci import Linear, Mvn, Shm, Stable
+from jitterkit.loci import Linear, Mvn, PartialShm, Shaped, Shm, Stable
 from jitterkit.optics import flat_band, obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame, simulate_sequence
@@ -174,3 +174,11 @@ def test_arrays_of_another_length_are_refused(arrays, sentence):
 def test_aberrations_that_a_telescope_does_not_have_are_refused():
     with pytest.raises(ConfigurationError, match=r"'blob' has no aberrations that vary; leave them out"):
         simulate_frame(BLOB, SCENE, LOCI[0], aberrations=[1.0])
+
+
+@pytest.mark.parametrize("locus", [PartialShm.of(3.75, 25.0, 3.0), Shaped.of(1.5, 0.0, 25.0, -1.2)])
+def test_a_jitter_beyond_its_quadrature_or_series_is_refused(locus):
+    with pytest.raises(
+        ConfigurationError, match=r"is exact to 0\.\d+ cycles/arcsec only.*take a smaller one"
+    ):
+        simulate_frame(PLAIN, SCENE, locus, pad=16)

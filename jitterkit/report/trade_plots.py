@@ -1,0 +1,64 @@
+"""The picture of a trade: milliseconds a frame against the error, both by decades."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+
+__all__ = ["plot_trade"]
+
+_LEAST = 1e-5
+"""Share of the bound below which errors are drawn at the lower edge: nobody will ever see them."""
+
+
+def plot_trade(
+    names: Sequence[str],
+    seconds: Sequence[float],
+    errors: Sequence[float],
+    front: Sequence[str] = (),
+    presets: Sequence[str] = (),
+    peers: Sequence[str] = (),
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw what settings cost against what they give.
+
+    Parameters
+    ----------
+    names : sequence of str
+    seconds : sequence of float
+        Of a frame.
+    errors : sequence of float
+        As a share of the least that there can be; those that are not finite are left out.
+    front, presets, peers : sequence of str
+        Names of those to join by a line, to write in full, and to mark as another package's.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+    """
+    ax = axes_or_new(ax, (8.0, 5.0))
+    known = {
+        name: (1e3 * spent, max(error, _LEAST))
+        for name, spent, error in zip(names, seconds, errors, strict=True)
+        if np.isfinite(spent) and np.isfinite(error)
+    }
+    if not known:
+        return say(ax, "no settings could be measured")
+    for name, (x, y) in known.items():
+        ours = name not in peers
+        ax.plot(x, y, "o" if ours else "s", color=BLUE if ours else RUST, ms=7 if name in presets else 4)
+        weight = "bold" if name in presets else "normal"
+        ax.annotate(
+            name, (x, y), (4, 3), textcoords="offset points", fontsize=7, color=INK, fontweight=weight
+        )
+    line = sorted(known[name] for name in front if name in known)
+    ax.plot(*np.transpose(line), color=BLUE, lw=1, zorder=0) if line else None
+    ax.set(xscale="log", yscale="log", xlabel="ms a frame", ylabel="error beyond the least [of the least]")
+    ax.set_ylim(bottom=0.7 * _LEAST)
+    ax.grid(which="major", lw=0.3)
+    return ax

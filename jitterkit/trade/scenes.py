@@ -1,0 +1,91 @@
+"""Frames of one scene by which settings are judged: exact ones without noise, and noisy ones to be timed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.frames import RawFrame
+from jitterkit.instruments import Instrument
+from jitterkit.loci import Locus
+from jitterkit.optics import Optics
+from jitterkit.scene import Binary
+from jitterkit.trade.settings import Settings
+
+__all__ = ["TradeScene"]
+
+_WIDEST, _WAVELENGTHS = (192, 128, 96, 64, 32, 16), 24
+"""Padding, as far as the samples of a pupil carry it, and wavelengths, at which an image is right: to a
+chi-squared of 1e-3 of a frame of TOLIMAN."""
+
+_STATE, _WANDER = 3.0, 0.5
+"""nm rms of each aberration: where the telescope stands, and how far a frame is from there."""
+
+_OFF = 2.0
+"""Pixels, to each side, that a pair may be from the middle of its frame."""
+
+
+@dataclass(frozen=True)
+class TradeScene:
+    """Frames of one pair, one jitter and one telescope, of which all else differs.
+
+    Attributes
+    ----------
+    truths : tuple of Parameters
+        Of the frames; the first shows the optics to the others.
+    images : tuple of (ny, nx) array
+        Expected electrons, exact.
+    plain, noisy : tuple of RawFrame
+        Read out by the detector, without noise and with that of photons and detector.
+    """
+
+    truths: tuple[Parameters, ...]
+    images: tuple[np.ndarray, ...]
+    plain: tuple[RawFrame, ...]
+    noisy: tuple[RawFrame, ...]
+
+    @classmethod
+    def of(
+        cls, instrument: Instrument, pair: Binary, locus: Locus, frames: int, rng: np.random.Generator
+    ) -> TradeScene:
+        """Draw direction, place and aberrations of some frames.
+
+        Parameters
+        ----------
+        instrument : Instrument
+        pair : Binary
+            Its place and direction are drawn anew for each frame.
+        locus : Locus
+        frames : int
+        rng : numpy.random.Generator
+        """
+        system = _truest(instrument)
+        state = rng.normal(0, _STATE, len(instrument.aberrations))
+        truths, images = [], []
+        for _ in range(frames):
+            x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
+            place = Binary(pair.separation, rng.uniform(0, 360), x, y, pair.flux, pair.contrast)
+            here = state + rng.normal(0, _WANDER, len(state))
+            truths.append(Parameters(place, locus, here))
+            otf = system.otf(here, derivatives=False)
+            images.append(np.asarray(expected_image(truths[-1], otf), float))
+
+        def read(rng: np.random.Generator | None) -> tuple[RawFrame, ...]:
+            exposed = (
+                instrument.detector.expose(image, rng, exposure=instrument.exposure) for image in images
+            )
+            return tuple(RawFrame.from_array(one, exposure=instrument.exposure) for one in exposed)
+
+        return cls(tuple(truths), tuple(images), read(None), read(rng))
+
+
+def _truest(instrument: Instrument) -> Optics:
+    for pad in _WIDEST:
+        try:
+            return Settings(pad=pad, samples=_WAVELENGTHS).instrument(instrument).system()
+        except ConfigurationError as error:
+            problem = error
+    raise problem

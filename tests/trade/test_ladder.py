@@ -1,0 +1,142 @@
+"""Measured settings: their bias against linear theory, their bound, and the front."""
+
+import dataclasses
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jitterkit.cli.main import app
+from jitterkit.forecast import forecast
+from jitterkit.forward import free_parameters
+from jitterkit.likelihood import Data, normal_equations
+from jitterkit.report.table import read_table
+from jitterkit.trade import PRESETS, Point, Settings, climb_ladder, front, ladder
+from jitterkit.trade.table import trade_table
+
+measure = ladder.measure
+
+
+def linear_biases(settings, plain, scene):
+    """What one scoring step from the truth makes of the separation of exact images."""
+    system, biases = settings.instrument(plain).system(), []
+    for truth, image in zip(scene.truths, scene.images, strict=True):
+        otf = system.otf(truth.aberrations)
+        names, free = free_parameters(truth, otf)
+        equations = normal_equations(truth, otf, Data(image, 9.0 + 4 / 12), free)
+        step = np.linalg.solve(np.asarray(equations.information), np.asarray(equations.score))
+        biases.append(step[names.index("separation")])
+    return np.array(biases)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [Settings(samples=2, aberrations="expanded"), Settings(binning=4, pad=8, aberrations="expanded")],
+)
+def test_a_bias_is_that_of_linear_theory(plain, scene, settings):
+    expected = np.sqrt(np.mean(linear_biases(settings, plain, scene) ** 2))
+    point = measure("one", settings, plain, scene)
+    assert expected > 1e-5  # arcsec: there is something to compare
+    assert point.bias == pytest.approx(expected, rel=0.1)
+
+
+def test_without_approximation_there_is_no_bias_and_the_error_is_the_bound(plain, scene):
+    point = measure("exact", PRESETS["exact"], plain, scene)
+    bounds = []
+    for truth in scene.truths:
+        otf = PRESETS["exact"].instrument(plain).system().otf(truth.aberrations)
+        bounds.append(forecast(truth, otf, plain.detector, exposure=1.0).error("separation"))
+    assert point.bias < 1e-4 * point.sigma
+    assert point.sigma == pytest.approx(np.sqrt(np.mean(np.square(bounds))), rel=1e-3)
+    assert point.error < 1e-3
+
+
+def test_a_smaller_region_scatters_more(plain, scene):
+    whole = measure("whole", Settings(), plain, scene)
+    part = measure("part", Settings(region=24), plain, scene, bound=whole.sigma)
+    assert part.sigma > 1.003 * whole.sigma
+    assert part.excess == pytest.approx(part.sigma / whole.sigma - 1)
+
+
+def test_held_aberrations_bias(plain, scene):
+    held = measure("held", Settings(aberrations="held"), plain, scene)
+    free = measure("free", Settings(), plain, scene)
+    assert held.bias > 10 * free.bias
+    assert held.bias < held.sigma
+
+
+def test_thirty_two_bits_are_measured_beside_sixty_four(plain, scene):
+    point = measure("32", Settings(bits=32), plain, scene)
+    assert point.seconds > 0
+    assert 0 < point.bias < 0.1 * point.sigma
+    assert jnp.zeros(()).dtype == jnp.float64  # and the others are left as they were
+
+
+def test_settings_that_do_not_do_are_a_row_that_says_why(plain, scene):
+    point = measure("three", Settings(binning=3), plain, scene)
+    assert math.isnan(point.error)
+    assert "cannot be binned by 3" in point.message
+
+
+def point(name, seconds, error):
+    return Point(name, Settings(), seconds, error, 1.0, 1.0)
+
+
+def test_the_front_is_what_nothing_beats():
+    points = [point("a", 3, 0.1), point("b", 1, 0.5), point("c", 2, 0.6), point("d", 9, 0.01)]
+    points += [Point("e", Settings(), message="no")]
+    assert [p.name for p in front(points)] == ["b", "a", "d"]
+
+
+def test_errors_add_in_squares():
+    one = Point("one", Settings(), 1.0, bias=0.3, sigma=1.4, bound=1.0)
+    assert one.excess == pytest.approx(0.4)
+    assert one.error == pytest.approx(0.5)
+
+
+def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monkeypatch):
+    asked = []
+
+    def noted(name, settings, *_):
+        asked.append(name)
+        return point(name, 1, 1)
+
+    monkeypatch.setattr(ladder, "measure", noted)
+    list(climb_ladder(plain, scene))
+    assert asked[:3] == ["exact", "fast", "balanced"]
+    assert "region 32" in asked
+    assert "region 64" not in asked  # larger than the frame
+    assert "samples 16" in asked  # of a band there may be more
+    asked.clear()
+    lamp = dataclasses.replace(plain, spectrum=type(plain.spectrum)((530.0, 640.0), (1.0, 1.0)))
+    list(climb_ladder(lamp, scene))
+    assert "samples 1" in asked
+    assert "samples 5" not in asked  # of two lines there are no more
+
+
+def test_the_table_has_every_number(plain):
+    points = [Point("fast", PRESETS["fast"], 0.002, 1e-6, 3e-6, 2e-6), Point("no", Settings(), message="why")]
+    table = trade_table(points)
+    assert table["time"][0].to_value("s") == pytest.approx(0.002)
+    assert table["bias"][0].to_value("arcsec") == pytest.approx(1e-6)
+    assert list(table["front"]) == [True, False]
+    assert table["message"][1] == "why"
+    assert table["pad"][0] == PRESETS["fast"].pad
+
+
+def test_the_command_measures_writes_and_draws(tmp_path, monkeypatch):
+    monkeypatch.setattr(ladder, "_RUNGS", {"tolerance": (1.0,)})
+    table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"
+    few = {name: Settings(pad=8) if name == "exact" else Settings(pad=4) for name in ("exact", "fast")}
+    monkeypatch.setattr(ladder, "PRESETS", few | {"balanced": Settings()})
+    done = CliRunner().invoke(
+        app,
+        ["trade", "-i", "smallsat", "--frames", "1", "-o", str(table), "--plot", str(picture)],
+    )
+    assert done.exit_code == 0, done.output
+    rows = read_table(table)
+    assert list(rows["setting"]) == ["exact", "fast", "balanced", "tolerance 1.0"]
+    assert np.all(np.isfinite(rows["error"]))
+    assert picture.read_bytes().startswith(b"\x89PNG")

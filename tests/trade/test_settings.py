@@ -1,0 +1,70 @@
+"""Settings: what they change of an instrument and of a fit, and what they refuse."""
+
+from dataclasses import fields
+
+import pytest
+
+from jitterkit.errors import ConfigurationError
+from jitterkit.refit import FitOptions
+from jitterkit.trade import PRESETS, Settings
+from jitterkit.trade.settings import settings_of
+
+
+def test_settings_change_the_instrument_that_is_modelled_and_nothing_else(plain):
+    modelled = Settings(pad=12, samples=3, binning=2, region=40).instrument(plain)
+    assert modelled.system().grid.pad == 12
+    assert modelled.shape == (40, 40)
+    assert modelled.spectrum == plain.spectrum.sampled(3)
+    assert modelled.pupil.transmission.shape == (128, 128)
+    assert modelled.detector is plain.detector
+    assert (modelled.plate_scale, modelled.exposure, modelled.flux) == (0.375, 1.0, 1e5)
+
+
+def test_a_region_is_never_larger_than_the_frame(plain):
+    assert Settings(region=100).instrument(plain).shape == plain.shape
+
+
+def test_held_aberrations_join_what_is_held(plain):
+    options = Settings(aberrations="held", tolerance=0.01).options(plain, FitOptions(hold=("contrast",)))
+    assert set(options.hold) == {"contrast", "noll7", "noll8"}
+    assert options.tolerance == 0.01
+    assert Settings().options(plain).hold == ("background",)
+
+
+def test_the_balanced_preset_is_what_is_done_without_any(plain):
+    """The defaults of the package are a point on the front, and this is it."""
+    assert PRESETS["balanced"].options(plain) == FitOptions()
+    modelled = PRESETS["balanced"].instrument(plain)
+    assert modelled.shape == plain.shape
+    others = [field.name for field in fields(plain) if field.name != "shape"]
+    assert all(getattr(modelled, name) is getattr(plain, name) for name in others)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"aberrations": "guessed"}, "aberrations = 'guessed' is unknown; choose one of held, anchored"),
+        ({"bits": 16}, "bits = 16 is unknown; choose 32 or 64"),
+        ({"tolerance": 0.0}, "tolerance = 0.0 is not positive"),
+        ({"tolerance": float("nan")}, "tolerance = nan is not positive"),
+        ({"pad": -1}, "pad = -1 is impossible"),
+        ({"samples": 0}, "samples = 0 is impossible"),
+        ({"region": 0}, "region = 0 is impossible"),
+    ],
+)
+def test_impossible_settings_are_refused(given, message):
+    with pytest.raises(ConfigurationError, match=message):
+        Settings(**given)
+
+
+def test_a_pupil_that_cannot_be_binned_so_is_refused(plain):
+    with pytest.raises(ConfigurationError, match="256 samples cannot be binned by 3"):
+        Settings(binning=3).instrument(plain)
+
+
+def test_a_preset_that_there_is_not_is_refused():
+    assert settings_of("fast") is PRESETS["fast"]
+    with pytest.raises(
+        ConfigurationError, match="There is no preset 'slow'; choose one of fast, balanced, exact"
+    ):
+        settings_of("slow")
