@@ -23,6 +23,8 @@ from jitterkit.optics.otf import OTF
 
 __all__ = ["Climb", "Prior", "climb", "climb_a_little", "invert_information"]
 
+_DROWNED = 0.1
+"""Standard errors that a fit which rounding keeps from going on may have left."""
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
 
@@ -176,7 +178,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         damping = jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST)
         left = remains(here)
         # a step of so many standard errors changes the objective by their square, which rounding may drown
-        drowned = ~better & (left**2 < rounding * jnp.abs(here.objective))
+        drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < _DROWNED)
         return _State(here, damping, (left < tolerance) | drowned, state.iterations + 1)
 
     def remains(here: _Point):

@@ -64,8 +64,11 @@ class Survey:
 
     def shown(self, frame: Frame) -> Shown | None:
         """What one frame shows; None of one that is not sound, and of optics that cannot change."""
-        wavefront, optics = self._finder.wavefront(frame), self._finder.optics(frame)
-        if wavefront is None or not isinstance(optics, OpticalSystem) or not len(wavefront.aberrations):
+        wavefront = self._finder.wavefront(frame)
+        if wavefront is None or not len(wavefront.aberrations):
+            return None
+        optics = self._finder.optics(frame)
+        if not isinstance(optics, OpticalSystem):
             return None
         repeat = Repeat.of(wavefront, optics, self._finder.options.hold)
         return Shown(self._anchored(self._finder.grid(frame), optics, wavefront), repeat)

@@ -72,14 +72,18 @@ def make_processor(
     from jitterkit.batch import Processor
     from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions, read_kernel_prior
-    from jitterkit.trade.settings import settings_of
+    from jitterkit.trade import settings as trade
 
-    telescope, settings = load_instrument(instrument), settings_of(preset)
+    telescope = load_instrument(instrument)
+    settings = trade.preset(preset, telescope)
+    modelled = settings.instrument(telescope)
+    if settings != trade.Settings():
+        modelled.system()  # refuses what its pupil does not carry before any frame is read
     known = None if prior is None else read_kernel_prior(prior, exposure=exposure or telescope.exposure)
     if known is not None and known.remark:
         say(f"{prior}: {known.remark}")
     return Processor(
-        settings.instrument(telescope),
+        modelled,
         options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
         locus=locus,
         kernel=estimator,

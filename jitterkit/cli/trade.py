@@ -45,10 +45,10 @@ def trade(
     """Measure what each setting costs in time and in accuracy, for your scene, on this machine.
 
     The presets first, then every setting from fast to exact with the others as in balanced. bias is what is
-    wrong with the separation of frames without noise, sigma the error of one frame; error is what both add
-    to the least error that there can be, as a share of it. Rows on the front are beaten by none in both
-    time and error. Of TOLIMAN under linear jitter the settings of dLuxToliman, if it is installed, stand
-    beside them. Takes some minutes, most of them compiling.
+    wrong with the separation of frames without noise, sigma the error that their fits state; error is bias
+    and what sigma is above the least that there can be, as a share of that. Rows on the front are beaten by
+    none in both time and error. Of TOLIMAN under linear jitter the settings of dLuxToliman, if it is
+    installed, stand beside them. Takes some minutes, most of them compiling.
     """
     check_products(plot, output, overwrite)
     prepare_jax(alone=True)
@@ -76,11 +76,11 @@ def trade(
         numbers = f"{1e3 * point.seconds:.1f} ms a frame, error {point.error:.2g} of the least"
         say(f"{point.name}: {point.message or numbers}")
         points.append(point)
-    if telescope.name == "toliman" and locus == "linear" and find_spec("dLuxToliman"):
+    if instrument == "toliman" and locus == "linear" and find_spec("dLuxToliman"):
         for point in public_points(Binary(**scene), given["length"]):
             say(f"{point.name}: {1e3 * point.seconds:.0f} ms a frame, error {point.error:.2g} of the least")
             points.append(point)
-    table = trade_table(points)
+    table = trade_table(points, telescope)
     table.meta["command"] = command_line()
     typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
     if output is not None:

@@ -40,6 +40,9 @@ _STEP = 4
 _SHARE = 6
 """Rims that a frame must be wide: of a smaller one too much would be left out."""
 
+_SEEN = 0.25
+"""Share of its pixels that a frame must show: from few of them several pairs look alike."""
+
 _ASKED_FOR = frozenset({*Binary.names, *Fourth.names})
 """What must be fitted: what a first frame has is not another's."""
 
@@ -167,7 +170,8 @@ class Repeat:
         another by a factor of three: then a step is left, chi-squared is large or the state out of the
         anchor's reach, and the answer is None.
         """
-        if data.used.shape != self.first.whole.shape:
+        used = np.asarray(data.used)
+        if used.shape != self.first.whole.shape or used.mean() < _SEEN:
             return None
         end = compared(self.first, data)
         values, score, remains, excess, information = map(np.asarray, end[3:])

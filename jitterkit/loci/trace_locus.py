@@ -6,6 +6,7 @@ It has no coordinates to fit.  Multiply it by a normal for what its sensor misse
 
 from __future__ import annotations
 
+import math
 import pathlib
 from typing import ClassVar, Self
 
@@ -106,8 +107,12 @@ class Trace(Locus):
         return jnp.stack([x * x, x * y, y * y]) @ weights
 
     def exact_to(self) -> float:
-        steps = np.diff(np.asarray(self.places), axis=0)
-        return exact_to(float(np.hypot(*steps.T).max()), self._order)
+        lengths = np.hypot(*np.diff(np.asarray(self.places), axis=0).T)
+        longest, power = lengths.max(), 2 * self._order  # by which an error grows with its piece's length
+        if not longest > 0:
+            return math.inf
+        mean = np.diff(np.asarray(self.times)) @ (lengths / longest) ** power
+        return exact_to(float(longest * mean ** (1 / power)), self._order)
 
     def describe(self) -> dict[str, float]:
         """``sigma_major``, ``sigma_minor`` [arcsec] and ``angle`` [deg] of its moments."""

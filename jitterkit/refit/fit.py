@@ -35,7 +35,7 @@ SETTLED = 0.1
 """Sigmas of the whole image that the linearised optics may be off by."""
 _HOPELESS, _GAIN, _IDLE = 30.0, 0.9, 2
 """Deviance per pixel from which a fit is given up when so many climbs in a row have not brought it below that
-share of the least before: it would end far above what passes for a fit, after twenty seconds."""
+share of what it was: it would end far above what passes for a fit, after twenty seconds."""
 _TURNING = {"separation", "theta", "contrast"}
 """What says which star is A: where all of it is held, it stays as it was given."""
 _PATIENCE, _SLACK = 100, 0.03
@@ -147,7 +147,7 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
     successive climbs overshoot each other; shorter steps settle them.
     """
     iterations, share, before = 0, 1.0, np.inf
-    idle, least = 0, np.inf
+    idle, last = 0, np.inf
     steps, tolerance = (_PATIENCE, max(_SLACK, tolerance)) if leashes(start.locus) else (50, tolerance)
     for _ in range(_EXPANSIONS):
         end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
@@ -157,9 +157,8 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
         if error < SETTLED:
             return end, otf, iterations
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
-        idle = 0 if level < _GAIN * least else idle + 1
-        least = min(level, least)
-        if idle >= _IDLE and least > _HOPELESS:
+        idle, last = 0 if level < _GAIN * last else idle + 1, level
+        if idle >= _IDLE and level > _HOPELESS:
             break
         share = share if error < before / 4 else share / 2
         otf, before = optics.otf(otf.state + share * (start.aberrations - otf.state)), error

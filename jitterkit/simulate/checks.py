@@ -59,8 +59,8 @@ def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
     if locus.exact_to() < finest:
         raise ConfigurationError(
             f"A {locus_name(locus)} jitter of {major:.3g} arcsec rms is exact to {locus.exact_to():.3g} "
-            f"cycles/arcsec only, and the telescope shows {finest:.3g}; take a smaller one, or a locus that "
-            "has a formula: linear, shm, mvn or ellipse."
+            f"cycles/arcsec only, and the telescope shows {finest:.3g}; take a smaller one, a trace of more "
+            "samples, or a locus that has a formula: linear, shm, mvn or ellipse."
         )
 
 

@@ -2,7 +2,7 @@
 
 Reach for :func:`climb_ladder`.  The error of a setting has two parts, both as shares of the least error that
 a frame allows (the Cramer-Rao bound at the most exact settings): what is wrong with the separation of
-frames without noise, and by how much more the separations of noisy frames scatter.  Of 32 bits the first is
+frames without noise, and by how much the error that their fits state is larger.  Of 32 bits the first is
 what rounding changes in noisy frames: a fit's end is known to a share of its deviance, which is none without
 noise.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from jitterkit.frames import Frame, RawFrame
 from jitterkit.instruments import Instrument
 from jitterkit.refit import FitResult
 from jitterkit.trade.scenes import TradeScene
-from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings
+from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
 
 __all__ = ["Point", "climb_ladder", "front", "measure"]
 
@@ -58,7 +58,7 @@ class Point:
     bias : float
         Rms over the frames of what is wrong with the separation without noise, arcsec.
     sigma : float
-        Rms error of the separation of one frame, arcsec.
+        Rms of the errors of the separation that the fits state, arcsec.
     bound : float
         The least that there can be, arcsec.
     message : str
@@ -75,7 +75,7 @@ class Point:
 
     @property
     def excess(self) -> float:
-        """Scatter beyond the bound, as a share of it."""
+        """Stated error beyond the bound, as a share of it."""
         return max(self.sigma / self.bound - 1, 0.0)
 
     @property
@@ -105,14 +105,16 @@ def climb_ladder(
     Yields
     ------
     point : Point
-        The most exact one first: its errors are the bound of the others.
+        The most exact one first: its error, or that of the first that can be had, is the bound of the others.
     """
     base = PRESETS["balanced"] if base is None else base
-    named = {"exact": PRESETS["exact"], **PRESETS}
+    named = {name: preset(name, instrument) for name in ("exact", "balanced", "fast")}
+    seen = {_resolved(settings, instrument) for settings in named.values()}
     for setting, rungs in _RUNGS.items():
         for value in rungs:
             settings = replace(base, **{setting: value})
-            if settings not in named.values() and _says_something(settings, base, instrument):
+            if _can_be_had(setting, value, instrument) and _resolved(settings, instrument) not in seen:
+                seen.add(_resolved(settings, instrument))
                 named[f"{setting} {'whole' if value is None else value}"] = settings
     bound: float | None = None
     for name, settings in named.items():
@@ -122,19 +124,25 @@ def climb_ladder(
         yield point
 
 
-def _says_something(settings: Settings, base: Settings, instrument: Instrument) -> bool:
-    """Whether a setting changes anything of this instrument, and can be had."""
-    if settings.region is not None and settings.region >= max(instrument.shape):
-        return False
-    if instrument.pupil is None or instrument.spectrum is None:
-        same = (settings.samples, settings.binning, settings.aberrations)
-        return same == (base.samples, base.binning, base.aberrations)
-    if settings.samples is None or settings.samples == base.samples:
-        return True
-    own, other = (
-        instrument.spectrum.sampled(n) for n in (len(instrument.spectrum.wavelengths), settings.samples)
-    )
-    return other != own and len(other.wavelengths) == settings.samples
+def _can_be_had(setting: str, value: Any, instrument: Instrument) -> bool:
+    """Whether an instrument can be modelled so."""
+    if setting == "samples":
+        spectrum = instrument.spectrum
+        return spectrum is not None and len(spectrum.sampled(value).wavelengths) == value
+    if setting in ("binning", "aberrations"):
+        return instrument.pupil is not None
+    return True
+
+
+def _resolved(settings: Settings, instrument: Instrument) -> tuple[Hashable, ...]:
+    """What settings come to for an instrument: equal where they are the same."""
+    ny, nx = instrument.shape
+    side, spectrum = settings.region or max(ny, nx), instrument.spectrum
+    if spectrum is not None and settings.samples is not None:
+        spectrum = spectrum.sampled(settings.samples)
+    pad = own_pad(instrument) if settings.pad is None else settings.pad
+    others = (settings.binning, settings.aberrations, settings.tolerance, settings.bits)
+    return (pad, spectrum, min(ny, side), min(nx, side), *others)
 
 
 def measure(
@@ -244,8 +252,9 @@ def _rms(values: np.ndarray) -> float:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """Those of which no other is both as fast and as exact, from the fastest on."""
-    sound = sorted((p for p in points if math.isfinite(p.error)), key=lambda p: (p.seconds, p.error))
+    """Those of which no other of this package is both as fast and as exact, from the fastest on."""
+    ours = (point for point in points if point.settings is not None)
+    sound = sorted((p for p in ours if math.isfinite(p.error)), key=lambda p: (p.seconds, p.error))
     best, least = [], math.inf
     for point in sound:
         if point.error < least:

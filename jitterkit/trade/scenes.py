@@ -13,6 +13,7 @@ from jitterkit.instruments import Instrument
 from jitterkit.loci import Locus
 from jitterkit.optics import Optics
 from jitterkit.scene import Binary
+from jitterkit.simulate import check_reach
 from jitterkit.trade.settings import Settings
 
 __all__ = ["TradeScene"]
@@ -61,6 +62,16 @@ class TradeScene:
         locus : Locus
         frames : int
         rng : numpy.random.Generator
+
+        Raises
+        ------
+        ConfigurationError
+            If light would leave the modelled field, or the locus is not computed so far.
+
+        Notes
+        -----
+        *Fails when* a pupil is sampled too coarsely for more padding than its instrument has: what that
+        leaves out is then not seen.
         """
         system = _truest(instrument)
         state = rng.normal(0, _STATE, len(instrument.aberrations))
@@ -71,6 +82,7 @@ class TradeScene:
             here = state + rng.normal(0, _WANDER, len(state))
             truths.append(Parameters(place, locus, here))
             otf = system.otf(here, derivatives=False)
+            check_reach(place, locus, otf)
             images.append(np.asarray(expected_image(truths[-1], otf), float))
 
         def read(rng: np.random.Generator | None) -> tuple[RawFrame, ...]:
@@ -85,7 +97,8 @@ class TradeScene:
 def _truest(instrument: Instrument) -> Optics:
     for pad in _WIDEST:
         try:
-            return Settings(pad=pad, samples=_WAVELENGTHS).instrument(instrument).system()
+            settings = Settings(pad=pad, samples=_WAVELENGTHS).at_least(instrument)
+            return settings.instrument(instrument).system()
         except ConfigurationError as error:
             problem = error
     raise problem

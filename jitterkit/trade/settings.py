@@ -1,8 +1,7 @@
 """Every choice that trades speed for accuracy, by name.
 
-Reach for :data:`PRESETS`; :meth:`Settings.finder` makes what finds and fits with them.  Nothing else in the
-package chooses between fast and exact: a setting changes the instrument that is modelled, or the options of
-its fit, and the formulae stay the same.
+Reach for :func:`preset`; :meth:`Settings.processor` makes what fits with them.  A setting changes the
+instrument that is modelled, or the options of its fit; the formulae stay the same.
 """
 
 from __future__ import annotations
@@ -13,9 +12,10 @@ from typing import Any
 from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.instruments import Instrument
+from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
-__all__ = ["ABERRATIONS", "PRESETS", "Settings", "settings_of"]
+__all__ = ["ABERRATIONS", "PRESETS", "Settings", "own_pad", "preset"]
 
 ABERRATIONS = ("held", "anchored", "expanded")
 """At what they are without any; fitted about one state of many frames; computed anew for every frame."""
@@ -70,7 +70,7 @@ class Settings:
         for name in ("pad", "samples", "binning", "region"):
             value = getattr(self, name)
             if value is not None and value < (0 if name == "pad" else 1):
-                raise ConfigurationError(f"{name} = {value} is impossible; give a number of pixels.")
+                raise ConfigurationError(f"{name} = {value} is impossible; give a positive number.")
 
     def instrument(self, instrument: Instrument) -> Instrument:
         """The instrument as it is modelled.
@@ -91,6 +91,12 @@ class Settings:
             changes["pupil_from"] = instrument.pupil.binned(self.binning)
         return replace(instrument, **changes)
 
+    def at_least(self, instrument: Instrument) -> Settings:
+        """The same, with no less padding and no fewer wavelengths than an instrument has itself."""
+        pad = None if self.pad is None else max(self.pad, own_pad(instrument))
+        own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
+        return replace(self, pad=pad, samples=None if self.samples is None else max(self.samples, own))
+
     def options(self, instrument: Instrument, options: FitOptions | None = None) -> FitOptions:
         """The options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
@@ -100,7 +106,10 @@ class Settings:
     def processor(
         self, instrument: Instrument, locus: str = "mvn", options: FitOptions | None = None
     ) -> Processor:
-        """What fits frames of an instrument with these settings."""
+        """What fits frames of an instrument.
+
+        In as many bits as JAX is set to, and with aberrations anchored where it is told what is known.
+        """
         return Processor(self.instrument(instrument), locus=locus, options=self.options(instrument, options))
 
 
@@ -109,17 +118,36 @@ PRESETS = {
     "balanced": Settings(),
     "exact": Settings(pad=128, samples=16, tolerance=1e-6),
 }
-"""Points of the measured front: see the README."""
+"""Points of the measured front: see the README, and :func:`preset` for what they are of other instruments."""
 
 
-def settings_of(preset: str) -> Settings:
-    """The settings of a preset.
+def preset(name: str, instrument: Instrument) -> Settings:
+    """The settings of a preset for an instrument.
+
+    Parameters
+    ----------
+    name : str
+        One of :data:`PRESETS`.
+    instrument : Instrument
+
+    Returns
+    -------
+    settings : Settings
+        ``exact`` never models less than the instrument itself asks for, and ``fast`` never pads more.
 
     Raises
     ------
     ConfigurationError
         If there is none of that name.
     """
-    if preset not in PRESETS:
-        raise ConfigurationError(f"There is no preset {preset!r}; choose one of {', '.join(PRESETS)}.")
-    return PRESETS[preset]
+    if name not in PRESETS:
+        raise ConfigurationError(f"There is no preset {name!r}; choose one of {', '.join(PRESETS)}.")
+    settings, pad = PRESETS[name], own_pad(instrument)
+    if name == "fast" and settings.pad is not None:
+        return replace(settings, pad=min(settings.pad, pad))
+    return settings.at_least(instrument) if name == "exact" else settings
+
+
+def own_pad(instrument: Instrument) -> int:
+    """Pixels of padding of an instrument that nobody has set anything of."""
+    return DEFAULT_PAD if instrument.pad is None else instrument.pad

@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from astropy.table import QTable
 from astropy.units import Unit
 
+from jitterkit.instruments import Instrument
 from jitterkit.trade.ladder import Point, front
+from jitterkit.trade.settings import Settings, own_pad
 
 __all__ = ["trade_table"]
 
-_NONE = {"pad": 0, "samples": 0, "binning": 0, "aberrations": "", "tolerance": 0.0, "region": 0, "bits": 0}
+_NONE = {"pad": -1, "samples": 0, "binning": 0, "aberrations": "", "tolerance": 0.0, "region": 0, "bits": 0}
 """Settings, and what stands for none."""
 
 
-def trade_table(points: Sequence[Point]) -> QTable:
+def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
     """What settings cost and give, a row each.
 
     Parameters
     ----------
     points : sequence of Point
+    instrument : Instrument
+        That they were measured with.
 
     Returns
     -------
     table : QTable
-        Name, ms a frame, bias and error of the separation [uas], error beyond the bound as a share of it,
-        whether the row is on the front, the settings (a region of 0 is the whole frame; nothing of
-        another package's), and why there are no numbers where there are none.
+        Name, ms a frame, bias and stated error of the separation [uas], error beyond the bound as a share of
+        it, whether the row is on the front, what was modelled (nothing is said of another package), and why
+        there are no numbers where there are none.
     """
     best = [point.name for point in front(points)]
     table = QTable()
@@ -38,9 +43,19 @@ def trade_table(points: Sequence[Point]) -> QTable:
         table[name] = np.array([getattr(point, name) for point in points]) * 1e6 << Unit("uarcsec")
     table["error"] = [point.error for point in points]
     table["front"] = [point.name in best for point in points]
-    for name in _NONE:
-        table[name] = [getattr(point.settings, name, None) or _NONE[name] for point in points]
+    used = [_used(point.settings, instrument) for point in points]
+    for name, none in _NONE.items():
+        table[name] = [row.get(name, none) for row in used]
     table["message"] = [point.message for point in points]
     for name, how in {"time": ".1f", "bias": ".3g", "sigma": ".4g", "error": ".2g"}.items():
         table[name].info.format = how
     return table
+
+
+def _used(settings: Settings | None, instrument: Instrument) -> dict[str, Any]:
+    """Settings by name, with what an instrument says itself where they say nothing."""
+    if settings is None:
+        return {}
+    said = {name: value for name, value in vars(settings).items() if value is not None}
+    own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
+    return {"pad": own_pad(instrument), "samples": own, "region": max(instrument.shape)} | said

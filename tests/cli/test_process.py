@@ -1,5 +1,6 @@
 """What ``jitterkit process`` says of a run that was interrupted, and of many failures."""
 
+import json
 from contextlib import nullcontext
 
 import pytest
@@ -67,3 +68,23 @@ def test_of_many_failures_some_are_told_and_the_others_counted(blanks, tmp_path)
     done = runner.invoke(app, ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat"])
     assert done.stderr.count("] unreadable: ") == 50
     assert "... and 2 more, which the table and the report have" in done.stderr
+
+
+def test_a_preset_is_what_a_run_was_made_with_and_goes_on_with(blanks, tmp_path):
+    out = tmp_path / "out"
+    command = ["process", str(blanks), "-o", str(out), "-i", "smallsat", "--locus", "mvn", "--preset"]
+    assert runner.invoke(app, [*command, "fast"]).exit_code == 1
+    told = json.loads((out / "configuration.json").read_text())
+    assert told["instrument"]["pad"] == 16
+    assert told["options"]["tolerance"] == 0.01
+    refused = runner.invoke(app, [*command, "balanced", "--resume"])
+    assert refused.exit_code == 2
+    assert "pad" in refused.stderr
+    assert runner.invoke(app, [*command, "fast", "--resume"]).exit_code == 1
+
+
+def test_a_preset_that_cannot_be_is_refused_before_a_frame_is_read(blanks, tmp_path):
+    command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--preset", "slow"]
+    refused = runner.invoke(app, command)
+    assert refused.exit_code == 2
+    assert "There is no preset 'slow'; choose one of fast, balanced, exact" in refused.stderr

@@ -11,6 +11,7 @@ from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
 from jitterkit.scene import Binary
+from jitterkit.scoring import climb
 
 SCENE = Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0)
 
@@ -148,3 +149,36 @@ def test_weakly_visible_aberrations_settle_too(bench, rng):
         assert result.status is Status.OK, result.message
         exact = expected_image(result.parameters, system.otf(result.parameters.aberrations))
         assert np.sum((np.asarray(exact) - result.image) ** 2 / result.image) < 0.1**2
+
+
+@pytest.fixture
+def climbs(monkeypatch):
+    """Deviance a pixel at the end of every climb."""
+    levels = []
+
+    def noted(start, otf, data, *rest, **options):
+        end = climb(start, otf, data, *rest, **options)
+        levels.append(float(end.objective) / int(np.sum(np.asarray(data.used))))
+        return end
+
+    monkeypatch.setattr("jitterkit.refit.fit.climb", noted)
+    return levels
+
+
+def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, climbs):
+    """Ten climbs of fifty steps took twenty seconds to the same verdict."""
+    image = np.rot90(bench.image(Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])))
+    result = fit_frame(Data(image + 3e4 * np.eye(40)[::-1], 4.0), optics, bench.near())
+    assert result.status is Status.POOR_FIT
+    assert min(climbs) > 30
+    assert len(climbs) <= 6
+
+
+def test_a_bright_frame_far_off_is_not_given_up(bench, optics, climbs):
+    truth = Parameters(Binary(5.0, 140.0, 0.3, -0.2, 1e8, 3.0), Mvn.of(0.1, 0.05, 20.0), [30.0, -25.0])
+    near = bench.near()
+    start = Parameters(Binary(5.1, 141.0, 0.35, -0.15, 9e7, 2.8), near.locus, near.aberrations)
+    result = fit_frame(Data(bench.image(truth), 4.0), optics, start)
+    assert climbs[0] > 30
+    assert result.status is Status.OK
+    np.testing.assert_allclose(result.parameters.aberrations, [30.0, -25.0], atol=1e-2)

@@ -9,11 +9,14 @@ import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
+from jitterkit.errors import ConfigurationError
 from jitterkit.forecast import forecast
 from jitterkit.forward import free_parameters
 from jitterkit.likelihood import Data, normal_equations
+from jitterkit.loci import PartialShm
 from jitterkit.report.table import read_table
-from jitterkit.trade import PRESETS, Point, Settings, climb_ladder, front, ladder
+from jitterkit.scene import Binary
+from jitterkit.trade import PRESETS, Point, Settings, TradeScene, climb_ladder, front, ladder
 from jitterkit.trade.table import trade_table
 
 measure = ladder.measure
@@ -105,7 +108,8 @@ def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monk
 
     monkeypatch.setattr(ladder, "measure", noted)
     list(climb_ladder(plain, scene))
-    assert asked[:3] == ["exact", "fast", "balanced"]
+    assert asked[:3] == ["exact", "balanced", "fast"]
+    assert "pad 64" not in asked  # which balanced is
     assert "region 32" in asked
     assert "region 64" not in asked  # larger than the frame
     assert "samples 16" in asked  # of a band there may be more
@@ -118,25 +122,32 @@ def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monk
 
 def test_the_table_has_every_number(plain):
     points = [Point("fast", PRESETS["fast"], 0.002, 1e-6, 3e-6, 2e-6), Point("no", Settings(), message="why")]
-    table = trade_table(points)
+    table = trade_table(points, plain)
     assert table["time"][0].to_value("s") == pytest.approx(0.002)
     assert table["bias"][0].to_value("arcsec") == pytest.approx(1e-6)
     assert list(table["front"]) == [True, False]
     assert table["message"][1] == "why"
-    assert table["pad"][0] == PRESETS["fast"].pad
+    assert list(table["pad"]) == [PRESETS["fast"].pad, 64]
+    assert list(table["samples"]) == [7, 7]
 
 
 def test_the_command_measures_writes_and_draws(tmp_path, monkeypatch):
     monkeypatch.setattr(ladder, "_RUNGS", {"tolerance": (1.0,)})
     table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"
-    few = {name: Settings(pad=8) if name == "exact" else Settings(pad=4) for name in ("exact", "fast")}
-    monkeypatch.setattr(ladder, "PRESETS", few | {"balanced": Settings()})
+    few = {"exact": Settings(pad=8), "fast": Settings(pad=4), "balanced": Settings()}
+    monkeypatch.setattr(ladder, "preset", lambda name, _: few[name])
     done = CliRunner().invoke(
         app,
         ["trade", "-i", "smallsat", "--frames", "1", "-o", str(table), "--plot", str(picture)],
     )
     assert done.exit_code == 0, done.output
     rows = read_table(table)
-    assert list(rows["setting"]) == ["exact", "fast", "balanced", "tolerance 1.0"]
+    assert list(rows["setting"]) == ["exact", "balanced", "fast", "tolerance 1.0"]
     assert np.all(np.isfinite(rows["error"]))
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_jitter_that_is_not_computed_so_far_is_refused(plain):
+    pair, wide = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0), PartialShm.of(12.0, 30.0, 3.0)
+    with pytest.raises(ConfigurationError, match="take a smaller one"):
+        TradeScene.of(plain, pair, wide, 1, np.random.default_rng(0))

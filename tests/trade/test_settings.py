@@ -1,13 +1,14 @@
 """Settings: what they change of an instrument and of a fit, and what they refuse."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 
 from jitterkit.errors import ConfigurationError
+from jitterkit.optics import flat_band
 from jitterkit.refit import FitOptions
 from jitterkit.trade import PRESETS, Settings
-from jitterkit.trade.settings import settings_of
+from jitterkit.trade.settings import preset
 
 
 def test_settings_change_the_instrument_that_is_modelled_and_nothing_else(plain):
@@ -62,9 +63,17 @@ def test_a_pupil_that_cannot_be_binned_so_is_refused(plain):
         Settings(binning=3).instrument(plain)
 
 
-def test_a_preset_that_there_is_not_is_refused():
-    assert settings_of("fast") is PRESETS["fast"]
+def test_exact_is_never_less_than_the_instrument_asks_for_and_fast_never_more(plain):
+    lavish = replace(plain, pad=200, spectrum=flat_band(400.0, 900.0, 40))
+    assert preset("exact", lavish).pad == 200
+    assert preset("exact", lavish).instrument(lavish).spectrum == lavish.spectrum
+    assert preset("exact", plain) == PRESETS["exact"]
+    assert preset("fast", replace(plain, pad=4)).pad == 4
+    assert preset("fast", plain) == PRESETS["fast"]
+
+
+def test_a_preset_that_there_is_not_is_refused(plain):
     with pytest.raises(
         ConfigurationError, match="There is no preset 'slow'; choose one of fast, balanced, exact"
     ):
-        settings_of("slow")
+        preset("slow", plain)
