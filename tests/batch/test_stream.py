@@ -149,7 +149,7 @@ def test_many_more_frames_are_not_held_than_are_worked_on(night, processor, monk
 def test_a_frame_in_the_lead_whose_scale_no_pupil_carries_is_a_row(night, processor, tmp_path):
     absurd = tmp_path / "absurd.fits"
     with open_frames(night[0]) as file:
-        write_fits(absurd, file[0].data, {"PIXSCALE": 100.0})
+        write_fits(absurd, file[0].data, header={"PIXSCALE": 100.0})
     files = [absurd, *[night[0]] * 7]
     (batch,) = plan_batches(files, [1] * 8, 8)
     assert batch.lead
