@@ -10,8 +10,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.pair import pair_before
-from jitterkit.cli.products import check_products, write_picture
-from jitterkit.cli.runtime import command_line, prepare_jax, say
+from jitterkit.cli.products import check_products, deliver
+from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["crossfit"]
 
@@ -87,7 +87,6 @@ def crossfit(
     from jitterkit.instruments import load_instrument
     from jitterkit.loci import Stable
     from jitterkit.report.crossfit_plots import crossfit_table, plot_crossfit
-    from jitterkit.report.table import write_table
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_reach, check_scene
 
@@ -106,11 +105,9 @@ def crossfit(
         mean, error = panel.mean
         say(f"{panel.data} fitted with {panel.fitted}: {1e6 * mean:+.1f} ± {1e6 * error:.1f} µas")
         panels.append(panel)
-    table = crossfit_table(panels, settings)
-    table.meta["command"] = command_line()
-    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
-    if output is not None:
-        write_table(output, table, overwrite=overwrite)
-    if plot is not None:
+
+    def draw():
         alone = forecast(still, optics.nominal, telescope.detector).error("separation")
-        write_picture(plot, plot_crossfit(panels, alone).axes[0], overwrite)
+        return plot_crossfit(panels, alone).axes[0]
+
+    deliver(crossfit_table(panels, settings), draw, plot, output, overwrite)

@@ -10,9 +10,9 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, parse_sizes
 from jitterkit.cli.pair import pair_before
-from jitterkit.cli.products import check_products, write_picture
+from jitterkit.cli.products import check_products, deliver
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
-from jitterkit.cli.runtime import command_line, prepare_jax, say
+from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["forecast"]
 
@@ -97,14 +97,7 @@ def forecast(
         table, draw = _ask_sweep(setup, sweeps, goal)
     else:
         table, draw = _ask_one(setup, goal)
-    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
-    if output is not None:
-        from jitterkit.report.table import write_table
-
-        table.meta["command"] = command_line()
-        write_table(output, table, overwrite=overwrite)
-    if plot is not None:
-        write_picture(plot, draw().axes[0], overwrite)
+    deliver(table, lambda: draw().axes[0], plot, output, overwrite)
 
 
 def _check_question(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:

@@ -1,12 +1,19 @@
-"""The picture and the table that a command may leave behind."""
+"""The table that a command prints, and the files that it may leave behind."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from jitterkit.cli.runtime import say
+import typer
 
-__all__ = ["check_products", "write_picture"]
+from jitterkit.cli.runtime import command_line, say
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+__all__ = ["check_products", "deliver", "write_picture"]
 
 
 def check_products(plot: Path | None, output: Path | None, overwrite: bool) -> None:
@@ -21,6 +28,20 @@ def check_products(plot: Path | None, output: Path | None, overwrite: bool) -> N
     for path, ending in ((plot, ".png"), (output, ".ecsv")):
         if path is not None:
             check_file(path, overwrite, ending)
+
+
+def deliver(
+    table: QTable, draw: Callable[[], Any], plot: Path | None, output: Path | None, overwrite: bool
+) -> None:
+    """Print a table; where asked, write it with the command that made it, and draw it."""
+    from jitterkit.report.table import write_table
+
+    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
+    if output is not None:
+        table.meta["command"] = command_line()
+        write_table(output, table, overwrite=overwrite)
+    if plot is not None:
+        write_picture(plot, draw(), overwrite)
 
 
 def write_picture(path: Path, ax, overwrite: bool) -> None:

@@ -28,6 +28,7 @@ _START_CYCLES = 0.6
 
 _NODES = 96
 _MANY = 256
+"""Points of the path at which the greatest speed is looked for."""
 
 _BENT = 1.6
 """By which a path that turns round needs more nodes than a straight one as fast: at 3 cycles, the worst."""

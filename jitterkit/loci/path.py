@@ -24,6 +24,7 @@ __all__ = ["Path"]
 _KNOTS = 4
 _NODES = 16
 _MANY = 256
+"""Points of the path at which the greatest speed is looked for."""
 
 _BEND = 0.1
 """Of the length, that a fit starts bent by at least: a straight line is its own mirror image."""

@@ -53,8 +53,9 @@ class Shaped(Elliptic):
     round (along a line: shm) at -1.5, the least that an elliptical density can have.  A fit may go below.
     For positive k it is the variance-gamma law ``M = (1 + k w/6)^(-3/k)``.
 
-    Exact to rounding up to w = 60 (a drift of 3.7 arcsec at TOLIMAN's cutoff), in 32 bits to 1e-6 up to 20;
-    beyond, it is let fall to zero where k is negative, and :meth:`exact_to` says from where on.
+    Exact to rounding up to w = 60 (a drift of 3.7 arcsec at TOLIMAN's cutoff), in 32 bits up to 20 to 1e-6
+    for k above -2 and to 3e-5 at -3; beyond, it is let fall to zero where k is negative, and
+    :meth:`exact_to` says from where on.
     """
 
     names: ClassVar[tuple[str, ...]] = ("shaped_xx", "shaped_xy", "shaped_yy", "shaped_kurtosis")
