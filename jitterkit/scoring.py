@@ -25,6 +25,10 @@ __all__ = ["Climb", "Prior", "climb", "climb_a_little", "invert_information"]
 
 _DROWNED = 0.1
 """Standard errors that a fit which rounding keeps from going on may have left."""
+
+_CAUGHT = 1e-4
+"""Standard errors that may be left where no step leads on: at a kink, where a pixel reaches the floor."""
+
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
 
@@ -179,7 +183,8 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         left = remains(here)
         # a step of so many standard errors changes the objective by their square, which rounding may drown
         drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < _DROWNED)
-        return _State(here, damping, (left < tolerance) | drowned, state.iterations + 1)
+        caught = ~better & (damping == _DAMPING_MOST) & (left < _CAUGHT)
+        return _State(here, damping, (left < tolerance) | drowned | caught, state.iterations + 1)
 
     def remains(here: _Point):
         """Length of the undamped step from here, in standard errors."""

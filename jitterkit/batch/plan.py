@@ -14,7 +14,7 @@ from pathlib import Path
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import frame_count
 
-__all__ = ["Batch", "count_frames", "plan_batches"]
+__all__ = ["FEWEST", "Batch", "count_frames", "plan_batches"]
 
 
 _TOGETHER = 8
@@ -23,7 +23,7 @@ _TOGETHER = 8
 _LEAD = 4
 """Frames in it: one is enough, if it is sound."""
 
-_FEWEST = 8
+FEWEST = 8
 """Frames for which it is worth a second to find out about the optics beforehand."""
 
 
@@ -102,5 +102,5 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
         if not chunk:
             return
         if number % _TOGETHER == 0:
-            lead = chunk[:_LEAD] if len(chunk) >= _FEWEST else ()
+            lead = chunk[:_LEAD] if len(chunk) >= FEWEST else ()
         yield Batch(number, chunk, lead)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -13,7 +13,7 @@ from typing import Any
 
 from jitterkit.batch.configuration import settings, versions
 from jitterkit.batch.frame import Processor
-from jitterkit.batch.ledger import Ledger
+from jitterkit.batch.ledger import LEDGER, Ledger
 from jitterkit.batch.ledger_match import FILES
 from jitterkit.batch.plan import count_frames, plan_batches
 from jitterkit.batch.stream import Done, process_batches
@@ -26,7 +26,7 @@ from jitterkit.report.row import Row
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, write_table
 
-__all__ = ["Run", "conclude", "process_files"]
+__all__ = ["Run", "conclude", "planned_before", "process_files"]
 
 log = logging.getLogger(__name__)
 
@@ -73,6 +73,7 @@ def process_files(
     watch: Callable[[Row], None] | None = None,
     before: Callable[[Row], None] | None = None,
     command: str = "",
+    plan: Mapping[str, Any] | None = None,
 ) -> Run:
     """Process files and write table, summary and report.
 
@@ -101,6 +102,8 @@ def process_files(
         Called first, with each row of an earlier session; by default ``watch``.
     command : str
         The command line, to be kept with the table.
+    plan : mapping, optional
+        How the settings of the processor were chosen, to be kept with the run; see :func:`planned_before`.
 
     Returns
     -------
@@ -120,7 +123,7 @@ def process_files(
     files, directory = find_files(paths), Path(directory)
     make_directory(directory, RUN, overwrite or resume)
     size = batch_size(processor.instrument.shape)
-    configuration = settings(processor, files, hdu=hdu, batch=size)
+    configuration = settings(processor, files, hdu=hdu, batch=size, plan=plan)
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     engine = engine or partial(process_batches, threads=threads)
     with begin(directory, configuration, {"command": command}) as ledger:
@@ -137,6 +140,15 @@ def process_files(
                 for row in part.rows:
                     watch(row)
         return conclude(ledger, directory, processor)
+
+
+def planned_before(directory: str | Path) -> Mapping[str, Any] | None:
+    """How the settings of the run in a directory were chosen; None if it has none, or they were not."""
+    path = Path(directory) / LEDGER
+    if not path.exists():
+        return None
+    with Ledger(path) as ledger:
+        return ledger.configuration.get("plan")
 
 
 def batch_size(shape: tuple[int, int]) -> int:

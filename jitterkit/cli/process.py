@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli import options
+from jitterkit.cli.planned import check_asked, with_plan
 from jitterkit.cli.processor import takes_processor
 from jitterkit.cli.progress import following
 from jitterkit.cli.runtime import SOME_FAILED, command_line, say
@@ -53,6 +54,27 @@ def process(
             show_default=False,
         ),
     ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="1uas|10%",
+            help="Take the cheapest settings whose model puts no more wrong with the separation of a frame: "
+            "an angle, or a share of its error. Three frames of the run are looked at to choose them.",
+            show_default=False,
+        ),
+    ] = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(
+            metavar="20ms",
+            help="Take the most exact settings with which a frame takes so long on this machine, likewise.",
+            show_default=False,
+        ),
+    ] = None,
+    explain: Annotated[
+        bool,
+        typer.Option("--explain", help="Say what the settings leave out of the model, and what that costs."),
+    ] = False,
     overwrite: options.Overwrite = False,
     resume: Resume = False,
 ) -> None:
@@ -68,9 +90,13 @@ def process(
 
     if workers is not None and scheduler is not None:
         raise ConfigurationError("A scheduler has its own workers; give --workers or --scheduler.")
+    check_asked(tolerance, budget)
     paths = find_files(files)
     check_directory(output, RUN, overwrite or resume)
-    processor = make()
+    processor, plan = make(), None
+    if tolerance is not None or budget is not None or explain:
+        asked = {"tolerance": tolerance, "budget": budget}
+        processor, plan = with_plan(processor, paths, hdu, asked, output if resume else None, explain)
     from jitterkit.batch import process_files
 
     try:
@@ -86,6 +112,7 @@ def process(
                 watch=watch,
                 before=before,
                 command=command_line(),
+                plan=plan,
             )
     except KeyboardInterrupt:
         instead = " instead of --overwrite" * overwrite

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jitterkit.errors import ConfigurationError
 
-__all__ = ["parse_allowed", "parse_angle", "parse_sweeps"]
+__all__ = ["parse_allowed", "parse_angle", "parse_sweeps", "parse_time"]
 
 _MOST_SWEPT = 2
 
@@ -31,8 +31,8 @@ def parse_angle(text: str, option: str) -> float:
     return float(angle)
 
 
-def parse_allowed(text: str) -> tuple[str, float]:
-    """What may be lost: ``"time"`` and a share, or ``"bias"`` and an angle in arcsec.
+def parse_allowed(text: str, option: str = "--allow", of: str = "time") -> tuple[str, float]:
+    """What may be lost: ``of`` with a share, or ``"bias"`` and an angle in arcsec.
 
     >>> parse_allowed("10%")
     ('time', 0.1)
@@ -43,14 +43,36 @@ def parse_allowed(text: str) -> tuple[str, float]:
         If it is neither, or not positive.
     """
     if not text.rstrip().endswith("%"):
-        return "bias", parse_angle(text, "--allow")
+        return "bias", parse_angle(text, option)
     try:
         share = float(text.rstrip().removesuffix("%")) / 100
     except ValueError:
         share = 0.0
     if not 0 < share < float("inf"):
-        raise ConfigurationError(f"--allow {text} is not a positive share of the time; write 10%, or 1uas.")
-    return "time", share
+        raise ConfigurationError(f"{option} {text} is not a positive share of the {of}; write 10%, or 1uas.")
+    return of, share
+
+
+def parse_time(text: str, option: str) -> float:
+    """A time in s, from a number with its unit.
+
+    >>> parse_time("20ms", "--budget")
+    0.02
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a positive time.
+    """
+    from astropy import units
+
+    try:
+        seconds = units.Quantity(text).to_value("s")
+    except (TypeError, ValueError, units.UnitsError):
+        seconds = 0.0
+    if not 0 < seconds < float("inf"):
+        raise ConfigurationError(f"{option} {text} is not a positive time; write one with its unit, 20ms.")
+    return float(seconds)
 
 
 def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:

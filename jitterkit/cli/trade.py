@@ -11,8 +11,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, parse_sizes
 from jitterkit.cli.pair import pair_before
-from jitterkit.cli.products import check_products, write_picture
-from jitterkit.cli.runtime import command_line, prepare_jax, say
+from jitterkit.cli.products import check_products, deliver
+from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["trade"]
 
@@ -55,7 +55,6 @@ def trade(
     import numpy as np
 
     from jitterkit.instruments import load_instrument
-    from jitterkit.report.table import write_table
     from jitterkit.report.trade_plots import plot_trade
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_scene
@@ -80,14 +79,11 @@ def trade(
         for point in public_points(Binary(**scene), given["length"]):
             say(f"{point.name}: {1e3 * point.seconds:.0f} ms a frame, error {point.error:.2g} of the least")
             points.append(point)
-    table = trade_table(points, telescope)
-    table.meta["command"] = command_line()
-    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
-    if output is not None:
-        write_table(output, table, overwrite=overwrite)
-    if plot is not None:
+
+    def draw():
         columns = ([point.name for point in points], [p.seconds for p in points], [p.error for p in points])
         best = [point.name for point in front(points)]
         peers = [point.name for point in points if point.settings is None]
-        axes = plot_trade(*columns, front=best, presets=list(PRESETS), peers=peers)
-        write_picture(plot, axes, overwrite)
+        return plot_trade(*columns, front=best, presets=list(PRESETS), peers=peers)
+
+    deliver(trade_table(points, telescope), draw, plot, output, overwrite)

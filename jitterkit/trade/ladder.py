@@ -1,47 +1,41 @@
 """Settings measured one by one: milliseconds a frame, and what they do to the separation.
 
 Reach for :func:`climb_ladder`.  The error of a setting has two parts, both as shares of the least error that
-a frame allows (the Cramer-Rao bound at the most exact settings): what is wrong with the separation of
-frames without noise, and by how much the error that their fits state is larger.  Of 32 bits the first is
-what rounding changes in noisy frames: a fit's end is known to a share of its deviance, which is none without
-noise.
+a frame allows (the Cramer-Rao bound at the most exact settings): its bias, which is what is wrong with the
+separation of frames without noise; and the scatter that it adds, which is how far the separations of frames
+with noise are from those that the most exact settings find in the same frames, the bias apart.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from jitterkit.batch import Processor
-from jitterkit.batch.survey import Survey
 from jitterkit.errors import JitterkitError
-from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames import Frame
 from jitterkit.instruments import Instrument
-from jitterkit.refit import FitResult
+from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
 
-__all__ = ["Point", "climb_ladder", "front", "measure"]
+__all__ = ["RUNGS", "Point", "can_be_had", "climb_ladder", "front", "measure"]
 
-_TOGETHER = 1024
-"""Frames that share what one of them shows of the optics."""
-
-_RUNGS: dict[str, tuple[Any, ...]] = {
+RUNGS: dict[str, tuple[Any, ...]] = {
     "pad": (0, 8, 16, 32, 64, 96, 128),
     "samples": (1, 3, 5, 7, 9, 11, 13, 16),
     "binning": (8, 4, 2, 1),
     "aberrations": ABERRATIONS,
-    "tolerance": (1.0, 0.1, 1e-2, 1e-4),
-    "region": (32, 48, 64, 96, None),
-    "bits": (32, 64),
+    "tolerance": (1.0, 0.1, 1e-2, 1e-4, 1e-6),
+    "region": (32, 48, 64, 96),
+    "bits": (32,),
 }
-"""From the fastest to the most exact."""
+"""From the fastest to the most exact; what ``balanced`` is itself is measured as such."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +51,8 @@ class Point:
         Of a frame, its share of the look at the optics included.
     bias : float
         Rms over the frames of what is wrong with the separation without noise, arcsec.
+    scatter : float
+        Rms over the frames of what the settings change beside, in frames with noise, arcsec.
     sigma : float
         Rms of the errors of the separation that the fits state, arcsec.
     bound : float
@@ -69,62 +65,71 @@ class Point:
     settings: Settings | None
     seconds: float = math.nan
     bias: float = math.nan
+    scatter: float = math.nan
     sigma: float = math.nan
     bound: float = math.nan
     message: str = ""
 
     @property
-    def excess(self) -> float:
-        """Stated error beyond the bound, as a share of it."""
-        return max(self.sigma / self.bound - 1, 0.0)
-
-    @property
     def error(self) -> float:
-        """Bias and excess together, in squares, as a share of the bound."""
-        return math.hypot(self.bias / self.bound, self.excess)
+        """Bias and added scatter together, in squares, as a share of the bound."""
+        return math.hypot(self.bias, self.scatter) / self.bound
+
+
+class Reference(NamedTuple):
+    """What other settings are compared with.
+
+    Attributes
+    ----------
+    noisy : (n,) array
+        Separations of the frames with noise, arcsec.
+    biases : (n,) array
+        What is wrong with those without.
+    bound : float
+        Rms of the errors stated.
+    """
+
+    noisy: np.ndarray
+    biases: np.ndarray
+    bound: float
 
 
 def climb_ladder(
     instrument: Instrument,
     scene: TradeScene,
-    base: Settings | None = None,
     *,
     locus: str = "mvn",
 ) -> Iterator[Point]:
-    """Measure the presets, and every rung of every setting with the others as they are in one of them.
+    """Measure the presets, and every rung of every setting with the others as they are in ``balanced``.
 
     Parameters
     ----------
     instrument : Instrument
     scene : TradeScene
-    base : Settings, optional
-        What the others are; by default those of ``balanced``.
     locus : str
         To fit.
 
     Yields
     ------
     point : Point
-        The most exact one first: its error, or that of the first that can be had, is the bound of the others.
+        The most exact one first: it, or the first that can be had, is what the others are compared with.
     """
-    base = PRESETS["balanced"] if base is None else base
     named = {name: preset(name, instrument) for name in ("exact", "balanced", "fast")}
     seen = {_resolved(settings, instrument) for settings in named.values()}
-    for setting, rungs in _RUNGS.items():
+    for setting, rungs in RUNGS.items():
         for value in rungs:
-            settings = replace(base, **{setting: value})
-            if _can_be_had(setting, value, instrument) and _resolved(settings, instrument) not in seen:
+            settings = replace(PRESETS["balanced"], **{setting: value})
+            if can_be_had(setting, value, instrument) and _resolved(settings, instrument) not in seen:
                 seen.add(_resolved(settings, instrument))
-                named[f"{setting} {'whole' if value is None else value}"] = settings
-    bound: float | None = None
+                named[f"{setting} {value}"] = settings
+    reference: Reference | None = None
     for name, settings in named.items():
-        point = measure(name, settings, instrument, scene, locus, bound)
-        if bound is None and math.isfinite(point.sigma):
-            bound = point.sigma
+        point, found = measure(name, settings, instrument, scene, locus, reference)
+        reference = reference or found
         yield point
 
 
-def _can_be_had(setting: str, value: Any, instrument: Instrument) -> bool:
+def can_be_had(setting: str, value: Any, instrument: Instrument) -> bool:
     """Whether an instrument can be modelled so."""
     if setting == "samples":
         spectrum = instrument.spectrum
@@ -151,8 +156,8 @@ def measure(
     instrument: Instrument,
     scene: TradeScene,
     locus: str = "mvn",
-    bound: float | None = None,
-) -> Point:
+    reference: Reference | None = None,
+) -> tuple[Point, Reference | None]:
     """Fit the frames of a scene with some settings.
 
     Parameters
@@ -162,86 +167,50 @@ def measure(
     instrument : Instrument
     scene : TradeScene
     locus : str
-    bound : float, optional
-        Least error of a frame, arcsec; by default that of these settings.
+    reference : Reference, optional
+        By default these settings themselves.
 
     Returns
     -------
     point : Point
         With a message instead of numbers where the settings do not do.
+    found : Reference or None
+        For others to be compared with; None of settings that do not do.
     """
     try:
+        fitting = _fitting(settings, instrument, scene, locus)
+        biases, sigmas = _without_noise(fitting, scene)
         if settings.bits == 64:
-            fitting = _Fitting.of(settings, instrument, scene, locus)
-            bias, sigma = fitting.errors(scene)
-            return Point(name, settings, fitting.seconds(scene.noisy), bias, sigma, bound or sigma)
-        told = _Fitting.of(replace(settings, bits=64), instrument, scene, locus).separations(scene.noisy)
-        jax.clear_caches()  # programs of the one precision do not take the other's numbers
-        with jax.enable_x64(False):
-            fitting = _Fitting.of(settings, instrument, scene, locus)
-            rounded = fitting.separations(scene.noisy)
-            sigma = _rms(told[:, 1])
-            bias = _rms(rounded[:, 0] - told[:, 0])
-            return Point(name, settings, fitting.seconds(scene.noisy), bias, sigma, bound or sigma)
+            noisy, seconds = fitting.timed(scene.noisy)
+        else:
+            jax.clear_caches()  # programs of the one precision do not take the other's numbers
+            with jax.enable_x64(False):
+                noisy, seconds = _fitting(settings, instrument, scene, locus).timed(scene.noisy)
     except JitterkitError as error:
-        return Point(name, settings, message=str(error))
+        return Point(name, settings, message=str(error)), None
+    found = Reference(noisy[:, 0], biases, _rms(sigmas))
+    beside = reference or found
+    scatter = _rms((found.noisy - biases) - (beside.noisy - beside.biases))
+    return Point(name, settings, seconds, _rms(biases), scatter, found.bound, beside.bound), found
 
 
-@dataclass(frozen=True)
-class _Fitting:
-    """What fits with some settings, and seconds of a frame that were spent beforehand."""
-
-    processor: Processor
-    share: float
-
-    @classmethod
-    def of(cls, settings: Settings, instrument: Instrument, scene: TradeScene, locus: str) -> _Fitting:
-        processor = settings.processor(instrument, locus)
-        if settings.aberrations == "expanded":
-            return cls(processor, 0.0)
-        frame = processor.calibrate(scene.noisy[0])
-        survey = Survey(processor)
-        survey.shown(frame)  # compiles
-        began = time.perf_counter()
-        shown = Survey(processor).shown(frame)
-        share = (time.perf_counter() - began) / _TOGETHER
-        known = {} if shown is None else {processor.grid(frame): shown}
-        return cls(replace(processor, known=known), share)
-
-    def errors(self, scene: TradeScene) -> tuple[float, float]:
-        """Of the separation without noise, and as the fits believe it, rms."""
-        frames = zip(scene.plain, scene.images, strict=True)
-        found = self._separations(
-            _without_noise(self.processor.calibrate(raw), image) for raw, image in frames
-        )
-        truths = np.array([float(truth.binary.separation) for truth in scene.truths])
-        return _rms(found[:, 0] - truths), _rms(found[:, 1])
-
-    def separations(self, raws: Sequence[RawFrame]) -> np.ndarray:
-        """Of frames with noise, with their errors (n, 2), arcsec."""
-        return self._separations(map(self.processor.calibrate, raws))
-
-    def _separations(self, frames: Iterable[Frame]) -> np.ndarray:
-        results = map(self._fitted, frames)
-        return np.array([(one.of_scene("separation"), one.error("separation")) for one in results])
-
-    def seconds(self, raws: Sequence[RawFrame]) -> float:
-        """Median of a frame with noise, calibration included; the first has compiled what there was to."""
-        spent = []
-        for raw in (raws[0], *raws):
-            began = time.perf_counter()
-            self._fitted(self.processor.calibrate(raw))
-            spent.append(time.perf_counter() - began)
-        return float(np.median(spent[1:])) + self.share
-
-    def _fitted(self, frame: Frame) -> FitResult:
-        result = self.processor.fit(frame).result
-        if result.parameters is None or not result.status.usable:
-            raise JitterkitError(result.message)
-        return result
+def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locus: str) -> Fitting:
+    processor = settings.applied(Processor(instrument, locus=locus))
+    if settings.aberrations == "expanded":
+        return Fitting(processor)
+    return Fitting.anchored(processor, scene.noisy[0])
 
 
-def _without_noise(frame: Frame, image: np.ndarray) -> Frame:
+def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.ndarray]:
+    """What is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec."""
+    frames = zip(scene.plain, scene.images, strict=True)
+    found = fitting.separations(
+        without_noise(fitting.processor.calibrate(raw), image) for raw, image in frames
+    )
+    return found[:, 0] - [float(truth.binary.separation) for truth in scene.truths], found[:, 1]
+
+
+def without_noise(frame: Frame, image: np.ndarray) -> Frame:
     """A frame with the electrons that were expected of it, neither rounded nor cut off at a ceiling."""
     (x0, y0), (ny, nx) = frame.origin, frame.shape
     return replace(frame, electrons=image[y0 : y0 + ny, x0 : x0 + nx])

@@ -16,7 +16,7 @@ from jitterkit.scene import Binary
 from jitterkit.simulate import check_reach
 from jitterkit.trade.settings import Settings
 
-__all__ = ["TradeScene"]
+__all__ = ["TradeScene", "truest"]
 
 _WIDEST, _WAVELENGTHS = (192, 128, 96, 64, 32, 16), 24
 """Padding, as far as the samples of a pupil carry it, and wavelengths, at which an image is right: to a
@@ -73,7 +73,7 @@ class TradeScene:
         *Fails when* a pupil is sampled too coarsely for more padding than its instrument has: what that
         leaves out is then not seen.
         """
-        system = _truest(instrument)
+        system = truest(instrument)
         state = rng.normal(0, _STATE, len(instrument.aberrations))
         truths, images = [], []
         for _ in range(frames):
@@ -94,11 +94,20 @@ class TradeScene:
         return cls(tuple(truths), tuple(images), read(None), read(rng))
 
 
-def _truest(instrument: Instrument) -> Optics:
+def truest(
+    instrument: Instrument, shape: tuple[int, int] | None = None, plate_scale: float | None = None
+) -> Optics:
+    """The most exact optics that the pupil of an instrument carries, on a frame's grid if not its own.
+
+    Raises
+    ------
+    ConfigurationError
+        If the grid does not suit the pupil.
+    """
     for pad in _WIDEST:
         try:
             settings = Settings(pad=pad, samples=_WAVELENGTHS).at_least(instrument)
-            return settings.instrument(instrument).system()
+            return settings.instrument(instrument).system(shape=shape, plate_scale=plate_scale)
         except ConfigurationError as error:
             problem = error
     raise problem

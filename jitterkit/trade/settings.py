@@ -1,6 +1,6 @@
 """Every choice that trades speed for accuracy, by name.
 
-Reach for :func:`preset`; :meth:`Settings.processor` makes what fits with them.  A setting changes the
+Reach for :func:`preset`; :meth:`Settings.applied` makes what fits with them.  A setting changes the
 instrument that is modelled, or the options of its fit; the formulae stay the same.
 """
 
@@ -36,6 +36,8 @@ class Settings:
         Samples of the pupil, along each axis, that become one.
     aberrations : str
         One of :data:`ABERRATIONS`.
+    without : tuple of str
+        Aberrations that are held at zero, whatever the others are.
     tolerance : float
         Step, in standard errors, below which a fit has arrived.
     region : int or None
@@ -53,6 +55,7 @@ class Settings:
     samples: int | None = None
     binning: int = 1
     aberrations: str = "anchored"
+    without: tuple[str, ...] = ()
     tolerance: float = 1e-4
     region: int | None = None
     bits: int = 64
@@ -87,8 +90,10 @@ class Settings:
             changes["pad"] = self.pad
         if instrument.spectrum is not None and self.samples is not None:
             changes["spectrum"] = instrument.spectrum.sampled(self.samples)
-        if instrument.pupil is not None and self.binning > 1:
-            changes["pupil_from"] = instrument.pupil.binned(self.binning)
+        if instrument.pupil is not None:  # made once for all settings
+            changes["pupil_from"] = (
+                instrument.pupil.binned(self.binning) if self.binning > 1 else instrument.pupil
+            )
         return replace(instrument, **changes)
 
     def at_least(self, instrument: Instrument) -> Settings:
@@ -100,17 +105,19 @@ class Settings:
     def options(self, instrument: Instrument, options: FitOptions | None = None) -> FitOptions:
         """The options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
-        held = instrument.aberrations if self.aberrations == "held" else ()
+        held = instrument.aberrations if self.aberrations == "held" else self.without
         return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance)
 
-    def processor(
-        self, instrument: Instrument, locus: str = "mvn", options: FitOptions | None = None
-    ) -> Processor:
-        """What fits frames of an instrument.
+    def applied(self, processor: Processor) -> Processor:
+        """The same as another processor, with these settings.
 
         In as many bits as JAX is set to, and with aberrations anchored where it is told what is known.
         """
-        return Processor(self.instrument(instrument), locus=locus, options=self.options(instrument, options))
+        telescope = processor.instrument
+        options = self.options(telescope, processor.options)
+        return replace(
+            processor, instrument=self.instrument(telescope), options=options, known={}, _systems={}
+        )
 
 
 PRESETS = {
@@ -149,5 +156,5 @@ def preset(name: str, instrument: Instrument) -> Settings:
 
 
 def own_pad(instrument: Instrument) -> int:
-    """Pixels of padding of an instrument that nobody has set anything of."""
+    """Pixels of padding that an instrument is modelled with where no setting says otherwise."""
     return DEFAULT_PAD if instrument.pad is None else instrument.pad

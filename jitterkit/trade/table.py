@@ -31,15 +31,15 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
     Returns
     -------
     table : QTable
-        Name, ms a frame, bias and stated error of the separation [uas], error beyond the bound as a share of
-        it, whether the row is on the front, what was modelled (nothing is said of another package), and why
-        there are no numbers where there are none.
+        Name, ms a frame, bias, added scatter and stated error of the separation [uas], the first two together
+        as a share of the least error, whether the row is on the front, what was modelled (nothing is said of
+        another package), and why there are no numbers where there are none.
     """
     best = [point.name for point in front(points)]
     table = QTable()
     table["setting"] = [point.name for point in points]
     table["time"] = np.array([point.seconds for point in points]) * 1e3 << Unit("ms")
-    for name in ("bias", "sigma"):
+    for name in ("bias", "scatter", "sigma"):
         table[name] = np.array([getattr(point, name) for point in points]) * 1e6 << Unit("uarcsec")
     table["error"] = [point.error for point in points]
     table["front"] = [point.name in best for point in points]
@@ -47,7 +47,7 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
     for name, none in _NONE.items():
         table[name] = [row.get(name, none) for row in used]
     table["message"] = [point.message for point in points]
-    for name, how in {"time": ".1f", "bias": ".3g", "sigma": ".4g", "error": ".2g"}.items():
+    for name, how in {"time": ".1f", "bias": ".3g", "scatter": ".3g", "sigma": ".4g", "error": ".2g"}.items():
         table[name].info.format = how
     return table
 

@@ -19,7 +19,10 @@ from jitterkit.scene import Binary
 from jitterkit.trade import PRESETS, Point, Settings, TradeScene, climb_ladder, front, ladder
 from jitterkit.trade.table import trade_table
 
-measure = ladder.measure
+
+def measure(*given):
+    """The point alone."""
+    return ladder.measure(*given)[0]
 
 
 def linear_biases(settings, plain, scene):
@@ -57,10 +60,15 @@ def test_without_approximation_there_is_no_bias_and_the_error_is_the_bound(plain
 
 
 def test_a_smaller_region_scatters_more(plain, scene):
-    whole = measure("whole", Settings(), plain, scene)
-    part = measure("part", Settings(region=24), plain, scene, bound=whole.sigma)
+    """What light that is cut off would have told is what estimates differ by: their variances' difference."""
+    whole, reference = ladder.measure("whole", Settings(), plain, scene)
+    part, found = ladder.measure("part", Settings(region=24), plain, scene, "mvn", reference)
+    assert whole.scatter == 0
+    assert part.bound == whole.sigma
     assert part.sigma > 1.003 * whole.sigma
-    assert part.excess == pytest.approx(part.sigma / whole.sigma - 1)
+    expected = np.sqrt(part.sigma**2 - whole.sigma**2)
+    assert 0.2 * expected < part.scatter < 2.5 * expected  # an rms of three
+    assert part.scatter == pytest.approx(np.sqrt(np.mean((found.noisy - reference.noisy) ** 2)), rel=1e-3)
 
 
 def test_held_aberrations_bias(plain, scene):
@@ -72,8 +80,10 @@ def test_held_aberrations_bias(plain, scene):
 
 def test_thirty_two_bits_are_measured_beside_sixty_four(plain, scene):
     point = measure("32", Settings(bits=32), plain, scene)
+    _, reference = ladder.measure("64", Settings(), plain, scene)
+    beside = measure("32", Settings(bits=32), plain, scene, "mvn", reference)
     assert point.seconds > 0
-    assert 0 < point.bias < 0.1 * point.sigma
+    assert 0 < beside.scatter < 0.1 * point.sigma
     assert jnp.zeros(()).dtype == jnp.float64  # and the others are left as they were
 
 
@@ -84,7 +94,7 @@ def test_settings_that_do_not_do_are_a_row_that_says_why(plain, scene):
 
 
 def point(name, seconds, error):
-    return Point(name, Settings(), seconds, error, 1.0, 1.0)
+    return Point(name, Settings(), seconds, bias=error, scatter=0.0, sigma=1.0, bound=1.0)
 
 
 def test_the_front_is_what_nothing_beats():
@@ -94,8 +104,7 @@ def test_the_front_is_what_nothing_beats():
 
 
 def test_errors_add_in_squares():
-    one = Point("one", Settings(), 1.0, bias=0.3, sigma=1.4, bound=1.0)
-    assert one.excess == pytest.approx(0.4)
+    one = Point("one", Settings(), 1.0, bias=0.6, scatter=0.8, sigma=3.0, bound=2.0)
     assert one.error == pytest.approx(0.5)
 
 
@@ -104,7 +113,7 @@ def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monk
 
     def noted(name, settings, *_):
         asked.append(name)
-        return point(name, 1, 1)
+        return point(name, 1, 1), None
 
     monkeypatch.setattr(ladder, "measure", noted)
     list(climb_ladder(plain, scene))
@@ -121,7 +130,10 @@ def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monk
 
 
 def test_the_table_has_every_number(plain):
-    points = [Point("fast", PRESETS["fast"], 0.002, 1e-6, 3e-6, 2e-6), Point("no", Settings(), message="why")]
+    points = [
+        Point("fast", PRESETS["fast"], 0.002, 1e-6, 0.0, 3e-6, 2e-6),
+        Point("no", Settings(), message="why"),
+    ]
     table = trade_table(points, plain)
     assert table["time"][0].to_value("s") == pytest.approx(0.002)
     assert table["bias"][0].to_value("arcsec") == pytest.approx(1e-6)
@@ -132,7 +144,7 @@ def test_the_table_has_every_number(plain):
 
 
 def test_the_command_measures_writes_and_draws(tmp_path, monkeypatch):
-    monkeypatch.setattr(ladder, "_RUNGS", {"tolerance": (1.0,)})
+    monkeypatch.setattr(ladder, "RUNGS", {"tolerance": (1.0,)})
     table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"
     few = {"exact": Settings(pad=8), "fast": Settings(pad=4), "balanced": Settings()}
     monkeypatch.setattr(ladder, "preset", lambda name, _: few[name])

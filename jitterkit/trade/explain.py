@@ -1,0 +1,93 @@
+"""What a plan leaves out of the model, and what that costs, in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+
+from jitterkit.report.words import angle_size
+from jitterkit.trade.ladder import RUNGS, can_be_had
+from jitterkit.trade.plan import Plan, Planner
+from jitterkit.trade.settings import Settings, own_pad
+
+__all__ = ["explain"]
+
+_UNKNOWN = 100.0
+"""nm, beyond which the error of an aberration says that a frame does not tell it."""
+
+
+def explain(planner: Planner, plan: Plan) -> Iterator[str]:
+    """Say what is modelled of a scene, what is not, and what that costs.
+
+    Parameters
+    ----------
+    planner : Planner
+    plan : Plan
+        Of it.
+
+    Yields
+    ------
+    sentence : str
+        Of each part of the model.
+    """
+    settings, instrument = plan.settings, planner.instrument
+    ny, nx = instrument.shape
+    whole = settings.region is None
+    size = f"{nx} x {ny}" if whole else f"{settings.region} x {settings.region} of {nx} x {ny}"
+    yield f"pixels: {size}{_cost(planner, settings, 'region')}"
+    own = own_pad(instrument)
+    pad = own if settings.pad is None else settings.pad
+    yield f"padding: {pad} pixels on each side, of its own {own}{_cost(planner, settings, 'pad')}"
+    if instrument.spectrum is not None:
+        count = len(instrument.spectrum.wavelengths)
+        used = settings.samples or count
+        yield f"wavelengths: {used}, of its own {count}{_cost(planner, settings, 'samples')}"
+    if instrument.pupil is not None:
+        side = len(instrument.pupil.opd) // settings.binning
+        yield f"pupil: {side} x {side} samples{_cost(planner, settings, 'binning')}"
+        yield from _aberrations(planner, plan)
+    yield _jitter(planner)
+    yield f"fits end when a step is below {settings.tolerance:g} of an error"
+
+
+def _cost(planner: Planner, settings: Settings, name: str) -> str:
+    """What the next cheaper rung of a setting would cost."""
+    value, rungs = getattr(settings, name), RUNGS[name]
+    cheaper = [one for one in rungs if can_be_had(name, one, planner.instrument)]
+    if value is not None:
+        cheaper = cheaper[: cheaper.index(value)]
+    elif name == "region":
+        cheaper = [side for side in cheaper if side < max(planner.instrument.shape)]
+    elif name == "pad":
+        cheaper = [pad for pad in cheaper if pad < own_pad(planner.instrument)]
+    if not cheaper or (name == "samples" and value is None):
+        return ""
+    loss = planner.loss(replace(settings, **{name: cheaper[-1]}, without=()))
+    rung = f"{cheaper[-1]} x {cheaper[-1]} of them as one" if name == "binning" else cheaper[-1]
+    return f"; {rung} would cost {angle_size(loss, 2)}" if math.isfinite(loss) else f"; {rung} will not do"
+
+
+def _aberrations(planner: Planner, plan: Plan) -> Iterator[str]:
+    names, without = planner.instrument.aberrations, plan.settings.without
+    if not names:
+        return
+    fitted = [name for name in names if name not in without]
+    said = f"fitted: {', '.join(fitted) or 'none'}"
+    if without:
+        said += f"; left out: {', '.join(without)}, which may cost {angle_size(planner.cost_of(without), 2)}"
+    yield f"aberrations {said}"
+    for one in planner.examples:
+        unknown = [name for name in fitted if one.result.error(name) > _UNKNOWN]
+        if unknown:
+            yield f"{one.raw.name} hardly tells {', '.join(unknown)}: its error is above {_UNKNOWN:g} nm"
+
+
+def _jitter(planner: Planner) -> str:
+    """What was fitted of the jitter, and by whose choice."""
+    counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in planner.examples)
+    found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
+    if planner.examples[0].processor.locus == "auto":
+        return f"jitter: {found} of the frames looked at; every frame gets what it shows, and no more"
+    return f"jitter: {found} of the frames looked at, as --locus says"

@@ -1,0 +1,254 @@
+"""The settings that a run needs, and no more: the cheapest that keep a promise about the separation.
+
+Reach for :class:`Planner` with some frames of the run that have been fitted.  What settings put wrong is
+foreseen for those frames (:mod:`jitterkit.trade.predict`), and what they cost (:mod:`jitterkit.trade.cost`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from jitterkit.batch import Processor
+from jitterkit.batch.survey import read_items
+from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.trade.cost import work
+from jitterkit.trade.fitting import TOGETHER, Fitting
+from jitterkit.trade.ladder import RUNGS, can_be_had
+from jitterkit.trade.predict import Example, Foresight
+from jitterkit.trade.settings import Settings
+
+__all__ = ["Plan", "Planner"]
+
+_MARGIN = 0.8
+"""Share of what is allowed that a first-order forecast may use up."""
+
+_UNFINISHED = 0.1
+"""Share of what is allowed, or of an error, by which a fit may end before it has arrived."""
+
+_LEFT_OUT = 0.1
+"""Share of what is allowed that the aberrations which are left out may cost together."""
+
+_ENDED, _FINEST = 1e-2, min(RUNGS["tolerance"])
+"""Share of an error within which a fit ends where time is short, and at the least."""
+
+_SEEN = 1.0
+"""Of its own scatter, from which on a misfit would be seen: a model that does not fit promises nothing."""
+
+_LOOKED_AT, _TRIED = 3, 12
+"""Frames that a plan is made for, spread over the run, and those that are tried to find as many."""
+
+_TIMES, _SHORTER = 4, 0.95
+"""Settings that are timed until some keep to a budget, and how much faster the next are to be than needed."""
+
+_OWN = Settings()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Settings, and what is expected of them.
+
+    Attributes
+    ----------
+    settings : Settings
+    loss : float
+        Bias and added scatter of the separation of a frame, in squares, at most [arcsec].
+    seconds : float
+        Of a frame, measured.
+    """
+
+    settings: Settings
+    loss: float
+    seconds: float
+
+
+class Planner:
+    """Looks for settings on the ladder of :mod:`jitterkit.trade.ladder`.
+
+    Parameters
+    ----------
+    examples : sequence of Example
+        At least one; what is promised is promised of each.
+    frames : int
+        In the run, that share what is computed once.
+    """
+
+    def __init__(self, examples: Sequence[Example], frames: int = TOGETHER) -> None:
+        self.examples, self.frames = tuple(examples), frames
+        self.instrument = examples[0].processor.instrument
+        self._foreseen: dict[tuple[Example, Settings], Foresight] = {}
+
+    @classmethod
+    def of_files(cls, files: Sequence[Path], processor: Processor, hdu: int | None = None) -> Planner:
+        """Look at frames spread over the files of a run.
+
+        Raises
+        ------
+        ConfigurationError
+            If none of them can be fitted.
+        """
+        places = dict.fromkeys(np.linspace(0, len(files) - 1, _TRIED).round().astype(int))
+        spread = sorted(places, key=lambda place: list(places).index(place) % (_TRIED // _LOOKED_AT))
+        examples: list[Example] = []
+        for _, _, raw in read_items([(files[place], 0) for place in spread], hdu):
+            example = None if isinstance(raw, JitterkitError) else Example.of(raw, processor)
+            examples += [] if example is None else [example]
+            if len(examples) == _LOOKED_AT:
+                break
+        if not examples:
+            raise ConfigurationError(
+                f"None of {len(spread)} frames that were looked at can be fitted, so there is nothing to "
+                "plan for; see what 'jitterkit process' without --tolerance and --budget says about them."
+            )
+        return cls(examples, len(files))
+
+    @property
+    def sigma(self) -> float:
+        """Least standard error of the separation of an example [arcsec]."""
+        return min(self._foresee(one, _OWN).sigma for one in self.examples)
+
+    def cheapest(self, allowed: float) -> Plan:
+        """The cheapest settings whose loss stays below ``allowed`` [arcsec].
+
+        Raises
+        ------
+        ConfigurationError
+            If there are none.
+        """
+        tolerances = [one for one in RUNGS["tolerance"] if one * self.sigma <= _UNFINISHED * allowed]
+        limit, every = _MARGIN * allowed, self.by_work()
+        for settings in every if tolerances else ():
+            if self._holds(settings, limit, roughly=True) and self._holds(settings, limit):
+                settings = replace(settings, tolerance=max(tolerances))
+                leaner = replace(settings, without=self._without(_LEFT_OUT * allowed))
+                settings = leaner if self._holds(leaner, limit) else settings
+                return Plan(settings, self.loss(settings), self.seconds(settings))
+        exact = min(max(self._losses(settings, roughly=True)) for settings in every)
+        least = max(exact / _MARGIN, _FINEST * self.sigma / _UNFINISHED)
+        raise ConfigurationError(
+            f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "
+            f"allow {1e6 * least:.2g} uas or more."
+        )
+
+    def within(self, seconds: float) -> Plan:
+        """The settings of least loss that take at most so many seconds a frame, on this machine.
+
+        Raises
+        ------
+        ConfigurationError
+            If the cheapest take more.
+        """
+        share, spent = seconds / self.seconds(_OWN), math.inf
+        for _ in range(_TIMES):
+            settings = self._best(share)
+            try:
+                spent = self.seconds(settings)
+            except JitterkitError:  # so little a model describes no frame
+                break
+            if spent <= seconds:
+                return Plan(settings, self.loss(settings), spent)
+            share *= _SHORTER * seconds / spent
+        raise ConfigurationError(
+            f"No settings that describe these frames fit one in {1e3 * seconds:.3g} ms on this machine; give "
+            "more, or ask for the fastest by --preset fast."
+        )
+
+    def as_they_are(self) -> Plan:
+        """What is expected of the settings that the examples were fitted with."""
+        return Plan(_OWN, self.loss(_OWN), self.seconds(_OWN))
+
+    def _best(self, share: float) -> Settings:
+        """The settings of least loss that are at most ``share`` of the work of the instrument's own."""
+        every = self.by_work()
+        affordable = [settings for settings in every if self.work(settings) <= share] or every[:1]
+        widest = {one.region: one.pad for one in affordable}  # of each region the last is the dearest
+        rest = [one for one in affordable if one.pad == widest[one.region]]
+        best = min(rest, key=lambda one: max(self._losses(one, roughly=True)))
+        return replace(best, tolerance=_ENDED)
+
+    def loss(self, settings: Settings) -> float:
+        """Bias and added scatter, in squares, at most [arcsec]; infinite where they cannot be had."""
+        return max(self._losses(settings))
+
+    def seconds(self, settings: Settings) -> float:
+        """Of a frame, measured."""
+        raws = [one.raw for one in self.examples]
+        fitting = Fitting.anchored(settings.applied(self.examples[0].processor), raws[0], self.frames)
+        return fitting.timed(raws)[1]
+
+    def work(self, settings: Settings) -> float:
+        """Of a frame, as a share of that of the instrument's own settings."""
+        (one, *_) = self.examples
+        own, parameters = one.processor.instrument, len(one.result.names)
+        return work(settings, own, parameters, self.frames) / work(_OWN, own, parameters, self.frames)
+
+    def by_work(self) -> list[Settings]:
+        """Rungs of what the model of a frame is made of, with each other, from the cheapest on."""
+        axes = {
+            name: [value for value in RUNGS[name] if can_be_had(name, value, self.instrument)]
+            for name in ("pad", "samples", "binning", "region")
+        }
+        axes["samples"].append(None)
+        axes["region"] = [side for side in axes["region"] if side < max(self.instrument.shape)] + [None]
+        axes["binning"] = axes["binning"] or [1]
+        every = (Settings(**dict(zip(axes, values, strict=True))) for values in product(*axes.values()))
+        return sorted(every, key=self.work)
+
+    def _holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
+        return all(loss <= limit for loss in self._losses(settings, roughly=roughly))
+
+    def _losses(self, settings: Settings, *, roughly: bool = False) -> Iterator[float]:
+        """Bias and added scatter, in squares, of each example [arcsec]; infinite where it cannot be had.
+
+        Roughly, pupil and spectrum do to every geometry what they do to the instrument's own.
+        """
+        for one in self.examples:
+            try:
+                seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
+                loss = math.hypot(seen.bias, self._excess(one, settings.region))
+                yield loss if seen.misfit < _SEEN else math.inf
+            except JitterkitError:
+                yield math.inf
+
+    def _rough(self, one: Example, settings: Settings) -> Foresight:
+        geometry = Settings(pad=settings.pad, region=settings.region)
+        parts = (geometry, Settings(samples=settings.samples), Settings(binning=settings.binning))
+        try:
+            seen, own = [self._foresee(one, part) for part in parts], self._foresee(one, _OWN)
+        except (
+            ConfigurationError
+        ):  # a coarse pupil does not carry the instrument's own padding, but some less
+            return self._foresee(one, settings)
+        return own._replace(
+            bias=sum(part.bias for part in seen) - 2 * own.bias, misfit=max(p.misfit for p in seen)
+        )
+
+    def _excess(self, one: Example, region: int | None) -> float:
+        """Scatter that the light outside of a region would have spared [arcsec]."""
+        cut, whole = (self._foresee(one, settings).sigma for settings in (Settings(region=region), _OWN))
+        return math.sqrt(max(cut**2 - whole**2, 0.0))
+
+    def _foresee(self, one: Example, settings: Settings) -> Foresight:
+        key = (one, settings)
+        if key not in self._foreseen:
+            self._foreseen[key] = one.foresee(settings)
+        return self._foreseen[key]
+
+    def _without(self, limit: float) -> tuple[str, ...]:
+        """Aberrations that may be left out, together for less than ``limit`` [arcsec]."""
+        names: tuple[str, ...] = ()
+        alone = {name: self.cost_of((name,)) for name in self.instrument.aberrations}
+        for name in sorted(alone, key=lambda one: alone[one]):
+            if alone[name] > limit or self.cost_of((*names, name)) > limit:
+                break
+            names = (*names, name)
+        return tuple(name for name in self.instrument.aberrations if name in names)
+
+    def cost_of(self, names: tuple[str, ...]) -> float:
+        """What it may do to the separation to leave out aberrations [arcsec]."""
+        return max(one.without(names) for one in self.examples)

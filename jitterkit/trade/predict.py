@@ -1,0 +1,173 @@
+"""What settings do to the separation of a frame, foreseen without a fit.
+
+Reach for :meth:`Example.of` with a frame of a run, then for :meth:`Example.foresee`.  Where the image of a
+model is off by ``d``, its fit is off by ``F⁻¹ J'W d``: one scoring step from the truth.  Image, slopes and
+information are those of the model with the settings, for it is their score that the fit brings to zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.batch import Processor
+from jitterkit.errors import ConfigurationError
+from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
+from jitterkit.frames import Frame, RawFrame
+from jitterkit.likelihood import Data, NormalEquations, equations_of
+from jitterkit.refit import FitResult
+from jitterkit.scoring import invert_information
+from jitterkit.trade.scenes import truest
+from jitterkit.trade.settings import Settings
+
+__all__ = ["Example", "Foresight"]
+
+_CREDIBLE = 2.0
+"""Standard errors that an aberration may be from where a frame sees it."""
+
+
+class Foresight(NamedTuple):
+    """Of a fit with some settings.
+
+    Attributes
+    ----------
+    bias : float
+        What they put wrong with the separation, to first order, signed [arcsec].
+    sigma : float
+        Its standard error, as the model with them has it [arcsec].
+    misfit : float
+        What they add to chi-squared, in units of its own scatter.
+    """
+
+    bias: float
+    sigma: float
+    misfit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A frame of a run, and what it would show if its fit were the truth.
+
+    Attributes
+    ----------
+    raw : RawFrame
+    frame : Frame
+        Calibrated, cut to what the instrument fits.
+    result : FitResult
+    processor : Processor
+        That fitted it.
+    """
+
+    raw: RawFrame
+    frame: Frame
+    result: FitResult
+    processor: Processor
+
+    @classmethod
+    def of(cls, raw: RawFrame, processor: Processor) -> Example | None:
+        """Fit a frame; None of one that cannot be fitted."""
+        processed = processor.process(raw)
+        if processed.frame is None or not processed.result.status.usable:
+            return None
+        return cls(raw, processed.frame, processed.result, processor)
+
+    @property
+    def truth(self) -> Parameters:
+        """What the frame is taken to show."""
+        assert self.result.parameters is not None  # what is usable has them
+        return self.result.parameters
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """Expected electrons (ny, nx), exact."""
+        optics = truest(self.processor.instrument, self.frame.shape, self._scale)
+        otf = optics.otf(self.truth.aberrations, derivatives=False)
+        return np.asarray(expected_image(self.truth, otf), float)
+
+    @property
+    def _scale(self) -> float:
+        return self.frame.plate_scale or self.processor.instrument.plate_scale
+
+    def foresee(self, settings: Settings) -> Foresight:
+        """What a fit with some settings would make of the separation.
+
+        Raises
+        ------
+        ConfigurationError
+            If the instrument cannot be modelled so, or the frame does not determine its parameters then.
+        NoStarError
+            If so small a region shows nothing.
+
+        Notes
+        -----
+        *Assumes* an error small against the resolution of the parameters, and says nothing of what priors on
+        them would mend, nor of a fit that ends before it has arrived.
+        """
+        names, equations = self._equations(settings.applied(self.processor))
+        covariance, sound = invert_information(equations.information)
+        if not sound:
+            raise ConfigurationError(f"{self.raw.name} does not determine its parameters with {settings}.")
+        slot = names.index("separation")
+        step = covariance @ equations.score
+        misfit = (equations.deviance - equations.score @ step) / math.sqrt(2 * self.frame.electrons.size)
+        return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit))
+
+    def without(self, names: Collection[str]) -> float:
+        """What it may do to the separation to hold aberrations at zero that are fitted [arcsec].
+
+        Returns
+        -------
+        change : float
+            What their values change, to first order, and two of the errors that is known to.
+        """
+        free, equations = self._information
+        held = [name in names for name in free]
+        if not any(held):
+            return 0.0
+        kept, gone = np.flatnonzero(np.invert(held)), np.flatnonzero(held)
+        told = np.asarray(equations.information)
+        covariance, _ = invert_information(told)
+        narrow, _ = invert_information(told[np.ix_(kept, kept)])
+        slot = kept.tolist().index(free.index("separation"))
+        values = np.array([self._aberration(free[i]) for i in gone])
+        shift = narrow[slot] @ told[np.ix_(kept, gone)] @ values
+        lost = covariance[kept[slot], kept[slot]] - narrow[slot, slot]
+        return float(abs(shift) + _CREDIBLE * math.sqrt(max(lost, 0.0)))
+
+    @cached_property
+    def _information(self) -> tuple[tuple[str, ...], NormalEquations]:
+        return self._equations(self.processor)
+
+    def _aberration(self, name: str) -> float:
+        return float(self.truth.aberrations[self.processor.instrument.aberrations.index(name)])
+
+    def _equations(self, processor: Processor) -> tuple[tuple[str, ...], NormalEquations]:
+        """Names of the free parameters, and what the exact image tells a model about them."""
+        frame = processor.calibrate(self.raw)
+        held = processor.options.hold
+        truth = self._seen_in(frame, held)
+        optics = processor.instrument.system(shape=frame.shape, plate_scale=self._scale)
+        otf = optics.otf(truth.aberrations)
+        names, free = free_parameters(truth, otf, held)
+        (x0, y0), (ny, nx) = np.array(frame.origin) - self.frame.origin, frame.shape
+        exact = self.image[y0 : y0 + ny, x0 : x0 + nx]
+        data = Data.of(replace(frame, electrons=exact)).clear(exact)
+        image, slopes = image_and_jacobian(truth, otf, free)
+        return names, equations_of(image, slopes, data)
+
+    def _seen_in(self, frame: Frame, held: Collection[str]) -> Parameters:
+        """The truth, with the pair where it is in a part of the frame, and without what is held at zero."""
+        middle, whole = (np.array(one.origin) + np.array(one.shape[::-1]) / 2 for one in (frame, self.frame))
+        x, y = (whole - middle) * self._scale
+        scene = self.truth.binary
+        moved = eqx.tree_at(lambda s: (s.x, s.y), scene, (scene.x + x, scene.y + y))
+        free = np.array([name not in held for name in self.processor.instrument.aberrations], bool)
+        aberrations = jnp.where(free, self.truth.aberrations, 0.0)
+        return eqx.tree_at(lambda p: (p.scene, p.aberrations), self.truth, (moved, aberrations))

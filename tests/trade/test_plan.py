@@ -1,0 +1,151 @@
+"""Plans: cheap, as exact as promised, and refused where nothing keeps the promise."""
+
+import math
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from jitterkit.batch import Processor
+from jitterkit.errors import ConfigurationError
+from jitterkit.loci import Mvn
+from jitterkit.scene import Binary
+from jitterkit.trade import Settings, TradeScene, ladder, plan
+from jitterkit.trade.cost import work
+from jitterkit.trade.explain import explain
+from jitterkit.trade.fitting import Fitting
+from jitterkit.trade.plan import Planner
+from jitterkit.trade.predict import Example
+
+FEW = {
+    "pad": (0, 8, 32),
+    "samples": (1, 3, 5),
+    "binning": (4, 1),
+    "region": (24,),
+    "tolerance": (0.1, 1e-2, 1e-4, 1e-6),
+}
+
+
+@pytest.fixture(scope="module")
+def one(plain):
+    pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
+    return TradeScene.of(plain, pair, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module")
+def example(plain, one):
+    return Example.of(one.noisy[0], Processor(plain, locus="mvn"))
+
+
+@pytest.fixture
+def planner(example, monkeypatch):
+    monkeypatch.setattr(plan, "RUNGS", FEW)
+    return Planner([example])
+
+
+def loss(settings, example, scene):
+    """By fits of the frame without noise; infinite where the misfit would be seen."""
+    found = []
+    for settings_ in (settings, Settings()):
+        processor = settings_.applied(example.processor)
+        frame = ladder.without_noise(processor.calibrate(scene.plain[0]), scene.images[0])
+        found.append(processor.fit(frame).result)
+    cut, whole = found
+    if not cut.status.usable or cut.chi2 > math.sqrt(2 * cut.dof):
+        return math.inf
+    bias = cut.of_scene("separation") - float(scene.truths[0].binary.separation)
+    lost = 0.0 if settings.region is None else cut.error("separation") ** 2 - whole.error("separation") ** 2
+    return math.hypot(bias, math.sqrt(max(lost, 0.0)))
+
+
+@pytest.mark.parametrize("allowed", [3e-6, 1e-4])
+def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, one, allowed):
+    found = planner.cheapest(allowed).settings
+    assert loss(found, example, one) <= allowed
+    cheaper = [settings for settings in planner.by_work() if planner.work(settings) < planner.work(found)]
+    assert len(cheaper) > 3
+    assert all(loss(settings, example, one) > 0.75 * allowed for settings in cheaper)
+
+
+def test_a_fit_is_ended_within_a_tenth_of_what_is_allowed(planner):
+    for share in (1.0, 1e-2):
+        tolerance = planner.cheapest(share * planner.sigma).settings.tolerance
+        assert 1e-3 * share < tolerance <= 0.1 * share
+
+
+def test_what_cannot_be_kept_is_refused_with_what_can(planner):
+    with pytest.raises(ConfigurationError, match=r"allow [\d.e-]+ uas or more") as refused:
+        planner.cheapest(1e-13)
+    least = float(str(refused.value).rsplit("allow ", 1)[1].split()[0]) * 1e-6
+    assert planner.cheapest(1.1 * least).loss <= 1.1 * least
+
+
+def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, example):
+    names = example.processor.instrument.aberrations
+    costs = {name: example.without((name,)) for name in names}
+    least = min(costs, key=costs.get)
+    assert planner.cheapest(11 * costs[least]).settings.without == (least,)
+    assert planner.cheapest(9 * costs[least]).settings.without == ()
+
+
+def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, planner):
+    bright = Binary(5.0, 0.0, 0.0, 0.0, 1e9, 3.0)
+    scene = TradeScene.of(plain, bright, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
+    detector = Processor(plain, locus="mvn")
+    shown = Example.of(scene.noisy[0], detector)
+    seen = shown.foresee(Settings(samples=3))
+    assert seen.misfit > 1
+    assert Planner([shown]).loss(Settings(samples=3)) == math.inf
+    assert planner.loss(Settings(samples=3)) < math.inf
+
+
+def test_within_a_budget_the_least_loss_is_had(planner, monkeypatch):
+    monkeypatch.setattr(planner, "seconds", lambda settings: planner.work(settings))
+    ample, short = planner.within(1.5), planner.within(0.4)
+    assert ample.loss < short.loss
+    assert short.seconds <= 0.4
+    affordable = [s for s in planner.by_work() if planner.work(s) <= 0.4]
+    assert short.loss <= 1.01 * min(map(planner.loss, affordable))
+    with pytest.raises(ConfigurationError, match=r"No settings that describe these frames fit one in 1 ms"):
+        planner.within(1e-3)
+
+
+def test_time_is_counted_as_it_passes(plain, example):
+    """The order is what matters: of settings four times as dear the fit takes longer."""
+    parameters = len(example.result.names)
+    small, large = Settings(pad=8), Settings(pad=112)
+    counted = [work(one, plain, parameters, 1000) for one in (small, large)]
+    assert counted[1] > 4 * counted[0]
+    took = [Fitting(one.applied(example.processor)).timed([example.raw] * 3)[1] for one in (small, large)]
+    assert took[1] > took[0]
+
+
+def test_few_frames_each_compute_the_optics(plain):
+    fine, coarse = (Settings(samples=count) for count in (16, 1))
+    dearer = [work(fine, plain, 10, n) / work(coarse, plain, 10, n) for n in (1, 1000)]
+    assert dearer[0] > 1.5
+    assert dearer[1] < 1.1
+
+
+def test_what_is_left_out_is_said_with_what_it_would_cost(planner):
+    found = planner.cheapest(1e-6)
+    said = "\n".join(explain(planner, found))
+    assert "pixels: 48 x 48" in said
+    assert f"padding: {found.settings.pad} pixels on each side, of its own 64; " in said
+    assert "aberrations fitted: noll7, noll8" in said
+    assert "jitter: mvn (3 parameters) in 1 of the frames looked at, as --locus says" in said
+    cheaper = FEW["samples"][FEW["samples"].index(found.settings.samples) - 1]
+    lost = planner.loss(Settings(pad=found.settings.pad, samples=cheaper, region=found.settings.region))
+    assert f"{cheaper} would cost {1e6 * lost:.2g}"[:20] in said
+
+
+def test_examples_are_taken_where_frames_can_be_fitted(tmp_path, plain, one):
+    blank = np.full(plain.shape, 100, np.uint16)
+    for number in range(9):
+        fits.writeto(tmp_path / f"{number}.fits", one.noisy[0].data if number == 4 else blank)
+    files = sorted(tmp_path.iterdir())
+    found = Planner.of_files(files, Processor(plain, locus="mvn"))
+    assert [example.raw.path.name for example in found.examples] == ["4.fits"]
+    assert found.frames == 9
+    with pytest.raises(ConfigurationError, match="None of 8 frames that were looked at can be fitted"):
+        Planner.of_files([file for file in files if file.name != "4.fits"], Processor(plain, locus="mvn"))
