@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax
 import numpy as np
-from extremes_checks import Check, binary, finite, fitted, image_of, near, recovered, telescope, worst
+from extremes_checks import STATE, Check, binary, finite, fitted, image_of, near, recovered, telescope, worst
 from extremes_table import OTF, STILL, TELESCOPE, UNRESOLVED, row
 
 from jitterkit.forward import Parameters

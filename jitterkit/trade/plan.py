@@ -7,7 +7,7 @@ foreseen for those frames (:mod:`jitterkit.trade.predict`), and what they cost (
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -47,6 +47,9 @@ _TIMES, _SHORTER = 4, 0.95
 """Settings that are timed until some keep to a budget, and how much faster the next are to be than needed."""
 
 _OWN = Settings()
+
+_NOTHING = Foresight(math.inf, math.inf, math.inf)
+"""Of settings that cannot be had."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class Planner:
                 leaner = replace(settings, without=self._without(_LEFT_OUT * allowed))
                 settings = leaner if self._holds(leaner, limit) else settings
                 return Plan(settings, self.loss(settings), self.seconds(settings))
-        exact = min(max(self._losses(settings, roughly=True)) for settings in every)
+        exact = min(map(self._roughly, every))
         least = max(exact / _MARGIN, _FINEST * self.sigma / _UNFINISHED)
         raise ConfigurationError(
             f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "
@@ -168,12 +171,15 @@ class Planner:
         affordable = [settings for settings in every if self.work(settings) <= share] or every[:1]
         widest = {one.region: one.pad for one in affordable}  # of each region the last is the dearest
         rest = [one for one in affordable if one.pad == widest[one.region]]
-        best = min(rest, key=lambda one: max(self._losses(one, roughly=True)))
+        best = min(rest, key=self._roughly)
         return replace(best, tolerance=_ENDED)
 
     def loss(self, settings: Settings) -> float:
         """Bias and added scatter, in squares, at most [arcsec]; infinite where they cannot be had."""
-        return max(self._losses(settings))
+        return max(self._loss(one, settings) for one in self.examples)
+
+    def _roughly(self, settings: Settings) -> float:
+        return max(self._loss(one, settings, roughly=True) for one in self.examples)
 
     def seconds(self, settings: Settings) -> float:
         """Of a frame, measured."""
@@ -200,33 +206,32 @@ class Planner:
         return sorted(every, key=self.work)
 
     def _holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
-        return all(loss <= limit for loss in self._losses(settings, roughly=roughly))
+        return all(self._loss(one, settings, limit, roughly) <= limit for one in self.examples)
 
-    def _losses(self, settings: Settings, *, roughly: bool = False) -> Iterator[float]:
-        """Bias and added scatter, in squares, of each example [arcsec]; infinite where it cannot be had.
+    def _loss(
+        self, one: Example, settings: Settings, limit: float = math.inf, roughly: bool = False
+    ) -> float:
+        """Bias and added scatter, in squares [arcsec]; infinite where there is no such model, or it misfits.
 
-        Roughly, pupil and spectrum do to every geometry what they do to the instrument's own.
+        Something above ``limit`` where the scatter alone is.  Roughly, pupil and spectrum do to every
+        geometry what they do to the instrument's own.
         """
-        for one in self.examples:
-            try:
-                seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
-                loss = math.hypot(seen.bias, self._excess(one, settings.region))
-                yield loss if seen.misfit < _SEEN else math.inf
-            except JitterkitError:
-                yield math.inf
+        excess = self._excess(one, settings.region)
+        if excess > limit:
+            return excess
+        seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
+        return math.hypot(seen.bias, excess) if seen.misfit < _SEEN else math.inf
 
     def _rough(self, one: Example, settings: Settings) -> Foresight:
-        geometry = Settings(pad=settings.pad, region=settings.region)
-        parts = (geometry, Settings(samples=settings.samples), Settings(binning=settings.binning))
-        try:
-            seen, own = [self._foresee(one, part) for part in parts], self._foresee(one, _OWN)
-        except (
-            ConfigurationError
-        ):  # a coarse pupil does not carry the instrument's own padding, but some less
+        geometry = self._foresee(one, Settings(pad=settings.pad, region=settings.region))
+        coarse = self._foresee(one, Settings(binning=settings.binning))
+        if coarse is _NOTHING:  # a coarse pupil does not carry the instrument's own padding, but some less
             return self._foresee(one, settings)
-        return own._replace(
-            bias=sum(part.bias for part in seen) - 2 * own.bias, misfit=max(p.misfit for p in seen)
-        )
+        if geometry.misfit >= _SEEN:
+            return geometry
+        few, own = self._foresee(one, Settings(samples=settings.samples)), self._foresee(one, _OWN)
+        bias = geometry.bias + coarse.bias + few.bias - 2 * own.bias
+        return Foresight(bias, own.sigma, max(geometry.misfit, coarse.misfit, few.misfit))
 
     def _excess(self, one: Example, region: int | None) -> float:
         """Scatter that the light outside of a region would have spared [arcsec]."""
@@ -236,7 +241,10 @@ class Planner:
     def _foresee(self, one: Example, settings: Settings) -> Foresight:
         key = (one, settings)
         if key not in self._foreseen:
-            self._foreseen[key] = one.foresee(settings)
+            try:
+                self._foreseen[key] = one.foresee(settings)
+            except JitterkitError:
+                self._foreseen[key] = _NOTHING
         return self._foreseen[key]
 
     def _without(self, limit: float) -> tuple[str, ...]:

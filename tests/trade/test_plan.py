@@ -1,7 +1,9 @@
 """Plans: cheap, as exact as promised, and refused where nothing keeps the promise."""
 
 import math
+from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 from astropy.io import fits
@@ -19,8 +21,8 @@ from jitterkit.trade.predict import Example
 
 FEW = {
     "pad": (0, 8, 32),
-    "samples": (1, 3, 5),
-    "binning": (4, 1),
+    "samples": (3, 5),
+    "binning": (1,),
     "region": (24,),
     "tolerance": (0.1, 1e-2, 1e-4, 1e-6),
 }
@@ -63,7 +65,7 @@ def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, o
     found = planner.cheapest(allowed).settings
     assert loss(found, example, one) <= allowed
     cheaper = [settings for settings in planner.by_work() if planner.work(settings) < planner.work(found)]
-    assert len(cheaper) > 3
+    assert cheaper
     assert all(loss(settings, example, one) > 0.75 * allowed for settings in cheaper)
 
 
@@ -82,10 +84,15 @@ def test_what_cannot_be_kept_is_refused_with_what_can(planner):
 
 def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, example):
     names = example.processor.instrument.aberrations
-    costs = {name: example.without((name,)) for name in names}
+    flat = eqx.tree_at(lambda p: p.aberrations, example.truth, example.truth.aberrations / 20)
+    hardly = replace(example, result=replace(example.result, parameters=flat))
+    costs = {name: hardly.without((name,)) for name in names}
     least = min(costs, key=costs.get)
-    assert planner.cheapest(11 * costs[least]).settings.without == (least,)
-    assert planner.cheapest(9 * costs[least]).settings.without == ()
+    assert Planner([hardly]).cheapest(11 * costs[least]).settings.without == (least,)
+    assert Planner([hardly]).cheapest(9 * costs[least]).settings.without == ()
+    assert (
+        planner.cheapest(11 * example.without((least,))).settings.without == ()
+    )  # it is seen in chi-squared
 
 
 def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, planner):
