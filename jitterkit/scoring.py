@@ -21,9 +21,9 @@ from jitterkit.forward import Parameters, free_parameters, to_vector
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.optics.otf import OTF
 
-__all__ = ["Climb", "Prior", "climb", "climb_a_little", "invert_information"]
+__all__ = ["DROWNED", "Climb", "Prior", "climb", "climb_a_little", "invert_information"]
 
-_DROWNED = 0.1
+DROWNED = 0.1
 """Standard errors that a fit which rounding keeps from going on may have left."""
 
 _CAUGHT = 1e-4
@@ -182,7 +182,7 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         damping = jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST)
         left = remains(here)
         # a step of so many standard errors changes the objective by their square, which rounding may drown
-        drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < _DROWNED)
+        drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < DROWNED)
         caught = ~better & (damping == _DAMPING_MOST) & (left < _CAUGHT)
         return _State(here, damping, (left < tolerance) | drowned | caught, state.iterations + 1)
 

@@ -123,7 +123,8 @@ def process_files(
     files, directory = find_files(paths), Path(directory)
     make_directory(directory, RUN, overwrite or resume)
     size = batch_size(processor.instrument.shape)
-    configuration = settings(processor, files, hdu=hdu, batch=size, plan=plan)
+    chosen = {} if plan is None else {"plan": plan}
+    configuration = settings(processor, files, hdu=hdu, batch=size, **chosen)
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     engine = engine or partial(process_batches, threads=threads)
     with begin(directory, configuration, {"command": command}) as ledger:

@@ -29,10 +29,14 @@ def check_asked(tolerance: str | None, budget: str | None) -> None:
         raise ConfigurationError(
             "--tolerance asks for the cheapest settings, --budget for the most exact; give one of the two."
         )
-    if tolerance is not None:
-        parse_allowed(tolerance, "--tolerance", "error")
-    if budget is not None:
-        parse_time(budget, "--budget")
+    _meaning({"tolerance": tolerance, "budget": budget})
+
+
+def _meaning(asked: Mapping[str, str | None]) -> tuple[tuple[str, float] | None, float | None]:
+    """What may be lost, and seconds a frame."""
+    tolerance, budget = asked["tolerance"], asked["budget"]
+    allowed = None if tolerance is None else parse_allowed(tolerance, "--tolerance", "error")
+    return allowed, None if budget is None else parse_time(budget, "--budget")
 
 
 def with_plan(
@@ -67,10 +71,10 @@ def with_plan(
     from jitterkit.trade import Settings
 
     before = None if resumed is None else planned_before(resumed)
-    if before is not None and before["asked"] == asked:
-        settings = Settings(**before["settings"])
-    else:
-        settings = _choose(processor, files, hdu, asked, explain)
+    if before is not None and _meaning(before["asked"]) == _meaning(asked):
+        say("going on with the settings that were chosen when the run began")
+        return Settings(**before["settings"]).applied(processor), dict(before)
+    settings = _choose(processor, files, hdu, asked, explain)
     if not any(asked.values()):
         return processor, None
     return settings.applied(processor), {"asked": dict(asked), "settings": describe(settings)}
@@ -88,9 +92,7 @@ def _choose(
     from jitterkit.trade.explain import explain as sentences
     from jitterkit.trade.plan import Planner
 
-    tolerance, budget = asked["tolerance"], asked["budget"]
-    allowed = None if tolerance is None else parse_allowed(tolerance, "--tolerance", "error")
-    seconds = None if budget is None else parse_time(budget, "--budget")
+    allowed, seconds = _meaning(asked)
     say("looking at some frames, to know what their model needs ...")
     planner = Planner.of_files(files, processor, hdu)
     if allowed is not None:

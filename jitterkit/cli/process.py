@@ -67,7 +67,8 @@ def process(
         str | None,
         typer.Option(
             metavar="20ms",
-            help="Take the most exact settings with which a frame takes so long on this machine, likewise.",
+            help="Take the most exact settings with which a frame, fitted by itself, takes no longer on this "
+            "machine, likewise.",
             show_default=False,
         ),
     ] = None,

@@ -17,16 +17,16 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
-from jitterkit.loci import Streak
+from jitterkit.loci import Locus, Streak
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.priors import Priors, leashes
 from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
-from jitterkit.scoring import Climb, climb, invert_information
+from jitterkit.scoring import DROWNED, Climb, climb, invert_information
 
-__all__ = ["SETTLED", "FitOptions", "fit_and_expand", "fit_frame", "linearisation_error"]
+__all__ = ["SETTLED", "FitOptions", "fit_and_expand", "fit_frame", "linearisation_error", "unfinished"]
 
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _EXPANSIONS = 10
@@ -67,6 +67,19 @@ class FitOptions:
     hold: Collection[str] = ("background",)
     priors: Priors = field(default_factory=Priors)
     tolerance: float = 1e-4
+
+
+def unfinished(locus: Locus) -> float:
+    """Standard errors by which a fit may end before it has arrived, however small a tolerance is asked for.
+
+    By rounding, in 32 bits, or because a locus is on a leash.  (Where a pixel reaches the floor of the
+    likelihood the way has a kink, at which 1e-4 may be left.)
+    """
+    return max(DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0, _slack(locus))
+
+
+def _slack(locus: Locus) -> float:
+    return _SLACK if leashes(locus) else 0.0
 
 
 def fit_frame(
@@ -148,7 +161,7 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
     """
     iterations, share, before = 0, 1.0, np.inf
     idle, last = 0, np.inf
-    steps, tolerance = (_PATIENCE, max(_SLACK, tolerance)) if leashes(start.locus) else (50, tolerance)
+    steps, tolerance = (_PATIENCE if leashes(start.locus) else 50), max(_slack(start.locus), tolerance)
     for _ in range(_EXPANSIONS):
         end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
         iterations += int(end.iterations)

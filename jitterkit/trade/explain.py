@@ -34,8 +34,8 @@ def explain(planner: Planner, plan: Plan) -> Iterator[str]:
     """
     settings, instrument = plan.settings, planner.instrument
     ny, nx = instrument.shape
-    whole = settings.region is None
-    size = f"{nx} x {ny}" if whole else f"{settings.region} x {settings.region} of {nx} x {ny}"
+    cut = [min(n, settings.region or n) for n in (nx, ny)]
+    size = f"{nx} x {ny}" if settings.region is None else f"{cut[0]} x {cut[1]} of {nx} x {ny}"
     yield f"pixels: {size}{_cost(planner, settings, 'region')}"
     own = own_pad(instrument)
     pad = own if settings.pad is None else settings.pad
@@ -62,7 +62,9 @@ def _cost(planner: Planner, settings: Settings, name: str) -> str:
         cheaper = [side for side in cheaper if side < max(planner.instrument.shape)]
     elif name == "pad":
         cheaper = [pad for pad in cheaper if pad < own_pad(planner.instrument)]
-    if not cheaper or (name == "samples" and value is None):
+    elif name == "samples" and planner.instrument.spectrum is not None:
+        cheaper = [count for count in cheaper if count < len(planner.instrument.spectrum.wavelengths)]
+    if not cheaper:
         return ""
     loss = planner.loss(replace(settings, **{name: cheaper[-1]}, without=()))
     rung = f"{cheaper[-1]} x {cheaper[-1]} of them as one" if name == "binning" else cheaper[-1]

@@ -56,7 +56,7 @@ class Fitting:
 
     def timed(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
         """The same of raw frames, and the median of the seconds that a frame takes, calibration included."""
-        self._fitted(self.processor.calibrate(raws[0]))  # compiles what there is to
+        self.separations(map(self.processor.calibrate, raws))  # compiles what there is to
         found, spent = [], []
         for raw in raws:
             began = time.perf_counter()

@@ -15,15 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from jitterkit.batch import Processor
+from jitterkit.batch.plan import FEWEST, count_frames
 from jitterkit.batch.survey import read_items
 from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.refit.fit import unfinished
 from jitterkit.trade.cost import work
 from jitterkit.trade.fitting import TOGETHER, Fitting
 from jitterkit.trade.ladder import RUNGS, can_be_had
 from jitterkit.trade.predict import Example, Foresight
 from jitterkit.trade.settings import Settings
 
-__all__ = ["Plan", "Planner"]
+__all__ = ["OWN", "Plan", "Planner"]
 
 _MARGIN = 0.8
 """Share of what is allowed that a first-order forecast may use up."""
@@ -34,8 +36,8 @@ _UNFINISHED = 0.1
 _LEFT_OUT = 0.1
 """Share of what is allowed that the aberrations which are left out may cost together."""
 
-_ENDED, _FINEST = 1e-2, min(RUNGS["tolerance"])
-"""Share of an error within which a fit ends where time is short, and at the least."""
+_ENDS = (1e-4, 1e-2)
+"""Share of an error within which fits end where time is given, and where it is short."""
 
 _SEEN = 1.0
 """Of its own scatter, from which on a misfit would be seen: a model that does not fit promises nothing."""
@@ -44,9 +46,10 @@ _LOOKED_AT, _TRIED = 3, 12
 """Frames that a plan is made for, spread over the run, and those that are tried to find as many."""
 
 _TIMES, _SHORTER = 4, 0.95
-"""Settings that are timed until some keep to a budget, and how much faster the next are to be than needed."""
+"""Models that are timed until one keeps to a budget, and how much faster the next is to be than needed."""
 
-_OWN = Settings()
+OWN = Settings()
+"""Those of the instrument itself."""
 
 _NOTHING = Foresight(math.inf, math.inf, math.inf)
 """Of settings that cannot be had."""
@@ -83,8 +86,9 @@ class Planner:
 
     def __init__(self, examples: Sequence[Example], frames: int = TOGETHER) -> None:
         self.examples, self.frames = tuple(examples), frames
-        self.instrument = examples[0].processor.instrument
-        self._foreseen: dict[tuple[Example, Settings], Foresight] = {}
+        (first, *_) = examples
+        self.instrument = replace(first.processor.instrument, shape=first.frame.shape)
+        self._foreseen = {(one, OWN): one.foresee(OWN) for one in examples}  # what cannot be is told here
 
     @classmethod
     def of_files(cls, files: Sequence[Path], processor: Processor, hdu: int | None = None) -> Planner:
@@ -95,10 +99,17 @@ class Planner:
         ConfigurationError
             If none of them can be fitted.
         """
-        places = dict.fromkeys(np.linspace(0, len(files) - 1, _TRIED).round().astype(int))
-        spread = sorted(places, key=lambda place: list(places).index(place) % (_TRIED // _LOOKED_AT))
+        stride = _TRIED // _LOOKED_AT
+        shares = np.linspace(0, 1, _TRIED)
+        shares = np.concatenate([shares[start::stride] for start in range(stride)])  # the first are far apart
+        chosen = [files[round(share * (len(files) - 1))] for share in shares]
+        counts = {file: count_frames(file, hdu) for file in dict.fromkeys(chosen)}
+        items = [
+            (file, round(share * (counts[file] - 1))) for file, share in zip(chosen, shares, strict=True)
+        ]
+        spread = list(dict.fromkeys(items))
         examples: list[Example] = []
-        for _, _, raw in read_items([(files[place], 0) for place in spread], hdu):
+        for _, _, raw in read_items(spread, hdu):
             example = None if isinstance(raw, JitterkitError) else Example.of(raw, processor)
             examples += [] if example is None else [example]
             if len(examples) == _LOOKED_AT:
@@ -108,12 +119,12 @@ class Planner:
                 f"None of {len(spread)} frames that were looked at can be fitted, so there is nothing to "
                 "plan for; see what 'jitterkit process' without --tolerance and --budget says about them."
             )
-        return cls(examples, len(files))
+        return cls(examples, round(len(files) * float(np.mean(list(counts.values())))))
 
     @property
     def sigma(self) -> float:
-        """Least standard error of the separation of an example [arcsec]."""
-        return min(self._foresee(one, _OWN).sigma for one in self.examples)
+        """Least standard error of the separation that an example was fitted with [arcsec]."""
+        return min(one.result.error("separation") for one in self.examples)
 
     def cheapest(self, allowed: float) -> Plan:
         """The cheapest settings whose loss stays below ``allowed`` [arcsec].
@@ -123,39 +134,58 @@ class Planner:
         ConfigurationError
             If there are none.
         """
-        tolerances = [one for one in RUNGS["tolerance"] if one * self.sigma <= _UNFINISHED * allowed]
-        limit, every = _MARGIN * allowed, self.by_work()
+        tolerances, limit, every = self._tolerances(allowed), _MARGIN * allowed, self.by_work()
         for settings in every if tolerances else ():
             if self._holds(settings, limit, roughly=True) and self._holds(settings, limit):
                 settings = replace(settings, tolerance=max(tolerances))
                 leaner = replace(settings, without=self._without(_LEFT_OUT * allowed))
                 settings = leaner if self._holds(leaner, limit) else settings
-                return Plan(settings, self.loss(settings), self.seconds(settings))
-        exact = min(map(self._roughly, every))
-        least = max(exact / _MARGIN, _FINEST * self.sigma / _UNFINISHED)
+                try:
+                    return Plan(settings, self.loss(settings), self.seconds(settings))
+                except JitterkitError:  # with noise, so little a model describes no frame
+                    continue
+        least = max(self.loss(min(every, key=self._roughly)) / _MARGIN, self._unfinished / _UNFINISHED)
         raise ConfigurationError(
             f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "
-            f"allow {1e6 * least:.2g} uas or more."
+            f"allow {_rounded_up(1e6 * least)} uas or more."
+        )
+
+    def _tolerances(self, allowed: float) -> list[float]:
+        """Those with which every example ends near enough."""
+        sigma = max(self._foresee(one, OWN).sigma for one in self.examples)
+        near = _UNFINISHED * allowed
+        return [one for one in RUNGS["tolerance"] if one * sigma <= near] if self._unfinished <= near else []
+
+    @property
+    def _unfinished(self) -> float:
+        """What fits may leave, however small the tolerance [arcsec]."""
+        finest = min(RUNGS["tolerance"])
+        return max(
+            max(unfinished(one.truth.locus), finest) * self._foresee(one, OWN).sigma for one in self.examples
         )
 
     def within(self, seconds: float) -> Plan:
-        """The settings of least loss that take at most so many seconds a frame, on this machine.
+        """The settings of least loss that take at most so many seconds a frame, fitted one by one.
 
         Raises
         ------
         ConfigurationError
             If the cheapest take more.
         """
-        share, spent = seconds / self.seconds(_OWN), math.inf
+        share = seconds / self.seconds(OWN)
         for _ in range(_TIMES):
-            settings = self._best(share)
-            try:
-                spent = self.seconds(settings)
-            except JitterkitError:  # so little a model describes no frame
-                break
-            if spent <= seconds:
-                return Plan(settings, self.loss(settings), spent)
-            share *= _SHORTER * seconds / spent
+            best = self._best(share)
+            if not math.isfinite(self.loss(best)):
+                break  # so little a model describes no frame
+            for tolerance in _ENDS:
+                settings = replace(best, tolerance=tolerance)
+                try:
+                    spent = self.seconds(settings)
+                except JitterkitError:
+                    spent = math.inf
+                if spent <= seconds:
+                    return Plan(settings, self.loss(settings), spent)
+            share *= min(_SHORTER * seconds / spent, _SHORTER)
         raise ConfigurationError(
             f"No settings that describe these frames fit one in {1e3 * seconds:.3g} ms on this machine; give "
             "more, or ask for the fastest by --preset fast."
@@ -163,16 +193,17 @@ class Planner:
 
     def as_they_are(self) -> Plan:
         """What is expected of the settings that the examples were fitted with."""
-        return Plan(_OWN, self.loss(_OWN), self.seconds(_OWN))
+        settings = replace(OWN, tolerance=self.examples[0].processor.options.tolerance)
+        return Plan(settings, self.loss(settings), self.seconds(settings))
 
     def _best(self, share: float) -> Settings:
         """The settings of least loss that are at most ``share`` of the work of the instrument's own."""
         every = self.by_work()
         affordable = [settings for settings in every if self.work(settings) <= share] or every[:1]
-        widest = {one.region: one.pad for one in affordable}  # of each region the last is the dearest
-        rest = [one for one in affordable if one.pad == widest[one.region]]
-        best = min(rest, key=self._roughly)
-        return replace(best, tolerance=_ENDED)
+        widest: dict[int | None, int] = {}
+        for one in affordable:
+            widest[one.region] = max(widest.get(one.region, 0), one.pad or 0)
+        return min((one for one in affordable if one.pad == widest[one.region]), key=self._roughly)
 
     def loss(self, settings: Settings) -> float:
         """Bias and added scatter, in squares, at most [arcsec]; infinite where they cannot be had."""
@@ -182,16 +213,22 @@ class Planner:
         return max(self._loss(one, settings, roughly=True) for one in self.examples)
 
     def seconds(self, settings: Settings) -> float:
-        """Of a frame, measured."""
-        raws = [one.raw for one in self.examples]
-        fitting = Fitting.anchored(settings.applied(self.examples[0].processor), raws[0], self.frames)
+        """Of a frame, measured: one at a time, as in a run of so many.
+
+        Raises
+        ------
+        JitterkitError
+            If an example cannot be fitted so.
+        """
+        raws, processor = [one.raw for one in self.examples], settings.applied(self.examples[0].processor)
+        few = self.frames < FEWEST  # each of which looks at the optics itself
+        fitting = Fitting(processor) if few else Fitting.anchored(processor, raws[0], self.frames)
         return fitting.timed(raws)[1]
 
     def work(self, settings: Settings) -> float:
         """Of a frame, as a share of that of the instrument's own settings."""
-        (one, *_) = self.examples
-        own, parameters = one.processor.instrument, len(one.result.names)
-        return work(settings, own, parameters, self.frames) / work(_OWN, own, parameters, self.frames)
+        beside = (self.instrument, len(self.examples[0].result.names), self.frames)
+        return work(settings, *beside) / work(OWN, *beside)
 
     def by_work(self) -> list[Settings]:
         """Rungs of what the model of a frame is made of, with each other, from the cheapest on."""
@@ -229,13 +266,13 @@ class Planner:
             return self._foresee(one, settings)
         if geometry.misfit >= _SEEN:
             return geometry
-        few, own = self._foresee(one, Settings(samples=settings.samples)), self._foresee(one, _OWN)
+        few, own = self._foresee(one, Settings(samples=settings.samples)), self._foresee(one, OWN)
         bias = geometry.bias + coarse.bias + few.bias - 2 * own.bias
         return Foresight(bias, own.sigma, max(geometry.misfit, coarse.misfit, few.misfit))
 
     def _excess(self, one: Example, region: int | None) -> float:
         """Scatter that the light outside of a region would have spared [arcsec]."""
-        cut, whole = (self._foresee(one, settings).sigma for settings in (Settings(region=region), _OWN))
+        cut, whole = (self._foresee(one, settings).sigma for settings in (Settings(region=region), OWN))
         return math.sqrt(max(cut**2 - whole**2, 0.0))
 
     def _foresee(self, one: Example, settings: Settings) -> Foresight:
@@ -260,3 +297,13 @@ class Planner:
     def cost_of(self, names: tuple[str, ...]) -> float:
         """What it may do to the separation to leave out aberrations [arcsec]."""
         return max(one.without(names) for one in self.examples)
+
+
+def _rounded_up(value: float) -> str:
+    """With two digits, the second not too small.
+
+    >>> _rounded_up(2.31), _rounded_up(0.0400001)
+    ('2.4', '0.041')
+    """
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / unit) * unit:.2g}"

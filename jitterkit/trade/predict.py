@@ -158,7 +158,7 @@ class Example:
         names, free = free_parameters(truth, otf, held)
         (x0, y0), (ny, nx) = np.array(frame.origin) - self.frame.origin, frame.shape
         exact = self.image[y0 : y0 + ny, x0 : x0 + nx]
-        data = Data.of(replace(frame, electrons=exact)).clear(exact)
+        data = Data.of(replace(frame, electrons=exact), censored=processor.censored).clear(exact)
         image, slopes = image_and_jacobian(truth, otf, free)
         return names, equations_of(image, slopes, data)
 

@@ -10,7 +10,8 @@ from astropy.io import fits
 
 from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci import Mvn
+from jitterkit.loci import Mvn, PartialShm
+from jitterkit.refit import FitOptions
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, ladder, plan
 from jitterkit.trade.cost import work
@@ -79,7 +80,26 @@ def test_what_cannot_be_kept_is_refused_with_what_can(planner):
     with pytest.raises(ConfigurationError, match=r"allow [\d.e-]+ uas or more") as refused:
         planner.cheapest(1e-13)
     least = float(str(refused.value).rsplit("allow ", 1)[1].split()[0]) * 1e-6
-    assert planner.cheapest(1.1 * least).loss <= 1.1 * least
+    assert planner.cheapest(least).loss <= least
+
+
+def test_the_faintest_example_says_when_a_fit_has_to_end(plain, planner, example):
+    faint = Binary(5.0, 0.0, 0.0, 0.0, 0.1 * plain.flux, 3.0)
+    scene = TradeScene.of(plain, faint, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
+    other = Example.of(scene.noisy[0], example.processor)
+    sigma = other.result.error("separation")
+    assert sigma > 3 * planner.sigma
+    both = Planner([example, other])
+    assert both.sigma == planner.sigma  # what a share of the error is counted by
+    assert both.cheapest(planner.sigma).settings.tolerance * sigma <= 0.1 * planner.sigma
+
+
+def test_what_no_fit_can_keep_is_not_promised(planner, example):
+    """A locus on a leash ends within 0.03 of an error, whatever is asked for."""
+    loose = replace(example.result, parameters=example.truth.with_locus(PartialShm.of(0.4, 20.0, 0.7, 30.0)))
+    on_a_leash = Planner([replace(example, result=loose)])
+    with pytest.raises(ConfigurationError, match="for certain"):
+        on_a_leash.cheapest(0.1 * planner.sigma)
 
 
 def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, example):
@@ -117,6 +137,13 @@ def test_within_a_budget_the_least_loss_is_had(planner, monkeypatch):
         planner.within(1e-3)
 
 
+def test_what_is_said_of_a_preset_is_what_it_does(example, planner, monkeypatch):
+    fast = replace(example.processor, options=FitOptions(tolerance=0.01))
+    of_fast = Planner([replace(example, processor=fast)])
+    monkeypatch.setattr(of_fast, "seconds", lambda settings: settings.tolerance)
+    assert of_fast.as_they_are().seconds == 0.01
+
+
 def test_time_is_counted_as_it_passes(plain, example):
     """The order is what matters: of settings four times as dear the fit takes longer."""
     parameters = len(example.result.names)
@@ -143,13 +170,19 @@ def test_what_is_left_out_is_said_with_what_it_would_cost(planner):
     assert "jitter: mvn (3 parameters) in 1 of the frames looked at, as --locus says" in said
     cheaper = FEW["samples"][FEW["samples"].index(found.settings.samples) - 1]
     lost = planner.loss(Settings(pad=found.settings.pad, samples=cheaper, region=found.settings.region))
-    assert f"{cheaper} would cost {1e6 * lost:.2g}"[:20] in said
+    assert f"{cheaper} would cost {1e6 * lost:.2g}" in said
 
 
 def test_examples_are_taken_where_frames_can_be_fitted(tmp_path, plain, one):
     blank = np.full(plain.shape, 100, np.uint16)
     for number in range(9):
         fits.writeto(tmp_path / f"{number}.fits", one.noisy[0].data if number == 4 else blank)
+    cube = tmp_path / "cube.fits"
+    fits.writeto(cube, np.stack([one.noisy[0].data] * 30))
+    seen = Planner.of_files([cube], Processor(plain, locus="mvn"))
+    assert sorted(example.raw.index for example in seen.examples) == [0, 11, 21]
+    assert seen.frames == 30
+    cube.unlink()
     files = sorted(tmp_path.iterdir())
     found = Planner.of_files(files, Processor(plain, locus="mvn"))
     assert [example.raw.path.name for example in found.examples] == ["4.fits"]
