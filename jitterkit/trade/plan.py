@@ -200,10 +200,20 @@ class Planner:
         """The settings of least loss that are at most ``share`` of the work of the instrument's own."""
         every = self.by_work()
         affordable = [settings for settings in every if self.work(settings) <= share] or every[:1]
-        widest: dict[int | None, int] = {}
-        for one in affordable:
-            widest[one.region] = max(widest.get(one.region, 0), one.pad or 0)
-        return min((one for one in affordable if one.pad == widest[one.region]), key=self._roughly)
+        rest = []
+        for region in dict.fromkeys(one.region for one in affordable):
+            pads = sorted({one.pad or 0 for one in affordable if one.region == region}, reverse=True)
+            geometries = (Settings(pad=pad, region=region) for pad in pads)
+            widest = next(filter(self._can_be_had, geometries), None)  # less padding is never more exact
+            rest += (
+                []
+                if widest is None
+                else [one for one in affordable if (one.pad, one.region) == (widest.pad, region)]
+            )
+        return min(rest or affordable, key=self._roughly)
+
+    def _can_be_had(self, settings: Settings) -> bool:
+        return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
 
     def loss(self, settings: Settings) -> float:
         """Bias and added scatter, in squares, at most [arcsec]; infinite where they cannot be had."""

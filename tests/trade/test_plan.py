@@ -137,6 +137,13 @@ def test_within_a_budget_the_least_loss_is_had(planner, monkeypatch):
         planner.within(1e-3)
 
 
+def test_padding_that_the_pupil_does_not_carry_is_no_choice(example, monkeypatch):
+    monkeypatch.setattr(plan, "RUNGS", {**FEW, "pad": (8, 300), "region": (), "samples": (5,)})
+    ample = Planner([example])
+    monkeypatch.setattr(ample, "seconds", lambda settings: 0.1)
+    assert ample.within(100.0).settings.pad == 8
+
+
 def test_what_is_said_of_a_preset_is_what_it_does(example, planner, monkeypatch):
     fast = replace(example.processor, options=FitOptions(tolerance=0.01))
     of_fast = Planner([replace(example, processor=fast)])
