@@ -89,23 +89,24 @@ def _choose(
 ) -> Settings:
     """Look at some frames, and say what is expected of the settings that suit them."""
     from jitterkit.report.words import angle_size
+    from jitterkit.trade.examples import examples_of
     from jitterkit.trade.explain import explain as sentences
     from jitterkit.trade.plan import Planner
 
     allowed, seconds = _meaning(asked)
     say("looking at some frames, to know what their model needs ...")
-    planner = Planner.of_files(files, processor, hdu)
+    planner = Planner(*examples_of(files, processor, hdu))
     if allowed is not None:
         kind, size = allowed
-        plan = planner.cheapest(size * planner.sigma if kind == "error" else size)
+        plan = planner.cheapest(size * planner.outlook.sigma if kind == "error" else size)
     elif seconds is not None:
         plan = planner.within(seconds)
     else:
         plan = planner.as_they_are()
     say(
         f"{1e3 * plan.seconds:.3g} ms a frame; what its model leaves out may cost {angle_size(plan.loss, 2)} "
-        f"of a separation that one frame tells to {angle_size(planner.sigma)}"
+        f"of a separation that one frame tells to {angle_size(planner.outlook.sigma)}"
     )
-    for sentence in sentences(planner, plan) if explain else ():
+    for sentence in sentences(planner.outlook, plan) if explain else ():
         say(f"  {sentence}")
     return plan.settings

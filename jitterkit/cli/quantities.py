@@ -20,15 +20,7 @@ def parse_angle(text: str, option: str) -> float:
     ConfigurationError
         If it is not a positive angle.
     """
-    from astropy import units
-
-    try:
-        angle = units.Quantity(text).to_value("arcsec")
-    except (TypeError, ValueError, units.UnitsError):
-        angle = 0.0
-    if not 0 < angle < float("inf"):
-        raise ConfigurationError(f"{option} {text} is not a positive angle; write one with its unit, 1uas.")
-    return float(angle)
+    return _positive(text, option, "arcsec", "angle", "1uas")
 
 
 def parse_allowed(text: str, option: str = "--allow", of: str = "time") -> tuple[str, float]:
@@ -64,15 +56,22 @@ def parse_time(text: str, option: str) -> float:
     ConfigurationError
         If it is not a positive time.
     """
+    return _positive(text, option, "s", "time", "20ms")
+
+
+def _positive(text: str, option: str, unit: str, kind: str, example: str) -> float:
+    """A quantity of some kind in ``unit``, from a number with any unit of the kind."""
     from astropy import units
 
     try:
-        seconds = units.Quantity(text).to_value("s")
+        value = units.Quantity(text).to_value(unit)
     except (TypeError, ValueError, units.UnitsError):
-        seconds = 0.0
-    if not 0 < seconds < float("inf"):
-        raise ConfigurationError(f"{option} {text} is not a positive time; write one with its unit, 20ms.")
-    return float(seconds)
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise ConfigurationError(
+            f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
+        )
+    return float(value)
 
 
 def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:

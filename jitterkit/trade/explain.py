@@ -9,7 +9,8 @@ from dataclasses import replace
 
 from jitterkit.report.words import angle_size
 from jitterkit.trade.ladder import RUNGS, can_be_had
-from jitterkit.trade.plan import Plan, Planner
+from jitterkit.trade.outlook import Outlook
+from jitterkit.trade.plan import Plan
 from jitterkit.trade.settings import Settings, own_pad
 
 __all__ = ["explain"]
@@ -18,78 +19,78 @@ _UNKNOWN = 100.0
 """nm, beyond which the error of an aberration says that a frame does not tell it."""
 
 
-def explain(planner: Planner, plan: Plan) -> Iterator[str]:
+def explain(outlook: Outlook, plan: Plan) -> Iterator[str]:
     """Say what is modelled of a scene, what is not, and what that costs.
 
     Parameters
     ----------
-    planner : Planner
+    outlook : Outlook
+        By which it was planned.
     plan : Plan
-        Of it.
 
     Yields
     ------
     sentence : str
         Of each part of the model.
     """
-    settings, instrument = plan.settings, planner.instrument
+    settings, instrument = plan.settings, outlook.instrument
     ny, nx = instrument.shape
     cut = [min(n, settings.region or n) for n in (nx, ny)]
     size = f"{nx} x {ny}" if settings.region is None else f"{cut[0]} x {cut[1]} of {nx} x {ny}"
-    yield f"pixels: {size}{_cost(planner, settings, 'region')}"
+    yield f"pixels: {size}{_cost(outlook, settings, 'region')}"
     own = own_pad(instrument)
     pad = own if settings.pad is None else settings.pad
-    yield f"padding: {pad} pixels on each side, of its own {own}{_cost(planner, settings, 'pad')}"
+    yield f"padding: {pad} pixels on each side, of its own {own}{_cost(outlook, settings, 'pad')}"
     if instrument.spectrum is not None:
         count = len(instrument.spectrum.wavelengths)
         used = settings.samples or count
-        yield f"wavelengths: {used}, of its own {count}{_cost(planner, settings, 'samples')}"
+        yield f"wavelengths: {used}, of its own {count}{_cost(outlook, settings, 'samples')}"
     if instrument.pupil is not None:
         side = len(instrument.pupil.opd) // settings.binning
-        yield f"pupil: {side} x {side} samples{_cost(planner, settings, 'binning')}"
-        yield from _aberrations(planner, plan)
-    yield _jitter(planner)
+        yield f"pupil: {side} x {side} samples{_cost(outlook, settings, 'binning')}"
+        yield from _aberrations(outlook, plan)
+    yield _jitter(outlook)
     yield f"fits end when a step is below {settings.tolerance:g} of an error"
 
 
-def _cost(planner: Planner, settings: Settings, name: str) -> str:
+def _cost(outlook: Outlook, settings: Settings, name: str) -> str:
     """What the next cheaper rung of a setting would cost."""
     value, rungs = getattr(settings, name), RUNGS[name]
-    cheaper = [one for one in rungs if can_be_had(name, one, planner.instrument)]
+    cheaper = [one for one in rungs if can_be_had(name, one, outlook.instrument)]
     if value is not None:
         cheaper = cheaper[: cheaper.index(value)]
     elif name == "region":
-        cheaper = [side for side in cheaper if side < max(planner.instrument.shape)]
+        cheaper = [side for side in cheaper if side < max(outlook.instrument.shape)]
     elif name == "pad":
-        cheaper = [pad for pad in cheaper if pad < own_pad(planner.instrument)]
-    elif name == "samples" and planner.instrument.spectrum is not None:
-        cheaper = [count for count in cheaper if count < len(planner.instrument.spectrum.wavelengths)]
+        cheaper = [pad for pad in cheaper if pad < own_pad(outlook.instrument)]
+    elif name == "samples" and outlook.instrument.spectrum is not None:
+        cheaper = [count for count in cheaper if count < len(outlook.instrument.spectrum.wavelengths)]
     if not cheaper:
         return ""
-    loss = planner.loss(replace(settings, **{name: cheaper[-1]}, without=()))
+    loss = outlook.loss(replace(settings, **{name: cheaper[-1]}, without=()))
     rung = f"{cheaper[-1]} x {cheaper[-1]} of them as one" if name == "binning" else cheaper[-1]
     return f"; {rung} would cost {angle_size(loss, 2)}" if math.isfinite(loss) else f"; {rung} will not do"
 
 
-def _aberrations(planner: Planner, plan: Plan) -> Iterator[str]:
-    names, without = planner.instrument.aberrations, plan.settings.without
+def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
+    names, without = outlook.instrument.aberrations, plan.settings.without
     if not names:
         return
     fitted = [name for name in names if name not in without]
     said = f"fitted: {', '.join(fitted) or 'none'}"
     if without:
-        said += f"; left out: {', '.join(without)}, which may cost {angle_size(planner.cost_of(without), 2)}"
+        said += f"; left out: {', '.join(without)}, which may cost {angle_size(outlook.cost_of(without), 2)}"
     yield f"aberrations {said}"
-    for one in planner.examples:
+    for one in outlook.examples:
         unknown = [name for name in fitted if one.result.error(name) > _UNKNOWN]
         if unknown:
             yield f"{one.raw.name} hardly tells {', '.join(unknown)}: its error is above {_UNKNOWN:g} nm"
 
 
-def _jitter(planner: Planner) -> str:
+def _jitter(outlook: Outlook) -> str:
     """What was fitted of the jitter, and by whose choice."""
-    counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in planner.examples)
+    counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in outlook.examples)
     found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
-    if planner.examples[0].processor.locus == "auto":
+    if outlook.examples[0].processor.locus == "auto":
         return f"jitter: {found} of the frames looked at; every frame gets what it shows, and no more"
     return f"jitter: {found} of the frames looked at, as --locus says"

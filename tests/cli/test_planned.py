@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
-from jitterkit.trade import plan
+from jitterkit.trade import examples, plan
 
 runner = CliRunner()
 FEW = {"pad": (8, 32), "samples": (3,), "binning": (1,), "region": (), "tolerance": (1e-2, 1e-4)}
@@ -39,7 +39,7 @@ def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp
     assert told["instrument"]["pad"] == told["plan"]["settings"]["pad"] == 8
     assert told["options"]["tolerance"] == told["plan"]["settings"]["tolerance"] == 1e-2
 
-    monkeypatch.setattr(plan.Planner, "of_files", None)  # whoever looks again breaks down
+    monkeypatch.setattr(examples, "examples_of", None)  # whoever looks again breaks down
     again = runner.invoke(app, [*command[:-1], "0.2e2%", "--resume"])  # the same in other words
     assert again.exit_code == 0, again.output
     assert runner.invoke(app, [*plain, "--resume"]).exit_code == 2  # another run

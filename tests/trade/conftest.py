@@ -1,14 +1,18 @@
 """A plain telescope with coma, small enough to be fitted many times, and frames of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from jitterkit.batch import Processor
 from jitterkit.detectors import Detector
 from jitterkit.instruments import Instrument
 from jitterkit.loci import Mvn
 from jitterkit.optics import flat_band, obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.trade import TradeScene
+from jitterkit.trade.predict import Example
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +29,29 @@ def plain():
     )
 
 
+def drawn(plain, frames):
+    pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
+    return TradeScene.of(plain, pair, Mvn.of(0.2, 0.1, 20.0), frames, np.random.default_rng(5))
+
+
 @pytest.fixture(scope="session")
 def scene(plain):
-    pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
-    return TradeScene.of(plain, pair, Mvn.of(0.2, 0.1, 20.0), 3, np.random.default_rng(5))
+    return drawn(plain, 3)
+
+
+@pytest.fixture(scope="session")
+def one(plain):
+    """A scene of one frame."""
+    return drawn(plain, 1)
+
+
+@pytest.fixture(scope="session")
+def example(plain, one):
+    """The frame as its noise has it."""
+    return Example.of(one.noisy[0], Processor(plain, locus="mvn"))
+
+
+@pytest.fixture(scope="session")
+def shown(example, one):
+    """The frame as its truth has it."""
+    return replace(example, result=replace(example.result, parameters=one.truths[0]))

@@ -1,0 +1,123 @@
+"""What is expected of settings, at the worst of some frames.
+
+Reach for :class:`Outlook` with frames that have been fitted.  What it is asked again it remembers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from jitterkit.errors import JitterkitError
+from jitterkit.refit.fit import unfinished
+from jitterkit.trade.predict import Example, Foresight
+from jitterkit.trade.settings import Settings
+
+__all__ = ["OWN", "Outlook"]
+
+_SEEN = 1.0
+"""Of its own scatter, from which on a misfit would be seen: a model that does not fit promises nothing."""
+
+OWN = Settings()
+"""Those of the instrument itself."""
+
+_NOTHING = Foresight(math.inf, math.inf, math.inf)
+"""Of settings that cannot be had."""
+
+
+class Outlook:
+    """What settings would make of the separation of every example.
+
+    Parameters
+    ----------
+    examples : sequence of Example
+        At least one; what is said holds for each.
+
+    Raises
+    ------
+    JitterkitError
+        If what fitted an example does not determine its parameters.
+    """
+
+    def __init__(self, examples: Sequence[Example]) -> None:
+        self.examples = tuple(examples)
+        (first, *_) = examples
+        self.instrument = replace(first.processor.instrument, shape=first.frame.shape)
+        self._foreseen = {(one, OWN): one.foresee(OWN) for one in examples}  # what cannot be is told here
+
+    @property
+    def sigma(self) -> float:
+        """Least standard error of the separation that an example was fitted with [arcsec]."""
+        return min(one.result.error("separation") for one in self.examples)
+
+    def loss(self, settings: Settings) -> float:
+        """Bias and added scatter, in squares, at most [arcsec]; infinite where they cannot be had."""
+        return max(self._loss(one, settings) for one in self.examples)
+
+    def rough_loss(self, settings: Settings) -> float:
+        """The same, where pupil and spectrum do to every geometry what they do to the instrument's own."""
+        return max(self._loss(one, settings, roughly=True) for one in self.examples)
+
+    def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
+        """Whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
+        return all(self._loss(one, settings, limit, roughly) <= limit for one in self.examples)
+
+    def can_be_had(self, settings: Settings) -> bool:
+        """Whether every example can be modelled so."""
+        return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
+
+    def cost_of(self, names: tuple[str, ...]) -> float:
+        """What it may do to the separation to leave out aberrations [arcsec]."""
+        return max(one.without(names) for one in self.examples)
+
+    def unfinished(self, tolerance: float) -> float:
+        """By how much fits may end before they have arrived [arcsec].
+
+        Parameters
+        ----------
+        tolerance : float
+            Step, in standard errors, below which a fit ends; some loci leave more.
+        """
+        return max(
+            max(unfinished(one.truth.locus), tolerance) * self._foresee(one, OWN).sigma
+            for one in self.examples
+        )
+
+    def _loss(
+        self, one: Example, settings: Settings, limit: float = math.inf, roughly: bool = False
+    ) -> float:
+        """Bias and added scatter, in squares [arcsec]; infinite where there is no such model, or it misfits.
+
+        Something above ``limit`` where the scatter alone is.
+        """
+        excess = self._excess(one, settings.region)
+        if excess > limit:
+            return excess
+        seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
+        return math.hypot(seen.bias, excess) if seen.misfit < _SEEN else math.inf
+
+    def _rough(self, one: Example, settings: Settings) -> Foresight:
+        geometry = self._foresee(one, Settings(pad=settings.pad, region=settings.region))
+        coarse = self._foresee(one, Settings(binning=settings.binning))
+        if coarse is _NOTHING:  # a coarse pupil does not carry the instrument's own padding, but some less
+            return self._foresee(one, settings)
+        if geometry.misfit >= _SEEN:
+            return geometry
+        few, own = self._foresee(one, Settings(samples=settings.samples)), self._foresee(one, OWN)
+        bias = geometry.bias + coarse.bias + few.bias - 2 * own.bias
+        return Foresight(bias, own.sigma, max(geometry.misfit, coarse.misfit, few.misfit))
+
+    def _excess(self, one: Example, region: int | None) -> float:
+        """Scatter that the light outside of a region would have spared [arcsec]."""
+        cut, whole = (self._foresee(one, settings).sigma for settings in (Settings(region=region), OWN))
+        return math.sqrt(max(cut**2 - whole**2, 0.0))
+
+    def _foresee(self, one: Example, settings: Settings) -> Foresight:
+        key = (one, settings)
+        if key not in self._foreseen:
+            try:
+                self._foreseen[key] = one.foresee(settings)
+            except JitterkitError:
+                self._foreseen[key] = _NOTHING
+        return self._foreseen[key]
