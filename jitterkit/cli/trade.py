@@ -32,7 +32,10 @@ def trade(
     flux: options.Flux = None,
     contrast: options.Contrast = 3.37,
     frames: Annotated[
-        int, typer.Option(min=1, help="Frames that each setting fits, of different direction and place.")
+        int,
+        typer.Option(
+            min=1, help="Frames that each setting fits, with noise and without, and as many turned."
+        ),
     ] = 4,
     seed: Annotated[int, typer.Option(min=0, help="Of the generator of the frames.")] = 0,
     plot: Annotated[
@@ -44,11 +47,12 @@ def trade(
 ) -> None:
     """Measure what each setting costs in time and in accuracy, for your scene, on this machine.
 
-    The presets first, then every setting from fast to exact with the others as in balanced. bias is what is
-    wrong with the separation of frames without noise, sigma the error that their fits state; error is bias
-    and what sigma is above the least that there can be, as a share of that. Rows on the front are beaten by
-    none in both time and error. Of TOLIMAN under linear jitter the settings of dLuxToliman, if it is
-    installed, stand beside them. Takes some minutes, most of them compiling.
+    The presets first, then every setting from fast to exact with the others as in balanced, and every method:
+    from the scoring step of a glance to draws from the posterior. bias is what is wrong with the separation
+    of frames without noise, scatter how far that of noisy frames is from what exact finds in them; error is
+    both together, as a share of the least error that the frames allow. sigma is the error that is stated.
+    Rows on the front are beaten by none in both time and error. Of TOLIMAN under linear jitter the settings
+    of dLuxToliman, if it is installed, stand beside them. Takes a quarter of an hour, most of it compiling.
     """
     check_products(plot, output, overwrite)
     prepare_jax(alone=True)

@@ -234,7 +234,7 @@ class Looker:
         if self.locus == "mvn" or normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
-        place = starting_point(kind, moments, normal.parameters, otf, data, options.hold, options.priors)
+        place = starting_point(kind, moments, normal.parameters, otf, data, options)
         fit, near = fit_and_expand(data, self.optics, place, otf, options)
         if fit.status is not Status.NOT_CONVERGED or not issubclass(kind, Streak):
             return fit, near

@@ -54,14 +54,21 @@ class Locus(eqx.Module):
         its ``of`` constructor instead.
     names : tuple of str
         One a coordinate.
+    nodes : int
+        Of the integral over time that its transfer function is, in each panel; 0 if it is a formula.
     """
 
     coords: Float[Array, " k"]
     names: ClassVar[tuple[str, ...]]
+    nodes: ClassVar[int] = 0
 
     def at(self, coords: Float[Array, " k"]) -> Self:
         """The same kind of locus at other coordinates."""
         return eqx.tree_at(lambda locus: locus.coords, self, coords)
+
+    def sampled(self, nodes: int) -> Self:
+        """The same with so many nodes in the integral over time; a formula has none, and stays as it is."""
+        return self
 
     @abstractmethod
     def transfer(self, fx, fy):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Self
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -61,12 +62,13 @@ class PartialShm(Locus):
     one, and between 0.5 and 1 there are two cycles to each kurtosis: rms and lopsidedness are determined
     long before the cycles are.
 
-    The integral over time is Gauss and Legendre's with 96 nodes: at 3 cycles exact to 1e-13 while
+    The integral over time is Gauss and Legendre's, by itself with 96 nodes: at 3 cycles exact to 1e-13 while
     ``pi L |f| < 4`` (1.1 arcsec at TOLIMAN's cutoff) and to 1e-6 while it is below 9, at 1.4 cycles to
     1e-13 up to 16.
     """
 
     names: ClassVar[tuple[str, ...]] = ("partial_x", "partial_y", "partial_cycles2", "partial_even")
+    nodes: int = eqx.field(static=True, default=_NODES)  # type: ignore[misc]
 
     @classmethod
     def of(cls, length: float, angle: float = 0.0, cycles: float = 1.0, phase: float = 0.0) -> Self:
@@ -103,8 +105,11 @@ class PartialShm(Locus):
         major, _, angle = principal_axes(moments)
         return cls.of(2 * major / _amplitudes(_START_CYCLES)[0], angle, _START_CYCLES)
 
+    def sampled(self, nodes: int) -> Self:
+        return type(self)(self.coords, nodes)
+
     def transfer(self, fx, fy):
-        t, weights = (jnp.asarray(part, self.coords.dtype) for part in gauss_legendre(_NODES))
+        t, weights = (jnp.asarray(part, self.coords.dtype) for part in gauss_legendre(self.nodes))
         square, share = self.coords[2:]
         odd, even = _halves(square, t)
         odd = odd / jnp.sqrt(odd**2 @ weights)
@@ -119,7 +124,7 @@ class PartialShm(Locus):
         return jnp.stack([x * x, x * y, y * y])
 
     def exact_to(self) -> float:
-        return exact_to(_BENT * greatest_speed(self.points(_MANY)), _NODES)
+        return exact_to(_BENT * greatest_speed(self.points(_MANY)), self.nodes)
 
     def describe(self) -> dict[str, float]:
         """``length`` peak to peak [arcsec], ``angle`` [deg], ``cycles``, ``phase`` at mid-exposure [deg].

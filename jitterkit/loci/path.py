@@ -52,16 +52,21 @@ class Path(Locus):
     two, a straight line at constant speed.  Run backwards it leaves the same image, so an image gives the
     path but not its direction; a path that is its own reversal (there and back) is degenerate in a fit.
 
-    The integral over time has 16 nodes between two knots, exact to rounding while a step turns the phase
-    by less than 8 rad at ``f`` (1.1 arcsec at TOLIMAN's cutoff).
+    The integral over time has by itself 16 nodes between two knots, exact to rounding while a step turns the
+    phase by less than 8 rad at ``f`` (1.1 arcsec at TOLIMAN's cutoff).
     """
 
     coords: Float[Array, " k"]
     names: tuple[str, ...] = eqx.field(static=True, default=_names(_KNOTS))  # type: ignore[misc]
+    nodes: int = eqx.field(static=True, default=_NODES)  # type: ignore[misc]
 
-    def __init__(self, coords) -> None:
+    def __init__(self, coords, nodes: int = _NODES) -> None:
         self.coords = jnp.asarray(coords, float)
         self.names = _names(len(self.coords) // 2 + 1)
+        self.nodes = nodes
+
+    def sampled(self, nodes: int) -> Self:
+        return type(self)(self.coords, nodes)
 
     @classmethod
     def of(cls, knots) -> Self:
@@ -97,7 +102,7 @@ class Path(Locus):
         return jnp.stack([x * x, x * y, y * y]) @ weights
 
     def exact_to(self) -> float:
-        return exact_to(greatest_speed(self.points(_MANY)) / (self._knots - 1), _NODES)
+        return exact_to(greatest_speed(self.points(_MANY)) / (self._knots - 1), self.nodes)
 
     def describe(self) -> dict[str, float]:
         """``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
@@ -119,21 +124,23 @@ class Path(Locus):
 
     def _at_nodes(self):
         """Offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
-        places, weights = (jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots))
+        places, weights = (
+            jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots, self.nodes)
+        )
         x, y = self.coords.reshape(2, -1) @ places.T
         return x, y, weights
 
     def _at(self, times: np.ndarray) -> np.ndarray:
         """Offsets (n, 2) from the mean at times from -1/2 to 1/2."""
-        nodes, weights = gauss_legendre(_NODES, self._knots - 1)
-        mean = weights @ _spline(self._knots, nodes)
+        places, weights = gauss_legendre(self.nodes, self._knots - 1)
+        mean = weights @ _spline(self._knots, places)
         return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
 
 
 @functools.cache
-def _quadrature(knots: int) -> tuple[np.ndarray, np.ndarray]:
+def _quadrature(knots: int, nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """What takes steps to offsets from the mean at the nodes (n, knots - 1), and the nodes' weights (n,)."""
-    times, weights = gauss_legendre(_NODES, knots - 1)
+    times, weights = gauss_legendre(nodes, knots - 1)
     matrix = _spline(knots, times)
     return matrix - weights @ matrix, weights
 

@@ -161,7 +161,7 @@ class _Frame:
 def _fit(frame: _Frame, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
     otf = frame.optics.otf(start.aberrations) if otf is None else otf
     options = frame.options
-    place = starting_point(locus_class(name), moments, start, otf, frame.data, options.hold, options.priors)
+    place = starting_point(locus_class(name), moments, start, otf, frame.data, options)
     fit, otf = fit_and_expand(frame.data, frame.optics, place, otf, options)
     return replace(fit, locus=name), otf
 

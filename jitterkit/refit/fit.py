@@ -62,11 +62,14 @@ class FitOptions:
     priors : Priors
     tolerance : float
         Length of a step, in standard errors, below which the fit has arrived.
+    nodes : int or None
+        Of the integral over time, in loci that have no formula; None for as many as they have themselves.
     """
 
     hold: Collection[str] = ("background",)
     priors: Priors = field(default_factory=Priors)
     tolerance: float = 1e-4
+    nodes: int | None = None
 
 
 def unfinished(locus: Locus) -> float:

@@ -11,7 +11,7 @@ from jitterkit.forward import Parameters, free_parameters
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, PartialShm, Path, principal_axes
 from jitterkit.optics.otf import OTF
-from jitterkit.refit.priors import Priors
+from jitterkit.refit.fit import FitOptions
 from jitterkit.scoring import climb
 
 __all__ = ["starting_point"]
@@ -24,7 +24,7 @@ _TRIAL = 4
 
 
 def starting_point(
-    kind: type[Locus], moments, start: Parameters, otf: OTF, data: Data, hold, priors: Priors
+    kind: type[Locus], moments, start: Parameters, otf: OTF, data: Data, options: FitOptions
 ) -> Parameters:
     """The best place to start a locus from.
 
@@ -35,7 +35,7 @@ def starting_point(
         Second moments ``(Sxx, Sxy, Syy)`` to start from, arcsec².
     start : Parameters
         Its scene, aberrations and background are kept.
-    otf, data, hold, priors
+    otf, data, options
         As for the fit to come.
 
     Returns
@@ -43,10 +43,14 @@ def starting_point(
     start : Parameters
         Of several starts the one that a few steps lead highest.
     """
-    starts = [start.with_locus(locus) for locus in _loci(kind, moments)]
+    loci = _loci(kind, moments)
+    if options.nodes is not None:
+        loci = [locus.sampled(options.nodes) for locus in loci]
+    starts = [start.with_locus(locus) for locus in loci]
     if len(starts) == 1:
         return starts[0]
-    names, free = free_parameters(starts[0], otf, hold)
+    names, free = free_parameters(starts[0], otf, options.hold)
+    priors = options.priors
     ends = [climb(s, otf, data, free, priors.over(names, s.locus), steps=_TRIAL) for s in starts]
     heights = [float(end.objective) for end in ends]
     return starts[int(np.nanargmin(heights))] if np.any(np.isfinite(heights)) else starts[0]

@@ -1,4 +1,4 @@
-"""Fits of single frames as a long run makes them, and how long they take."""
+"""Separations of frames as a long run has them, and how long each takes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from jitterkit.batch import Processor
 from jitterkit.batch.survey import Survey
-from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame, RawFrame
+from jitterkit.trade.methods import separations
 
 __all__ = ["TOGETHER", "Fitting"]
 
@@ -28,13 +28,18 @@ class Fitting:
     processor : Processor
     share : float
         s.
+    method : str
+        Of :mod:`jitterkit.trade.methods`.
     """
 
     processor: Processor
     share: float = 0.0
+    method: str = "refit"
 
     @classmethod
-    def anchored(cls, processor: Processor, raw: RawFrame, frames: int = TOGETHER) -> Fitting:
+    def anchored(
+        cls, processor: Processor, raw: RawFrame, frames: int = TOGETHER, method: str = "refit"
+    ) -> Fitting:
         """With the optics about what a first frame of several shows."""
         frame = processor.calibrate(raw)
         Survey(processor).shown(frame)  # compiles
@@ -42,7 +47,7 @@ class Fitting:
         shown = Survey(processor).shown(frame)
         share = (time.perf_counter() - began) / min(max(frames, 1), TOGETHER)
         known = {} if shown is None else {processor.grid(frame): shown}
-        return cls(replace(processor, known=known), share)
+        return cls(replace(processor, known=known), share, method)
 
     def separations(self, frames: Iterable[Frame]) -> np.ndarray:
         """Separations of calibrated frames with their errors (n, 2), arcsec.
@@ -50,22 +55,24 @@ class Fitting:
         Raises
         ------
         JitterkitError
-            If one cannot be fitted.
+            If one cannot be had.
         """
-        return np.array(list(map(self._fitted, frames)))
+        return separations(self.method, self.processor, frames)
 
     def timed(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
-        """The same of raw frames, and the median of the seconds that a frame takes, calibration included."""
-        self.separations(map(self.processor.calibrate, raws))  # compiles what there is to
-        found, spent = [], []
-        for raw in raws:
-            began = time.perf_counter()
-            found.append(self._fitted(self.processor.calibrate(raw)))
-            spent.append(time.perf_counter() - began)
-        return np.array(found), float(np.median(spent)) + self.share
+        """The same of raw frames, and the seconds that one more takes, calibration included."""
+        self._of_raw(raws)  # compiles what there is to
+        if self.method == "joint":
+            (found, once), (_, twice) = self._clocked(raws), self._clocked((*raws, *raws))
+            return found, (twice - once) / len(raws)
+        each = [self._clocked((raw,)) for raw in raws]
+        return np.concatenate([one for one, _ in each]), float(
+            np.median([spent for _, spent in each])
+        ) + self.share
 
-    def _fitted(self, frame: Frame) -> tuple[float, float]:
-        result = self.processor.fit(frame).result
-        if result.parameters is None or not result.status.usable:
-            raise JitterkitError(result.message)
-        return result.of_scene("separation"), result.error("separation")
+    def _clocked(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
+        began = time.perf_counter()
+        return self._of_raw(raws), time.perf_counter() - began
+
+    def _of_raw(self, raws: Sequence[RawFrame]) -> np.ndarray:
+        return self.separations(map(self.processor.calibrate, raws))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import jax
@@ -20,6 +21,7 @@ from jitterkit.batch import Processor
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.instruments import Instrument
+from jitterkit.loci import locus_class
 from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
@@ -34,8 +36,11 @@ RUNGS: dict[str, tuple[Any, ...]] = {
     "tolerance": (1.0, 0.1, 1e-2, 1e-4, 1e-6),
     "region": (32, 48, 64, 96),
     "bits": (32,),
+    "nodes": (4, 6, 8, 12, 24, 48),
+    "method": ("score", "mtf", "sampling"),
 }
-"""From the fastest to the most exact; what ``balanced`` is itself is measured as such."""
+"""From the fastest to the most exact; what ``balanced`` is itself is measured as such, and the joint fit by
+itself."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class Reference(NamedTuple):
     noisy : (n,) array
         Separations of the frames with noise, arcsec.
     biases : (n,) array
-        What is wrong with those without.
+        What is wrong with those of the same frames without.
     bound : float
         Rms of the errors stated.
     """
@@ -112,14 +117,16 @@ def climb_ladder(
     Yields
     ------
     point : Point
-        The most exact one first: it, or the first that can be had, is what the others are compared with.
+        The most exact one first: it, or the first that can be had, is what the others are compared with; the
+        joint fit with the most exact joint fit.
     """
     named = {name: preset(name, instrument) for name in ("exact", "balanced", "fast")}
     seen = {_resolved(settings, instrument) for settings in named.values()}
     for setting, rungs in RUNGS.items():
         for value in rungs:
             settings = replace(PRESETS["balanced"], **{setting: value})
-            if can_be_had(setting, value, instrument) and _resolved(settings, instrument) not in seen:
+            known = _resolved(settings, instrument) in seen
+            if not known and can_be_had(setting, value, instrument, locus):
                 seen.add(_resolved(settings, instrument))
                 named[f"{setting} {value}"] = settings
     reference: Reference | None = None
@@ -127,16 +134,21 @@ def climb_ladder(
         point, found = measure(name, settings, instrument, scene, locus, reference)
         reference = reference or found
         yield point
+    exact, balanced = (replace(named[name], method="joint") for name in ("exact", "balanced"))
+    _, reference = measure("exact", exact, instrument, scene, locus)
+    yield measure("method joint", balanced, instrument, scene, locus, reference)[0]
 
 
-def can_be_had(setting: str, value: Any, instrument: Instrument) -> bool:
-    """Whether an instrument can be modelled so."""
+def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "mvn") -> bool:
+    """Whether frames of an instrument with a jitter can be modelled and fitted so."""
     if setting == "samples":
         spectrum = instrument.spectrum
         return spectrum is not None and len(spectrum.sampled(value).wavelengths) == value
     if setting in ("binning", "aberrations"):
         return instrument.pupil is not None
-    return True
+    if setting == "nodes":
+        return value < locus_class(locus).nodes
+    return value != "sampling" or find_spec("blackjax") is not None
 
 
 def _resolved(settings: Settings, instrument: Instrument) -> tuple[Hashable, ...]:
@@ -146,8 +158,8 @@ def _resolved(settings: Settings, instrument: Instrument) -> tuple[Hashable, ...
     if spectrum is not None and settings.samples is not None:
         spectrum = spectrum.sampled(settings.samples)
     pad = own_pad(instrument) if settings.pad is None else settings.pad
-    others = (settings.binning, settings.aberrations, settings.tolerance, settings.bits)
-    return (pad, spectrum, min(ny, side), min(nx, side), *others)
+    others = (settings.binning, settings.aberrations, settings.tolerance, settings.bits, settings.nodes)
+    return (pad, spectrum, min(ny, side), min(nx, side), *others, settings.method)
 
 
 def measure(
@@ -188,26 +200,29 @@ def measure(
                 noisy, seconds = _fitting(settings, instrument, scene, locus).timed(scene.noisy)
     except JitterkitError as error:
         return Point(name, settings, message=str(error)), None
-    found = Reference(noisy[:, 0], biases, _rms(sigmas))
+    found = Reference(noisy[:, 0], biases[: len(noisy)], _rms(sigmas))
     beside = reference or found
-    scatter = _rms((found.noisy - biases) - (beside.noisy - beside.biases))
+    scatter = _rms((found.noisy - found.biases) - (beside.noisy - beside.biases))
     return Point(name, settings, seconds, _rms(biases), scatter, found.bound, beside.bound), found
 
 
 def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locus: str) -> Fitting:
     processor = settings.applied(Processor(instrument, locus=locus))
-    if settings.aberrations == "expanded":
-        return Fitting(processor)
-    return Fitting.anchored(processor, scene.noisy[0])
+    if settings.aberrations == "expanded" or settings.method == "joint":
+        return Fitting(processor, method=settings.method)
+    return Fitting.anchored(processor, scene.noisy[0], method=settings.method)
 
 
 def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.ndarray]:
-    """What is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec."""
-    frames = zip(scene.plain, scene.images, strict=True)
-    found = fitting.separations(
-        without_noise(fitting.processor.calibrate(raw), image) for raw, image in frames
-    )
-    return found[:, 0] - [float(truth.binary.separation) for truth in scene.truths], found[:, 1]
+    """What is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec.
+
+    Turned ones are left out where frames have to share their direction.
+    """
+    calibrate, every = fitting.processor.calibrate, zip(scene.plain, scene.images, strict=True)
+    frames = [without_noise(calibrate(raw), image) for raw, image in every]
+    found = fitting.separations(frames[: len(scene.noisy)] if fitting.method == "joint" else frames)
+    truths = [float(truth.binary.separation) for truth in scene.truths]
+    return found[:, 0] - truths[: len(found)], found[:, 1]
 
 
 def without_noise(frame: Frame, image: np.ndarray) -> Frame:

@@ -31,16 +31,19 @@ _OFF = 2.0
 
 @dataclass(frozen=True)
 class TradeScene:
-    """Frames of one pair, one jitter and one telescope, of which all else differs.
+    """Frames of one pair, one jitter and one telescope as they follow each other, and some that are turned.
 
     Attributes
     ----------
     truths : tuple of Parameters
-        Of the frames; the first shows the optics to the others.
+        First of frames that share the direction of the pair, then of others, each turned its own way.
     images : tuple of (ny, nx) array
         Expected electrons, exact.
-    plain, noisy : tuple of RawFrame
-        Read out by the detector, without noise and with that of photons and detector.
+    plain : tuple of RawFrame
+        Read out by the detector without noise.
+    noisy : tuple of RawFrame
+        Those that share their direction, with the noise of photons and detector; the first shows the optics
+        to the others.
     """
 
     truths: tuple[Parameters, ...]
@@ -52,15 +55,16 @@ class TradeScene:
     def of(
         cls, instrument: Instrument, pair: Binary, locus: Locus, frames: int, rng: np.random.Generator
     ) -> TradeScene:
-        """Draw direction, place and aberrations of some frames.
+        """Draw direction, place and aberrations of some frames, and of as many turned ones.
 
         Parameters
         ----------
         instrument : Instrument
         pair : Binary
-            Its place and direction are drawn anew for each frame.
+            Its place and direction are drawn.
         locus : Locus
         frames : int
+            That share their direction.
         rng : numpy.random.Generator
 
         Raises
@@ -76,22 +80,22 @@ class TradeScene:
         system = truest(instrument)
         state = rng.normal(0, _STATE, len(instrument.aberrations))
         truths, images = [], []
-        for _ in range(frames):
+        for theta in [rng.uniform(0, 360)] * frames + list(rng.uniform(0, 360, frames)):
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
-            place = Binary(pair.separation, rng.uniform(0, 360), x, y, pair.flux, pair.contrast)
+            place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
             here = state + rng.normal(0, _WANDER, len(state))
             truths.append(Parameters(place, locus, here))
             otf = system.otf(here, derivatives=False)
             check_reach(place, locus, otf)
             images.append(np.asarray(expected_image(truths[-1], otf), float))
 
-        def read(rng: np.random.Generator | None) -> tuple[RawFrame, ...]:
+        def read(images: list[np.ndarray], rng: np.random.Generator | None) -> tuple[RawFrame, ...]:
             exposed = (
                 instrument.detector.expose(image, rng, exposure=instrument.exposure) for image in images
             )
             return tuple(RawFrame.from_array(one, exposure=instrument.exposure) for one in exposed)
 
-        return cls(tuple(truths), tuple(images), read(None), read(rng))
+        return cls(tuple(truths), tuple(images), read(images, None), read(images[:frames], rng))
 
 
 def truest(

@@ -15,10 +15,13 @@ from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
-__all__ = ["ABERRATIONS", "PRESETS", "Settings", "own_pad", "preset"]
+__all__ = ["ABERRATIONS", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
 
 ABERRATIONS = ("held", "anchored", "expanded")
 """At what they are without any; fitted about one state of many frames; computed anew for every frame."""
+
+METHODS = ("score", "mtf", "refit", "joint", "sampling")
+"""How the separation is had: see :mod:`jitterkit.trade.methods`."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,10 @@ class Settings:
         Pixels along each side that are cut out about the stars; None for the instrument's own frame.
     bits : int
         64 or 32.
+    nodes : int or None
+        Of the integral over time in loci that have no formula; None for as many as they have themselves.
+    method : str
+        One of :data:`METHODS`; what a :class:`~jitterkit.batch.Processor` does is the refit.
 
     Raises
     ------
@@ -59,18 +66,19 @@ class Settings:
     tolerance: float = 1e-4
     region: int | None = None
     bits: int = 64
+    nodes: int | None = None
+    method: str = "refit"
 
     def __post_init__(self) -> None:
-        if self.aberrations not in ABERRATIONS:
-            known = ", ".join(ABERRATIONS)
-            raise ConfigurationError(f"aberrations = {self.aberrations!r} is unknown; choose one of {known}.")
-        if self.bits not in (32, 64):
-            raise ConfigurationError(f"bits = {self.bits} is unknown; choose 32 or 64.")
+        for name, known in (("aberrations", ABERRATIONS), ("method", METHODS), ("bits", (32, 64))):
+            if (value := getattr(self, name)) not in known:
+                listed = ", ".join(map(str, known))
+                raise ConfigurationError(f"{name} = {value!r} is unknown; choose one of {listed}.")
         if not self.tolerance > 0:
             raise ConfigurationError(
                 f"tolerance = {self.tolerance} is not positive; give a part of an error."
             )
-        for name in ("pad", "samples", "binning", "region"):
+        for name in ("pad", "samples", "binning", "region", "nodes"):
             value = getattr(self, name)
             if value is not None and value < (0 if name == "pad" else 1):
                 raise ConfigurationError(f"{name} = {value} is impossible; give a positive number.")
@@ -106,7 +114,7 @@ class Settings:
         """The options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
         held = instrument.aberrations if self.aberrations == "held" else self.without
-        return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance)
+        return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance, nodes=self.nodes)
 
     def applied(self, processor: Processor) -> Processor:
         """The same as another processor, with these settings.

@@ -15,8 +15,18 @@ from jitterkit.trade.settings import Settings, own_pad
 
 __all__ = ["trade_table"]
 
-_NONE = {"pad": -1, "samples": 0, "binning": 0, "aberrations": "", "tolerance": 0.0, "region": 0, "bits": 0}
-"""Settings, and what stands for none."""
+_NONE = {
+    "pad": -1,
+    "samples": 0,
+    "binning": 0,
+    "aberrations": "",
+    "tolerance": 0.0,
+    "region": 0,
+    "bits": 0,
+    "nodes": 0,
+    "method": "",
+}
+"""Settings, and what stands for none; of nodes, for those of the locus itself."""
 
 
 def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:

@@ -274,6 +274,18 @@ def test_a_locus_says_how_far_it_is_exact(kind):
     assert off_the_points(locus, 3 * f) > 1e-2
 
 
+@pytest.mark.parametrize(("kind", "nodes"), [("partial", 12), ("partial", 24), ("path", 4), ("path", 8)])
+def test_with_fewer_nodes_it_is_exact_less_far_and_says_so(kind, nodes):
+    own = EXAMPLES[kind](size=4.0)
+    locus = own.sampled(nodes)
+    f = locus.exact_to() * np.linspace(0.5, 1.0, 21)
+    assert f[-1] < 0.7 * own.exact_to()
+    assert off_the_points(locus, f) < 1e-4
+    assert off_the_points(locus, 3 * f) > 1e-2
+    assert locus.at(locus.coords).nodes == nodes
+    assert own.sampled(own.nodes).exact_to() == own.exact_to()
+
+
 def off_the_points(locus, f):
     """Most by which the transfer function along x is off the mean phasor over many points of the path."""
     along = locus.points(65536)[:, 0]
@@ -283,7 +295,9 @@ def off_the_points(locus, f):
 
 @pytest.mark.parametrize("kind", ["linear", "shm", "mvn", "ellipse", "tones", "smear", "shaped"])
 def test_a_formula_is_exact_everywhere(kind):
-    assert EXAMPLES[kind](size=40.0).exact_to() == np.inf
+    locus = EXAMPLES[kind](size=40.0)
+    assert locus.exact_to() == np.inf
+    assert locus.sampled(3) is locus
 
 
 def test_a_product_is_as_exact_as_its_worst_part():

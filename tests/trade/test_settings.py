@@ -45,12 +45,14 @@ def test_the_balanced_preset_is_what_is_done_without_any(plain):
     ("given", "message"),
     [
         ({"aberrations": "guessed"}, "aberrations = 'guessed' is unknown; choose one of held, anchored"),
-        ({"bits": 16}, "bits = 16 is unknown; choose 32 or 64"),
+        ({"bits": 16}, "bits = 16 is unknown; choose one of 32, 64"),
         ({"tolerance": 0.0}, "tolerance = 0.0 is not positive"),
         ({"tolerance": float("nan")}, "tolerance = nan is not positive"),
         ({"pad": -1}, "pad = -1 is impossible"),
         ({"samples": 0}, "samples = 0 is impossible"),
         ({"region": 0}, "region = 0 is impossible"),
+        ({"nodes": 0}, "nodes = 0 is impossible"),
+        ({"method": "guess"}, "method = 'guess' is unknown; choose one of score, mtf, refit"),
     ],
 )
 def test_impossible_settings_are_refused(given, message):
