@@ -111,12 +111,17 @@ class Processor(Finder):
         pixel, pa = midpoint_pixel(frame, result, scale), position_angle(frame, result, scale)
         return Processed(frame, result, pixel, pa)
 
-    def _options(self, frame: Frame) -> FitOptions:
-        """The options, and what is known of this frame's jitter."""
-        if self.prior is None:
-            return self.options
-        told = self.prior.of(frame.name, frame.digest)
-        return replace(self.options, priors=self.options.priors.joined(told))
+    @property
+    def priors(self) -> Priors:
+        """Those of every frame: the options', and what the instrument says of aberrations that are fitted."""
+        telescope = self.instrument
+        free = (name for name in telescope.aberrations if name not in self.options.hold)
+        return Priors.alike(free, telescope.aberration_sigma).joined(self.options.priors)
+
+    def options_of(self, frame: Frame) -> FitOptions:
+        """The options, and what is known of this frame's jitter and optics."""
+        told = Priors() if self.prior is None else self.prior.of(frame.name, frame.digest)
+        return replace(self.options, priors=self.priors.joined(told))
 
     def _fit(self, frame: Frame) -> tuple[Frame, FitResult]:
         """Fit a frame; one hit by rays is fitted again without their pixels."""
@@ -135,7 +140,7 @@ class Processor(Finder):
         if isinstance(found, FitResult):
             return found
         data, parameters, otf, estimate = found
-        common = (data, self.optics(frame), parameters, estimate.moments, otf, self._options(frame))
+        common = (data, self.optics(frame), parameters, estimate.moments, otf, self.options_of(frame))
         result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
         result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
         return self._remark_unused(frame, result)

@@ -62,6 +62,9 @@ def _first_difference(a: Any, b: Any, place: tuple = ()) -> tuple[tuple, Any, An
     if isinstance(a, list) and isinstance(b, list):
         return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, place)
     same = a == b or (a != a and b != b)  # NaN is NaN
+    same = same or all(
+        value in (None, _ABSENT) for value in (a, b)
+    )  # a setting that there was not, and is not made
     return None if same else (place, a, b)
 
 

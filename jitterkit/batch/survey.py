@@ -17,6 +17,7 @@ from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
+from jitterkit.refit.fit import SETTLED, settled
 
 __all__ = ["Item", "Survey", "read_items"]
 
@@ -81,7 +82,8 @@ class Survey:
         self._anchors[key] = anchor
         while len(self._anchors) > 1 and sum(one.taylor.nbytes for one in self._anchors.values()) > _KEPT:
             self._anchors.popitem(last=False)
-        return AnchoredOptics.about(optics, anchor, float(shown.scene.flux), shown_state)
+        strict = settled(self._finder.options.tolerance) / SETTLED  # it has to be as good as if more showed
+        return AnchoredOptics.about(optics, anchor, float(shown.scene.flux) / strict**2, shown_state)
 
 
 def read_items(

@@ -114,9 +114,13 @@ class _Setup:
     """A telescope, a scene and a jitter, of which any number may be changed by name."""
 
     def __init__(self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float]) -> None:
+        from jitterkit.refit import FitOptions, Priors
+
         self.telescope, self.locus, self.sizes, self.scene = telescope, locus, sizes, scene
         self.optics = telescope.system()
         self._still: dict[tuple[tuple[str, float], ...], float] = {}
+        known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
+        self._options = FitOptions(priors=known)
 
     def point(self, still: bool = False, censored: bool = False, **changes: float):
         """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
@@ -137,7 +141,7 @@ class _Setup:
         check_scene(parameters.binary, jitter)
         check_reach(parameters.binary, jitter, otf)
         exposure = self.telescope.exposure or 0.0
-        found = forecast(parameters, otf, detector, exposure=exposure, censored=censored)
+        found = forecast(parameters, otf, detector, self._options, exposure=exposure, censored=censored)
         if not np.all(np.isfinite(found.covariance)):
             raise ConfigurationError(
                 f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "

@@ -17,7 +17,13 @@ __all__ = ["describe_detector", "describe_instrument"]
 
 Row = tuple[str, str, str, str]
 
-_UNITS = {"shape": "pixel", "flux": "photons per frame", "bits": "bit", "nonlinearity": "1/e-, 1/e-², ..."}
+_UNITS = {
+    "shape": "pixel",
+    "flux": "photons per frame",
+    "aberration_sigma": "nm",
+    "bits": "bit",
+    "nonlinearity": "1/e-, 1/e-², ...",
+}
 _NO_MODEL = {"flat", "nonlinearity", "coupling", "diffusion", "cosmic_rays", "dark_current", "bad_pixels"}
 
 
@@ -29,6 +35,10 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
     if band is not None:
         text = f"{min(band.wavelengths):g} to {max(band.wavelengths):g}"
         rows.append(("spectrum", text, "nm", instrument.source("spectrum")))
+    if instrument.aberration_sigma is not None:
+        rows.append(
+            _row("aberration_sigma", instrument.aberration_sigma, instrument.source("aberration_sigma"))
+        )
     return rows + describe_detector(instrument.detector)
 
 

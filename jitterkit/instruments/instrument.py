@@ -47,6 +47,8 @@ class Instrument:
     pad : int, optional
         Pixels of padding of the model on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if
         omitted.
+    aberration_sigma : float, optional
+        nm, how well each aberration is known beforehand, 1 sigma about none: fits have it as a prior.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
         :data:`jitterkit.frames.metadata.RANKS`.
@@ -68,6 +70,7 @@ class Instrument:
     exposure: float | None = None
     flux: float | None = None
     pad: int | None = None
+    aberration_sigma: float | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -81,6 +84,10 @@ class Instrument:
                 raise ConfigurationError(f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
         if self.flux is not None and not 0 < self.flux < np.inf:
             raise ConfigurationError(f"flux = {self.flux!r} is not positive; give photons per frame.")
+        if self.aberration_sigma is not None and not 0 < self.aberration_sigma < np.inf:
+            raise ConfigurationError(
+                f"aberration_sigma = {self.aberration_sigma!r} is not positive; give nm, or leave it out."
+            )
         if (self.pupil_from is None) == (self.psf_from is None):
             raise ConfigurationError(
                 f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two."

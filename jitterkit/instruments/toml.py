@@ -9,6 +9,7 @@
     shape = [128, 128]          # rows, columns
     exposure = 0.1              # s
     flux = 1e5                  # photons per frame, for simulations
+    aberration_sigma = 20       # nm, optional: how well each is known beforehand, a prior of every fit
 
     [telescope]                 # a plain one, or a pupil file, or (instead) a [psf]
     diameter = 0.125            # m
@@ -57,7 +58,7 @@ from jitterkit.optics.spectrum_file import read_spectrum
 __all__ = ["SECTIONS", "read_instrument"]
 
 SECTIONS = {
-    "instrument": ("name", "base", "plate_scale", "shape", "exposure", "flux"),
+    "instrument": ("name", "base", "plate_scale", "shape", "exposure", "flux", "aberration_sigma"),
     "telescope": ("diameter", "obscuration", "struts", "strut_width", "noll", "samples", "pupil"),
     "psf": ("file", "hdu"),
     "spectrum": ("band", "samples", "lines", "weights", "file"),
@@ -147,6 +148,7 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
         "plate_scale": section.number("plate_scale", "arcsec/pixel"),
         "exposure": section.number("exposure", "s"),
         "flux": section.number("flux", "photons per frame"),
+        "aberration_sigma": section.number("aberration_sigma", "nm"),
         "shape": section.whole_numbers("shape", 2, "[rows, columns]") if "shape" in section else None,
     }
     fields = {name: value for name, value in fields.items() if value is not None}

@@ -55,7 +55,7 @@ class Locus(eqx.Module):
     names : tuple of str
         One a coordinate.
     nodes : int
-        Of the integral over time that its transfer function is, in each panel; 0 if it is a formula.
+        Of the integral over time that its transfer function is, in each panel; 0 where there is no choice.
     """
 
     coords: Float[Array, " k"]
@@ -67,7 +67,10 @@ class Locus(eqx.Module):
         return eqx.tree_at(lambda locus: locus.coords, self, coords)
 
     def sampled(self, nodes: int) -> Self:
-        """The same with so many nodes in the integral over time; a formula has none, and stays as it is."""
+        """The same with so many nodes in the integral over time, where they are to be chosen.
+
+        A formula stays as it is, and so does a measured trace, whose samples say how many there are.
+        """
         return self
 
     @abstractmethod

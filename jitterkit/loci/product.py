@@ -52,6 +52,9 @@ class Product(Locus):
         ends = np.cumsum([len(part.names) for part in self.parts])[:-1]
         return tuple(part.at(c) for part, c in zip(self.parts, jnp.split(self.coords, ends), strict=True))
 
+    def sampled(self, nodes: int) -> Self:
+        return type(self)(*(part.sampled(nodes) for part in self.factors()))
+
     @classmethod
     def near(cls, moments) -> Self:
         raise ConfigurationError(

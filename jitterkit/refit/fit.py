@@ -26,13 +26,25 @@ from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
 from jitterkit.scoring import DROWNED, Climb, climb, invert_information
 
-__all__ = ["SETTLED", "FitOptions", "fit_and_expand", "fit_frame", "linearisation_error", "unfinished"]
+__all__ = [
+    "SETTLED",
+    "FitOptions",
+    "fit_and_expand",
+    "fit_frame",
+    "linearisation_error",
+    "settled",
+    "unfinished",
+]
 
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _EXPANSIONS = 10
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
-SETTLED = 0.1
-"""Sigmas of the whole image that the linearised optics may be off by."""
+SETTLED, _USUAL = 0.1, 1e-4
+"""Sigmas of the whole image that the linearised optics may be off by, in a fit to that tolerance or a looser
+one; the tighter, the less."""
+_SHOWN = 0.1
+"""Errors of the separation for each of these sigmas, at most: 0.096 in 92 states of eleven telescopes, 0.005
+of TOLIMAN's."""
 _HOPELESS, _GAIN, _IDLE = 30.0, 0.9, 2
 """Deviance per pixel from which a fit is given up when so many climbs in a row have not brought it below that
 share of what it was: it would end far above what passes for a fit, after twenty seconds."""
@@ -61,24 +73,33 @@ class FitOptions:
         because a detector's bias is subtracted; free it (``hold=()``) where there is sky.
     priors : Priors
     tolerance : float
-        Length of a step, in standard errors, below which the fit has arrived.
+        Length of a step, in standard errors, below which the fit has arrived; below 1e-4 the optics are as
+        much more exact where it ends.
     nodes : int or None
-        Of the integral over time, in loci that have no formula; None for as many as they have themselves.
+        Of the integral over time, in loci that have no formula and are started by name, as
+        :func:`~jitterkit.refit.choose.fit_locus` does; None for as many as they have themselves.
     """
 
     hold: Collection[str] = ("background",)
     priors: Priors = field(default_factory=Priors)
-    tolerance: float = 1e-4
+    tolerance: float = _USUAL
     nodes: int | None = None
 
 
-def unfinished(locus: Locus) -> float:
-    """Standard errors by which a fit may end before it has arrived, however small a tolerance is asked for.
+def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:
+    """Standard errors by which the separation of a fit may be off where it ends.
 
-    By rounding, in 32 bits, or because a locus is on a leash.  (Where a pixel reaches the floor of the
-    likelihood the way has a kink, at which 1e-4 may be left.)
+    By the tolerance; by rounding, in 32 bits; because a locus is on a leash; and by the linearisation of the
+    optics where aberrations vary.  (Where a pixel reaches the floor of the likelihood the way has a kink, at
+    which 1e-4 may be left.)
     """
-    return max(DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0, _slack(locus))
+    linear = _SHOWN * settled(tolerance) if aberrations else 0.0
+    return max(tolerance, DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0, _slack(locus), linear)
+
+
+def settled(tolerance: float) -> float:
+    """Sigmas of the whole image that linearised optics may be off by where a fit to some tolerance ends."""
+    return SETTLED * min(1.0, tolerance / _USUAL)
 
 
 def _slack(locus: Locus) -> float:
@@ -164,13 +185,14 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
     """
     iterations, share, before = 0, 1.0, np.inf
     idle, last = 0, np.inf
-    steps, tolerance = (_PATIENCE if leashes(start.locus) else 50), max(_slack(start.locus), tolerance)
+    asked, tolerance = tolerance, max(_slack(start.locus), tolerance)
+    steps = _PATIENCE if leashes(start.locus) else 50
     for _ in range(_EXPANSIONS):
         end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
         iterations += int(end.iterations)
         start = end.parameters
         error = linearisation_error(optics, start, otf)
-        if error < SETTLED:
+        if error < settled(asked):
             return end, otf, iterations
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
         idle, last = 0 if level < _GAIN * last else idle + 1, level

@@ -10,7 +10,7 @@ Reach for :func:`sequence_prior` with the other frames of a run, :func:`trace_pr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -52,6 +52,11 @@ class Priors:
                 raise ConfigurationError(
                     f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}."
                 )
+
+    @classmethod
+    def alike(cls, names: Iterable[str], sigma: float | None) -> Priors:
+        """The same on each of some parameters: zero within ``sigma``; none at all without it."""
+        return cls({} if sigma is None else dict.fromkeys(names, (0.0, sigma)))
 
     def joined(self, other: Priors) -> Priors:
         """Both together: the other's terms stand before these, and moments are combined by their information.

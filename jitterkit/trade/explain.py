@@ -18,6 +18,9 @@ __all__ = ["explain"]
 _UNKNOWN = 100.0
 """nm, beyond which the error of an aberration says that a frame does not tell it."""
 
+_HELD = 0.9
+"""Share of what is known beforehand, beyond which the error says the same."""
+
 
 def explain(outlook: Outlook, plan: Plan) -> Iterator[str]:
     """Say what is modelled of a scene, what is not, and what that costs.
@@ -81,10 +84,15 @@ def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
     if without:
         said += f"; left out: {', '.join(without)}, which may cost {angle_size(outlook.cost_of(without), 2)}"
     yield f"aberrations {said}"
+    known = outlook.instrument.aberration_sigma
+    if known is None:
+        limit, end = _UNKNOWN, "; with aberration_sigma in the instrument's file it would be held to that"
+    else:
+        limit, end = _HELD * known, f": it is held to the {known:g} nm of the instrument's file"
     for one in outlook.examples:
-        unknown = [name for name in fitted if one.result.error(name) > _UNKNOWN]
+        unknown = [name for name in fitted if one.result.error(name) > limit]
         if unknown:
-            yield f"{one.raw.name} hardly tells {', '.join(unknown)}: its error is above {_UNKNOWN:g} nm"
+            yield f"{one.raw.name} does not tell {', '.join(unknown)} to {limit:.3g} nm{end}"
 
 
 def _jitter(outlook: Outlook) -> str:

@@ -60,11 +60,14 @@ class Fitting:
         return separations(self.method, self.processor, frames)
 
     def timed(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
-        """The same of raw frames, and the seconds that one more takes, calibration included."""
+        """The same of raw frames, and the seconds that one takes, calibration included.
+
+        The median, but of frames together their mean.
+        """
         self._of_raw(raws)  # compiles what there is to
         if self.method == "joint":
-            (found, once), (_, twice) = self._clocked(raws), self._clocked((*raws, *raws))
-            return found, (twice - once) / len(raws)
+            found, spent = self._clocked(raws)
+            return found, spent / len(raws)
         each = [self._clocked((raw,)) for raw in raws]
         return np.concatenate([one for one, _ in each]), float(
             np.median([spent for _, spent in each])

@@ -21,7 +21,7 @@ from jitterkit.batch import Processor
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.instruments import Instrument
-from jitterkit.loci import locus_class
+from jitterkit.loci import LOCI
 from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
@@ -33,7 +33,7 @@ RUNGS: dict[str, tuple[Any, ...]] = {
     "samples": (1, 3, 5, 7, 9, 11, 13, 16),
     "binning": (8, 4, 2, 1),
     "aberrations": ABERRATIONS,
-    "tolerance": (1.0, 0.1, 1e-2, 1e-4, 1e-6),
+    "tolerance": (1.0, 0.1, 1e-2, 1e-4, 1e-5, 1e-6),
     "region": (32, 48, 64, 96),
     "bits": (32,),
     "nodes": (4, 6, 8, 12, 24, 48),
@@ -41,6 +41,13 @@ RUNGS: dict[str, tuple[Any, ...]] = {
 }
 """From the fastest to the most exact; what ``balanced`` is itself is measured as such, and the joint fit by
 itself."""
+
+_ALIKE = ("score", "joint")
+"""Methods that ask for frames of one direction."""
+
+
+_BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""What ends one row and not the ladder."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,8 @@ class Point:
     sigma : float
         Rms of the errors of the separation that the fits state, arcsec.
     bound : float
-        The least that there can be, arcsec.
+        The least that there can be, arcsec: what ``exact`` states; of the joint fit, what an exact joint fit
+        does.
     message : str
         Why there are no numbers, if there are none.
     """
@@ -135,8 +143,10 @@ def climb_ladder(
         reference = reference or found
         yield point
     exact, balanced = (replace(named[name], method="joint") for name in ("exact", "balanced"))
-    _, reference = measure("exact", exact, instrument, scene, locus)
-    yield measure("method joint", balanced, instrument, scene, locus, reference)[0]
+    joint, reference = measure("method joint", exact, instrument, scene, locus)
+    if reference is not None:
+        joint, _ = measure("method joint", balanced, instrument, scene, locus, reference)
+    yield joint
 
 
 def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "mvn") -> bool:
@@ -147,7 +157,7 @@ def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "m
     if setting in ("binning", "aberrations"):
         return instrument.pupil is not None
     if setting == "nodes":
-        return value < locus_class(locus).nodes
+        return locus in LOCI and value < LOCI[locus].nodes
     return value != "sampling" or find_spec("blackjax") is not None
 
 
@@ -198,7 +208,7 @@ def measure(
             jax.clear_caches()  # programs of the one precision do not take the other's numbers
             with jax.enable_x64(False):
                 noisy, seconds = _fitting(settings, instrument, scene, locus).timed(scene.noisy)
-    except JitterkitError as error:
+    except _BREAKDOWNS as error:
         return Point(name, settings, message=str(error)), None
     found = Reference(noisy[:, 0], biases[: len(noisy)], _rms(sigmas))
     beside = reference or found
@@ -210,17 +220,17 @@ def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locu
     processor = settings.applied(Processor(instrument, locus=locus))
     if settings.aberrations == "expanded" or settings.method == "joint":
         return Fitting(processor, method=settings.method)
-    return Fitting.anchored(processor, scene.noisy[0], method=settings.method)
+    return Fitting.anchored(processor, scene.lead, method=settings.method)
 
 
 def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.ndarray]:
     """What is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec.
 
-    Turned ones are left out where frames have to share their direction.
+    Turned ones are left out where a method asks for frames that share their direction.
     """
     calibrate, every = fitting.processor.calibrate, zip(scene.plain, scene.images, strict=True)
     frames = [without_noise(calibrate(raw), image) for raw, image in every]
-    found = fitting.separations(frames[: len(scene.noisy)] if fitting.method == "joint" else frames)
+    found = fitting.separations(frames[: len(scene.noisy)] if fitting.method in _ALIKE else frames)
     truths = [float(truth.binary.separation) for truth in scene.truths]
     return found[:, 0] - truths[: len(found)], found[:, 1]
 

@@ -2,17 +2,19 @@
 
 Reach for :func:`separations`.
 
-* ``score``: the scoring step of a frame that repeats another, as ``jitterkit estimate`` takes it; nothing is
-  fitted.
-* ``mtf``: the blur by the ratio of transfer functions, held; all else is fitted.
+* ``score``: the scoring step of a frame that repeats another, as ``jitterkit estimate`` takes it; what does
+  not repeat has none.
+* ``mtf``: the blur by the ratio of transfer functions, held as if it were known; all else is fitted.
 * ``refit``: everything is fitted, as ``jitterkit process`` does it.
-* ``joint``: the frames together, as ``jitterkit sequence`` does it; they have to share the pair's direction.
+* ``joint``: the frames together, as ``jitterkit sequence`` does it, to its own tolerance; they have to share
+  the pair's direction.
 * ``sampling``: the mean of draws from the posterior; needs the extra ``sampling``.
 """
 
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -22,7 +24,7 @@ import numpy as np
 from jitterkit.batch import Processor
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
-from jitterkit.joint import Exposure, Looker, refit_sequence
+from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, fit_frame, sample_posterior
@@ -60,18 +62,21 @@ def separations(method: str, processor: Processor, frames: Iterable[Frame]) -> n
 
 
 def _scored(processor: Processor, frame: Frame) -> tuple[float, float]:
-    estimated = processor.estimate(frame)
-    if isinstance(estimated, FitResult):
-        raise JitterkitError(estimated.message)
-    return float(estimated.parameters.binary.separation), math.nan
+    known = processor.known.get(processor.grid(frame))
+    data = Data.of(frame, censored=processor.censored)
+    if known is None or known.repeat is None or (found := known.repeat.estimate(data)) is None:
+        raise JitterkitError(f"{frame.name} does not repeat another frame, so that one step does not do.")
+    return float(found.parameters.binary.separation), math.nan
 
 
 def _given_the_blur(processor: Processor, frame: Frame) -> tuple[float, float]:
     estimated = replace(processor, kernel="mtf").estimate(frame)
     if isinstance(estimated, FitResult):
         raise JitterkitError(estimated.message)
-    start = estimated.parameters.with_locus(Mvn.near(estimated.estimate.moments))
-    options = replace(processor.options, hold=(*processor.options.hold, *Mvn.names))
+    blur = estimated.estimate.locus
+    start = estimated.parameters.with_locus(Mvn.near(estimated.estimate.moments) if blur is None else blur)
+    held = (*processor.options.hold, *start.locus.names)
+    options = replace(processor.options, hold=held, priors=processor.priors)
     return _told(fit_frame(estimated.data, processor.optics(frame), start, estimated.otf, options))
 
 
@@ -80,21 +85,20 @@ def _refitted(processor: Processor, frame: Frame) -> tuple[float, float]:
 
 
 def _drawn(processor: Processor, frame: Frame) -> tuple[float, float]:
-    fit = processor.fit(frame).result
-    _told(fit)
-    data = Data.of(frame, censored=processor.censored).clear(fit.image)
+    fitted = processor.fit(frame)
+    _told(fitted.result)
+    frame = frame if fitted.frame is None else fitted.frame
     posterior = sample_posterior(
-        data,
+        Data.of(frame, censored=processor.censored).clear(fitted.result.image),
         processor.optics(frame),
-        fit,
-        processor.options.priors,
+        fitted.result,
+        processor.options_of(frame).priors,
         draws=_DRAWS,
         chains=_CHAINS,
         warmup=_WARMUP,
-        key=jax.random.key(0),
+        key=jax.random.key(zlib.crc32(np.asarray(frame.electrons).tobytes())),  # another chance in each frame
     )
-    drawn = posterior.draws[:, posterior.slot("separation")]
-    return float(drawn.mean()), float(drawn.std())
+    return posterior.mean("separation"), posterior.error("separation")
 
 
 _OF_ONE: dict[str, Callable[[Processor, Frame], tuple[float, float]]] = {
@@ -106,16 +110,17 @@ _OF_ONE: dict[str, Callable[[Processor, Frame], tuple[float, float]]] = {
 
 
 def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
-    exposures = [Exposure(frame.name, place * _step(frame), frame) for place, frame in enumerate(frames)]
-    looker = Looker(processor.optics(frames[0]), processor.locus, tuple(processor.options.hold))
-    fit = refit_sequence(exposures, looker)
+    """What each says, all that they share known by all of them, with the joint error."""
+    exposures = [
+        Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
+    ]
+    hold, optics = tuple(processor.options.hold), processor.optics(frames[0])
+    looker = Looker(optics, processor.locus, hold, processor.options.priors, censored=processor.censored)
+    fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
+    if not fit.combined.kept.all() or len(fit.messages) < len(frames):
+        raise JitterkitError("Not all frames go together.")
     error = fit.separation[1] * math.sqrt(len(frames))
     return np.array([(one.separation, error) for one in fit.frames()])
-
-
-def _step(frame: Frame) -> float:
-    """From the middle of an exposure to that of the next, s: they follow each other without a pause."""
-    return frame.exposure or 1.0
 
 
 def _told(fit: FitResult) -> tuple[float, float]:

@@ -77,10 +77,11 @@ class Outlook:
         Parameters
         ----------
         tolerance : float
-            Step, in standard errors, below which a fit ends; some loci leave more.
+            Step, in standard errors, below which a fit ends.
         """
+        varied = bool(self.instrument.aberrations)
         return max(
-            max(unfinished(one.truth.locus), tolerance) * self._foresee(one, OWN).sigma
+            unfinished(tolerance, one.truth.locus, varied) * self._foresee(one, OWN).sigma
             for one in self.examples
         )
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
@@ -107,11 +108,11 @@ class Example:
 
         Notes
         -----
-        *Assumes* an error small against the resolution of the parameters, and says nothing of what priors on
-        them would mend, nor of a fit that ends before it has arrived.
+        *Assumes* an error small against the resolution of the parameters, and says nothing of a fit that ends
+        before it has arrived.  Of priors it counts those on single parameters.
         """
-        names, equations = self._equations(settings.applied(self.processor))
-        covariance, sound = invert_information(equations.information)
+        names, equations, known = self._equations(settings.applied(self.processor))
+        covariance, sound = invert_information(equations.information + known)
         if not sound:
             raise ConfigurationError(f"{self.raw.name} does not determine its parameters with {settings}.")
         slot = names.index("separation")
@@ -127,12 +128,12 @@ class Example:
         change : float
             What their values change, to first order, and two of the errors that is known to.
         """
-        free, equations = self._information
+        free, equations, known = self._information
         held = [name in names for name in free]
         if not any(held):
             return 0.0
         kept, gone = np.flatnonzero(np.invert(held)), np.flatnonzero(held)
-        told = np.asarray(equations.information)
+        told = np.asarray(equations.information + known)
         covariance, _ = invert_information(told)
         narrow, _ = invert_information(told[np.ix_(kept, kept)])
         slot = kept.tolist().index(free.index("separation"))
@@ -142,17 +143,18 @@ class Example:
         return float(abs(shift) + _CREDIBLE * math.sqrt(max(lost, 0.0)))
 
     @cached_property
-    def _information(self) -> tuple[tuple[str, ...], NormalEquations]:
+    def _information(self) -> tuple[tuple[str, ...], NormalEquations, Array]:
         return self._equations(self.processor)
 
     def _aberration(self, name: str) -> float:
         return float(self.truth.aberrations[self.processor.instrument.aberrations.index(name)])
 
-    def _equations(self, processor: Processor) -> tuple[tuple[str, ...], NormalEquations]:
-        """Names of the free parameters, and what the exact image tells a model about them."""
+    def _equations(self, processor: Processor) -> tuple[tuple[str, ...], NormalEquations, Array]:
+        """Names of the free parameters, what the exact image tells a model about them, and what priors do."""
         frame = processor.calibrate(self.raw)
         held = processor.options.hold
-        truth = self._seen_in(frame, held)
+        truth, nodes = self._seen_in(frame, held), processor.options.nodes
+        truth = truth if nodes is None else truth.with_locus(truth.locus.sampled(nodes))
         optics = processor.instrument.system(shape=frame.shape, plate_scale=self._scale)
         otf = optics.otf(truth.aberrations)
         names, free = free_parameters(truth, otf, held)
@@ -160,7 +162,8 @@ class Example:
         exact = self.image[y0 : y0 + ny, x0 : x0 + nx]
         data = Data.of(replace(frame, electrons=exact), censored=processor.censored).clear(exact)
         image, slopes = image_and_jacobian(truth, otf, free)
-        return names, equations_of(image, slopes, data)
+        known = processor.priors.over(names, truth.locus).precision
+        return names, equations_of(image, slopes, data), known
 
     def _seen_in(self, frame: Frame, held: Collection[str]) -> Parameters:
         """The truth, with the pair where it is in a part of the frame, and without what is held at zero."""

@@ -42,14 +42,16 @@ class TradeScene:
     plain : tuple of RawFrame
         Read out by the detector without noise.
     noisy : tuple of RawFrame
-        Those that share their direction, with the noise of photons and detector; the first shows the optics
-        to the others.
+        Those that share their direction, with the noise of photons and detector.
+    lead : RawFrame
+        One more of them, which shows the optics to the others.
     """
 
     truths: tuple[Parameters, ...]
     images: tuple[np.ndarray, ...]
     plain: tuple[RawFrame, ...]
     noisy: tuple[RawFrame, ...]
+    lead: RawFrame
 
     @classmethod
     def of(
@@ -80,7 +82,7 @@ class TradeScene:
         system = truest(instrument)
         state = rng.normal(0, _STATE, len(instrument.aberrations))
         truths, images = [], []
-        for theta in [rng.uniform(0, 360)] * frames + list(rng.uniform(0, 360, frames)):
+        for theta in [rng.uniform(0, 360)] * (frames + 1) + list(rng.uniform(0, 360, frames)):
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
             place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
             here = state + rng.normal(0, _WANDER, len(state))
@@ -95,7 +97,8 @@ class TradeScene:
             )
             return tuple(RawFrame.from_array(one, exposure=instrument.exposure) for one in exposed)
 
-        return cls(tuple(truths), tuple(images), read(images, None), read(images[:frames], rng))
+        lead, *noisy = read(images[: frames + 1], rng)
+        return cls(tuple(truths[1:]), tuple(images[1:]), read(images[1:], None), tuple(noisy), lead)
 
 
 def truest(

@@ -50,7 +50,7 @@ class Settings:
     nodes : int or None
         Of the integral over time in loci that have no formula; None for as many as they have themselves.
     method : str
-        One of :data:`METHODS`; what a :class:`~jitterkit.batch.Processor` does is the refit.
+        One of :data:`METHODS`, for the ladder; a :class:`~jitterkit.batch.Processor` refits whatever it is.
 
     Raises
     ------
@@ -78,10 +78,10 @@ class Settings:
             raise ConfigurationError(
                 f"tolerance = {self.tolerance} is not positive; give a part of an error."
             )
-        for name in ("pad", "samples", "binning", "region", "nodes"):
+        for name, least in (("pad", 0), ("samples", 1), ("binning", 1), ("region", 1), ("nodes", 3)):
             value = getattr(self, name)
-            if value is not None and value < (0 if name == "pad" else 1):
-                raise ConfigurationError(f"{name} = {value} is impossible; give a positive number.")
+            if value is not None and value < least:
+                raise ConfigurationError(f"{name} = {value} is impossible; give at least {least}.")
 
     def instrument(self, instrument: Instrument) -> Instrument:
         """The instrument as it is modelled.
@@ -114,7 +114,8 @@ class Settings:
         """The options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
         held = instrument.aberrations if self.aberrations == "held" else self.without
-        return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance, nodes=self.nodes)
+        nodes = options.nodes if self.nodes is None else self.nodes
+        return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance, nodes=nodes)
 
     def applied(self, processor: Processor) -> Processor:
         """The same as another processor, with these settings.

@@ -10,7 +10,7 @@ from jitterkit.errors import ConfigurationError
 from jitterkit.frames import RawFrame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Linear, Mvn, Stable
-from jitterkit.refit import FitOptions, KernelPrior, moments_prior
+from jitterkit.refit import FitOptions, KernelPrior, Priors, moments_prior
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame
 
@@ -102,7 +102,7 @@ def test_what_is_known_of_the_jitter_in_python_joins_what_a_file_says(telescope,
     frame = Processor(telescope).calibrate(drawn(rng).raw)
 
     def priors(**given):
-        return Processor(telescope, **given)._options(frame).priors
+        return Processor(telescope, **given).options_of(frame).priors
 
     both = priors(options=known, prior=file)
     np.testing.assert_allclose(both.moments[0], told + 1e-3, rtol=1e-12)
@@ -111,6 +111,23 @@ def test_what_is_known_of_the_jitter_in_python_joins_what_a_file_says(telescope,
     # a file of the frame's own estimate says nothing of it, and what was told in Python stands
     own = KernelPrior("its own", (replace(estimate, source=frame.name),))
     np.testing.assert_array_equal(priors(options=known, prior=own).moments[0], told + 2e-3)
+
+
+def test_what_an_instrument_says_of_its_aberrations_is_a_prior_on_those_that_are_fitted(
+    telescope, rng, drawn
+):
+    raw, known = drawn(rng).raw, replace(telescope, aberration_sigma=0.5)
+    held = ("background", telescope.aberrations[0])
+    said = Priors(dict.fromkeys(telescope.aberrations[1:], (0.0, 0.5)))
+    by_file = Processor(known, locus="mvn", options=FitOptions(hold=held)).process(raw).result
+    by_hand = (
+        Processor(telescope, locus="mvn", options=FitOptions(hold=held, priors=said)).process(raw).result
+    )
+    np.testing.assert_array_equal(by_file.covariance, by_hand.covariance)
+    alone = dict(zip(by_file.names, by_file.crlb, strict=True))
+    for name in telescope.aberrations[1:]:
+        assert by_file.error(name) < 0.5
+        assert by_file.error(name) < alone[name]
 
 
 def test_twenty_pixels_are_too_few_for_a_pair(processor, rng, drawn):

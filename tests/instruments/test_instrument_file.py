@@ -6,6 +6,7 @@ import pytest
 from jitterkit.errors import ConfigurationError
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument, read_instrument
+from jitterkit.instruments.description import describe_instrument
 from jitterkit.optics import Pupil, flat_band, write_pupil
 
 WHOLE = """
@@ -72,6 +73,16 @@ def test_numbers_of_a_file_name_the_file_the_table_and_the_key(toml):
     bed = read_instrument(toml(WHOLE))
     assert bed.source("plate_scale") == "instrument file bed.toml [instrument] plate_scale"
     assert bed.detector.source("gain") == "instrument file bed.toml [detector] gain"
+
+
+def test_what_is_known_of_aberrations_is_read_and_told(toml):
+    bed = read_instrument(toml(WHOLE.replace("exposure = 0.2", "exposure = 0.2\naberration_sigma = 5")))
+    assert bed.aberration_sigma == 5.0
+    row = ("aberration_sigma", "5", "nm", "instrument file bed.toml [instrument] aberration_sigma")
+    assert row in describe_instrument(bed)
+    assert "aberration_sigma" not in str(describe_instrument(read_instrument(toml(WHOLE))))
+    with pytest.raises(ConfigurationError, match=r"aberration_sigma = -5.0 is not positive; give nm"):
+        read_instrument(toml(LEAST.replace("[telescope]", "aberration_sigma = -5\n[telescope]")))
 
 
 def test_the_least_file_leaves_the_detector_unknown(toml):

@@ -302,4 +302,6 @@ def test_a_formula_is_exact_everywhere(kind):
 
 def test_a_product_is_as_exact_as_its_worst_part():
     path = EXAMPLES["path"](size=4.0)
-    assert Product(Mvn.of(0.1), path, Linear.of(1.0)).exact_to() == path.exact_to()
+    product = Product(Mvn.of(0.1), path, Linear.of(1.0))
+    assert product.exact_to() == path.exact_to()
+    assert product.sampled(5).exact_to() == path.sampled(5).exact_to() < path.exact_to()

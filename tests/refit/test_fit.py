@@ -10,6 +10,7 @@ from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
+from jitterkit.refit.fit import linearisation_error, unfinished
 from jitterkit.scene import Binary
 from jitterkit.scoring import climb
 
@@ -42,6 +43,20 @@ def _values(result):
     return [values[n] for n in result.names]
 
 
+def test_a_tight_tolerance_makes_the_optics_as_exact(bench, optics):
+    truth = bench.truth(Mvn.of(0.1, 0.05, 20.0), (4.0, -3.0), flux=1e8)
+    data, away = Data(bench.image(truth), 4.0), np.array([1.0, 1.0])
+    away *= np.sqrt(0.09 / 3 / np.sqrt(1e8)) / optics.phase(away)  # so far that a usual fit may just leave it
+    otf, off = optics.otf(truth.aberrations + away), []
+    assert linearisation_error(optics, truth, otf) == pytest.approx(0.09)
+    for tolerance in (1e-4, 1e-5, 1e-6):
+        result = fit_frame(data, optics, truth, otf, FitOptions(tolerance=tolerance))
+        off.append(abs(result.of_scene("separation") - 5.0) / result.error("separation"))
+        assert off[-1] < unfinished(tolerance, truth.locus, aberrations=True)
+    assert off[0] > 1e-5  # there is something to see
+    assert off[2] < 0.1 * off[0]
+
+
 @pytest.mark.parametrize(
     "locus", [Stable.of(), Linear.of(0.5, 20.0), Shm.of(0.5, 20.0), Mvn.of(0.1, 0.05, 20.0)]
 )
@@ -52,7 +67,7 @@ def test_the_expected_image_gives_back_the_truth(bench, locus, optics):
         type(locus).__name__.lower(), data, optics, bench.near(locus), np.asarray(locus.moments()) * 1.2
     )
     assert result.status is Status.OK
-    # the aberrations' expansion is renewed until its error is 1e-4 of a standard error
+    # what the expansion of the optics may leave, a tenth of a sigma of the image, the separation hardly shows
     assert float(result.parameters.scene.separation) == pytest.approx(
         5.0, abs=1e-3 * result.error("separation")
     )

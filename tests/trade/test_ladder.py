@@ -119,6 +119,28 @@ def test_the_front_is_what_nothing_beats():
     assert [p.name for p in front(points)] == ["b", "a", "d"]
 
 
+def test_the_joint_fit_is_compared_with_the_most_exact_one(plain, scene, monkeypatch):
+    given = []
+
+    def noted(name, settings, instrument, scene, locus, reference=None):
+        given.append((settings.pad, settings.method, reference))
+        return point(name, 1, 1), (settings.pad, settings.method)
+
+    monkeypatch.setattr(ladder, "measure", noted)
+    *_, last = climb_ladder(plain, scene)
+    assert last.name == "method joint"
+    assert given[-2:] == [(128, "joint", None), (None, "joint", (128, "joint"))]
+    assert all(reference == (128, "refit") for _, _, reference in given[1:-2])
+
+
+def test_what_breaks_down_is_a_row_that_says_so(plain, scene, monkeypatch):
+    def broken(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(ladder.Fitting, "separations", broken)
+    assert measure("one", Settings(), plain, scene).message == "Singular matrix"
+
+
 def test_errors_add_in_squares():
     one = Point("one", Settings(), 1.0, bias=0.6, scatter=0.8, sigma=3.0, bound=2.0)
     assert one.error == pytest.approx(0.5)
@@ -144,6 +166,9 @@ def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monk
     lamp = replace(plain, spectrum=type(plain.spectrum)((530.0, 640.0), (1.0, 1.0)))
     list(climb_ladder(lamp, scene))
     assert "samples 1" in asked
+    asked.clear()
+    list(climb_ladder(lamp, scene, locus="auto"))
+    assert not [name for name in asked if "nodes" in name]
     asked.clear()
     list(climb_ladder(lamp, scene, locus="path"))
     assert [name for name in asked if "nodes" in name] == [f"nodes {count}" for count in (4, 6, 8, 12)]

@@ -28,7 +28,7 @@ FEW = {
     "samples": (3, 5),
     "binning": (1,),
     "region": (24,),
-    "tolerance": (0.1, 1e-2, 1e-4, 1e-6),
+    "tolerance": (0.1, 1e-2, 1e-4, 1e-5, 1e-6),
 }
 
 
@@ -38,7 +38,7 @@ def planner(example, monkeypatch):
     return Planner([example])
 
 
-@pytest.mark.parametrize("allowed", [3e-6, 1e-4])
+@pytest.mark.parametrize("allowed", [5e-6, 1e-4])
 def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, one, allowed):
     found = planner.cheapest(allowed).settings
     whole = fitted(Settings(), example, one).error("separation")
@@ -48,10 +48,10 @@ def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, o
     assert all(loss(settings, example, one, whole) > 0.75 * allowed for settings in cheaper)
 
 
-def test_a_fit_is_ended_within_a_tenth_of_what_is_allowed(planner):
-    for share in (1.0, 1e-2):
-        tolerance = planner.cheapest(share * planner.outlook.sigma).settings.tolerance
-        assert 1e-3 * share < tolerance <= 0.1 * share
+@pytest.mark.parametrize(("share", "tolerance"), [(1.01, 0.1), (0.11, 1e-2), (0.011, 1e-5)])
+def test_a_fit_is_ended_within_a_tenth_of_what_is_allowed(planner, share, tolerance):
+    """Linearised optics leave 0.01 of an error to any tolerance down to 1e-4, and less to tighter ones."""
+    assert planner.cheapest(share * planner.outlook.sigma).settings.tolerance == tolerance
 
 
 def test_what_cannot_be_kept_is_refused_with_what_can(planner):
@@ -147,7 +147,7 @@ def test_few_frames_each_compute_the_optics(plain):
 
 
 def test_what_is_left_out_is_said_with_what_it_would_cost(planner):
-    found = planner.cheapest(1e-6)
+    found = planner.cheapest(5e-6)
     said = "\n".join(explain(planner.outlook, found))
     assert "pixels: 48 x 48" in said
     assert f"padding: {found.settings.pad} pixels on each side, of its own 64; " in said
@@ -158,6 +158,21 @@ def test_what_is_left_out_is_said_with_what_it_would_cost(planner):
         Settings(pad=found.settings.pad, samples=cheaper, region=found.settings.region)
     )
     assert f"{cheaper} would cost {1e6 * lost:.2g}" in said
+
+
+def test_an_aberration_that_no_frame_tells_is_named_with_what_holds_it(plain, example, planner):
+    def said(example):
+        lines = explain(Outlook([example]), found)
+        return [line.removeprefix(example.raw.name) for line in lines if "does not tell" in line]
+
+    found = planner.cheapest(1e-4)
+    assert said(example) == []
+    faint = replace(example, result=replace(example.result, covariance=1e6 * example.result.covariance))
+    free = " does not tell noll7, noll8 to 100 nm; with aberration_sigma in the instrument's file it would be"
+    assert said(faint) == [f"{free} held to that"]
+    well_known = replace(example.processor, instrument=replace(plain, aberration_sigma=0.05), _systems={})
+    held = " does not tell noll7, noll8 to 0.045 nm: it is held to the 0.05 nm of the instrument's file"
+    assert said(Example.of(example.raw, well_known)) == [held]
 
 
 def test_examples_are_taken_where_frames_can_be_fitted(tmp_path, plain, one):

@@ -11,7 +11,7 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast import forecast
 from jitterkit.forward import expected_image
-from jitterkit.refit import FitOptions
+from jitterkit.refit import FitOptions, Priors
 from jitterkit.trade import Settings
 from jitterkit.trade.predict import Example
 
@@ -59,6 +59,25 @@ def test_what_an_aberration_may_cost_is_its_value_and_two_errors(shown, plain, o
     expected = abs(left_out - own) + 2 * np.sqrt(free**2 - narrow**2)
     assert shown.without(("noll8",)) == pytest.approx(expected, rel=0.05)
     assert shown.without(()) == 0.0
+
+
+def test_what_is_known_beforehand_makes_it_cheap_to_leave_out(shown, plain):
+    sigma, truth = 0.1, eqx.tree_at(lambda p: p.aberrations, shown.truth, np.zeros(2))
+    none = replace(shown, result=replace(shown.result, parameters=truth))
+    telescope = replace(plain, aberration_sigma=sigma)
+    known = replace(none, processor=replace(none.processor, instrument=telescope, _systems={}))
+    errors = [
+        forecast(
+            truth,
+            plain.system().otf(truth.aberrations),
+            plain.detector,
+            FitOptions(hold=("background", *held), priors=Priors.alike(free, sigma)),
+            exposure=1.0,
+        ).error("separation")
+        for held, free in (((), plain.aberrations), (("noll8",), ("noll7",)))
+    ]
+    assert known.without(("noll8",)) == pytest.approx(2 * np.sqrt(errors[0] ** 2 - errors[1] ** 2), rel=0.01)
+    assert known.without(("noll8",)) < 0.5 * none.without(("noll8",))
 
 
 def test_what_cannot_be_had_is_refused(shown):

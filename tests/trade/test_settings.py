@@ -41,6 +41,12 @@ def test_the_balanced_preset_is_what_is_done_without_any(plain):
     assert all(getattr(modelled, name) is getattr(plain, name) for name in others)
 
 
+def test_nodes_that_were_asked_for_stay_where_none_are_said(plain):
+    asked = FitOptions(nodes=8)
+    assert Settings().options(plain, asked).nodes == 8
+    assert Settings(nodes=12).options(plain, asked).nodes == 12
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -51,7 +57,7 @@ def test_the_balanced_preset_is_what_is_done_without_any(plain):
         ({"pad": -1}, "pad = -1 is impossible"),
         ({"samples": 0}, "samples = 0 is impossible"),
         ({"region": 0}, "region = 0 is impossible"),
-        ({"nodes": 0}, "nodes = 0 is impossible"),
+        ({"nodes": 2}, "nodes = 2 is impossible; give at least 3"),
         ({"method": "guess"}, "method = 'guess' is unknown; choose one of score, mtf, refit"),
     ],
 )
