@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.transforms import Bbox
 
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 
 __all__ = ["plot_trade"]
+
+_PLACES = (3, -9, 11, -17, 19)
+"""Points above a point at which its name may stand."""
 
 _LEAST = 1e-5
 """Share of the bound below which errors are drawn at the lower edge: nobody will ever see them."""
@@ -52,13 +57,28 @@ def plot_trade(
     for name, (x, y) in known.items():
         ours = name not in peers
         ax.plot(x, y, "o" if ours else "s", color=BLUE if ours else RUST, ms=7 if name in presets else 4)
-        weight = "bold" if name in presets else "normal"
-        ax.annotate(
-            name, (x, y), (4, 3), textcoords="offset points", fontsize=7, color=INK, fontweight=weight
-        )
     line = sorted(known[name] for name in front if name in known)
     ax.plot(*np.transpose(line), color=BLUE, lw=1, zorder=0) if line else None
-    ax.set(xscale="log", yscale="log", xlabel="ms a frame", ylabel="error beyond the least [of the least]")
+    error = "bias and added scatter [of the least error]"
+    ax.set(xscale="log", yscale="log", xlabel="ms a frame", ylabel=error)
     ax.set_ylim(bottom=0.7 * _LEAST)
     ax.grid(which="major", lw=0.3)
+    _write(ax, known, presets)
     return ax
+
+
+def _write(ax: Axes, known: Mapping[str, tuple[float, float]], presets: Sequence[str]) -> None:
+    """Write a name at each point, presets first, where it covers no other; where there is no room, none."""
+    written: list[Bbox] = []
+    ax.figure.draw_without_rendering()  # so that points have places
+    for name in sorted(known, key=lambda name: name not in presets):
+        weight = "bold" if name in presets else "normal"
+        for place, side in product(_PLACES, ("left", "right")):
+            offset = (5 if side == "left" else -5, place)
+            text = ax.annotate(name, known[name], offset, textcoords="offset points", ha=side)
+            text.set(fontsize=7, color=INK, fontweight=weight)
+            box = text.get_window_extent()
+            if not any(box.overlaps(other) for other in written) and ax.bbox.fully_containsx(box.x1):
+                written.append(box)
+                break
+            text.remove()

@@ -2,8 +2,8 @@
 
 Reach for :func:`separations`.
 
-* ``score``: the scoring step of a frame that repeats another, as ``jitterkit estimate`` takes it; what does
-  not repeat has none.
+* ``score``: the scoring step of a frame that repeats another, as ``jitterkit estimate`` takes it; one that
+  does not is searched through, and no more.
 * ``mtf``: the blur by the ratio of transfer functions, held as if it were known; all else is fitted.
 * ``refit``: everything is fitted, as ``jitterkit process`` does it.
 * ``joint``: the frames together, as ``jitterkit sequence`` does it, to its own tolerance; they have to share
@@ -22,6 +22,7 @@ import jax
 import numpy as np
 
 from jitterkit.batch import Processor
+from jitterkit.batch.finder import Estimated
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
@@ -64,15 +65,14 @@ def separations(method: str, processor: Processor, frames: Iterable[Frame]) -> n
 def _scored(processor: Processor, frame: Frame) -> tuple[float, float]:
     known = processor.known.get(processor.grid(frame))
     data = Data.of(frame, censored=processor.censored)
-    if known is None or known.repeat is None or (found := known.repeat.estimate(data)) is None:
-        raise JitterkitError(f"{frame.name} does not repeat another frame, so that one step does not do.")
-    return float(found.parameters.binary.separation), math.nan
+    repeated = None if known is None or known.repeat is None else known.repeat.estimate(data)
+    if repeated is not None:
+        return float(repeated.parameters.binary.separation), math.nan
+    return float(_estimated(processor, frame).parameters.binary.separation), math.nan
 
 
 def _given_the_blur(processor: Processor, frame: Frame) -> tuple[float, float]:
-    estimated = replace(processor, kernel="mtf").estimate(frame)
-    if isinstance(estimated, FitResult):
-        raise JitterkitError(estimated.message)
+    estimated = _estimated(replace(processor, kernel="mtf"), frame)
     blur = estimated.estimate.locus
     start = estimated.parameters.with_locus(Mvn.near(estimated.estimate.moments) if blur is None else blur)
     held = (*processor.options.hold, *start.locus.names)
@@ -121,6 +121,13 @@ def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
         raise JitterkitError("Not all frames go together.")
     error = fit.separation[1] * math.sqrt(len(frames))
     return np.array([(one.separation, error) for one in fit.frames()])
+
+
+def _estimated(processor: Processor, frame: Frame) -> Estimated:
+    estimated = processor.estimate(frame)
+    if isinstance(estimated, FitResult):
+        raise JitterkitError(estimated.message)
+    return estimated
 
 
 def _told(fit: FitResult) -> tuple[float, float]:

@@ -36,6 +36,15 @@ def test_an_error_that_nobody_will_see_is_drawn_at_the_edge(ax):
     assert ax.get_ylim()[0] < 1e-5
 
 
+def test_no_name_covers_another():
+    crowd = [f"setting {number}" for number in range(40)]
+    ax = plot_trade(crowd, [0.1 + 1e-3 * k for k in range(40)], [1e-3] * 40, presets=["setting 7"])
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert ax.texts[0].get_text() == "setting 7"  # presets have the first choice
+    assert 5 <= len(boxes) < 40
+    assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
+
+
 def test_without_a_number_it_says_so():
     ax = plot_trade(["no"], [math.nan], [math.nan])
     assert ax.texts[0].get_text() == "no settings could be measured"
