@@ -114,9 +114,8 @@ class Processor(Finder):
     @property
     def priors(self) -> Priors:
         """Those of every frame: the options', and what the instrument says of aberrations that are fitted."""
-        telescope = self.instrument
-        free = (name for name in telescope.aberrations if name not in self.options.hold)
-        return Priors.alike(free, telescope.aberration_sigma).joined(self.options.priors)
+        known = Priors.alike(self.instrument.aberrations, self.instrument.aberration_sigma)
+        return known.joined(self.options.priors)
 
     def options_of(self, frame: Frame) -> FitOptions:
         """The options, and what is known of this frame's jitter and optics."""

@@ -24,6 +24,8 @@ _LONGEST = 80
 """Characters of a value that are worth reading in a sentence."""
 
 _ABSENT = object()
+_NOT_MADE: tuple[Any, ...] = (None, {}, _ABSENT)
+"""What stands for a setting that is left alone, or that there was not when a run began."""
 
 
 def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
@@ -62,9 +64,7 @@ def _first_difference(a: Any, b: Any, place: tuple = ()) -> tuple[tuple, Any, An
     if isinstance(a, list) and isinstance(b, list):
         return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, place)
     same = a == b or (a != a and b != b)  # NaN is NaN
-    same = same or all(
-        value in (None, _ABSENT) for value in (a, b)
-    )  # a setting that there was not, and is not made
+    same = same or all(value in _NOT_MADE for value in (a, b))
     return None if same else (place, a, b)
 
 

@@ -120,7 +120,7 @@ class _Setup:
         self.optics = telescope.system()
         self._still: dict[tuple[tuple[str, float], ...], float] = {}
         known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
-        self._options = FitOptions(priors=known)
+        self.options = FitOptions(priors=known)
 
     def point(self, still: bool = False, censored: bool = False, **changes: float):
         """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
@@ -141,7 +141,7 @@ class _Setup:
         check_scene(parameters.binary, jitter)
         check_reach(parameters.binary, jitter, otf)
         exposure = self.telescope.exposure or 0.0
-        found = forecast(parameters, otf, detector, self._options, exposure=exposure, censored=censored)
+        found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         if not np.all(np.isfinite(found.covariance)):
             raise ConfigurationError(
                 f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
@@ -229,6 +229,7 @@ def _ask_requirement(setup: _Setup, allow: str, fitted: str):
         allowed,
         setup.telescope.detector,
         fitted=fitted if bias else None,
+        options=setup.options,
     )
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
     say(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")

@@ -72,7 +72,10 @@ class Forecast:
         return float(np.sqrt(self.covariance[i, i]))
 
     def inflation(self, name: str) -> float:
-        """Times by which not knowing the other parameters widens the error of one; 1 if it stands alone."""
+        """Times by which not knowing the other parameters widens the error of one; 1 if it stands alone.
+
+        Less where a prior tells more than the frame.
+        """
         i = self._slot(name)
         return self.error(name) * float(np.sqrt(self.information[i, i]))
 

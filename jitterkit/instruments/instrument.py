@@ -48,7 +48,8 @@ class Instrument:
         Pixels of padding of the model on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if
         omitted.
     aberration_sigma : float, optional
-        nm, how well each aberration is known beforehand, 1 sigma about none: fits have it as a prior.
+        nm, how well each aberration is known beforehand, 1 sigma about none: fits of single frames have it as
+        a prior.  What it pulls is the same in every frame, and does not average out.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
         :data:`jitterkit.frames.metadata.RANKS`.

@@ -9,7 +9,7 @@
     shape = [128, 128]          # rows, columns
     exposure = 0.1              # s
     flux = 1e5                  # photons per frame, for simulations
-    aberration_sigma = 20       # nm, optional: how well each is known beforehand, a prior of every fit
+    aberration_sigma = 20       # nm, optional: how well each is known beforehand, a prior of single frames
 
     [telescope]                 # a plain one, or a pupil file, or (instead) a [psf]
     diameter = 0.125            # m

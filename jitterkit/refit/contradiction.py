@@ -82,7 +82,8 @@ def _told(priors: Priors, parameters: Parameters, names, free) -> tuple[np.ndarr
     """Of the n numbers that priors are about: slopes (n, p), distances from the means (n,), and what gives
     these unit covariance (n, n)."""
     values = np.asarray(to_vector(parameters)[0])[list(free)]
-    rows, terms = [names.index(name) for name in priors.terms], np.reshape([*priors.terms.values()], (-1, 2))
+    known = priors.on(names)
+    rows, terms = [names.index(name) for name in known], np.reshape([*known.values()], (-1, 2))
     slope, off, whiten = np.eye(len(names))[rows], values[rows] - terms[:, 0], np.diag(1 / terms[:, 1])
     if priors.moments is None:
         return slope, off, whiten

@@ -94,12 +94,17 @@ def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:
     which 1e-4 may be left.)
     """
     linear = _SHOWN * settled(tolerance) if aberrations else 0.0
-    return max(tolerance, DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0, _slack(locus), linear)
+    return max(tolerance, _floor(locus)) + linear
 
 
 def settled(tolerance: float) -> float:
     """Sigmas of the whole image that linearised optics may be off by where a fit to some tolerance ends."""
     return SETTLED * min(1.0, tolerance / _USUAL)
+
+
+def _floor(locus: Locus) -> float:
+    """Standard errors by which no fit ends better."""
+    return max(DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0, _slack(locus))
 
 
 def _slack(locus: Locus) -> float:
@@ -185,14 +190,14 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
     """
     iterations, share, before = 0, 1.0, np.inf
     idle, last = 0, np.inf
-    asked, tolerance = tolerance, max(_slack(start.locus), tolerance)
+    enough, tolerance = settled(max(_floor(start.locus), tolerance)), max(_slack(start.locus), tolerance)
     steps = _PATIENCE if leashes(start.locus) else 50
     for _ in range(_EXPANSIONS):
         end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
         iterations += int(end.iterations)
         start = end.parameters
         error = linearisation_error(optics, start, otf)
-        if error < settled(asked):
+        if error < enough:
             return end, otf, iterations
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
         idle, last = 0 if level < _GAIN * last else idle + 1, level

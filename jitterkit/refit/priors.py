@@ -10,7 +10,7 @@ Reach for :func:`sequence_prior` with the other frames of a run, :func:`trace_pr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -41,13 +41,16 @@ class Priors:
     moments : (mean, covariance) or None
         Joint prior on the second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec² and arcsec⁴.  It holds
         for every locus, by the moments that the locus has.
+    if_free : mapping of name to (mean, sigma)
+        Terms that hold where a frame's fit varies the parameter, and are none where it does not.
     """
 
     terms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     moments: tuple[np.ndarray, np.ndarray] | None = None
+    if_free: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, (mean, sigma) in self.terms.items():
+        for name, (mean, sigma) in {**self.if_free, **self.terms}.items():
             if not (np.isfinite(mean) and sigma > 0):
                 raise ConfigurationError(
                     f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}."
@@ -55,8 +58,12 @@ class Priors:
 
     @classmethod
     def alike(cls, names: Iterable[str], sigma: float | None) -> Priors:
-        """The same on each of some parameters: zero within ``sigma``; none at all without it."""
-        return cls({} if sigma is None else dict.fromkeys(names, (0.0, sigma)))
+        """The same on each of some parameters that is free: zero within ``sigma``; none at all without it."""
+        return cls(if_free={} if sigma is None else dict.fromkeys(names, (0.0, sigma)))
+
+    def on(self, names: Collection[str]) -> dict[str, tuple[float, float]]:
+        """Terms on free parameters of these names, and those on others that there have to be."""
+        return {name: term for name, term in self.if_free.items() if name in names} | dict(self.terms)
 
     def joined(self, other: Priors) -> Priors:
         """Both together: the other's terms stand before these, and moments are combined by their information.
@@ -69,7 +76,7 @@ class Priors:
         if len(known) == 2:
             covariance = np.linalg.inv(told[0] + told[1])
             moments = covariance @ (told[0] @ known[0][0] + told[1] @ known[1][0]), covariance
-        return Priors({**self.terms, **other.terms}, moments)
+        return Priors({**self.terms, **other.terms}, moments, {**self.if_free, **other.if_free})
 
     def on_coordinates(self) -> bool:
         """Whether anything is known about the jitter in the coordinates of one locus, and so of no other."""
@@ -92,7 +99,7 @@ class Priors:
         """
         mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names)))
         leashed = {} if locus is None else leashes(locus)
-        known = {name: term for name, term in leashed.items() if name in names} | dict(self.terms)
+        known = {name: term for name, term in leashed.items() if name in names} | self.on(names)
         for name, (centre, sigma) in known.items():
             if name not in names:
                 raise ConfigurationError(

@@ -63,22 +63,25 @@ def plot_trade(
     ax.set(xscale="log", yscale="log", xlabel="ms a frame", ylabel=error)
     ax.set_ylim(bottom=0.7 * _LEAST)
     ax.grid(which="major", lw=0.3)
-    _write(ax, known, presets)
+    _write(ax, known, presets, front)
     return ax
 
 
-def _write(ax: Axes, known: Mapping[str, tuple[float, float]], presets: Sequence[str]) -> None:
-    """Write a name at each point, presets first, where it covers no other; where there is no room, none."""
+def _write(ax: Axes, known: Mapping[str, tuple[float, float]], presets, front) -> None:
+    """Write a name at each point where it covers no other, presets first; where there is no room, none."""
     written: list[Bbox] = []
-    ax.figure.draw_without_rendering()  # so that points have places
-    for name in sorted(known, key=lambda name: name not in presets):
+    whole = ax.get_figure(root=True)
+    assert whole is not None
+    whole.draw_without_rendering()  # so that points have places
+    for name in sorted(known, key=lambda name: (name not in presets, name not in front)):
         weight = "bold" if name in presets else "normal"
         for place, side in product(_PLACES, ("left", "right")):
             offset = (5 if side == "left" else -5, place)
             text = ax.annotate(name, known[name], offset, textcoords="offset points", ha=side)
-            text.set(fontsize=7, color=INK, fontweight=weight)
+            text.set(fontsize=7, color=INK, fontweight=weight, in_layout=False)
             box = text.get_window_extent()
-            if not any(box.overlaps(other) for other in written) and ax.bbox.fully_containsx(box.x1):
+            inside = all(ax.bbox.contains(*corner) for corner in (box.min, box.max))
+            if inside and not any(box.overlaps(other) for other in written):
                 written.append(box)
                 break
             text.remove()

@@ -90,7 +90,7 @@ def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
     else:
         limit, end = _HELD * known, f": it is held to the {known:g} nm of the instrument's file"
     for one in outlook.examples:
-        unknown = [name for name in fitted if one.result.error(name) > limit]
+        unknown = [name for name in fitted if not one.result.error(name) <= limit]  # NaN of what is blind
         if unknown:
             yield f"{one.raw.name} does not tell {', '.join(unknown)} to {limit:.3g} nm{end}"
 

@@ -23,7 +23,8 @@ _WIDEST, _WAVELENGTHS = (192, 128, 96, 64, 32, 16), 24
 chi-squared of 1e-3 of a frame of TOLIMAN."""
 
 _STATE, _WANDER = 3.0, 0.5
-"""nm rms of each aberration: where the telescope stands, and how far a frame is from there."""
+"""nm rms of each aberration: where the telescope stands, if it is not better known, and how far a frame is
+from there."""
 
 _OFF = 2.0
 """Pixels, to each side, that a pair may be from the middle of its frame."""
@@ -80,7 +81,8 @@ class TradeScene:
         leaves out is then not seen.
         """
         system = truest(instrument)
-        state = rng.normal(0, _STATE, len(instrument.aberrations))
+        known = instrument.aberration_sigma
+        state = rng.normal(0, _STATE if known is None else min(_STATE, known), len(instrument.aberrations))
         truths, images = [], []
         for theta in [rng.uniform(0, 360)] * (frames + 1) + list(rng.uniform(0, 360, frames)):
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale

@@ -10,6 +10,7 @@ from jitterkit.errors import ConfigurationError
 from jitterkit.frames import RawFrame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.optics import obstructed_circle
 from jitterkit.refit import FitOptions, KernelPrior, Priors, moments_prior
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame
@@ -118,7 +119,7 @@ def test_what_an_instrument_says_of_its_aberrations_is_a_prior_on_those_that_are
 ):
     raw, known = drawn(rng).raw, replace(telescope, aberration_sigma=0.5)
     held = ("background", telescope.aberrations[0])
-    said = Priors(dict.fromkeys(telescope.aberrations[1:], (0.0, 0.5)))
+    said = Priors(dict.fromkeys(telescope.aberrations[1:], (0.0, 0.5)))  # of what is held there is none
     by_file = Processor(known, locus="mvn", options=FitOptions(hold=held)).process(raw).result
     by_hand = (
         Processor(telescope, locus="mvn", options=FitOptions(hold=held, priors=said)).process(raw).result
@@ -128,6 +129,17 @@ def test_what_an_instrument_says_of_its_aberrations_is_a_prior_on_those_that_are
     for name in telescope.aberrations[1:]:
         assert by_file.error(name) < 0.5
         assert by_file.error(name) < alone[name]
+
+
+def test_an_aberration_that_does_not_show_needs_no_prior(telescope, rng):
+    pupil = obstructed_circle(0.125, 0.04, noll=(4, 7))  # of defocus it shows the square
+    blind = replace(telescope, pupil_from=pupil, aberration_sigma=20.0)
+    raw = simulate_frame(blind, Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37), Mvn.of(0.1), rng=rng).raw
+    result = Processor(blind, locus="mvn").process(raw).result
+    assert result.status.usable, result.message
+    assert "noll7" in result.names
+    assert "noll4" not in result.names
+    assert result.error("noll7") < 20.0
 
 
 def test_twenty_pixels_are_too_few_for_a_pair(processor, rng, drawn):

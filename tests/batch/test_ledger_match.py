@@ -27,7 +27,7 @@ def test_the_same_configuration_may_be_said_in_another_way(tmp_path):
 
 def test_what_is_not_made_of_a_new_setting_is_no_difference(tmp_path):
     old = CONFIGURATION | {"options": {"tolerance": 1e-4}}
-    new = CONFIGURATION | {"options": {"tolerance": 1e-4, "nodes": None}}
+    new = CONFIGURATION | {"options": {"tolerance": 1e-4, "nodes": None, "if_free": {}}}
     refuse_difference(tmp_path, old, new)
     refuse_difference(tmp_path, new, old)
 

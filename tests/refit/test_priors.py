@@ -145,6 +145,17 @@ def test_a_packed_file_holds_the_same_frame(rng, estimates):
     assert kernel_prior(replace(found, source="night.fits.gz[0]"), "night.fits").moments is None
 
 
+def test_what_holds_where_a_parameter_is_free_is_nothing_where_it_is_not():
+    known = Priors.alike(("noll4", "noll7"), 5.0).joined(Priors({"noll7": (1.0, 2.0)}))
+    assert known.on(("x", "noll4", "noll7")) == {"noll4": (0.0, 5.0), "noll7": (1.0, 2.0)}
+    assert np.diag(known.over(("x", "noll7")).precision).tolist() == [0.0, 0.25]
+    with pytest.raises(ConfigurationError, match="no free parameter 'noll7'"):
+        known.over(("x", "noll4"))
+    with pytest.raises(ConfigurationError, match="positive sigma"):
+        Priors.alike(("noll4",), -1.0)
+    assert Priors.alike(("noll4",), None) == Priors()
+
+
 def test_two_priors_on_the_moments_count_both(same):
     one, other = np.array([0.02, 0.004, 0.01]), np.array([0.026, 0.002, 0.013])
     tight, wide = np.diag([1.0, 4.0, 9.0]) * 1e-6, np.diag([2.0, 4.0, 1.0]) * 1e-6
