@@ -36,9 +36,8 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
         text = f"{min(band.wavelengths):g} to {max(band.wavelengths):g}"
         rows.append(("spectrum", text, "nm", instrument.source("spectrum")))
     if instrument.aberration_sigma is not None:
-        rows.append(
-            _row("aberration_sigma", instrument.aberration_sigma, instrument.source("aberration_sigma"))
-        )
+        name = "aberration_sigma"
+        rows.append(_row(name, instrument.aberration_sigma, instrument.source(name)))
     return rows + describe_detector(instrument.detector)
 
 

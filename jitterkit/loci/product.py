@@ -53,7 +53,10 @@ class Product(Locus):
         return tuple(part.at(c) for part, c in zip(self.parts, jnp.split(self.coords, ends), strict=True))
 
     def sampled(self, nodes: int) -> Self:
-        return type(self)(*(part.sampled(nodes) for part in self.factors()))
+        parts = self.factors()
+        others = [part.sampled(nodes) for part in parts]
+        formulae = all(other is part for other, part in zip(others, parts, strict=True))
+        return self if formulae else type(self)(*others)
 
     @classmethod
     def near(cls, moments) -> Self:

@@ -96,7 +96,7 @@ def fit_locus(
     Notes
     -----
     What a small blur does not show of a locus is held by the weak priors of
-    :func:`jitterkit.refit.priors.leashes`.
+    :func:`jitterkit.refit.leashes.leashes`.
     """
     return _fit(_Frame(data, optics, options or FitOptions()), name, start, moments, otf)[0]
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from jitterkit.loci import Linear, Locus, Shm, axis_variances, covariance_on_axis
-from jitterkit.refit.priors import leashes
+from jitterkit.refit.leashes import leashes
 from jitterkit.refit.result import FitResult
 from jitterkit.refit.tip import at_the_tip
 

@@ -21,7 +21,8 @@ from jitterkit.loci import Locus, Streak
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
-from jitterkit.refit.priors import Priors, leashes
+from jitterkit.refit.leashes import leashes
+from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
 from jitterkit.scoring import DROWNED, Climb, climb, invert_information
@@ -93,8 +94,8 @@ def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:
     optics where aberrations vary.  (Where a pixel reaches the floor of the likelihood the way has a kink, at
     which 1e-4 may be left.)
     """
-    linear = _SHOWN * settled(tolerance) if aberrations else 0.0
-    return max(tolerance, _floor(locus)) + linear
+    ends = max(tolerance, _floor(locus))
+    return ends + (_SHOWN * settled(ends) if aberrations else 0.0)
 
 
 def settled(tolerance: float) -> float:
@@ -232,13 +233,13 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     leashed = set(leashes(locus))
     restless = tips | leashed
     tolerance = _NEAR if leashed else _AT_REST
-    settled = bool(end.converged) or (sound and bool(restless) and _arrived(end, names, restless, tolerance))
+    arrived = bool(end.converged) or (sound and bool(restless) and _arrived(end, names, restless, tolerance))
     flags = [] if abs(misfit.chi2 - dof) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
-    flags += ["jitter_undetected"] if settled and tips and isinstance(locus, Streak) else []
+    flags += ["jitter_undetected"] if arrived and tips and isinstance(locus, Streak) else []
     flags += ["aberrations_held"] if not set(otf.names) <= set(names) else []
     chi2_dof = misfit.chi2 / dof if dof > 0 else np.nan
-    status, message = _verdict(settled, chi2_dof, sound)
+    status, message = _verdict(arrived, chi2_dof, sound)
     return FitResult(
         status,
         message,

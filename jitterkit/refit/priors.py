@@ -18,10 +18,11 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import LOCI, Locus, PartialShm, Path, Shaped, Trace
+from jitterkit.loci import LOCI, Locus, Trace
+from jitterkit.refit.leashes import leashes
 from jitterkit.scoring import Prior
 
-__all__ = ["Priors", "kernel_prior", "leashes", "moments_prior", "sequence_prior", "trace_prior"]
+__all__ = ["Priors", "kernel_prior", "moments_prior", "sequence_prior", "trace_prior"]
 
 OTHERS = 6
 """Frames that a scatter of three moments can be learnt from: with fewer its variance is infinite."""
@@ -90,7 +91,8 @@ class Priors:
         ----------
         names : tuple of str
         locus : Locus, optional
-            What the fit starts from: its :func:`leashes` are added, where no term says better.
+            What the fit starts from: its :func:`~jitterkit.refit.leashes.leashes` are added, where no term
+            says better.
 
         Raises
         ------
@@ -110,31 +112,6 @@ class Priors:
         moments, covariance = (np.zeros(3), None) if self.moments is None else self.moments
         told = np.zeros((3, 3)) if covariance is None else np.linalg.inv(covariance)
         return Prior(*(jnp.asarray(array) for array in (mean, precision, moments, told)))
-
-
-def leashes(locus: Locus) -> dict[str, tuple[float, float]]:
-    """Weak priors, mean and sigma by name, on what a small blur does not show of a locus.
-
-    Without them a fit would run off along a direction in which the image does not change.
-
-    Parameters
-    ----------
-    locus : Locus
-        Where the fit starts.
-
-    Returns
-    -------
-    leashes : dict
-        For a partial vibration the square of its cycles, 1 ± 2, and its even share, 0 ± 0.6; for a shaped
-        blur its kurtosis, 0 ± 2; for a path its steps, 0 ± 1.5 times the rms of the whole.  Empty for all
-        other loci.
-    """
-    if isinstance(locus, Path):
-        sxx, _, syy = np.asarray(locus.moments())
-        return dict.fromkeys(locus.names, (0.0, 1.5 * float(np.sqrt(sxx + syy))))
-    if isinstance(locus, PartialShm):
-        return dict(zip(locus.names[2:], ((1.0, 2.0), (0.0, 0.6)), strict=True))
-    return {locus.names[3]: (0.0, 2.0)} if isinstance(locus, Shaped) else {}
 
 
 def moments_prior(mean, covariance) -> Priors:

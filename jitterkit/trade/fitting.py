@@ -66,12 +66,10 @@ class Fitting:
         """
         self._of_raw(raws)  # compiles what there is to
         if self.method == "joint":
-            found, spent = self._clocked(raws)
-            return found, spent / len(raws)
-        each = [self._clocked((raw,)) for raw in raws]
-        return np.concatenate([one for one, _ in each]), float(
-            np.median([spent for _, spent in each])
-        ) + self.share
+            together, whole = self._clocked(raws)
+            return together, whole / len(raws)
+        found, spent = zip(*(self._clocked((raw,)) for raw in raws), strict=True)
+        return np.concatenate(found), float(np.median(spent)) + self.share
 
     def _clocked(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
         began = time.perf_counter()

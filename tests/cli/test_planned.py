@@ -37,7 +37,9 @@ def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp
     told = json.loads((out / "configuration.json").read_text())
     assert told["plan"]["asked"] == {"tolerance": "20%", "budget": None}
     assert told["instrument"]["pad"] == told["plan"]["settings"]["pad"] == 8
-    assert told["options"]["tolerance"] == told["plan"]["settings"]["tolerance"] == 1e-2
+    # Which tolerance is cheaper is measured, and is a matter of noise where both take as many steps.
+    assert told["options"]["tolerance"] == told["plan"]["settings"]["tolerance"]
+    assert told["options"]["tolerance"] in FEW["tolerance"]
 
     monkeypatch.setattr(examples, "examples_of", None)  # whoever looks again breaks down
     again = runner.invoke(app, [*command[:-1], "0.2e2%", "--resume"])  # the same in other words

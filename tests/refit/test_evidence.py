@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from jitterkit.forward import Parameters
 from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Path, Shm, Smear, Tones
 from jitterkit.refit.evidence import log_evidence, minor_variance
-from jitterkit.refit.priors import leashes
+from jitterkit.refit.leashes import leashes
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.scene import Binary
 
