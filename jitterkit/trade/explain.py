@@ -11,7 +11,7 @@ from jitterkit.report.words import angle_size
 from jitterkit.trade.ladder import RUNGS, can_be_had
 from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.plan import Plan
-from jitterkit.trade.settings import Settings, own_pad
+from jitterkit.trade.settings import JITTER, Settings, own_pad
 
 __all__ = ["explain"]
 
@@ -52,7 +52,7 @@ def explain(outlook: Outlook, plan: Plan) -> Iterator[str]:
         side = len(instrument.pupil.opd) // settings.binning
         yield f"pupil: {side} x {side} samples{_cost(outlook, settings, 'binning')}"
         yield from _aberrations(outlook, plan)
-    yield _jitter(outlook)
+    yield _jitter(outlook, plan)
     yield f"fits end when a step is below {settings.tolerance:g} of an error"
 
 
@@ -76,9 +76,10 @@ def _cost(outlook: Outlook, settings: Settings, name: str) -> str:
 
 
 def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
-    names, without = outlook.instrument.aberrations, plan.settings.without
+    names = outlook.instrument.aberrations
     if not names:
         return
+    without = tuple(name for name in plan.settings.without if name != JITTER)
     fitted = [name for name in names if name not in without]
     said = f"fitted: {', '.join(fitted) or 'none'}"
     if without:
@@ -95,10 +96,16 @@ def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
             yield f"{one.raw.name} does not tell {', '.join(unknown)} to {limit:.3g} nm{end}"
 
 
-def _jitter(outlook: Outlook) -> str:
-    """What was fitted of the jitter, and by whose choice."""
+def _jitter(outlook: Outlook, plan: Plan) -> str:
+    """What is fitted of the jitter, by whose choice, and what it would cost to leave it out."""
+    cost = outlook.cost_of((JITTER,))
+    if JITTER in plan.settings.without:
+        return f"jitter: left out, of which no frame looked at shows any; this may cost {angle_size(cost, 2)}"
     counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in outlook.examples)
     found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
-    if outlook.examples[0].processor.locus == "auto":
-        return f"jitter: {found} of the frames looked at; every frame gets what it shows, and no more"
-    return f"jitter: {found} of the frames looked at, as --locus says"
+    auto = outlook.examples[0].processor.locus == "auto"
+    who = "; every frame gets what it shows, and no more" if auto else ", as --locus says"
+    price = (
+        f"; they show none, and --locus stable may cost {angle_size(cost, 2)}" if 0 < cost < math.inf else ""
+    )
+    return f"jitter: {found} of the frames looked at{who}{price}"

@@ -68,7 +68,7 @@ class Outlook:
         return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
 
     def cost_of(self, names: tuple[str, ...]) -> float:
-        """What it may do to the separation to leave out aberrations [arcsec]."""
+        """What it may do to the separation to leave out aberrations, or jitter [arcsec]."""
         return max(one.without(names) for one in self.examples)
 
     def unfinished(self, tolerance: float) -> float:

@@ -18,7 +18,7 @@ from jitterkit.trade.fitting import TOGETHER, Fitting
 from jitterkit.trade.ladder import RUNGS, can_be_had
 from jitterkit.trade.outlook import OWN, Outlook
 from jitterkit.trade.predict import Example
-from jitterkit.trade.settings import Settings
+from jitterkit.trade.settings import JITTER, Settings
 
 __all__ = ["Plan", "Planner"]
 
@@ -29,7 +29,7 @@ _UNFINISHED = 0.1
 """Share of what is allowed, or of an error, by which a fit may end before it has arrived."""
 
 _LEFT_OUT = 0.1
-"""Share of what is allowed that the aberrations which are left out may cost together."""
+"""Share of what is allowed that everything which is left out may cost together."""
 
 _ENDS = (1e-4, 1e-2)
 """Share of an error within which fits end where time is given, and where it is short."""
@@ -82,9 +82,7 @@ class Planner:
         tolerances = [one for one in RUNGS["tolerance"] if outlook.unfinished(one) <= _UNFINISHED * allowed]
         for settings in every if tolerances else ():
             if outlook.holds(settings, limit, roughly=True) and outlook.holds(settings, limit):
-                settings = replace(settings, tolerance=max(tolerances))
-                leaner = replace(settings, without=self._without(_LEFT_OUT * allowed))
-                settings = leaner if outlook.holds(leaner, limit) else settings
+                settings = self._leaner(replace(settings, tolerance=max(tolerances)), allowed)
                 try:
                     return Plan(settings, outlook.loss(settings), self.seconds(settings))
                 except JitterkitError:  # with noise, so little a model describes no frame
@@ -176,16 +174,17 @@ class Planner:
         every = (Settings(**dict(zip(axes, values, strict=True))) for values in product(*axes.values()))
         return sorted(every, key=self.work)
 
-    def _without(self, limit: float) -> tuple[str, ...]:
-        """Aberrations that may be left out, together for less than ``limit`` [arcsec]."""
-        names: tuple[str, ...] = ()
-        known, cost_of = self.outlook.instrument.aberrations, self.outlook.cost_of
-        alone = {name: cost_of((name,)) for name in known}
-        for name in sorted(alone, key=lambda one: alone[one]):
-            if alone[name] > limit or cost_of((*names, name)) > limit:
-                break
-            names = (*names, name)
-        return tuple(name for name in known if name in names)
+    def _leaner(self, settings: Settings, allowed: float) -> Settings:
+        """Without aberrations and jitter that hardly cost anything, also together, and are not seen."""
+        known, outlook = self.outlook.instrument.aberrations, self.outlook
+        if outlook.examples[0].processor.locus == "auto":  # any other was asked for
+            known = (*known, JITTER)
+        for name in sorted(known, key=lambda one: outlook.cost_of((one,))):
+            without = tuple(one for one in known if one in (*settings.without, name))
+            leaner = replace(settings, without=without)
+            if outlook.cost_of(without) <= _LEFT_OUT * allowed and outlook.holds(leaner, _MARGIN * allowed):
+                settings = leaner
+        return settings
 
 
 def _rounded_up(value: float) -> str:

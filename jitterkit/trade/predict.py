@@ -22,16 +22,18 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
 from jitterkit.frames import Frame, RawFrame
+from jitterkit.kernel_estimate import is_detected
 from jitterkit.likelihood import Data, NormalEquations, equations_of
+from jitterkit.loci import Mvn, Stable
 from jitterkit.refit import FitResult
 from jitterkit.scoring import invert_information
 from jitterkit.trade.scenes import truest
-from jitterkit.trade.settings import Settings
+from jitterkit.trade.settings import JITTER, Settings
 
 __all__ = ["Example", "Foresight"]
 
 _CREDIBLE = 2.0
-"""Standard errors that an aberration may be from where a frame sees it."""
+"""Standard errors that what is left out may be from where a frame sees it."""
 
 
 class Foresight(NamedTuple):
@@ -85,6 +87,14 @@ class Example:
         assert self.result.parameters is not None  # what is usable has them
         return self.result.parameters
 
+    @property
+    def still(self) -> bool:
+        """Whether it shows no jitter, by the moments of a normal: they are regular at none."""
+        locus = self.truth.locus
+        return isinstance(locus, Stable) or (
+            isinstance(locus, Mvn) and not is_detected(*self.result.moments())
+        )
+
     @cached_property
     def image(self) -> np.ndarray:
         """Expected electrons (ny, nx), exact."""
@@ -111,25 +121,34 @@ class Example:
         *Assumes* an error small against the resolution of the parameters, and says nothing of a fit that ends
         before it has arrived.  Of priors it counts those on single parameters.
         """
-        names, equations, known = self._equations(settings.applied(self.processor))
+        names, equations, known, pixels = self._equations(settings.applied(self.processor))
         covariance, sound = invert_information(equations.information + known)
         if not sound:
             raise ConfigurationError(f"{self.raw.name} does not determine its parameters with {settings}.")
         slot = names.index("separation")
         step = covariance @ equations.score
-        misfit = (equations.deviance - equations.score @ step) / math.sqrt(2 * self.frame.electrons.size)
+        misfit = (equations.deviance - equations.score @ step) / math.sqrt(2 * pixels)
         return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit))
 
     def without(self, names: Collection[str]) -> float:
-        """What it may do to the separation to hold aberrations at zero that are fitted [arcsec].
+        """What it may do to the separation to hold at zero what is fitted [arcsec].
+
+        Parameters
+        ----------
+        names : collection of str
+            Of aberrations, and :data:`~jitterkit.trade.settings.JITTER`.
 
         Returns
         -------
         change : float
-            What their values change, to first order, and two of the errors that is known to.
+            What their values change, to first order, and two of the errors that is known to; infinite for
+            jitter that the frame shows.
         """
-        free, equations, known = self._information
-        held = [name in names for name in free]
+        if JITTER in names and not self.still:
+            return math.inf
+        free, equations, known, _ = self._information
+        gone_too = self.truth.locus.names if JITTER in names else ()
+        held = [name in names or name in gone_too for name in free]
         if not any(held):
             return 0.0
         kept, gone = np.flatnonzero(np.invert(held)), np.flatnonzero(held)
@@ -137,24 +156,27 @@ class Example:
         covariance, _ = invert_information(told)
         narrow, _ = invert_information(told[np.ix_(kept, kept)])
         slot = kept.tolist().index(free.index("separation"))
-        values = np.array([self._aberration(free[i]) for i in gone])
+        values = np.array([self._value(free[i]) for i in gone])
         shift = narrow[slot] @ told[np.ix_(kept, gone)] @ values
         lost = covariance[kept[slot], kept[slot]] - narrow[slot, slot]
         return float(abs(shift) + _CREDIBLE * math.sqrt(max(lost, 0.0)))
 
     @cached_property
-    def _information(self) -> tuple[tuple[str, ...], NormalEquations, Array]:
+    def _information(self) -> tuple[tuple[str, ...], NormalEquations, Array, int]:
         return self._equations(self.processor)
 
-    def _aberration(self, name: str) -> float:
-        return float(self.truth.aberrations[self.processor.instrument.aberrations.index(name)])
+    def _value(self, name: str) -> float:
+        """Of an aberration, or a coordinate of the locus."""
+        names = (*self.processor.instrument.aberrations, *self.truth.locus.names)
+        return float([*self.truth.aberrations, *self.truth.locus.coords][names.index(name)])
 
-    def _equations(self, processor: Processor) -> tuple[tuple[str, ...], NormalEquations, Array]:
-        """Names of the free parameters, what the exact image tells a model about them, and what priors do."""
+    def _equations(self, processor: Processor) -> tuple[tuple[str, ...], NormalEquations, Array, int]:
+        """Names of the free parameters, what the exact image and what priors tell of them, and its pixels."""
         frame = processor.calibrate(self.raw)
         held = processor.options.hold
         truth, nodes = self._seen_in(frame, held), processor.options.nodes
         truth = truth if nodes is None else truth.with_locus(truth.locus.sampled(nodes))
+        truth = truth.with_locus(Stable.of()) if processor.locus == "stable" else truth
         optics = processor.instrument.system(shape=frame.shape, plate_scale=self._scale)
         otf = optics.otf(truth.aberrations)
         names, free = free_parameters(truth, otf, held)
@@ -163,7 +185,7 @@ class Example:
         data = Data.of(replace(frame, electrons=exact), censored=processor.censored).clear(exact)
         image, slopes = image_and_jacobian(truth, otf, free)
         known = processor.priors.over(names, truth.locus).precision
-        return names, equations_of(image, slopes, data), known
+        return names, equations_of(image, slopes, data), known, int(data.used.sum())
 
     def _seen_in(self, frame: Frame, held: Collection[str]) -> Parameters:
         """The truth, with the pair where it is in a part of the frame, and without what is held at zero."""

@@ -11,7 +11,7 @@ from planner_loss import fitted, loss
 
 from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
-from jitterkit.loci import Mvn, PartialShm
+from jitterkit.loci import Mvn, PartialShm, Stable
 from jitterkit.refit import FitOptions
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, plan
@@ -22,6 +22,7 @@ from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.plan import Planner
 from jitterkit.trade.predict import Example
+from jitterkit.trade.settings import JITTER
 
 FEW = {
     "pad": (0, 8, 32),
@@ -91,6 +92,27 @@ def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, ex
     assert (
         planner.cheapest(11 * example.without((least,))).settings.without == ()
     )  # it is seen in chi-squared
+
+
+def test_jitter_is_left_out_where_none_is_seen_and_a_tenth_of_what_is_allowed_covers_it(
+    plain, planner, monkeypatch
+):
+    pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
+    scene = TradeScene.of(plain, pair, Stable.of(), 1, np.random.default_rng(5))
+    still = Example.of(scene.noisy[0], Processor(plain, locus="auto"))
+    cost = still.without((JITTER,))
+    assert 0 < cost < 0.2 * still.result.error("separation")
+    for locus, share, left_out in (("auto", 11, True), ("auto", 9, False), ("mvn", 11, False)):
+        asked = replace(still, processor=replace(still.processor, locus=locus, _systems={}))
+        looking = Planner([asked])
+        monkeypatch.setattr(looking, "seconds", lambda settings: 0.1)
+        found = looking.cheapest(share * cost)
+        assert (JITTER in found.settings.without) == left_out
+        (said,) = (one for one in explain(looking.outlook, found) if one.startswith("jitter"))
+        assert ("left out" in said) == left_out
+        assert f"may cost {1e6 * cost:.2g} µas" in said
+    applied = Settings(without=(JITTER,)).applied(still.processor)
+    assert applied.process(scene.noisy[0]).result.locus == "stable"
 
 
 def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, planner):

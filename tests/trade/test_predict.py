@@ -11,9 +11,11 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.forecast import forecast
 from jitterkit.forward import expected_image
+from jitterkit.loci import Mvn
 from jitterkit.refit import FitOptions, Priors
 from jitterkit.trade import Settings
 from jitterkit.trade.predict import Example
+from jitterkit.trade.settings import JITTER
 
 
 @pytest.mark.parametrize(
@@ -37,10 +39,11 @@ def test_what_is_foreseen_is_what_a_fit_without_noise_finds(shown, one, settings
     assert seen.sigma == pytest.approx(sigma, rel=0.01)
 
 
-def test_a_misfit_is_what_chi_squared_rises_by(shown, one):
-    settings = Settings(samples=1)
+@pytest.mark.parametrize(("region", "side"), [(None, 48), (24, 24)])
+def test_a_misfit_is_what_chi_squared_rises_by(shown, one, region, side):
+    settings = Settings(samples=1, region=region)
     chi2 = fitted(settings, shown, one).chi2
-    assert shown.foresee(settings).misfit == pytest.approx(chi2 / np.sqrt(2 * 48 * 48), rel=0.05)
+    assert shown.foresee(settings).misfit == pytest.approx(chi2 / np.sqrt(2 * side**2), rel=0.05)
 
 
 def test_what_an_aberration_may_cost_is_its_value_and_two_errors(shown, plain, one):
@@ -59,6 +62,25 @@ def test_what_an_aberration_may_cost_is_its_value_and_two_errors(shown, plain, o
     expected = abs(left_out - own) + 2 * np.sqrt(free**2 - narrow**2)
     assert shown.without(("noll8",)) == pytest.approx(expected, rel=0.05)
     assert shown.without(()) == 0.0
+
+
+def test_what_jitter_may_cost_is_what_it_moves_and_two_errors(shown, plain, one):
+    truth = one.truths[0].with_locus(Mvn.of(0.03, 0.015, 20.0))
+    still = replace(shown, result=replace(shown.result, parameters=truth))
+    assert still.still
+    assert not shown.still
+    otf, detector = plain.system().otf(truth.aberrations), plain.detector
+    scene = replace(one, truths=(truth,), images=(np.asarray(expected_image(truth, otf)),))
+    every = (Settings(without=(JITTER,)), Settings())
+    left_out, own = (bias_of(fitted(settings, still, scene), scene) for settings in every)
+    errors = [
+        forecast(truth, otf, detector, FitOptions(hold=("background", *held)), exposure=1.0)
+        for held in ((), truth.locus.names)
+    ]
+    free, narrow = (each.error("separation") for each in errors)
+    expected = abs(left_out - own) + 2 * np.sqrt(free**2 - narrow**2)
+    assert still.without((JITTER,)) == pytest.approx(expected, rel=0.05)
+    assert shown.without((JITTER,)) == np.inf
 
 
 def test_what_is_known_beforehand_makes_it_cheap_to_leave_out(shown, plain):
