@@ -10,14 +10,21 @@ jax.config.update("jax_enable_x64", True)
 
 
 def pytest_configure(config):
-    """Keep the TOLIMAN pupil of the tests, and of the commands they start, out of the user's cache."""
+    """Keep what tests, and the commands they start, have made once out of the user's cache.
+
+    Each process has a cache of its own: JAX does not write a compiled program in one stroke, so that another
+    process may read half of it.
+    """
     if getattr(config, "cache", None) is not None:
-        os.environ.setdefault("JITTERKIT_CACHE", str(config.cache.mkdir("jitterkit")))
+        own = config.cache.mkdir(f"jitterkit-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
+        os.environ["JITTERKIT_CACHE"] = str(own)
+        jax.config.update("jax_compilation_cache_dir", str(own / "compiled"))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
-    """Compiled programs of all modules together fill 6 GB; hardly one serves two modules."""
+    """Compiled programs of all modules together fill 6 GB; those of another module are read from the disk."""
     yield
     jax.clear_caches()
 

@@ -25,7 +25,7 @@ def telescope():
 
 @pytest.fixture(scope="module")
 def processor(telescope):
-    return Processor(telescope)
+    return Processor(telescope, locus="mvn")  # by itself it would try, and compile, a dozen loci
 
 
 @pytest.fixture(scope="session")
