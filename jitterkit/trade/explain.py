@@ -100,7 +100,7 @@ def _jitter(outlook: Outlook, plan: Plan) -> str:
     """What is fitted of the jitter, by whose choice, and what it would cost to leave it out."""
     cost = outlook.cost_of((JITTER,))
     if JITTER in plan.settings.without:
-        return f"jitter: left out, of which no frame looked at shows any; this may cost {angle_size(cost, 2)}"
+        return f"jitter: left out, for no frame looked at shows any; this may cost {angle_size(cost, 2)}"
     counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in outlook.examples)
     found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
     auto = outlook.examples[0].processor.locus == "auto"
