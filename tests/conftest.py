@@ -1,6 +1,9 @@
 """What every test shares: double precision, and optics that are built once."""
 
+import functools
 import os
+import shutil
+import tempfile
 
 import jax
 import numpy as np
@@ -12,14 +15,14 @@ jax.config.update("jax_enable_x64", True)
 def pytest_configure(config):
     """Keep what tests, and the commands they start, have made once out of the user's cache.
 
-    Each process has a cache of its own: JAX does not write a compiled program in one stroke, so that another
-    process may read half of it.
+    Each process of each session has a cache of its own: JAX does not write a compiled program in one stroke,
+    so that another could read half of it, and what a killed session leaves is never read again.
     """
-    if getattr(config, "cache", None) is not None:
-        own = config.cache.mkdir(f"jitterkit-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
-        os.environ["JITTERKIT_CACHE"] = str(own)
-        jax.config.update("jax_compilation_cache_dir", str(own / "compiled"))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    own = tempfile.mkdtemp(prefix="jitterkit-")
+    config.add_cleanup(functools.partial(shutil.rmtree, own, ignore_errors=True))
+    os.environ["JITTERKIT_CACHE"] = own
+    jax.config.update("jax_compilation_cache_dir", os.path.join(own, "compiled"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -81,8 +81,7 @@ def _jitter_hint(result: FitResult) -> str:
     if result.locus != "stable" or found is None or not is_detected(found.moments, found.covariance):
         return ""
     size = f"{found.axes[0]:.2g} arcsec rms"
-    way = "use --locus auto, or mvn where --tolerance has left it out"
-    return f"The fit leaves out jitter (locus stable), of which the frame shows {size}: {way}."
+    return f"--locus stable leaves out jitter, of which the frame shows {size}: use --locus auto."
 
 
 def _sky_hint(result: FitResult) -> str:

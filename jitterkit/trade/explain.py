@@ -11,7 +11,7 @@ from jitterkit.report.words import angle_size
 from jitterkit.trade.ladder import RUNGS, can_be_had
 from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.plan import Plan
-from jitterkit.trade.settings import JITTER, Settings, own_pad
+from jitterkit.trade.settings import Settings, own_pad
 
 __all__ = ["explain"]
 
@@ -52,7 +52,7 @@ def explain(outlook: Outlook, plan: Plan) -> Iterator[str]:
         side = len(instrument.pupil.opd) // settings.binning
         yield f"pupil: {side} x {side} samples{_cost(outlook, settings, 'binning')}"
         yield from _aberrations(outlook, plan)
-    yield _jitter(outlook, plan)
+    yield _jitter(outlook)
     yield f"fits end when a step is below {settings.tolerance:g} of an error"
 
 
@@ -76,14 +76,14 @@ def _cost(outlook: Outlook, settings: Settings, name: str) -> str:
 
 
 def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
-    names = outlook.instrument.aberrations
+    names, without = outlook.instrument.aberrations, plan.settings.without
     if not names:
         return
-    without = tuple(name for name in plan.settings.without if name != JITTER)
     fitted = [name for name in names if name not in without]
     said = f"fitted: {', '.join(fitted) or 'none'}"
     if without:
-        said += f"; left out: {', '.join(without)}, which may cost {angle_size(outlook.cost_of(without), 2)}"
+        cost = angle_size(outlook.cost_of(without, plan.settings), 2)
+        said += f"; left out: {', '.join(without)}, which may cost {cost}"
     yield f"aberrations {said}"
     known = outlook.instrument.aberration_sigma
     if known is None:
@@ -96,16 +96,12 @@ def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
             yield f"{one.raw.name} does not tell {', '.join(unknown)} to {limit:.3g} nm{end}"
 
 
-def _jitter(outlook: Outlook, plan: Plan) -> str:
-    """What is fitted of the jitter, by whose choice, and what it would cost to leave it out."""
-    cost = outlook.cost_of((JITTER,))
-    if JITTER in plan.settings.without:
-        return f"jitter: left out, for no frame looked at shows any; this may cost {angle_size(cost, 2)}"
+def _jitter(outlook: Outlook) -> str:
+    """What was fitted of the jitter, by whose choice, and what it would cost to leave it out."""
     counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in outlook.examples)
     found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
     auto = outlook.examples[0].processor.locus == "auto"
     who = "; every frame gets what it shows, and no more" if auto else ", as --locus says"
-    price = (
-        f"; they show none, and --locus stable may cost {angle_size(cost, 2)}" if 0 < cost < math.inf else ""
-    )
+    cost = outlook.cost_of_jitter()
+    price = f"; they show none, and without it {angle_size(cost, 2)} might be lost" if cost < math.inf else ""
     return f"jitter: {found} of the frames looked at{who}{price}"

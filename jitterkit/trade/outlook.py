@@ -67,9 +67,13 @@ class Outlook:
         """Whether every example can be modelled so."""
         return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
 
-    def cost_of(self, names: tuple[str, ...]) -> float:
-        """What it may do to the separation to leave out aberrations, or jitter [arcsec]."""
-        return max(one.without(names) for one in self.examples)
+    def cost_of(self, names: tuple[str, ...], settings: Settings = OWN) -> float:
+        """What it may do to the separation to leave out aberrations [arcsec]."""
+        return max(one.without(names, settings) for one in self.examples)
+
+    def cost_of_jitter(self) -> float:
+        """The same of jitter; infinite where an example shows some."""
+        return max(one.without(one.truth.locus.names) if one.still else math.inf for one in self.examples)
 
     def unfinished(self, tolerance: float) -> float:
         """By how much fits may end before they have arrived [arcsec].

@@ -18,7 +18,7 @@ from jitterkit.trade.fitting import TOGETHER, Fitting
 from jitterkit.trade.ladder import RUNGS, can_be_had
 from jitterkit.trade.outlook import OWN, Outlook
 from jitterkit.trade.predict import Example
-from jitterkit.trade.settings import JITTER, Settings
+from jitterkit.trade.settings import Settings
 
 __all__ = ["Plan", "Planner"]
 
@@ -29,7 +29,7 @@ _UNFINISHED = 0.1
 """Share of what is allowed, or of an error, by which a fit may end before it has arrived."""
 
 _LEFT_OUT = 0.1
-"""Share of what is allowed that everything which is left out may cost together."""
+"""Share of what is allowed that the aberrations which are left out may cost together."""
 
 _ENDS = (1e-4, 1e-2)
 """Share of an error within which fits end where time is given, and where it is short."""
@@ -175,14 +175,13 @@ class Planner:
         return sorted(every, key=self.work)
 
     def _leaner(self, settings: Settings, allowed: float) -> Settings:
-        """Without aberrations and jitter that hardly cost anything, also together, and are not seen."""
-        known, outlook = self.outlook.instrument.aberrations, self.outlook
-        if outlook.examples[0].processor.locus == "auto":  # any other was asked for
-            known = (*known, JITTER)
-        for name in sorted(known, key=lambda one: outlook.cost_of((one,))):
+        """Without the aberrations that hardly cost anything, also together, and are not seen."""
+        known, outlook, rest = self.outlook.instrument.aberrations, self.outlook, settings
+        for name in sorted(known, key=lambda one: outlook.cost_of((one,), rest)):
             without = tuple(one for one in known if one in (*settings.without, name))
             leaner = replace(settings, without=without)
-            if outlook.cost_of(without) <= _LEFT_OUT * allowed and outlook.holds(leaner, _MARGIN * allowed):
+            cost = outlook.cost_of(without, settings)
+            if cost <= _LEFT_OUT * allowed and outlook.holds(leaner, _MARGIN * allowed):
                 settings = leaner
         return settings
 

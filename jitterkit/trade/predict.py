@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,13 +22,13 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.kernel_estimate import is_detected
+from jitterkit.kernel_estimate import is_detected, significance
 from jitterkit.likelihood import Data, NormalEquations, equations_of
-from jitterkit.loci import Mvn, Stable
+from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult
 from jitterkit.scoring import invert_information
 from jitterkit.trade.scenes import truest
-from jitterkit.trade.settings import JITTER, Settings
+from jitterkit.trade.settings import Settings
 
 __all__ = ["Example", "Foresight"]
 
@@ -72,6 +72,9 @@ class Example:
     frame: Frame
     result: FitResult
     processor: Processor
+    _told: dict[Settings, tuple[tuple[str, ...], np.ndarray]] = field(
+        init=False, repr=False, default_factory=dict
+    )
 
     @classmethod
     def of(cls, raw: RawFrame, processor: Processor) -> Example | None:
@@ -89,11 +92,10 @@ class Example:
 
     @property
     def still(self) -> bool:
-        """Whether it shows no jitter, by the moments of a normal: they are regular at none."""
-        locus = self.truth.locus
-        return isinstance(locus, Stable) or (
-            isinstance(locus, Mvn) and not is_detected(*self.result.moments())
-        )
+        """Whether a normal was fitted to it, whose moments are none."""
+        moments = self.result.moments()
+        normal = isinstance(self.truth.locus, Mvn) and math.isfinite(significance(*moments))
+        return normal and not is_detected(*moments)
 
     @cached_property
     def image(self) -> np.ndarray:
@@ -130,40 +132,45 @@ class Example:
         misfit = (equations.deviance - equations.score @ step) / math.sqrt(2 * pixels)
         return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit))
 
-    def without(self, names: Collection[str]) -> float:
+    def without(self, names: Collection[str], settings: Settings | None = None) -> float:
         """What it may do to the separation to hold at zero what is fitted [arcsec].
 
         Parameters
         ----------
         names : collection of str
-            Of aberrations, and :data:`~jitterkit.trade.settings.JITTER`.
+            Of aberrations, or of the coordinates of a normal that shows no jitter.
+        settings : Settings, optional
+            That the rest is fitted with.
 
         Returns
         -------
         change : float
-            What their values change, to first order, and two of the errors that is known to; infinite for
-            jitter that the frame shows.
+            What their values change, to first order, and two of the errors that is known to by all of the
+            frame.
         """
-        if JITTER in names and not self.still:
-            return math.inf
-        free, equations, known, _ = self._information
-        gone_too = self.truth.locus.names if JITTER in names else ()
-        held = [name in names or name in gone_too for name in free]
+        whole, told = self._information(Settings())
+        held = [name in names for name in whole]
         if not any(held):
             return 0.0
-        kept, gone = np.flatnonzero(np.invert(held)), np.flatnonzero(held)
-        told = np.asarray(equations.information + known)
+        gone = np.flatnonzero(held)
+        values = np.array([self._value(whole[i]) for i in gone])
         covariance, _ = invert_information(told)
+        free, told = self._information(Settings() if settings is None else replace(settings, without=()))
+        gone_here = np.array([free.index(whole[i]) for i in gone])
+        kept = np.delete(np.arange(len(free)), gone_here)
         narrow, _ = invert_information(told[np.ix_(kept, kept)])
         slot = kept.tolist().index(free.index("separation"))
-        values = np.array([self._value(free[i]) for i in gone])
-        shift = narrow[slot] @ told[np.ix_(kept, gone)] @ values
-        lost = covariance[kept[slot], kept[slot]] - narrow[slot, slot]
-        return float(abs(shift) + _CREDIBLE * math.sqrt(max(lost, 0.0)))
+        slope = narrow[slot] @ told[np.ix_(kept, gone_here)]
+        return float(
+            abs(slope @ values) + _CREDIBLE * math.sqrt(slope @ covariance[np.ix_(gone, gone)] @ slope)
+        )
 
-    @cached_property
-    def _information(self) -> tuple[tuple[str, ...], NormalEquations, Array, int]:
-        return self._equations(self.processor)
+    def _information(self, settings: Settings) -> tuple[tuple[str, ...], np.ndarray]:
+        """What a model with some settings varies, and what the exact image and priors tell of it."""
+        if settings not in self._told:
+            names, equations, known, _ = self._equations(settings.applied(self.processor))
+            self._told[settings] = names, np.asarray(equations.information + known)
+        return self._told[settings]
 
     def _value(self, name: str) -> float:
         """Of an aberration, or a coordinate of the locus."""
@@ -176,7 +183,6 @@ class Example:
         held = processor.options.hold
         truth, nodes = self._seen_in(frame, held), processor.options.nodes
         truth = truth if nodes is None else truth.with_locus(truth.locus.sampled(nodes))
-        truth = truth.with_locus(Stable.of()) if processor.locus == "stable" else truth
         optics = processor.instrument.system(shape=frame.shape, plate_scale=self._scale)
         otf = optics.otf(truth.aberrations)
         names, free = free_parameters(truth, otf, held)

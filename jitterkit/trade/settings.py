@@ -15,13 +15,10 @@ from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
-__all__ = ["ABERRATIONS", "JITTER", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
+__all__ = ["ABERRATIONS", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
 
 ABERRATIONS = ("held", "anchored", "expanded")
 """At what they are without any; fitted about one state of many frames; computed anew for every frame."""
-
-JITTER = "jitter"
-"""What is left out of the model of frames that stand still."""
 
 METHODS = ("score", "mtf", "refit", "joint", "sampling")
 """How the separation is had: see :mod:`jitterkit.trade.methods`."""
@@ -43,7 +40,7 @@ class Settings:
     aberrations : str
         One of :data:`ABERRATIONS`.
     without : tuple of str
-        What is held at zero, whatever the rest is: aberrations, and :data:`JITTER`.
+        Aberrations that are held at zero, whatever the others are.
     tolerance : float
         Step, in standard errors, below which a fit has arrived.
     region : int or None
@@ -116,8 +113,7 @@ class Settings:
     def options(self, instrument: Instrument, options: FitOptions | None = None) -> FitOptions:
         """The options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
-        left_out = tuple(name for name in self.without if name != JITTER)
-        held = instrument.aberrations if self.aberrations == "held" else left_out
+        held = instrument.aberrations if self.aberrations == "held" else self.without
         nodes = options.nodes if self.nodes is None else self.nodes
         return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance, nodes=nodes)
 
@@ -127,13 +123,9 @@ class Settings:
         In as many bits as JAX is set to, and with aberrations anchored where it is told what is known.
         """
         telescope = processor.instrument
+        options = self.options(telescope, processor.options)
         return replace(
-            processor,
-            instrument=self.instrument(telescope),
-            options=self.options(telescope, processor.options),
-            locus="stable" if JITTER in self.without else processor.locus,
-            known={},
-            _systems={},
+            processor, instrument=self.instrument(telescope), options=options, known={}, _systems={}
         )
 
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
-import jax
 import numpy as np
 import pytest
 
@@ -54,21 +53,6 @@ def processor(bent):
     return Processor(bent, locus="mvn")
 
 
-@pytest.fixture(scope="module")
-def _programs(tmp_path_factory):
-    """Compiled programs, kept for the workers as the commands keep them."""
-    shared = {
-        "jax_compilation_cache_dir": str(tmp_path_factory.mktemp("compiled")),
-        "jax_persistent_cache_min_compile_time_secs": 0.3,
-    }
-    before = {name: getattr(jax.config, name) for name in shared}
-    for name, value in shared.items():
-        jax.config.update(name, value)
-    yield
-    for name, value in before.items():
-        jax.config.update(name, value)
-
-
 def done(night, engine):
     """What becomes of each batch, by its number; one picture is left to be drawn, the worst."""
     ranks = [(True, -1e9, -1, place) for place in range(MOST_PICTURES - 1)]
@@ -77,7 +61,7 @@ def done(night, engine):
 
 
 @pytest.fixture(scope="module")
-def alone(night, processor, _programs):
+def alone(night, processor):
     return done(night, partial(process_batches, processor=processor, threads=1))
 
 

@@ -29,20 +29,18 @@ def few(monkeypatch):
 def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp_path, monkeypatch):
     out = tmp_path / "out"
     plain = ["process", str(frames), "-o", str(out), "-i", "smallsat", "--locus", "mvn"]
-    command = [*plain, "--tolerance", "20%"]
+    command = [*plain, "--tolerance", "30%"]
     done = runner.invoke(app, [*command, "--explain"])
     assert done.exit_code == 0, done.output
     assert " ms a frame; what its model leaves out may cost " in done.stderr
     assert "  padding: " in done.stderr
     told = json.loads((out / "configuration.json").read_text())
-    assert told["plan"]["asked"] == {"tolerance": "20%", "budget": None}
+    assert told["plan"]["asked"] == {"tolerance": "30%", "budget": None}
     assert told["instrument"]["pad"] == told["plan"]["settings"]["pad"] == 8
-    # Which tolerance is cheaper is measured, and is a matter of noise where both take as many steps.
-    assert told["options"]["tolerance"] == told["plan"]["settings"]["tolerance"]
-    assert told["options"]["tolerance"] in FEW["tolerance"]
+    assert told["options"]["tolerance"] == told["plan"]["settings"]["tolerance"] == 1e-2
 
     monkeypatch.setattr(examples, "examples_of", None)  # whoever looks again breaks down
-    again = runner.invoke(app, [*command[:-1], "0.2e2%", "--resume"])  # the same in other words
+    again = runner.invoke(app, [*command[:-1], "0.3e2%", "--resume"])  # the same in other words
     assert again.exit_code == 0, again.output
     assert runner.invoke(app, [*plain, "--resume"]).exit_code == 2  # another run
 

@@ -20,9 +20,8 @@ from jitterkit.trade.examples import examples_of
 from jitterkit.trade.explain import explain
 from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.outlook import Outlook
-from jitterkit.trade.plan import Planner
+from jitterkit.trade.plan import Plan, Planner
 from jitterkit.trade.predict import Example
-from jitterkit.trade.settings import JITTER
 
 FEW = {
     "pad": (0, 8, 32),
@@ -94,25 +93,20 @@ def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, ex
     )  # it is seen in chi-squared
 
 
-def test_jitter_is_left_out_where_none_is_seen_and_a_tenth_of_what_is_allowed_covers_it(
-    plain, planner, monkeypatch
-):
+def test_it_is_said_what_jitter_that_is_not_seen_would_cost(plain, planner):
     pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
     scene = TradeScene.of(plain, pair, Stable.of(), 1, np.random.default_rng(5))
     still = Example.of(scene.noisy[0], Processor(plain, locus="auto"))
-    cost = still.without((JITTER,))
+    outlook = Outlook([still])
+    cost = outlook.cost_of_jitter()
     assert 0 < cost < 0.2 * still.result.error("separation")
-    for locus, share, left_out in (("auto", 11, True), ("auto", 9, False), ("mvn", 11, False)):
-        asked = replace(still, processor=replace(still.processor, locus=locus, _systems={}))
-        looking = Planner([asked])
-        monkeypatch.setattr(looking, "seconds", lambda settings: 0.1)
-        found = looking.cheapest(share * cost)
-        assert (JITTER in found.settings.without) == left_out
-        (said,) = (one for one in explain(looking.outlook, found) if one.startswith("jitter"))
-        assert ("left out" in said) == left_out
-        assert f"may cost {1e6 * cost:.2g} µas" in said
-    applied = Settings(without=(JITTER,)).applied(still.processor)
-    assert applied.process(scene.noisy[0]).result.locus == "stable"
+
+    def said(outlook):
+        (found,) = (one for one in explain(outlook, Plan(Settings(), 0.0, 0.1)) if one.startswith("jitter"))
+        return found
+
+    assert said(outlook).endswith(f"; they show none, and without it {1e6 * cost:.2g} µas might be lost")
+    assert "might be lost" not in said(planner.outlook)
 
 
 def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, planner):

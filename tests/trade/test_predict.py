@@ -14,8 +14,8 @@ from jitterkit.forward import expected_image
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitOptions, Priors
 from jitterkit.trade import Settings
+from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.predict import Example
-from jitterkit.trade.settings import JITTER
 
 
 @pytest.mark.parametrize(
@@ -64,23 +64,36 @@ def test_what_an_aberration_may_cost_is_its_value_and_two_errors(shown, plain, o
     assert shown.without(()) == 0.0
 
 
+def test_in_a_region_an_aberration_costs_what_it_does_to_the_region(shown, one):
+    """The error it is known to is that of the whole frame: the plan sees no less."""
+    cut = Settings(region=24)
+    every = (replace(cut, without=("noll8",)), cut)
+    left_out, own = (bias_of(fitted(settings, shown, one), one) for settings in every)
+    value = float(shown.truth.aberrations[shown.processor.instrument.aberrations.index("noll8")])
+    free, told = shown._information(Settings())
+    error = np.sqrt(np.linalg.inv(told)[free.index("noll8"), free.index("noll8")])
+    expected = abs(left_out - own) * (1 + 2 * error / abs(value))
+    assert shown.without(("noll8",), cut) == pytest.approx(expected, rel=0.05)
+    assert shown.without(("noll8",), cut) > 1.1 * shown.without(("noll8",))
+
+
 def test_what_jitter_may_cost_is_what_it_moves_and_two_errors(shown, plain, one):
     truth = one.truths[0].with_locus(Mvn.of(0.03, 0.015, 20.0))
     still = replace(shown, result=replace(shown.result, parameters=truth))
     assert still.still
-    assert not shown.still
     otf, detector = plain.system().otf(truth.aberrations), plain.detector
     scene = replace(one, truths=(truth,), images=(np.asarray(expected_image(truth, otf)),))
-    every = (Settings(without=(JITTER,)), Settings())
-    left_out, own = (bias_of(fitted(settings, still, scene), scene) for settings in every)
+    stable = replace(still, processor=replace(still.processor, locus="stable", _systems={}))
+    left_out, own = (bias_of(fitted(Settings(), one, scene), scene) for one in (stable, still))
     errors = [
         forecast(truth, otf, detector, FitOptions(hold=("background", *held)), exposure=1.0)
         for held in ((), truth.locus.names)
     ]
     free, narrow = (each.error("separation") for each in errors)
     expected = abs(left_out - own) + 2 * np.sqrt(free**2 - narrow**2)
-    assert still.without((JITTER,)) == pytest.approx(expected, rel=0.05)
-    assert shown.without((JITTER,)) == np.inf
+    assert still.without(truth.locus.names) == pytest.approx(expected, rel=0.05)
+    assert Outlook([still]).cost_of_jitter() == still.without(truth.locus.names)
+    assert Outlook([still, shown]).cost_of_jitter() == np.inf  # one of them shakes
 
 
 def test_what_is_known_beforehand_makes_it_cheap_to_leave_out(shown, plain):
