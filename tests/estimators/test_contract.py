@@ -13,7 +13,7 @@ from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
 
 DRAWS = 60
-FEWER = {"richardson-lucy": 16}  # thousands of updates a frame
+FEWER = {"richardson-lucy": 10, "nnls": 20}  # thousands of updates, hundreds of solutions a frame
 FOLDED = {"nnls", "richardson-lucy"}
 """A kernel that cannot be negative has moments that cannot: the mean of a normal variable folded at zero is
 0.8 of its standard deviation above it, and a node on either side of the truth folds each; measured, 1.2."""
