@@ -25,7 +25,7 @@ __all__ = ["FoundPair", "find_pairs", "resolution"]
 
 Place = tuple[float, float]
 
-_FAINTEST = 1 / 100
+_FAINTEST = 1 / 1000
 """Faintest companion considered, as a share of the brighter star."""
 
 
@@ -45,7 +45,9 @@ class FoundPair:
     gain: float
 
 
-def find_pairs(data: Data, otf: OTF, jitter: Locus | None = None, *, most: int = 4) -> list[FoundPair]:
+def find_pairs(
+    data: Data, otf: OTF, jitter: Locus | None = None, *, bright: Place | None = None, most: int = 4
+) -> list[FoundPair]:
     """Candidate star pairs of a frame, the best first.
 
     Parameters
@@ -54,6 +56,9 @@ def find_pairs(data: Data, otf: OTF, jitter: Locus | None = None, *, most: int =
     otf : OTF
     jitter : Locus, optional
         Blur of the template, where it is known.
+    bright : (x, y), optional
+        Offset of the brighter star from the frame's centre [arcsec], where it is known: a tenth of a pixel
+        off, it leaves more than a companion a hundred times fainter has.
     most : int
         Number of candidates, at most.
 
@@ -62,7 +67,7 @@ def find_pairs(data: Data, otf: OTF, jitter: Locus | None = None, *, most: int =
     pairs : list of FoundPair
         Empty where no star rises above the noise by six standard errors (the best of some ten
         thousand places reaches four by chance).  A star that is alone comes with a companion a
-        hundred times fainter at the resolution limit, for the fit to dismiss.
+        thousand times fainter at the resolution limit, for the fit to dismiss.
 
     Notes
     -----
@@ -72,9 +77,10 @@ def find_pairs(data: Data, otf: OTF, jitter: Locus | None = None, *, most: int =
     single = field.single()
     if not single.max() > 36.0:
         return []
-    first = field.peak(single, single.argmax())
+    first = field.peak(single, single.argmax()) if bright is None else bright
     least = resolution(otf)
-    settled = [field.settle(first, second, least) for second in field.companions(first, least, most)]
+    beside = field.companions(first, least, most)
+    settled = [field.settle(first, one, least) if bright is None else (first, one) for one in beside]
     pairs = [field.pair(*places) for places in settled or [(first, (first[0] + least, first[1]))]]
     return sorted(pairs, key=lambda pair: -pair.gain)
 

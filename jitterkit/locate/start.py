@@ -8,7 +8,7 @@ search begins anew.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -83,9 +83,10 @@ def locate_binary(
     tried: list[Binary] = []
     near = 0.1 * resolution(otf)
     for _ in range(_ROUNDS):
-        fresh = (pair for pair in find_pairs(data, otf, jitter, most=3) if _is_new(pair.scene, tried, near))
         before = np.inf if best is None else best.deviance_dof
-        for pair in fresh:
+        for pair in _candidates(data, otf, jitter, best):
+            if not _is_new(pair.scene, tried, near):
+                continue
             tried.append(pair.scene)
             trial = _polish(data, optics, otf, pair, jitter, hold, rough)
             if best is None or trial.deviance_dof < best.deviance_dof:
@@ -96,6 +97,14 @@ def locate_binary(
             return best
         otf, jitter = best.otf, best.parameters.locus
     return best
+
+
+def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:
+    """Pairs to try: companions of the star that the best so far has found, then any."""
+    if best is not None:
+        (x, _), (y, _), _ = best.parameters.scene.sources()
+        yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)
+    yield from find_pairs(data, otf, jitter, most=3)
 
 
 def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
