@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.forward import Parameters, free_parameters
-from jitterkit.likelihood import Data
+from jitterkit.forward import Parameters, expected_image, free_parameters
+from jitterkit.likelihood import Data, pearson
 from jitterkit.locate.pair import FoundPair, find_pairs, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
@@ -28,12 +29,15 @@ __all__ = ["Start", "locate_binary"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
+_SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _STILL = 0.03  # rad: what the optics may move without being climbed anew adds 0.02 to the deviance per pixel
 _LEFT_OUT = 0.03  # sigmas of the whole image
 _EXPANSIONS = 4  # at most, of the optics: each squares what is left of the way
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
+
+_image = eqx.filter_jit(expected_image)
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ def locate_binary(
             trial = _polish(data, optics, otf, pair, jitter, hold, rough)
             if best is None or trial.deviance_dof < best.deviance_dof:
                 best = trial
-            if best.deviance_dof < _GOOD_ENOUGH:
+            if best.deviance_dof < _GOOD_ENOUGH and _describes(best, data):
                 return best
         if best is None or best.deviance_dof > _WORTH_IT * before:
             return best
@@ -105,6 +109,12 @@ def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) 
         (x, _), (y, _), _ = best.parameters.scene.sources()
         yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)
     yield from find_pairs(data, otf, jitter, most=3)
+
+
+def _describes(start: Start, data: Data) -> bool:
+    """Whether a start leaves no more of a frame than noise and its own haste."""
+    misfit = pearson(_image(start.parameters, start.otf), data)
+    return misfit.chi2 < misfit.pixels + _SURE * misfit.spread
 
 
 def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
