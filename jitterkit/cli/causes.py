@@ -13,7 +13,7 @@ from jitterkit.cli.loci import build_locus, parse_sizes
 from jitterkit.cli.pair import pair_before
 from jitterkit.cli.products import check_products, write_picture
 from jitterkit.cli.quantities import parse_angle
-from jitterkit.cli.runtime import command_line, prepare_jax
+from jitterkit.cli.runtime import command_line, prepare_jax, show_table
 
 __all__ = ["causes"]
 
@@ -113,19 +113,15 @@ def causes(
     sets = further_data(found, Offer(frames=frames, telemetry=known, diversity=refocus))
     table, remedy = data_table(found, sets), remedy_sentence(found, sets, goal)
     words = causes_sentences(found)
-    _print(causes_table(found, goal))
+    show_table(causes_table(found, goal), align="<")
     typer.echo("\n".join(["", *words, ""]))
-    _print(table)
+    show_table(table, align="<")
     typer.echo(f"\n{remedy}")
     if output is not None:
         table.meta |= {"command": command_line(), "confusions": words, "remedy": remedy}
         write_table(output, table, overwrite=overwrite)
     if plot is not None:
         write_picture(plot, plot_causes(found).axes[0], overwrite)
-
-
-def _print(table) -> None:
-    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1, align="<")))
 
 
 def _setting(telescope, scene, jitter, diffusion: str | None, seeing: str | None, aberrations: list[str]):

@@ -9,7 +9,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.progress import watching
-from jitterkit.cli.runtime import SOME_FAILED, prepare_jax, say
+from jitterkit.cli.runtime import SOME_FAILED, prepare_jax, say, show_table
 
 __all__ = ["estimate"]
 
@@ -136,7 +136,7 @@ def estimate(
         write_table(output, table, overwrite=overwrite)
     shown = table.copy()
     shown.remove_columns([name for name in table.colnames if _is_left_out(name, table[name])])
-    typer.echo("\n".join(shown.pformat(max_lines=-1, max_width=-1)))
+    show_table(shown)
     for row in table[table["message"] != ""]:
         status = "" if row["status"] == "ok" else f" {row['status']}"
         say(f"{row['file']} [{row['frame']}]{status}: {row['message']}")

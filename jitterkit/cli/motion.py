@@ -9,7 +9,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.products import check_products, write_picture
-from jitterkit.cli.runtime import command_line, prepare_jax, say
+from jitterkit.cli.runtime import command_line, prepare_jax, say, show_table
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -137,7 +137,7 @@ def _print(table: QTable) -> None:
     for name in table.colnames:
         if table[name].dtype.kind == "f" and table[name].info.format is None:
             table[name].info.format = "{:.4g}"
-    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
+    show_table(table)
 
 
 def _loss_table(telescope: Instrument, locus: Locus) -> QTable:

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
-from jitterkit.cli.runtime import command_line, say
+from jitterkit.cli.runtime import command_line, say, show_table
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -36,7 +34,7 @@ def deliver(
     """Print a table; where asked, write it with the command that made it, and draw it."""
     from jitterkit.report.table import write_table
 
-    typer.echo("\n".join(table.pformat(max_lines=-1, max_width=-1)))
+    show_table(table)
     if output is not None:
         table.meta["command"] = command_line()
         write_table(output, table, overwrite=overwrite)

@@ -9,10 +9,14 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import typer
 
-__all__ = ["command_line", "prepare_jax", "say", "tells_errors"]
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+__all__ = ["command_line", "prepare_jax", "say", "show_table", "tells_errors"]
 
 USAGE, SOME_FAILED = 2, 1
 
@@ -98,6 +102,14 @@ def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
 def say(message: str) -> None:
     """Talk goes to stderr; stdout is data."""
     typer.echo(message, err=True)
+
+
+def show_table(table: QTable, align: str | None = None) -> None:
+    """Print a table, all of its rows and columns, aligned as astropy's ``pformat`` says."""
+    from astropy.table import Table
+
+    plain = Table(table)  # a cell of a Quantity takes three times as long to print as one of a Column
+    typer.echo("\n".join(plain.pformat(max_lines=-1, max_width=-1, align=align)))
 
 
 def command_line() -> str:

@@ -28,7 +28,7 @@ __all__ = ["aberration_names", "make_table", "read_table", "write_table"]
 _KINDS: dict[type, Any] = {float: lambda: array("d"), int: lambda: array("q"), str: list}
 """What holds a column while rows come in: a number in 8 bytes, not in the 32 that a list of them takes."""
 
-_CHUNK = 1000
+_CHUNK = 5000
 """Rows that are written at once: astropy makes a text of every cell first, 160 MB of 60,000 rows."""
 
 
