@@ -39,10 +39,6 @@ Part = tuple[Batch, ...]
 """Batches with one lead, done one after the other by one who looks at the lead once."""
 
 
-_ENVIRONMENT = {"NPROC": "1", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
-"""Of a worker that has set nothing else: otherwise XLA starts as many threads as there are processors in
-every process, and takes three quarters of a GPU.  No digit depends on it."""
-
 _SHARED = (
     "jax_enable_x64",
     "jax_platforms",
@@ -67,7 +63,7 @@ class Equipment(distributed.WorkerPlugin if distributed else object):  # type: i
         self.told = {name: getattr(jax.config, name) for name in _SHARED}
 
     def setup(self, worker: Any) -> None:
-        for name, value in _ENVIRONMENT.items():
+        for name, value in _environment(worker.state.nthreads).items():
             os.environ.setdefault(name, value)
         for name, value in self.told.items():
             jax.config.update(name, value)
@@ -94,6 +90,15 @@ class Equipment(distributed.WorkerPlugin if distributed else object):  # type: i
                     f"The worker {address} computes with {name} {here.get(name)}, this process with "
                     f"{self.computed[name]}, which changes the last digits; make them the same."
                 )
+
+
+def _environment(threads: int) -> dict[str, str]:
+    """Of a worker that has set nothing else; no digit depends on it.
+
+    Otherwise XLA would start as many threads as there are processors in every process, and take three
+    quarters of a GPU; with fewer than the worker has, programs of its own would wait for each other.
+    """
+    return {"NPROC": str(threads), "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
 
 
 def _computed_with() -> dict[str, str]:

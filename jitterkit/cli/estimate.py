@@ -112,7 +112,7 @@ def estimate(
         _check_no_binary(instrument, background)
     _check_outputs(output, (plot, export, deblur), overwrite)
     sharp = None if reference is None or str(reference) == _ROUNDEST else _first_frame(reference)
-    prepare_jax(alone=True)
+    prepare_jax()
     from jitterkit.batch.kernels import estimate_files
     from jitterkit.batch.products import Products
     from jitterkit.report.table import write_table

@@ -34,8 +34,8 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
     float32 : bool
         Whether to do with 32 bits.
     alone : bool
-        Whether threads compute on one processor each: XLA shares what takes a millisecond among all of them,
-        which takes longer.
+        Whether one processor does all, for scripts that measure times or run in several processes: XLA has
+        one thread then, in which the programs of all others wait for each other.
 
     Raises
     ------

@@ -27,7 +27,7 @@ __all__ = ["End", "compared"]
 _AROUND = 1.5
 """Pixels, 1 sigma, of what stands in for pixels that are not used, to find the pair by."""
 
-_FAR, _CLOSE = 5, 2
+_FAR, _CLOSE = 4, 2
 """Steps by the derivatives of the first frame, and by its own."""
 
 _NEARBY, _EXPANSIONS = 3.0, 4
@@ -77,10 +77,7 @@ def compared(first: First, data: Data) -> End:
     size, whole = first.otf.grid.shape, data.used.shape
     data, near, corner, shift = _cut_out(first, data)
     seen, light = _at_first(data, near, shift)
-    values, normal = first.values, np.arange(len(first.names)) != first.kurtosis
-    for _ in range(_FAR):
-        rest = within(first.rim, seen - expected_image(first.at(values), first.otf))
-        values = values + first.covariance @ jnp.tensordot(first.slopes, rest.astype(jnp.float32), 2)
+    values, normal = _near(first, seen), np.arange(len(first.names)) != first.kurtosis
     places = np.array([first.names.index(name) for name in ("y", "x")])
     bright = np.array([name in ("flux", "background") for name in first.names])
     values = jnp.where(bright, light * values, values).at[places].add(shift * first.otf.grid.pitch)
@@ -111,6 +108,28 @@ def compared(first: First, data: Data) -> End:
     offset = offset_of(corner, size, whole) * first.otf.grid.plate_scale
     remains = jnp.sqrt(score @ covariance @ score)
     return End(moved(end, offset), here.data, offset, values, score, remains, excess, here.information)
+
+
+def _near(first: First, seen):
+    """Values that nearly fit, by the derivatives of the first frame.
+
+    With derivatives of another frame each step leaves a share of what was left before.  From the second on
+    that share is foreseen along the last step (Anderson, J. ACM 12, 547, 1965): four such steps come as near
+    as seven plain ones.
+    """
+    values, before = first.values, None
+    for _ in range(_FAR):
+        rest = within(first.rim, seen - expected_image(first.at(values), first.otf))
+        score = jnp.tensordot(first.slopes, rest.astype(jnp.float32), 2)
+        step = first.covariance @ score
+        there = (step, score, values + step)
+        values = values + step
+        if before is not None:
+            turn, bend, way = (now - then for now, then in zip(there, before, strict=True))
+            length = turn @ bend
+            values = values - jnp.where(length > 0, turn @ score / length, 0.0) * way
+        before = there
+    return values
 
 
 class _Expansion(NamedTuple):

@@ -170,16 +170,36 @@ def equipment(processor, night):
     return Equipment(processor, None, night[0])
 
 
-def test_a_worker_that_does_not_see_the_files_is_told(equipment, tmp_path):
+@pytest.fixture
+def far(monkeypatch):
+    """A worker of three threads, as far as equipment asks it; what it sets does not outlast the test."""
+    for name in ("NPROC", "XLA_PYTHON_CLIENT_PREALLOCATE"):
+        monkeypatch.setenv(name, "")  # noted, to be put back
+        monkeypatch.delenv(name)
+    return SimpleNamespace(address="tcp://far:1", state=SimpleNamespace(nthreads=3))
+
+
+def test_threads_of_a_worker_need_not_wait_for_each_other(equipment, far):
+    equipment.setup(far)
+    assert os.environ["NPROC"] == "3"
+
+
+def test_what_a_worker_has_set_itself_is_kept(equipment, far, monkeypatch):
+    monkeypatch.setenv("NPROC", "2")
+    equipment.setup(far)
+    assert os.environ["NPROC"] == "2"
+
+
+def test_a_worker_that_does_not_see_the_files_is_told(equipment, far, tmp_path):
     equipment.witness = tmp_path / "elsewhere.fits"
     with pytest.raises(ConfigurationError, match=r"worker tcp://far:1 does not see .*elsewhere\.fits"):
-        equipment.setup(SimpleNamespace(address="tcp://far:1"))
+        equipment.setup(far)
 
 
-def test_a_worker_of_another_version_is_told(equipment):
+def test_a_worker_of_another_version_is_told(equipment, far):
     equipment.computed["numpy"] = "1.0"
     with pytest.raises(ConfigurationError, match=r"with numpy [2-9]\S+, this process with 1.0"):
-        equipment.setup(SimpleNamespace(address="tcp://far:1"))
+        equipment.setup(far)
 
 
 @pytest.mark.parametrize(
