@@ -115,7 +115,7 @@ def _near(first: First, seen):
 
     With derivatives of another frame each step leaves a share of what was left before.  From the second on
     that share is foreseen along the last step (Anderson, J. ACM 12, 547, 1965): four such steps come as near
-    as seven plain ones.
+    as six plain ones.
     """
     values, before = first.values, None
     for _ in range(_FAR):
