@@ -140,7 +140,10 @@ class Processor(Finder):
             return found
         data, parameters, otf, estimate = found
         common = (data, self.optics(frame), parameters, estimate.moments, otf, self.options_of(frame))
-        result = fit_best_locus(*common) if self.locus == "auto" else fit_locus(self.locus, *common)
+        if self.locus == "auto":
+            result = fit_best_locus(*common, estimate.covariance)
+        else:
+            result = fit_locus(self.locus, *common)
         result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
         return self._remark_unused(frame, result)
 

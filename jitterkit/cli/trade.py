@@ -52,7 +52,8 @@ def trade(
     of frames without noise, scatter how far that of noisy frames is from what exact finds in them; error is
     both together, as a share of the least error that the frames allow. sigma is the error that is stated.
     Rows on the front are beaten by none in both time and error. Of TOLIMAN under linear jitter the settings
-    of dLuxToliman, if it is installed, stand beside them. Takes a quarter of an hour, most of it compiling.
+    of dLuxToliman, if it is installed, stand beside them. Frames that stand still are fitted as by 'process
+    --locus auto', which does not know it. Takes a quarter of an hour, most of it compiling.
     """
     check_products(plot, output, overwrite)
     prepare_jax(alone=True)
@@ -75,7 +76,8 @@ def trade(
     check_scene(Binary(**scene), jitter)
     drawn = TradeScene.of(telescope, Binary(**scene), jitter, frames, np.random.default_rng(seed))
     points = []
-    for point in climb_ladder(telescope, drawn, locus=locus):
+    fitted = "auto" if locus == "stable" else locus
+    for point in climb_ladder(telescope, drawn, locus=fitted):
         numbers = f"{1e3 * point.seconds:.1f} ms a frame, error {point.error:.2g} of the least"
         say(f"{point.name}: {point.message or numbers}")
         points.append(point)

@@ -12,8 +12,10 @@
 The best-weighed locus is the frame's; the others stay with it as candidates, and where no weight is above
 95 % the message says between which loci the frame is undecided and by how much the separation differs.
 
-``stable`` is never chosen: free moments cost next to nothing (0.02 % of the error on TOLIMAN), whereas
-leaving jitter out that is merely undetected biases the separation of every frame the same way.
+``stable`` is only chosen where the options say that it may be, and then before anything is fitted: a frame
+whose kernel estimate shows no jitter by the test of step 1 gets no parameters of any.  Free moments cost next
+to nothing (0.02 % of the error on TOLIMAN), whereas leaving jitter out that is merely undetected biases the
+separation of every frame the same way: :mod:`jitterkit.trade.plan` prices it.
 """
 
 from __future__ import annotations
@@ -37,12 +39,13 @@ from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.starts import starting_point
 from jitterkit.refit.weigh import say_undecided, weigh, weight_of_evidence
 
-__all__ = ["fit_best_locus", "fit_locus", "single_star"]
+__all__ = ["DETECTED", "fit_best_locus", "fit_locus", "shows_no_jitter", "single_star"]
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
 
-_DETECTED = float(scipy.stats.chi2.isf(FALSE_ALARM, 3))
+DETECTED = float(scipy.stats.chi2.isf(FALSE_ALARM, 3))
+"""Chi-squared of three moments above which they are said to be those of a jitter."""
 
 _UNSEEN = 0.002
 """Share of the separation's error below which its change with the shape does not matter: at 3.8e7 photons
@@ -108,6 +111,7 @@ def fit_best_locus(
     moments,
     otf: OTF | None = None,
     options: FitOptions | None = None,
+    covariance: np.ndarray | None = None,
 ) -> FitResult:
     """Fit a frame with the simplest locus that describes it.
 
@@ -115,6 +119,8 @@ def fit_best_locus(
     ----------
     data, optics, start, moments, otf, options
         As for :func:`fit_locus`.
+    covariance : (3, 3) array, optional
+        Of the moments, arcsec⁴: without it no frame is taken to be still.
 
     Returns
     -------
@@ -124,11 +130,24 @@ def fit_best_locus(
         says nothing about the others, which are then not tried.
     """
     frame = _Frame(data, optics, options or FitOptions())
-    best = _choose(frame, start, moments, otf)
+    still = _fit_still(frame, start, moments, otf, covariance)
+    best = _choose(frame, start, moments, otf) if still is None else still
     if frame.options.priors.moments is None:
         return best
     # an evidence that holds a prior must not be added up over frames: the prior would count in each
     return replace(best, candidates=tuple(replace(one, evidence=np.nan) for one in best.candidates))
+
+
+def _fit_still(
+    frame: _Frame, start: Parameters, moments, otf: OTF | None, covariance: np.ndarray | None
+) -> FitResult | None:
+    """The fit without jitter of a frame that may do without and does; None of any other."""
+    priors = frame.options.priors
+    asked = frame.options.may_be_still and priors.moments is None and not priors.on_coordinates()
+    if not asked or covariance is None or not shows_no_jitter(moments, covariance):
+        return None
+    fit, _ = _fit(frame, "stable", start, moments, otf)
+    return _conclude([fit], ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
 def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitResult:
@@ -175,9 +194,14 @@ def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF) -> tuple[FitResu
         return FitResult(Status.FAILED, str(error), locus=name), otf
 
 
+def shows_no_jitter(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether second moments (3,) with their covariance (3, 3) are what no jitter at all would give."""
+    return significance(moments, covariance) <= DETECTED
+
+
 def _detected(normal: FitResult) -> bool:
     moments, covariance = normal.moments()
-    return significance(moments, covariance) > _DETECTED
+    return significance(moments, covariance) > DETECTED
 
 
 def _shape(frame: _Frame, normal: Parameters, otf: OTF) -> Shape:

@@ -79,12 +79,15 @@ class FitOptions:
     nodes : int or None
         Of the integral over time, in loci that have no formula and are started by name, as
         :func:`~jitterkit.refit.choose.fit_locus` does; None for as many as they have themselves.
+    may_be_still : bool
+        Whether :func:`~jitterkit.refit.choose.fit_best_locus` may fit no jitter to a frame that shows none.
     """
 
     hold: Collection[str] = ("background",)
     priors: Priors = field(default_factory=Priors)
     tolerance: float = _USUAL
     nodes: int | None = None
+    may_be_still: bool = False
 
 
 def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:

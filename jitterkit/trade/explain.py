@@ -52,7 +52,7 @@ def explain(outlook: Outlook, plan: Plan) -> Iterator[str]:
         side = len(instrument.pupil.opd) // settings.binning
         yield f"pupil: {side} x {side} samples{_cost(outlook, settings, 'binning')}"
         yield from _aberrations(outlook, plan)
-    yield _jitter(outlook)
+    yield _jitter(outlook, settings)
     yield f"fits end when a step is below {settings.tolerance:g} of an error"
 
 
@@ -96,12 +96,16 @@ def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
             yield f"{one.raw.name} does not tell {', '.join(unknown)} to {limit:.3g} nm{end}"
 
 
-def _jitter(outlook: Outlook) -> str:
-    """What was fitted of the jitter, by whose choice, and what it would cost to leave it out."""
+def _jitter(outlook: Outlook, settings: Settings) -> str:
+    """What was fitted of the jitter, by whose choice, and what it costs to leave it out, or would."""
     counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in outlook.examples)
     found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
     auto = outlook.examples[0].processor.locus == "auto"
     who = "; every frame gets what it shows, and no more" if auto else ", as --locus says"
-    cost = outlook.cost_of_jitter()
-    price = f"; they show none, and without it {angle_size(cost, 2)} might be lost" if cost < math.inf else ""
-    return f"jitter: {found} of the frames looked at{who}{price}"
+    cost = outlook.cost_of_jitter(settings)
+    price = angle_size(cost, 2)
+    if settings.jitter == "seen":
+        who, price = "", f"; a frame that shows none gets no parameters of it, which may cost {price}"
+    else:
+        price = f"; one that shows none gets three, for {price} might be lost without"
+    return f"jitter: {found} of the frames looked at{who}{price if cost < math.inf else ''}"

@@ -37,6 +37,7 @@ RUNGS: dict[str, tuple[Any, ...]] = {
     "region": (32, 48, 64, 96),
     "bits": (32,),
     "nodes": (4, 6, 8, 12, 24, 48),
+    "jitter": ("seen",),
     "method": ("score", "mtf", "sampling"),
 }
 """From the fastest to the most exact; what ``balanced`` is itself is measured as such, and the joint fit by
@@ -120,7 +121,7 @@ def climb_ladder(
     instrument : Instrument
     scene : TradeScene
     locus : str
-        To fit.
+        To fit; or ``auto``.
 
     Yields
     ------
@@ -158,6 +159,8 @@ def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "m
         return instrument.pupil is not None
     if setting == "nodes":
         return locus in LOCI and value < LOCI[locus].nodes
+    if setting == "jitter":
+        return locus == "auto"
     return value != "sampling" or find_spec("blackjax") is not None
 
 
@@ -169,7 +172,7 @@ def _resolved(settings: Settings, instrument: Instrument) -> tuple[Hashable, ...
         spectrum = spectrum.sampled(settings.samples)
     pad = own_pad(instrument) if settings.pad is None else settings.pad
     others = (settings.binning, settings.aberrations, settings.tolerance, settings.bits, settings.nodes)
-    return (pad, spectrum, min(ny, side), min(nx, side), *others, settings.method)
+    return (pad, spectrum, min(ny, side), min(nx, side), *others, settings.jitter, settings.method)
 
 
 def measure(

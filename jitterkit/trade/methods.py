@@ -115,7 +115,8 @@ def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
         Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
     ]
     hold, optics = tuple(processor.options.hold), processor.optics(frames[0])
-    looker = Looker(optics, processor.locus, hold, processor.options.priors, censored=processor.censored)
+    locus = "mvn" if processor.locus == "auto" else processor.locus  # to which it comes where little is seen
+    looker = Looker(optics, locus, hold, processor.options.priors, censored=processor.censored)
     fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
     if not fit.combined.kept.all() or len(fit.messages) < len(frames):
         raise JitterkitError("Not all frames go together.")

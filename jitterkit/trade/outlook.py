@@ -52,8 +52,11 @@ class Outlook:
         return min(one.result.error("separation") for one in self.examples)
 
     def loss(self, settings: Settings) -> float:
-        """Bias and added scatter, in squares, at most [arcsec]; infinite where they cannot be had."""
-        return max(self._loss(one, settings) for one in self.examples)
+        """Bias and added scatter, in squares, and what jitter that is left out may cost, at most [arcsec].
+
+        Infinite where the settings cannot be had.
+        """
+        return self._left_out(settings) + max(self._loss(one, settings) for one in self.examples)
 
     def rough_loss(self, settings: Settings) -> float:
         """The same, where pupil and spectrum do to every geometry what they do to the instrument's own."""
@@ -61,6 +64,7 @@ class Outlook:
 
     def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
         """Whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
+        limit -= self._left_out(settings)
         return all(self._loss(one, settings, limit, roughly) <= limit for one in self.examples)
 
     def can_be_had(self, settings: Settings) -> bool:
@@ -71,9 +75,10 @@ class Outlook:
         """What it may do to the separation to leave out aberrations [arcsec]."""
         return max(one.without(names, settings) for one in self.examples)
 
-    def cost_of_jitter(self) -> float:
-        """The same of jitter; infinite where an example shows some."""
-        return max(one.without(one.truth.locus.names) if one.still else math.inf for one in self.examples)
+    def cost_of_jitter(self, settings: Settings = OWN) -> float:
+        """The same of jitter that a frame does not show; infinite where every example shows some."""
+        still = [one for one in self.examples if one.still]
+        return max((one.without_jitter(settings) for one in still), default=math.inf)
 
     def unfinished(self, tolerance: float) -> float:
         """By how much fits may end before they have arrived [arcsec].
@@ -88,6 +93,10 @@ class Outlook:
             unfinished(tolerance, one.truth.locus, varied) * self._foresee(one, OWN).sigma
             for one in self.examples
         )
+
+    def _left_out(self, settings: Settings) -> float:
+        """What jitter may cost that is not fitted [arcsec]."""
+        return 0.0 if settings.jitter == "always" else self.cost_of_jitter(settings)
 
     def _loss(
         self, one: Example, settings: Settings, limit: float = math.inf, roughly: bool = False
@@ -119,7 +128,7 @@ class Outlook:
         return math.sqrt(max(cut**2 - whole**2, 0.0))
 
     def _foresee(self, one: Example, settings: Settings) -> Foresight:
-        key = (one, settings)
+        key = one, settings = one, replace(settings, jitter="always")
         if key not in self._foreseen:
             try:
                 self._foreseen[key] = one.foresee(settings)

@@ -83,6 +83,7 @@ class Planner:
         for settings in every if tolerances else ():
             if outlook.holds(settings, limit, roughly=True) and outlook.holds(settings, limit):
                 settings = self._leaner(replace(settings, tolerance=max(tolerances)), allowed)
+                settings = self._stiller(settings, allowed)
                 try:
                     return Plan(settings, outlook.loss(settings), self.seconds(settings))
                 except JitterkitError:  # with noise, so little a model describes no frame
@@ -184,6 +185,11 @@ class Planner:
             if cost <= _LEFT_OUT * allowed and outlook.holds(leaner, _MARGIN * allowed):
                 settings = leaner
         return settings
+
+    def _stiller(self, settings: Settings, allowed: float) -> Settings:
+        """Without jitter in frames that show none, where the locus is to be chosen and the promise allows."""
+        seen, free = replace(settings, jitter="seen"), self.outlook.examples[0].processor.locus == "auto"
+        return seen if free and self.outlook.holds(seen, _MARGIN * allowed) else settings
 
 
 def _rounded_up(value: float) -> str:

@@ -22,10 +22,10 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.kernel_estimate import is_detected, significance
 from jitterkit.likelihood import Data, NormalEquations, equations_of
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult
+from jitterkit.refit.choose import DETECTED, shows_no_jitter
 from jitterkit.scoring import invert_information
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
@@ -93,9 +93,13 @@ class Example:
     @property
     def still(self) -> bool:
         """Whether a normal was fitted to it, whose moments are none."""
-        moments = self.result.moments()
-        normal = isinstance(self.truth.locus, Mvn) and math.isfinite(significance(*moments))
-        return normal and not is_detected(*moments)
+        return isinstance(self.truth.locus, Mvn) and shows_no_jitter(*self.result.moments())
+
+    @cached_property
+    def _at_rest(self) -> Example:
+        """The same without what noise has made of its jitter."""
+        truth = self.truth.with_locus(Mvn.near(jnp.zeros(3)))
+        return replace(self, result=replace(self.result, parameters=truth))
 
     @cached_property
     def image(self) -> np.ndarray:
@@ -138,7 +142,7 @@ class Example:
         Parameters
         ----------
         names : collection of str
-            Of aberrations, or of the coordinates of a normal that shows no jitter.
+            Of aberrations.
         settings : Settings, optional
             That the rest is fitted with.
 
@@ -157,13 +161,31 @@ class Example:
         covariance, _ = invert_information(told)
         free, told = self._information(Settings() if settings is None else replace(settings, without=()))
         gone_here = np.array([free.index(whole[i]) for i in gone])
-        kept = np.delete(np.arange(len(free)), gone_here)
-        narrow, _ = invert_information(told[np.ix_(kept, kept)])
-        slot = kept.tolist().index(free.index("separation"))
-        slope = narrow[slot] @ told[np.ix_(kept, gone_here)]
+        slope = _change(told, free.index("separation"), gone_here)
         return float(
             abs(slope @ values) + _CREDIBLE * math.sqrt(slope @ covariance[np.ix_(gone, gone)] @ slope)
         )
+
+    def without_jitter(self, settings: Settings) -> float:
+        """What jitter may do to the separation that such a frame does not show, if none is fitted [arcsec].
+
+        Parameters
+        ----------
+        settings : Settings
+            That the rest is fitted with.
+
+        Returns
+        -------
+        change : float
+            Of moments two errors beyond the edge of what is said to be none, in whatever direction moves the
+            separation most: larger ones are taken for none in less than one frame of fifty.
+        """
+        names, told = self._at_rest._information(replace(settings, jitter="always"))
+        moments = np.array([names.index(name) for name in self.truth.locus.names])
+        slope = _change(told, names.index("separation"), moments)
+        covariance, _ = invert_information(told)
+        spread = math.sqrt(slope @ covariance[np.ix_(moments, moments)] @ slope)
+        return (math.sqrt(DETECTED) + _CREDIBLE) * spread
 
     def _information(self, settings: Settings) -> tuple[tuple[str, ...], np.ndarray]:
         """What a model with some settings varies, and what the exact image and priors tell of it."""
@@ -202,3 +224,10 @@ class Example:
         free = np.array([name not in held for name in self.processor.instrument.aberrations], bool)
         aberrations = jnp.where(free, self.truth.aberrations, 0.0)
         return eqx.tree_at(lambda p: (p.scene, p.aberrations), self.truth, (moved, aberrations))
+
+
+def _change(told: np.ndarray, slot: int, held: np.ndarray) -> np.ndarray:
+    """By how much a parameter changes with those that are held, if the others are fitted anew."""
+    kept = np.delete(np.arange(len(told)), held)
+    narrow, _ = invert_information(told[np.ix_(kept, kept)])
+    return narrow[kept.tolist().index(slot)] @ told[np.ix_(kept, held)]

@@ -15,10 +15,13 @@ from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
-__all__ = ["ABERRATIONS", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
+__all__ = ["ABERRATIONS", "JITTER", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
 
 ABERRATIONS = ("held", "anchored", "expanded")
 """At what they are without any; fitted about one state of many frames; computed anew for every frame."""
+
+JITTER = ("seen", "always")
+"""Fitted, where the locus is ``auto``, to frames that show some; or to every frame."""
 
 METHODS = ("score", "mtf", "refit", "joint", "sampling")
 """How the separation is had: see :mod:`jitterkit.trade.methods`."""
@@ -49,6 +52,8 @@ class Settings:
         64 or 32.
     nodes : int or None
         Of the integral over time in loci that have no formula; None for as many as they have themselves.
+    jitter : str
+        One of :data:`JITTER`.
     method : str
         One of :data:`METHODS`, for the ladder; a :class:`~jitterkit.batch.Processor` refits whatever it is.
 
@@ -67,12 +72,14 @@ class Settings:
     region: int | None = None
     bits: int = 64
     nodes: int | None = None
+    jitter: str = "always"
     method: str = "refit"
 
     def __post_init__(self) -> None:
-        for name, known in (("aberrations", ABERRATIONS), ("method", METHODS), ("bits", (32, 64))):
-            if (value := getattr(self, name)) not in known:
-                listed = ", ".join(map(str, known))
+        known = {"aberrations": ABERRATIONS, "jitter": JITTER, "method": METHODS, "bits": (32, 64)}
+        for name, choices in known.items():
+            if (value := getattr(self, name)) not in choices:
+                listed = ", ".join(map(str, choices))
                 raise ConfigurationError(f"{name} = {value!r} is unknown; choose one of {listed}.")
         if not self.tolerance > 0:
             raise ConfigurationError(
@@ -115,7 +122,13 @@ class Settings:
         options = FitOptions() if options is None else options
         held = instrument.aberrations if self.aberrations == "held" else self.without
         nodes = options.nodes if self.nodes is None else self.nodes
-        return replace(options, hold=(*options.hold, *held), tolerance=self.tolerance, nodes=nodes)
+        return replace(
+            options,
+            hold=(*options.hold, *held),
+            tolerance=self.tolerance,
+            nodes=nodes,
+            may_be_still=self.jitter == "seen",
+        )
 
     def applied(self, processor: Processor) -> Processor:
         """The same as another processor, with these settings.

@@ -24,6 +24,7 @@ _NONE = {
     "region": 0,
     "bits": 0,
     "nodes": 0,
+    "jitter": "",
     "method": "",
 }
 """Settings, and what stands for none; of nodes, for those of the locus itself."""

@@ -45,6 +45,23 @@ def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp
     assert runner.invoke(app, [*plain, "--resume"]).exit_code == 2  # another run
 
 
+def test_frames_that_stand_still_get_no_jitter_where_the_promise_allows_it(tmp_path):
+    night, out = tmp_path / "night", tmp_path / "out"
+    night.mkdir()
+    simulate = ["simulate", str(night / "still.fits"), "-i", "smallsat", "--frames", "3", "--locus", "stable"]
+    assert runner.invoke(app, [*simulate, "--seed", "1"]).exit_code == 0
+    command = ["process", str(night), "-o", str(out), "-i", "smallsat", "--tolerance", "60%"]
+    done = runner.invoke(app, [*command, "--explain"])
+    assert done.exit_code == 0, done.output
+    assert "a frame that shows none gets no parameters of it, which may cost " in done.stderr
+    told = json.loads((out / "configuration.json").read_text())
+    assert told["plan"]["settings"]["jitter"] == "seen"
+    assert told["options"]["may_be_still"] is True
+    assert json.loads((out / "summary.json").read_text())["locus"] == {"stable": 3}
+    again = runner.invoke(app, [*command, "--resume"])
+    assert again.exit_code == 0, again.output
+
+
 def test_explain_alone_changes_nothing(frames, tmp_path):
     results = []
     for name, more in (("plain", []), ("said", ["--explain"])):

@@ -47,13 +47,52 @@ def test_jitter_is_said_to_be_there_as_often_as_the_test_says(bench, rng):
         moments, covariance = fit_locus("mvn", data, bench.optics, bench.near(), np.zeros(3)).moments()
         chi2.append(moments @ np.linalg.solve(covariance, moments))
         flags += "jitter_undetected" in result.flags
-        assert result.locus == "mvn" or chi2[-1] > choose._DETECTED
+        assert result.locus == "mvn" or chi2[-1] > choose.DETECTED
     # chi-squared with 3 degrees of freedom: mean 3, variance 6; 0.6 of 60 lie above its 99 % point, and
     # more than 5 once in 3e4 times
     assert abs(np.mean(chi2) - 3) < 4 * np.sqrt(6 / 60)
     assert flags >= 60 - 5
     assert pytest.approx(0.01) == choose.FALSE_ALARM
-    assert pytest.approx(11.3449, abs=1e-4) == choose._DETECTED  # from a table of chi-squared
+    assert pytest.approx(11.3449, abs=1e-4) == choose.DETECTED  # from a table of chi-squared
+
+
+def estimated(bench, data):
+    """Moments and covariance of a fit, as an estimate has them."""
+    return fit_locus("mvn", data, bench.optics, bench.near(), np.zeros(3)).moments()
+
+
+def test_a_still_frame_gets_no_parameters_of_jitter_where_it_may_do_without(bench, rng):
+    data, may = bench.draw(bench.truth(Stable.of()), rng), FitOptions(may_be_still=True)
+    moments, covariance = estimated(bench, data)
+    still = choose_for(bench, data, moments, options=may, covariance=covariance)
+    known = fit_locus("stable", data, bench.optics, bench.near(), moments)
+    assert (still.locus, still.flags) == ("stable", ("jitter_undetected",))
+    assert still.names == known.names
+    assert still.of_scene("separation") == known.of_scene("separation")
+    assert [one.locus for one in still.candidates] == ["stable"]
+    others = (
+        {"covariance": covariance},  # it must not do without
+        {"options": may},  # nobody knows whether it shows any
+        {"options": may, "covariance": np.full((3, 3), np.nan)},
+        {
+            "options": replace(may, priors=moments_prior(np.zeros(3), 1e-4 * np.eye(3))),
+            "covariance": covariance,
+        },
+    )
+    for options in others:
+        assert choose_for(bench, data, moments, **options).locus == "mvn"
+
+
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_a_frame_that_no_still_model_describes_is_fitted_as_ever(bench, rng, spoilt):
+    """Jitter is seen; or it is not, by an estimate that is wrong."""
+    data, may = bench.draw(bench.truth(Mvn.of(0.6, 0.2)), rng), FitOptions(may_be_still=True)
+    moments, covariance = estimated(bench, data)
+    assert choose.shows_no_jitter(moments, covariance) is False
+    usual = choose_for(bench, data, moments)
+    found = choose_for(bench, data, moments, options=may, covariance=covariance * (1e9 if spoilt else 1.0))
+    assert found.locus == usual.locus != "stable"
+    assert found.of_scene("separation") == usual.of_scene("separation")
 
 
 def test_a_frame_between_two_loci_says_which_and_what_hangs_on_it(bench):

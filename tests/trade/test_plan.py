@@ -13,13 +13,14 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci import Mvn, PartialShm, Stable
 from jitterkit.refit import FitOptions
+from jitterkit.report.words import angle_size
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, plan
 from jitterkit.trade.cost import work
 from jitterkit.trade.examples import examples_of
 from jitterkit.trade.explain import explain
 from jitterkit.trade.fitting import Fitting
-from jitterkit.trade.outlook import Outlook
+from jitterkit.trade.outlook import OWN, Outlook
 from jitterkit.trade.plan import Plan, Planner
 from jitterkit.trade.predict import Example
 
@@ -93,20 +94,57 @@ def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, ex
     )  # it is seen in chi-squared
 
 
-def test_it_is_said_what_jitter_that_is_not_seen_would_cost(plain, planner):
+@pytest.fixture(scope="module")
+def still(plain):
+    """A frame without jitter, fitted by ``auto``."""
     pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
     scene = TradeScene.of(plain, pair, Stable.of(), 1, np.random.default_rng(5))
-    still = Example.of(scene.noisy[0], Processor(plain, locus="auto"))
+    return Example.of(scene.noisy[0], Processor(plain, locus="auto"))
+
+
+def said_of_jitter(outlook, settings=OWN):
+    (found,) = (one for one in explain(outlook, Plan(settings, 0.0, 0.1)) if one.startswith("jitter"))
+    return found.removeprefix("jitter: mvn (3 parameters) in 1 of the frames looked at")
+
+
+def test_it_is_said_what_jitter_that_is_not_seen_would_cost(planner, still):
     outlook = Outlook([still])
     cost = outlook.cost_of_jitter()
-    assert 0 < cost < 0.2 * still.result.error("separation")
+    assert 0 < cost < 0.3 * still.result.error("separation")
+    would = f"; one that shows none gets three, for {angle_size(cost, 2)} might be lost without"
+    assert said_of_jitter(outlook) == f"; every frame gets what it shows, and no more{would}"
+    may = f"; a frame that shows none gets no parameters of it, which may cost {angle_size(cost, 2)}"
+    assert said_of_jitter(outlook, Settings(jitter="seen")) == may
+    assert said_of_jitter(planner.outlook) == ", as --locus says"
 
-    def said(outlook):
-        (found,) = (one for one in explain(outlook, Plan(Settings(), 0.0, 0.1)) if one.startswith("jitter"))
-        return found
 
-    assert said(outlook).endswith(f"; they show none, and without it {1e6 * cost:.2g} µas might be lost")
-    assert "might be lost" not in said(planner.outlook)
+def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(planner, still, monkeypatch):
+    monkeypatch.setattr(plan, "RUNGS", FEW)
+    ours = Planner([still])
+    cost = ours.outlook.cost_of_jitter()
+    ample, short = ours.cheapest(1.5 * cost), ours.cheapest(cost)
+    assert (ample.settings.jitter, short.settings.jitter) == ("seen", "always")
+    cut = ample.settings  # in a region less is seen of the jitter, and it costs more
+    without = ours.outlook.cost_of_jitter(cut)
+    assert ample.loss == pytest.approx(ours.outlook.loss(replace(cut, jitter="always")) + without)
+    assert ample.loss <= 0.8 * 1.5 * cost
+    fitted = cut.applied(still.processor).process(still.raw).result
+    assert fitted.locus == "stable"
+    assert "jitter_undetected" in fitted.flags
+    assert len(fitted.names) == len(still.result.names) - 3
+    asked_for = Planner([replace(still, processor=replace(still.processor, locus="mvn"))])
+    assert asked_for.cheapest(1.5 * cost).settings.jitter == "always"
+    assert planner.cheapest(1.5 * cost).settings.jitter == "always"  # its frame shows some
+
+
+def test_a_frame_that_shakes_is_fitted_as_ever_by_settings_that_leave_out_what_is_not_seen(example):
+    auto = replace(example.processor, locus="auto", _systems={})
+    always, seen = (
+        replace(Settings(), jitter=jitter).applied(auto).process(example.raw).result
+        for jitter in ("always", "seen")
+    )
+    assert always.locus == seen.locus != "stable"
+    assert always.of_scene("separation") == seen.of_scene("separation")
 
 
 def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, planner):

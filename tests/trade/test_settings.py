@@ -29,6 +29,8 @@ def test_held_aberrations_join_what_is_held(plain):
     options = Settings(aberrations="held", tolerance=0.01).options(plain, FitOptions(hold=("contrast",)))
     assert set(options.hold) == {"contrast", "noll7", "noll8"}
     assert options.tolerance == 0.01
+    assert not options.may_be_still
+    assert Settings(jitter="seen").options(plain).may_be_still
     assert Settings().options(plain).hold == ("background",)
 
 
@@ -51,6 +53,7 @@ def test_nodes_that_were_asked_for_stay_where_none_are_said(plain):
     ("given", "message"),
     [
         ({"aberrations": "guessed"}, "aberrations = 'guessed' is unknown; choose one of held, anchored"),
+        ({"jitter": "never"}, "jitter = 'never' is unknown; choose one of seen, always"),
         ({"bits": 16}, "bits = 16 is unknown; choose one of 32, 64"),
         ({"tolerance": 0.0}, "tolerance = 0.0 is not positive"),
         ({"tolerance": float("nan")}, "tolerance = nan is not positive"),
