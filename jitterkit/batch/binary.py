@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class BinaryMeasurer:
 
     @property
     def threads(self) -> int:
-        """One more than there are processors: a third of a frame is Python's, which does one at a time."""
+        """One more than there are processors: each waits for Python now and then."""
         return cores() + 1
 
     def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:
@@ -73,14 +73,17 @@ class BinaryMeasurer:
         one._lead, one._known = batch.lead, self._repeats.of(batch.lead) if self.name == SCORE else {}
         return one
 
-    def measure(self, raw: RawFrame) -> Measured | FitResult:
-        """Measure one frame, or say in a status why not."""
+    def begin(self, raw: RawFrame) -> Callable[[], Measured | FitResult]:
+        """Calibrate a frame: many small steps of Python's, in which threads would hold each other up."""
         frame = self.finder.calibrate(raw)
-        return self._again(frame) or self._from_nothing(frame)
+        return partial(self._measure, frame, Data.of(frame))
 
-    def _again(self, frame: Frame) -> Measured | None:
+    def _measure(self, frame: Frame, data: Data) -> Measured | FitResult:
+        return self._again(frame, data) or self._from_nothing(frame)
+
+    def _again(self, frame: Frame, data: Data) -> Measured | None:
         """As a repetition of what others have shown, where it is one."""
-        repeat, data = self._known.get(self.finder.grid(frame)), Data.of(frame)
+        repeat = self._known.get(self.finder.grid(frame))
         repeated = None if repeat is None else repeat.estimate(data)
         if repeated is None:
             return None

@@ -69,8 +69,11 @@ class Measurer(Protocol):
         """The same for the frames of a batch, with what they show together."""
         ...
 
-    def measure(self, raw: RawFrame) -> Measured | FitResult:
-        """Measure one frame, or say in a status why not; a JitterkitError says so too."""
+    def begin(self, raw: RawFrame) -> Callable[[], Measured | FitResult]:
+        """Do what is best done where frames are read; what is returned measures the frame, in a thread.
+
+        It says in a status why it cannot; a JitterkitError, from either, says so too.
+        """
         ...
 
 
@@ -129,11 +132,14 @@ _Result = tuple[Measured | FitResult, str] | Exception
 def _task(
     measurer: Measurer, path: Path, index: int, raw: RawFrame | JitterkitError
 ) -> Callable[[bool], _Result]:
-    def measure(last: bool) -> _Result:
-        if isinstance(raw, JitterkitError):
-            return _Unreadable(str(raw))
+    if isinstance(raw, JitterkitError):
+        unreadable = _Unreadable(str(raw))
+        return lambda last: unreadable
+    measure, digest = _begun(measurer, raw), raw.digest
+
+    def finish(last: bool) -> _Result:
         try:
-            return measurer.measure(raw), raw.digest
+            return measure(), digest
         except _BREAKDOWNS as error:
             return error
         except Exception as error:
@@ -141,7 +147,14 @@ def _task(
                 return error
             raise
 
-    return measure
+    return finish
+
+
+def _begun(measurer: Measurer, raw: RawFrame) -> Callable[[], Measured | FitResult]:
+    try:
+        return measurer.begin(raw)
+    except Exception:  # the thread will say why, or there is memory again
+        return lambda: measurer.begin(raw)()
 
 
 def _table(rows: list[dict[str, Any]]) -> QTable:

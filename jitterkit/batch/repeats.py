@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from jitterkit.batch.finder import Finder, GridKey
 from jitterkit.batch.survey import Item, read_items
 from jitterkit.errors import JitterkitError
-from jitterkit.estimators.repeat import Repeat
+from jitterkit.estimators.repeat import Repeat, Repeated
+from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
 from jitterkit.optics import OpticalSystem
@@ -18,9 +19,10 @@ __all__ = ["Repeats"]
 class Repeats:
     """Looks at the leads of batches, one after the other.
 
-    What a frame of the lead repeats is kept; what none repeats any more is made anew from one of them; and if
-    less than half of them repeat that, they are too unlike each other.  So what a batch is given depends on
-    the leads up to it, and on nothing else.
+    What a frame of the lead repeats is kept while their wavefront is near, and follows it where it has moved
+    on; what none repeats any more is made anew from one of them; and if less than half of them repeat that,
+    they are too unlike each other.  So what a batch is given depends on the leads up to it, and on nothing
+    else.
 
     Parameters
     ----------
@@ -48,24 +50,32 @@ class Repeats:
             if isinstance(frame, Frame):
                 frames.setdefault(self._finder.grid(frame), []).append(frame)
         for grid, here in frames.items():
-            repeat = self._known.get(grid)
-            if repeat is None or not _repeating(repeat, here):
-                repeat = next(filter(None, map(self._anew, here)), None)
-            if repeat is not None and 2 * _repeating(repeat, here) >= len(here):
+            repeat = self._followed(grid, here) or next(filter(None, map(self._anew, here)), None)
+            if repeat is not None and 2 * len(_repeated(repeat, here)) >= len(here):
                 found[grid] = repeat
         return found
+
+    def _followed(self, grid: GridKey, frames: list[Frame]) -> Repeat | None:
+        """What is known, or what it has moved on to; None if no frame repeats what is known."""
+        known = self._known.get(grid)
+        repeated = [] if known is None else _repeated(known, frames)
+        if any(one.near for one in repeated):
+            return known
+        return self._made(frames[0], repeated[0].parameters) if repeated else None
 
     def _anew(self, frame: Frame) -> Repeat | None:
         aberrations = self._finder.instrument.aberrations
         shown = self._finder.wavefront(frame) if aberrations else None
-        if shown is None:
-            return None
+        return None if shown is None else self._made(frame, shown)
+
+    def _made(self, frame: Frame, shown: Parameters) -> Repeat | None:
+        """From what has been shown on the grid of a frame."""
         system = self._finder.optics(frame)
-        return (
-            Repeat.of(shown, system, self._finder.options.hold) if isinstance(system, OpticalSystem) else None
-        )
+        if not isinstance(system, OpticalSystem):
+            return None
+        return Repeat.of(shown, system, self._finder.options.hold)
 
 
-def _repeating(repeat: Repeat, frames: list[Frame]) -> int:
-    """How many frames repeat what one has shown."""
-    return sum(repeat.estimate(Data.of(frame)) is not None for frame in frames)
+def _repeated(repeat: Repeat, frames: list[Frame]) -> list[Repeated]:
+    """What the frames have told that repeat what one has shown."""
+    return list(filter(None, (repeat.estimate(Data.of(frame)) for frame in frames)))

@@ -6,9 +6,9 @@ of a star field it gives the PSF, of any other scene the scene itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +91,10 @@ class SceneMeasurer:
         """
         if self._sharp is not None:
             check_reference(self._sharp, self._starless if self._shows_stars else None, paths, hdu)
+
+    def begin(self, raw: RawFrame) -> Callable[[], Measured]:
+        """Nothing yet."""
+        return partial(self.measure, raw)
 
     def measure(self, raw: RawFrame) -> Measured:
         """Measure one frame.

@@ -58,6 +58,13 @@ _SURE = 5.0
 _SHAPELESS = 0.2
 """Excess kurtosis up to which the derivatives at none serve."""
 
+_UNSEEN = 0.5
+"""Sigmas of the whole image that the anchor may leave out.  Of the errors of the moments it is a fiftieth on
+TOLIMAN (every mode and mixtures, blurs of none to 0.3 arcsec), a twentieth of a small telescope's coma."""
+
+_NEAR = 0.5
+"""Share of the way to there that is near: a wavefront that went so far may go on as far again."""
+
 
 class Repeated(NamedTuple):
     """What a frame has told.
@@ -68,10 +75,13 @@ class Repeated(NamedTuple):
     parameters : Parameters
         Everything that was fitted, with a ``Shaped`` locus; where that is far from a normal, the others are
         those that go with the derivatives of one.
+    near : bool
+        Whether the wavefront is near that of the first frame; if not, others may soon be out of reach.
     """
 
     estimate: KernelEstimate
     parameters: Parameters
+    near: bool
 
 
 @dataclass(frozen=True)
@@ -175,29 +185,24 @@ class Repeat:
             return None
         end = compared(self.first, data)
         values, score, remains, excess, information = map(np.asarray, end[3:])
-        if not (excess < _SURE and self._reaches(values)):
+        optics = replace(self.optics, photons=max(float(values[self.first.names.index("flux")]), 1.0))
+        left_out = optics.left_out(end.parameters.aberrations)
+        if not (excess < _SURE and left_out < _UNSEEN):
             return None
         estimate = self._estimate(end.parameters, values, score, information)
-        near = estimate.locus is None or abs(estimate.shape) < max(_SHAPELESS, 2 * estimate.shape_err)
-        if near and remains < _SETTLED:
-            return Repeated(estimate, end.parameters)
-        return None if estimate.locus is None else self._expanded(end)
+        near = left_out < _NEAR**3 * _UNSEEN
+        shapeless = estimate.locus is None or abs(estimate.shape) < max(_SHAPELESS, 2 * estimate.shape_err)
+        if shapeless and remains < _SETTLED:
+            return Repeated(estimate, end.parameters, near)
+        return None if estimate.locus is None else self._expanded(end, near)
 
-    def _expanded(self, end: End) -> Repeated | None:
+    def _expanded(self, end: End, near: bool) -> Repeated | None:
         """With derivatives at the blur's own shape."""
         otf = self.first.anchor.otf(end.parameters.aberrations)
         blur = fit_shape(moved(end.parameters, -end.offset), otf, end.data, self.hold)
         if blur is None:
             return None
-        return Repeated(_with_shape(blur.locus, blur.covariance), end.parameters.with_locus(blur.locus))
-
-    def _reaches(self, values: np.ndarray) -> bool:
-        names, state = self.first.names, np.array(self.first.parameters.aberrations)
-        for place, name in enumerate(self.first.otf.names):
-            if name in names:
-                state[place] = values[names.index(name)]
-        light = max(values[names.index("flux")], 1.0)
-        return replace(self.optics, photons=light).reaches(state)
+        return Repeated(_with_shape(blur.locus, blur.covariance), end.parameters.with_locus(blur.locus), near)
 
     def _estimate(self, parameters: Parameters, values, score, information) -> KernelEstimate:
         """As :func:`~jitterkit.estimators.score.estimate_score` has it."""

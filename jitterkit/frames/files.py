@@ -105,14 +105,10 @@ def is_gzip(path: Path) -> bool:
 
 
 def _first_bytes(path: Path) -> bytes:
-    if not path.exists():
-        raise FrameError(path, "does not exist", "check the name")
-    if path.is_dir():
-        raise FrameError(path, "is a directory", "name a file in it")
     if not path.is_file():
-        raise FrameError(path, "is not a regular file", REMEDY)
+        raise _no_file(path)
     try:
-        start = path.read_bytes() if path.stat().st_size < 256 else _head(path)
+        start = _head(path)
         start = _unzipped_head(path) if start.startswith(GZIP) else start
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -120,6 +116,14 @@ def _first_bytes(path: Path) -> bytes:
     if not start:
         raise FrameError(path, "is empty (0 bytes)", "copy it again from where it came")
     return start
+
+
+def _no_file(path: Path) -> FrameError:
+    if not path.exists():
+        return FrameError(path, "does not exist", "check the name")
+    if path.is_dir():
+        return FrameError(path, "is a directory", "name a file in it")
+    return FrameError(path, "is not a regular file", REMEDY)
 
 
 def _head(path: Path) -> bytes:

@@ -14,7 +14,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from astropy.io import fits
@@ -106,16 +106,22 @@ def is_plane(path: Path, hdu: int | None = None) -> bool:
         return math.prod(planes) == 1
 
 
-def _known_card(image: bytes) -> fits.Card:
+class _Card(NamedTuple):
+    """What a card says."""
+
+    value: Any
+    comment: str
+
+
+def _known_card(image: bytes) -> _Card | fits.Card:
     """A card; one by the letter of the standard is read once, however many headers repeat it."""
     return _seen(image) if _REGULAR.fullmatch(image) else fits.Card.fromstring(image)
 
 
 @functools.lru_cache(maxsize=1024)
-def _seen(image: bytes) -> fits.Card:
-    card = fits.Card.fromstring(image)
-    _ = card.value, card.comment  # which parses it
-    return card
+def _seen(image: bytes) -> _Card:
+    card = fits.Card.fromstring(image)  # asks astropy's configuration at every look
+    return _Card(card.value, card.comment)
 
 
 def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Unit]:

@@ -127,7 +127,11 @@ class AnchoredOptics:
 
     def reaches(self, aberrations) -> bool:
         """Whether the anchor alone is as good as exact at ``aberrations`` [nm]."""
-        return _THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3 < _UNSEEN
+        return self.left_out(aberrations) < _UNSEEN
+
+    def left_out(self, aberrations) -> float:
+        """What the anchor alone leaves out of the image, in sigmas of all of it; an upper bound."""
+        return float(_THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3)
 
     def _distance(self, aberrations) -> float:
         """Rms phase [rad] from the anchor."""

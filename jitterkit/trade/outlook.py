@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jitterkit.errors import JitterkitError
+from jitterkit.refit.choose import DETECTED
 from jitterkit.refit.fit import unfinished
 from jitterkit.trade.predict import Example, Foresight
 from jitterkit.trade.settings import Settings
@@ -22,7 +23,7 @@ _SEEN = 1.0
 OWN = Settings()
 """Those of the instrument itself."""
 
-_NOTHING = Foresight(math.inf, math.inf, math.inf)
+_NOTHING = Foresight(math.inf, math.inf, math.inf, math.inf)
 """Of settings that cannot be had."""
 
 
@@ -109,7 +110,8 @@ class Outlook:
         if excess > limit:
             return excess
         seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
-        return math.hypot(seen.bias, excess) if seen.misfit < _SEEN else math.inf
+        unseen = 0.0 if settings.jitter == "always" else DETECTED / seen.scatter
+        return math.hypot(seen.bias, excess) if seen.misfit + unseen < _SEEN else math.inf
 
     def _rough(self, one: Example, settings: Settings) -> Foresight:
         geometry = self._foresee(one, Settings(pad=settings.pad, region=settings.region))
@@ -120,7 +122,8 @@ class Outlook:
             return geometry
         few, own = self._foresee(one, Settings(samples=settings.samples)), self._foresee(one, OWN)
         bias = geometry.bias + coarse.bias + few.bias - 2 * own.bias
-        return Foresight(bias, own.sigma, max(geometry.misfit, coarse.misfit, few.misfit))
+        misfit = max(geometry.misfit, coarse.misfit, few.misfit)
+        return Foresight(bias, own.sigma, misfit, geometry.scatter)
 
     def _excess(self, one: Example, region: int | None) -> float:
         """Scatter that the light outside of a region would have spared [arcsec]."""

@@ -47,11 +47,14 @@ class Foresight(NamedTuple):
         Its standard error, as the model with them has it [arcsec].
     misfit : float
         What they add to chi-squared, in units of its own scatter.
+    scatter : float
+        Of chi-squared.
     """
 
     bias: float
     sigma: float
     misfit: float
+    scatter: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +136,9 @@ class Example:
             raise ConfigurationError(f"{self.raw.name} does not determine its parameters with {settings}.")
         slot = names.index("separation")
         step = covariance @ equations.score
-        misfit = (equations.deviance - equations.score @ step) / math.sqrt(2 * pixels)
-        return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit))
+        scatter = math.sqrt(2 * pixels)
+        misfit = (equations.deviance - equations.score @ step) / scatter
+        return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit), scatter)
 
     def without(self, names: Collection[str], settings: Settings | None = None) -> float:
         """What it may do to the separation to hold at zero what is fitted [arcsec].

@@ -1,6 +1,7 @@
 """What is written of a frame: its row, its picture, its kernel and its deblurred image."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -89,8 +90,8 @@ class _Same:
     def among(self, batch, hdu):
         return self
 
-    def measure(self, raw):
-        return self.measured(raw)
+    def begin(self, raw):
+        return partial(self.measured, raw)
 
 
 @pytest.mark.parametrize("breakage", ["estimate", "picture"])

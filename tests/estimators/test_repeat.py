@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 from jitterkit.estimators import estimate_score
 from jitterkit.estimators.repeat import Repeat
+from jitterkit.forward import expected_image
 from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.locate import locate_binary
@@ -54,7 +56,7 @@ def test_moments_and_places_are_those_of_the_truth(telescope, repeat):
         locus, (x, y) = Mvn.of(major, minor, angle), rng.uniform(-3, 3, 2)
         wander = np.array([5.0, -8.0]) + rng.normal(0, 0.5, 2)
         frame = draw(telescope, locus, seed=100 + seed, x=x, y=y, aberrations=wander)
-        estimate, parameters = repeat.estimate(Data.of(frame))
+        estimate, parameters, _ = repeat.estimate(Data.of(frame))
         off = estimate.moments - np.asarray(locus.moments())
         pulls.append(off @ np.linalg.solve(estimate.covariance, off))
         # a photon's place scatters by 0.5 arcsec: 1e7 of them give 2e-4 along each axis
@@ -66,7 +68,7 @@ def test_moments_and_places_are_those_of_the_truth(telescope, repeat):
 @pytest.mark.parametrize("major", [0.0, 0.05, 0.2])
 def test_it_agrees_with_the_estimate_from_nothing(telescope, repeat, major):
     frame = draw(telescope, Mvn.of(major, major / 2, 70.0), seed=5)
-    quick, _ = repeat.estimate(Data.of(frame))
+    quick, *_ = repeat.estimate(Data.of(frame))
     start = locate_binary(Data.of(frame), telescope.system())
     whole = estimate_score(Data.of(frame), start.parameters, start.otf)
     # pixels that are left out may grow errors by 1 %: then the two differ by sqrt(1.01² - 1) = 0.14 of one
@@ -77,7 +79,7 @@ def test_it_agrees_with_the_estimate_from_nothing(telescope, repeat, major):
 
 def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
     locus = Linear.of(0.9, 35.0)
-    estimate, _ = repeat.estimate(Data.of(draw(telescope, locus, seed=7)))
+    estimate, *_ = repeat.estimate(Data.of(draw(telescope, locus, seed=7)))
     off = estimate.moments - np.asarray(locus.moments())
     assert off @ np.linalg.solve(estimate.covariance, off) < 16.3  # once in a thousand, of three degrees
     assert estimate.shape == pytest.approx(-1.2, abs=4 * estimate.shape_err)  # of a uniform density
@@ -86,10 +88,40 @@ def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
 
 def test_a_pair_far_from_the_first_is_found_there_unless_the_frame_ends(telescope, repeat):
     locus = Mvn.of(0.1, 0.05, 0.0)
-    estimate, parameters = repeat.estimate(Data.of(draw(telescope, locus, seed=8, x=9.0, y=-11.0)))
+    estimate, parameters, _ = repeat.estimate(Data.of(draw(telescope, locus, seed=8, x=9.0, y=-11.0)))
     np.testing.assert_allclose((parameters.scene.x, parameters.scene.y), (9.0, -11.0), atol=2e-3)
     assert np.all(np.abs(estimate.moments - np.asarray(locus.moments())) < 5 * estimate.errors)
     assert repeat.estimate(Data.of(draw(telescope, locus, seed=8, x=14.0, y=-15.0))) is None
+
+
+@pytest.mark.parametrize("locus", [Mvn.of(0.0), Mvn.of(0.2, 0.02, 75.0)], ids=["still", "blurred"])
+def test_a_wavefront_that_moved_costs_the_moments_a_twentieth_of_an_error_or_there_is_no_estimate(
+    telescope, shown, repeat, locus
+):
+    """Noise-free images of the optics computed anew, out to where the anchor no longer reaches."""
+    frame, system = draw(telescope, locus, seed=11), telescope.system()
+    optics = replace(repeat.optics, photons=FLUX)
+
+    def told(size, direction):
+        state = np.asarray(shown.aberrations) + size * np.asarray(direction)
+        truth = eqx.tree_at(lambda p: p.aberrations, shown, state).with_locus(locus)
+        image = np.asarray(expected_image(truth, system.otf(state)))
+        clean = replace(frame, electrons=image, mask=np.zeros(frame.shape, bool))
+        return repeat.estimate(Data.of(clean)), optics.left_out(state)
+
+    def off(estimate):
+        return (estimate.moments - np.asarray(locus.moments())) / estimate.errors
+
+    here, _ = told(0.0, (1.0, 0.0))
+    for direction in ((1.0, 0.0), (0.0, -1.0), (0.6, 0.8)):
+        _, sigmas = told(1.0, direction)
+        end = (0.5 / sigmas) ** (1 / 3)  # where it leaves out half a sigma of the whole image
+        for share, near in ((0.45, True), (0.97, False)):
+            there, _ = told(share * end, direction)
+            assert there.near is near
+            np.testing.assert_allclose(off(there.estimate), off(here.estimate), atol=0.05)
+            np.testing.assert_allclose(there.estimate.errors, here.estimate.errors, rtol=0.06)
+        assert told(1.05 * end, direction)[0] is None
 
 
 @pytest.mark.parametrize("major", [0.0, 0.1])
@@ -124,9 +156,9 @@ def test_masked_and_full_pixels_are_left_out(telescope, repeat):
     spoilt = replace(frame, electrons=np.where(hot, 1e7, frame.electrons), mask=frame.mask | hot)
     low = replace(frame, ceiling=np.full(frame.shape, 0.8 * frame.electrons[brightest]))
     for one in (spoilt, replace(low, full=low.electrons >= low.ceiling, mask=low.electrons >= low.ceiling)):
-        estimate, _ = repeat.estimate(Data.of(one))
+        estimate, *_ = repeat.estimate(Data.of(one))
         assert np.all(np.abs(estimate.moments - np.asarray(locus.moments())) < 4.5 * estimate.errors)
-        censored, _ = repeat.estimate(Data.of(one, censored=True))
+        censored, *_ = repeat.estimate(Data.of(one, censored=True))
         np.testing.assert_array_equal(censored.moments, estimate.moments)
 
 
@@ -153,7 +185,7 @@ def test_what_repeats_nothing_is_told_apart(telescope, repeat, changes):
 )
 def test_what_differs_and_is_believed_is_right(telescope, repeat, changes):
     locus = Mvn.of(0.2, 0.05, 110.0)
-    estimate, parameters = repeat.estimate(Data.of(draw(telescope, locus, seed=40, **changes)))
+    estimate, parameters, _ = repeat.estimate(Data.of(draw(telescope, locus, seed=40, **changes)))
     off = estimate.moments - np.asarray(locus.moments())
     assert off @ np.linalg.solve(estimate.covariance, off) < 16.3  # once in a thousand, of three degrees
     # a photon's place scatters by 0.5 arcsec: at contrast 6 the fainter star's 1.4e6 give 4.2e-4, both 4.6e-4
