@@ -135,11 +135,11 @@ def _task(
     if isinstance(raw, JitterkitError):
         unreadable = _Unreadable(str(raw))
         return lambda last: unreadable
-    measure, digest = _begun(measurer, raw), raw.digest
+    measure = _begun(measurer, raw)
 
     def finish(last: bool) -> _Result:
         try:
-            return measure(), digest
+            return measure()
         except _BREAKDOWNS as error:
             return error
         except Exception as error:
@@ -150,11 +150,12 @@ def _task(
     return finish
 
 
-def _begun(measurer: Measurer, raw: RawFrame) -> Callable[[], Measured | FitResult]:
+def _begun(measurer: Measurer, raw: RawFrame) -> Callable[[], tuple[Measured | FitResult, str]]:
     try:
-        return measurer.begin(raw)
+        measure, digest = measurer.begin(raw), raw.digest
     except Exception:  # the thread will say why, or there is memory again
-        return lambda: measurer.begin(raw)()
+        return lambda: (measurer.begin(raw)(), raw.digest)
+    return lambda: (measure(), digest)
 
 
 def _table(rows: list[dict[str, Any]]) -> QTable:

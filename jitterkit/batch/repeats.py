@@ -20,7 +20,7 @@ class Repeats:
     """Looks at the leads of batches, one after the other.
 
     What a frame of the lead repeats is kept while their wavefront is near, and follows it where it has moved
-    on; what none repeats any more is made anew from one of them; and if less than half of them repeat that,
+    on; what less than half of them repeat is made anew from one of them; and if less than half repeat that,
     they are too unlike each other.  So what a batch is given depends on the leads up to it, and on nothing
     else.
 
@@ -50,8 +50,10 @@ class Repeats:
             if isinstance(frame, Frame):
                 frames.setdefault(self._finder.grid(frame), []).append(frame)
         for grid, here in frames.items():
-            repeat = self._followed(grid, here) or next(filter(None, map(self._anew, here)), None)
-            if repeat is not None and 2 * len(_repeated(repeat, here)) >= len(here):
+            repeat = self._followed(grid, here)
+            if not _is_common(repeat, here):
+                repeat = next(filter(None, map(self._anew, here)), None)
+            if repeat is not None and _is_common(repeat, here):
                 found[grid] = repeat
         return found
 
@@ -74,6 +76,11 @@ class Repeats:
         if not isinstance(system, OpticalSystem):
             return None
         return Repeat.of(shown, system, self._finder.options.hold)
+
+
+def _is_common(repeat: Repeat | None, frames: list[Frame]) -> bool:
+    """Whether half of the frames repeat what one has shown."""
+    return repeat is not None and 2 * len(_repeated(repeat, frames)) >= len(frames)
 
 
 def _repeated(repeat: Repeat, frames: list[Frame]) -> list[Repeated]:

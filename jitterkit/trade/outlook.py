@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jitterkit.errors import JitterkitError
-from jitterkit.refit.choose import DETECTED
 from jitterkit.refit.fit import unfinished
-from jitterkit.trade.predict import Example, Foresight
+from jitterkit.trade.predict import UNSEEN, Example, Foresight
 from jitterkit.trade.settings import Settings
 
 __all__ = ["OWN", "Outlook"]
@@ -61,7 +60,9 @@ class Outlook:
 
     def rough_loss(self, settings: Settings) -> float:
         """The same, where pupil and spectrum do to every geometry what they do to the instrument's own."""
-        return max(self._loss(one, settings, roughly=True) for one in self.examples)
+        return self._left_out(settings) + max(
+            self._loss(one, settings, roughly=True) for one in self.examples
+        )
 
     def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
         """Whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
@@ -77,7 +78,7 @@ class Outlook:
         return max(one.without(names, settings) for one in self.examples)
 
     def cost_of_jitter(self, settings: Settings = OWN) -> float:
-        """The same of jitter that a frame does not show; infinite where every example shows some."""
+        """The same of jitter that a frame does not show; infinite where no example may do without."""
         still = [one for one in self.examples if one.still]
         return max((one.without_jitter(settings) for one in still), default=math.inf)
 
@@ -110,7 +111,7 @@ class Outlook:
         if excess > limit:
             return excess
         seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
-        unseen = 0.0 if settings.jitter == "always" else DETECTED / seen.scatter
+        unseen = 0.0 if settings.jitter == "always" else UNSEEN / seen.scatter
         return math.hypot(seen.bias, excess) if seen.misfit + unseen < _SEEN else math.inf
 
     def _rough(self, one: Example, settings: Settings) -> Foresight:

@@ -46,7 +46,7 @@ class Plan:
     ----------
     settings : Settings
     loss : float
-        Bias and added scatter of the separation of a frame, in squares, at most [arcsec].
+        Of the separation of a frame, at most: :meth:`Outlook.loss` [arcsec].
     seconds : float
         Of a frame, measured.
     """
@@ -187,9 +187,9 @@ class Planner:
         return settings
 
     def _stiller(self, settings: Settings, allowed: float) -> Settings:
-        """Without jitter in frames that show none, where the locus is to be chosen and the promise allows."""
-        seen, free = replace(settings, jitter="seen"), self.outlook.examples[0].processor.locus == "auto"
-        return seen if free and self.outlook.holds(seen, _MARGIN * allowed) else settings
+        """Without jitter in frames that show none, where the promise allows."""
+        seen = replace(settings, jitter="seen")
+        return seen if self.outlook.holds(seen, _MARGIN * allowed) else settings
 
 
 def _rounded_up(value: float) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jitterkit.batch import Processor
+from jitterkit.batch.finder import SCORE
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
 from jitterkit.frames import Frame, RawFrame
@@ -30,10 +31,14 @@ from jitterkit.scoring import invert_information
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
 
-__all__ = ["Example", "Foresight"]
+__all__ = ["UNSEEN", "Example", "Foresight"]
 
 _CREDIBLE = 2.0
 """Standard errors that what is left out may be from where a frame sees it."""
+
+UNSEEN = (math.sqrt(DETECTED) + _CREDIBLE) ** 2
+"""Chi-squared of the most jitter of a frame that shows none: what has more is taken for none in less than one
+frame of fifty."""
 
 
 class Foresight(NamedTuple):
@@ -95,8 +100,16 @@ class Example:
 
     @property
     def still(self) -> bool:
-        """Whether a normal was fitted to it, whose moments are none."""
-        return isinstance(self.truth.locus, Mvn) and shows_no_jitter(*self.result.moments())
+        """Whether such a frame may do without jitter: it shows none, and nobody has said of which kind it is.
+
+        Only of the score estimate, by which a frame's jitter is seen or not, are the errors those of the fit.
+        """
+        processor, locus = self.processor, self.truth.locus
+        told = processor.prior is not None or processor.priors.moments is not None
+        told = told or processor.priors.on_coordinates() or not set(locus.names) <= set(self.result.names)
+        if told or processor.locus != "auto" or processor.kernel != SCORE:
+            return False
+        return isinstance(locus, Mvn) and shows_no_jitter(*self.result.moments())
 
     @cached_property
     def _at_rest(self) -> Example:
@@ -182,14 +195,14 @@ class Example:
         -------
         change : float
             Of moments two errors beyond the edge of what is said to be none, in whatever direction moves the
-            separation most: larger ones are taken for none in less than one frame of fifty.
+            separation most.
         """
         names, told = self._at_rest._information(replace(settings, jitter="always"))
         moments = np.array([names.index(name) for name in self.truth.locus.names])
         slope = _change(told, names.index("separation"), moments)
         covariance, _ = invert_information(told)
         spread = math.sqrt(slope @ covariance[np.ix_(moments, moments)] @ slope)
-        return (math.sqrt(DETECTED) + _CREDIBLE) * spread
+        return math.sqrt(UNSEEN) * spread
 
     def _information(self, settings: Settings) -> tuple[tuple[str, ...], np.ndarray]:
         """What a model with some settings varies, and what the exact image and priors tell of it."""

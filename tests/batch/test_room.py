@@ -16,7 +16,7 @@ from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.batch.room import Room, out_of_memory
 from jitterkit.batch.stream import process_batches
-from jitterkit.frames import write_fits
+from jitterkit.frames import RawFrame, write_fits
 
 FRAMES, GREEDY = 8, 3
 
@@ -158,3 +158,30 @@ def test_a_frame_for_which_there_was_no_memory_as_it_was_read_is_calibrated_agai
     expected = ["ok"] * FRAMES
     expected[GREEDY] = "failed"
     assert [row["status"] for row in done.rows] == expected
+
+
+def test_an_estimate_for_which_there_was_no_memory_as_its_frame_was_read_is_made_again(
+    files, telescope, monkeypatch
+):
+    """Once for each frame to calibrate it, once more for its digest; and for one of them every time."""
+    asked, digest = set(), RawFrame.digest.func
+
+    def scarce(raw, what):
+        if (raw.name, what) not in asked or raw.name == f"{GREEDY}.fits":
+            asked.add((raw.name, what))
+            too_much()
+
+    def late_digest(raw):
+        scarce(raw, "digest")
+        return digest(raw)
+
+    class Late(Processor):
+        def calibrate(self, raw):
+            scarce(raw, "calibrate")
+            return super().calibrate(raw)
+
+    monkeypatch.setattr(RawFrame, "digest", property(late_digest))
+    table = estimate_files(files[:5], BinaryMeasurer(Late(telescope)))
+    assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
+    assert "Out of memory" in table["message"][GREEDY]
+    assert len(asked) == 9  # of the one there is no digest either

@@ -13,6 +13,7 @@ from jitterkit.batch import Processor
 from jitterkit.errors import ConfigurationError
 from jitterkit.loci import Mvn, PartialShm, Stable
 from jitterkit.refit import FitOptions
+from jitterkit.refit.priors import Priors
 from jitterkit.report.words import angle_size
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, plan
@@ -118,7 +119,7 @@ def test_it_is_said_what_jitter_that_is_not_seen_would_cost(planner, still):
     assert said_of_jitter(planner.outlook) == ", as --locus says"
 
 
-def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(planner, still, monkeypatch):
+def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(still, example, monkeypatch):
     monkeypatch.setattr(plan, "RUNGS", FEW)
     ours = Planner([still])
     cost = ours.outlook.cost_of_jitter()
@@ -132,9 +133,16 @@ def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(planner, still
     assert fitted.locus == "stable"
     assert "jitter_undetected" in fitted.flags
     assert len(fitted.names) == len(still.result.names) - 3
-    asked_for = Planner([replace(still, processor=replace(still.processor, locus="mvn"))])
-    assert asked_for.cheapest(1.5 * cost).settings.jitter == "always"
-    assert planner.cheapest(1.5 * cost).settings.jitter == "always"  # its frame shows some
+    known = FitOptions(priors=Priors(moments=(np.zeros(3), np.eye(3))))
+    for one, changes in (
+        (still, {"locus": "mvn"}),
+        (still, {"kernel": "mtf"}),
+        (still, {"options": known}),
+        (example, {"locus": "auto"}),
+    ):
+        other = Planner([replace(one, processor=replace(one.processor, _systems={}, **changes))])
+        assert other.outlook.cost_of_jitter() == math.inf
+        assert other.cheapest(1.5 * cost).settings.jitter == "always"
 
 
 def test_a_frame_that_shakes_is_fitted_as_ever_by_settings_that_leave_out_what_is_not_seen(example):
