@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jitterkit.errors import JitterkitError
+from jitterkit.refit.choose import DETECTED
 from jitterkit.refit.fit import unfinished
-from jitterkit.trade.predict import UNSEEN, Example, Foresight
+from jitterkit.trade.predict import Example, Foresight
 from jitterkit.trade.settings import Settings
 
 __all__ = ["OWN", "Outlook"]
@@ -111,8 +112,10 @@ class Outlook:
         if excess > limit:
             return excess
         seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
-        unseen = 0.0 if settings.jitter == "always" else UNSEEN / seen.scatter
-        return math.hypot(seen.bias, excess) if seen.misfit + unseen < _SEEN else math.inf
+        unseen = 0.0 if settings.jitter == "always" else DETECTED / seen.scatter
+        # at worst what is wrong with the model looks like the jitter that it lacks
+        misfit = (math.sqrt(max(seen.misfit, 0.0)) + math.sqrt(unseen)) ** 2
+        return math.hypot(seen.bias, excess) if misfit < _SEEN else math.inf
 
     def _rough(self, one: Example, settings: Settings) -> Foresight:
         geometry = self._foresee(one, Settings(pad=settings.pad, region=settings.region))
