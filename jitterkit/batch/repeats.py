@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 
 from jitterkit.batch.finder import Finder, GridKey
 from jitterkit.batch.survey import Item, read_items
@@ -19,10 +20,10 @@ __all__ = ["Repeats"]
 class Repeats:
     """Looks at the leads of batches, one after the other.
 
-    What a frame of the lead repeats is kept while their wavefront is near, and follows it where it has moved
-    on; what less than half of them repeat is made anew from one of them; and if less than half repeat that,
-    they are too unlike each other.  So what a batch is given depends on the leads up to it, and on nothing
-    else.
+    What half of the frames of a lead repeat is kept while their wavefront is near, and follows it where it
+    has moved on.  Where less than half do, it is made anew from the first of them that half of them repeat,
+    and where there is none they are too unlike each other.  So what a batch is given depends on the leads up
+    to it, and on nothing else.
 
     Parameters
     ----------
@@ -50,11 +51,10 @@ class Repeats:
             if isinstance(frame, Frame):
                 frames.setdefault(self._finder.grid(frame), []).append(frame)
         for grid, here in frames.items():
-            repeat = self._followed(grid, here)
-            if not _is_common(repeat, here):
-                repeat = next(filter(None, map(self._anew, here)), None)
-            if repeat is not None and _is_common(repeat, here):
-                found[grid] = repeat
+            for repeat in chain([self._followed(grid, here)], map(self._anew, here)):
+                if repeat is not None and 2 * len(_repeated(repeat, here)) >= len(here):
+                    found[grid] = repeat
+                    break
         return found
 
     def _followed(self, grid: GridKey, frames: list[Frame]) -> Repeat | None:
@@ -76,11 +76,6 @@ class Repeats:
         if not isinstance(system, OpticalSystem):
             return None
         return Repeat.of(shown, system, self._finder.options.hold)
-
-
-def _is_common(repeat: Repeat | None, frames: list[Frame]) -> bool:
-    """Whether half of the frames repeat what one has shown."""
-    return repeat is not None and 2 * len(_repeated(repeat, frames)) >= len(frames)
 
 
 def _repeated(repeat: Repeat, frames: list[Frame]) -> list[Repeated]:

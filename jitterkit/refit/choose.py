@@ -142,8 +142,7 @@ def _fit_still(
     frame: _Frame, start: Parameters, moments, otf: OTF | None, covariance: np.ndarray | None
 ) -> FitResult | None:
     """The fit without jitter of a frame that may do without and does; None of any other."""
-    priors = frame.options.priors
-    asked = frame.options.may_be_still and priors.moments is None and not priors.on_coordinates()
+    asked = frame.options.may_be_still and not frame.options.priors.on_jitter()
     if not asked or covariance is None or not shows_no_jitter(moments, covariance):
         return None
     fit, _ = _fit(frame, "stable", start, moments, otf)

@@ -84,6 +84,10 @@ class Priors:
         coordinates = {name for kind in LOCI.values() for name in getattr(kind, "names", ())}
         return bool(coordinates & set(self.terms))
 
+    def on_jitter(self) -> bool:
+        """Whether anything is known about the jitter, be it of one locus or of all."""
+        return self.moments is not None or self.on_coordinates()
+
     def over(self, names: tuple[str, ...], locus: Locus | None = None) -> Prior:
         """The prior on free parameters of the given names.
 

@@ -105,11 +105,11 @@ class Example:
         Only of the score estimate, by which a frame's jitter is seen or not, are the errors those of the fit.
         """
         processor, locus = self.processor, self.truth.locus
-        told = processor.prior is not None or processor.priors.moments is not None
-        told = told or processor.priors.on_coordinates() or not set(locus.names) <= set(self.result.names)
+        told = processor.prior is not None or processor.priors.on_jitter()
         if told or processor.locus != "auto" or processor.kernel != SCORE:
             return False
-        return isinstance(locus, Mvn) and shows_no_jitter(*self.result.moments())
+        fitted = isinstance(locus, Mvn) and set(locus.names) <= set(self.result.names)
+        return fitted and shows_no_jitter(*self.result.moments())
 
     @cached_property
     def _at_rest(self) -> Example:
