@@ -46,6 +46,10 @@ one; the tighter, the less."""
 _SHOWN = 0.1
 """Errors of the separation for each of these sigmas, at most: 0.096 in 92 states of eleven telescopes, 0.005
 of TOLIMAN's."""
+_FAST, _AHEAD, _BACK = 1 / 16, 1.0, 0.9
+"""Share of its error that an expansion leaves where those that follow need no help; how far ahead of the last
+climb, and back to the one before, the next may be expanded, in distances of their ends.  Of 480 faint and bright
+frames of a small telescope that were started up to 2 rad from their wavefront all settled, 3.4 expansions each."""
 _HOPELESS, _GAIN, _IDLE = 30.0, 0.9, 2
 """Deviance per pixel from which a fit is given up when so many climbs in a row have not brought it below that
 share of what it was: it would end far above what passes for a fit, after twenty seconds."""
@@ -189,10 +193,10 @@ def fit_and_expand(
 def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple[Climb, OTF, int]:
     """Climb, and expand the optics where that led, until the expansion serves where the climb ends.
 
-    Where an aberration shows to second order first (defocus of a nearly symmetric pupil), the ends of
-    successive climbs overshoot each other; shorter steps settle them.
+    Where the climbs of two expansions do not close in on one another quickly (in a faint frame, or where an
+    aberration shows to second order first, each overshoots), the next is at the place that both point to.
     """
-    iterations, share, before = 0, 1.0, np.inf
+    iterations, before, way = 0, np.inf, None
     idle, last = 0, np.inf
     enough, tolerance = settled(max(_floor(start.locus), tolerance)), max(_slack(start.locus), tolerance)
     steps = _PATIENCE if leashes(start.locus) else 50
@@ -207,9 +211,21 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
         idle, last = 0 if level < _GAIN * last else idle + 1, level
         if idle >= _IDLE and level > _HOPELESS:
             break
-        share = share if error < before / 4 else share / 2
-        otf, before = optics.otf(otf.state + share * (start.aberrations - otf.state)), error
+        here = (np.asarray(otf.state), np.asarray(start.aberrations))
+        there = here[1] if way is None or error < _FAST * before else _both_point_to(way, here)
+        otf, before, way = optics.otf(there), error, here
     return end._replace(converged=jnp.asarray(False)), otf, iterations
+
+
+def _both_point_to(before: tuple[np.ndarray, np.ndarray], now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Where a climb would end where it began, by a straight line through two of them: ``(began, ended)`` each.
+
+    Anderson's mixing with a memory of one (J. ACM 12, 547, 1965), kept from running away.
+    """
+    moved, turned = now[1] - now[0], now[1] - now[0] - (before[1] - before[0])
+    length = turned @ turned
+    share = np.clip(moved @ turned / length, -_AHEAD, _BACK) if length > 0 else 0.0
+    return now[1] - share * (now[1] - before[1])
 
 
 def linearisation_error(optics, parameters: Parameters, otf: OTF) -> float:
