@@ -47,9 +47,10 @@ _SHOWN = 0.1
 """Errors of the separation for each of these sigmas, at most: 0.096 in 92 states of eleven telescopes, 0.005
 of TOLIMAN's."""
 _FAST, _AHEAD, _BACK = 1 / 16, 1.0, 0.9
-"""Share of its error that an expansion leaves where those that follow need no help; how far ahead of the last
-climb, and back to the one before, the next may be expanded, in distances of their ends.  Of 480 faint and bright
-frames of a small telescope that were started up to 2 rad from their wavefront all settled, 3.4 expansions each."""
+"""Share of its error that an expansion leaves where those that follow need no help; how far ahead of the
+last climb, and back to the one before, the next may be expanded, in distances of their ends.  Of 480 faint
+and bright frames of a small telescope that were started up to 2 rad from their wavefront all settled, after
+3.4 expansions each."""
 _HOPELESS, _GAIN, _IDLE = 30.0, 0.9, 2
 """Deviance per pixel from which a fit is given up when so many climbs in a row have not brought it below that
 share of what it was: it would end far above what passes for a fit, after twenty seconds."""
@@ -218,7 +219,7 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
 
 
 def _both_point_to(before: tuple[np.ndarray, np.ndarray], now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Where a climb would end where it began, by a straight line through two of them: ``(began, ended)`` each.
+    """Where a climb would end where it began, by a straight line through two: ``(began, ended)`` each.
 
     Anderson's mixing with a memory of one (J. ACM 12, 547, 1965), kept from running away.
     """
