@@ -30,7 +30,7 @@ from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.wcs import celestial_wcs
 
-_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') */ [ -~]*")
+_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
 """A card of which there is nothing to warn."""
 
 __all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]

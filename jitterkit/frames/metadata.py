@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 from jitterkit.errors import ConfigurationError
@@ -87,8 +88,13 @@ class Known:
     @property
     def rank(self) -> int:
         """Place of the source in :data:`RANKS`, 0 the most authoritative."""
-        matches = (n for n, words in enumerate(RANKS) if self.source.startswith(words))
-        return next(matches, RANKS.index("header"))
+        return _rank(self.source)
+
+
+@lru_cache(maxsize=256)
+def _rank(source: str) -> int:
+    matches = (n for n, words in enumerate(RANKS) if source.startswith(words))
+    return next(matches, RANKS.index("header"))
 
 
 def resolve_unit(text: str) -> str | None:
@@ -190,12 +196,12 @@ class Metadata:
         ConfigurationError
             If a name is not a field or a value is not believable; the message names both.
         """
-        return replace(self, **_known(source, values))
+        return self._with(_known(source, values))
 
     def fill(self, source: str, **values: Any) -> Metadata:
         """Return a copy in which the given values are used only where nothing was known."""
         known = _known(source, values)
-        return replace(self, **{k: v for k, v in known.items() if getattr(self, k) is None})
+        return self._with({k: v for k, v in known.items() if getattr(self, k) is None})
 
     def apply(self, source: str, **values: Any) -> Metadata:
         """Return a copy in which each value is used unless a more authoritative source has spoken.
@@ -203,11 +209,14 @@ class Metadata:
         Of two sources of the same rank the later one wins.  A ``wcs`` has no rank and only fills.
         """
         known = _known(source, values)
-        return replace(self, **{k: v for k, v in known.items() if _yields(getattr(self, k), v)})
+        return self._with({k: v for k, v in known.items() if _yields(getattr(self, k), v)})
 
     def warn(self, *messages: str) -> Metadata:
         """Return a copy with further warnings, each kept once."""
-        return replace(self, warnings=tuple(dict.fromkeys(self.warnings + messages)))
+        return self._with({"warnings": tuple(dict.fromkeys(self.warnings + messages))} if messages else {})
+
+    def _with(self, changes: Mapping[str, Any]) -> Metadata:
+        return replace(self, **changes) if changes else self
 
     def reordered(self, order: int) -> Metadata:
         """Return a copy for an image whose rows are no longer in the file's order.
