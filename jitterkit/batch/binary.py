@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -19,6 +19,7 @@ from jitterkit.batch.survey import Item, Survey
 from jitterkit.batch.verdict import judge, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
 from jitterkit.estimators import KernelEstimate
+from jitterkit.estimators.compare import End, several
 from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
@@ -73,18 +74,31 @@ class BinaryMeasurer:
         one._lead, one._known = batch.lead, self._repeats.of(batch.lead) if self.name == SCORE else {}
         return one
 
-    def begin(self, raw: RawFrame) -> Callable[[], Measured | FitResult]:
+    @property
+    def handful(self) -> int:
+        """As many as are compared together."""
+        return several(self.finder.instrument.shape) if self.name == SCORE else 1
+
+    def begin(self, raw: RawFrame) -> tuple[Frame, Data]:
         """Calibrate a frame: many small steps of Python's, in which threads would hold each other up."""
         frame = self.finder.calibrate(raw)
-        return partial(self._measure, frame, Data.of(frame))
+        return frame, Data.of(frame)
 
-    def _measure(self, frame: Frame, data: Data) -> Measured | FitResult:
-        return self._again(frame, data) or self._from_nothing(frame)
+    def measure(self, begun: Sequence[tuple[Frame, Data]]) -> list[Callable[[], Measured | FitResult]]:
+        """Compare those together that may repeat what others have shown."""
+        ends: list[End | None] = [None] * len(begun)
+        for grid, repeat in self._known.items():
+            here = [place for place, (frame, _) in enumerate(begun) if self.finder.grid(frame) == grid]
+            for place, end in zip(here, repeat.compare([begun[n][1] for n in here]), strict=True):
+                ends[place] = end
+        return [partial(self._measure, *one, end) for one, end in zip(begun, ends, strict=True)]
 
-    def _again(self, frame: Frame, data: Data) -> Measured | None:
+    def _measure(self, frame: Frame, data: Data, end: End | None) -> Measured | FitResult:
+        return self._again(frame, data, end) or self._from_nothing(frame)
+
+    def _again(self, frame: Frame, data: Data, end: End | None) -> Measured | None:
         """As a repetition of what others have shown, where it is one."""
-        repeat = self._known.get(self.finder.grid(frame))
-        repeated = None if repeat is None else repeat.estimate(data)
+        repeated = None if end is None else self._known[self.finder.grid(frame)].told(end)
         if repeated is None:
             return None
         parameters = repeated.parameters

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from astropy.table import QTable
@@ -37,14 +37,17 @@ _NUMBERS = (
     *CORRELATIONS,
     *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
 )
+Begun = TypeVar("Begun")
+"""A frame of which something has been done."""
+
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What one frame may raise without harm to the others."""
 
 _FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
 
 
-class Measurer(Protocol):
-    """What measures the blur of a frame.
+class Measurer(Protocol[Begun]):
+    """What measures the blur of frames.
 
     Attributes
     ----------
@@ -57,7 +60,7 @@ class Measurer(Protocol):
 
     @property
     def threads(self) -> int | None:
-        """How many frames may be measured at a time; None for as many as there are processors."""
+        """How many may measure at a time; None for as many as there are processors."""
         ...
 
     @property
@@ -65,14 +68,23 @@ class Measurer(Protocol):
         """Frames of a batch, all of which are held until it is done."""
         ...
 
-    def among(self, batch: Batch, hdu: int | None) -> Measurer:
+    @property
+    def handful(self) -> int:
+        """Frames of a batch that are best measured together, by one thread."""
+        ...
+
+    def among(self, batch: Batch, hdu: int | None) -> Measurer[Begun]:
         """The same for the frames of a batch, with what they show together."""
         ...
 
-    def begin(self, raw: RawFrame) -> Callable[[], Measured | FitResult]:
-        """Do what is best done where frames are read; what is returned measures the frame, in a thread.
+    def begin(self, raw: RawFrame) -> Begun:
+        """Do what is best done where frames are read; a JitterkitError says why it cannot be."""
+        ...
 
-        It says in a status why it cannot; a JitterkitError, from either, says so too.
+    def measure(self, begun: Sequence[Begun]) -> Sequence[Callable[[], Measured | FitResult]]:
+        """Do what is best done for several frames together; each that is returned measures one of them.
+
+        It says in a status why it cannot, or in a JitterkitError.
         """
         ...
 
@@ -109,11 +121,12 @@ def estimate_files(
     files = find_files(paths)
     batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), measurer.together)
 
-    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | JitterkitError], Callable[[bool], _Result]]:
-        return partial(_task, measurer.among(batch, hdu))
+    def begin(batch: Batch) -> Callable[[Path, int, RawFrame | JitterkitError], _Ready]:
+        return partial(_begin, measurer.among(batch, hdu))
 
     rows: list[dict[str, Any]] = []
-    for batch, results in in_threads(batches, begin, hdu=hdu, threads=measurer.threads):
+    size, threads = measurer.handful, measurer.threads
+    for batch, results in in_threads(batches, begin, _measure, handful=size, hdu=hdu, threads=threads):
         for (path, index), result in zip(batch.items, results, strict=True):
             rows.append(_row(path, index, measurer, result, keep))
             if watch is not None and index == 0:
@@ -121,7 +134,7 @@ def estimate_files(
     return _table(rows)
 
 
-class _Unreadable(Exception):
+class _Unreadable(JitterkitError):
     """A file that gives no frame, and why."""
 
 
@@ -129,33 +142,81 @@ _Result = tuple[Measured | FitResult, str] | Exception
 """What a frame gives, with the digest of its pixels; or what it raised."""
 
 
-def _task(
-    measurer: Measurer, path: Path, index: int, raw: RawFrame | JitterkitError
-) -> Callable[[bool], _Result]:
+class _Ready(NamedTuple):
+    """A frame that has been read.
+
+    Attributes
+    ----------
+    measurer : Measurer
+        Of its batch.
+    begun : Any
+        By it; or the frame itself, where there was trouble: the thread will say which, or it is over.
+    digest : str
+        Of its pixels; empty where nothing has begun.
+    """
+
+    measurer: Measurer[Any]
+    begun: Any
+    digest: str = ""
+
+    def again(self) -> _Ready:
+        """Begun at last."""
+        if self.digest:
+            return self
+        if isinstance(self.begun, Exception):
+            raise self.begun
+        return _Ready(self.measurer, self.measurer.begin(self.begun), self.begun.digest)
+
+    def told(self, measure: Callable[[], Measured | FitResult]) -> tuple[Measured | FitResult, str]:
+        """What measuring it gives."""
+        return measure(), self.digest
+
+
+def _begin(measurer: Measurer[Any], path: Path, index: int, raw: RawFrame | JitterkitError) -> _Ready:
+    """Begin a frame where it is read."""
     if isinstance(raw, JitterkitError):
-        unreadable = _Unreadable(str(raw))
-        return lambda last: unreadable
-    measure = _begun(measurer, raw)
-
-    def finish(last: bool) -> _Result:
-        try:
-            return measure()
-        except _BREAKDOWNS as error:
-            return error
-        except Exception as error:
-            if last and out_of_memory(error):
-                return error
-            raise
-
-    return finish
-
-
-def _begun(measurer: Measurer, raw: RawFrame) -> Callable[[], tuple[Measured | FitResult, str]]:
+        return _Ready(measurer, _Unreadable(str(raw)))
     try:
-        measure, digest = measurer.begin(raw), raw.digest
-    except Exception:  # the thread will say why, or there is memory again
-        return lambda: (measurer.begin(raw)(), raw.digest)
-    return lambda: (measure(), digest)
+        return _Ready(measurer, measurer.begin(raw), raw.digest)
+    except Exception:
+        return _Ready(measurer, raw)
+
+
+def _measure(frames: list[_Ready], last: bool) -> list[_Result]:
+    """Measure some frames of a batch: together, or one after the other where memory has run out."""
+    if last and len(frames) > 1:
+        return [result for frame in frames for result in _alone(frame)]
+    ready = [_tried(frame.again, last) for frame in frames]
+    sound = [one for one in ready if isinstance(one, _Ready)]
+    many = _tried(partial(frames[0].measurer.measure, [one.begun for one in sound]), last)
+    if isinstance(many, Exception):
+        return [one if isinstance(one, Exception) else many for one in ready]
+    each = iter(many)
+    return [
+        one if isinstance(one, Exception) else _tried(partial(one.told, next(each)), last) for one in ready
+    ]
+
+
+def _alone(frame: _Ready) -> list[_Result]:
+    """Measure a frame with nothing beside it but what is being read; that may have been too much too."""
+    try:
+        return _measure([frame], False)
+    except Exception as error:
+        if out_of_memory(error):
+            return _measure([frame], True)
+        raise
+
+
+def _tried(do: Callable[[], Begun], last: bool) -> Begun | Exception:
+    """What comes of it, be it an error of the frame's; where no other try is left, a lack of memory too."""
+    try:
+        return do()
+    except _BREAKDOWNS as error:
+        return error
+    except Exception as error:
+        if last and out_of_memory(error):
+            return error
+        raise
 
 
 def _table(rows: list[dict[str, Any]]) -> QTable:

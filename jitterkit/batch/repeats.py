@@ -80,4 +80,5 @@ class Repeats:
 
 def _repeated(repeat: Repeat, frames: list[Frame]) -> list[Repeated]:
     """What the frames have told that repeat what one has shown."""
-    return list(filter(None, (repeat.estimate(Data.of(frame)) for frame in frames)))
+    ends = repeat.compare([Data.of(frame) for frame in frames])
+    return list(filter(None, map(repeat.told, filter(None, ends))))

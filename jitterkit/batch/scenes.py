@@ -77,6 +77,11 @@ class SceneMeasurer:
         """One: a frame may be as large as its camera."""
         return 1
 
+    @property
+    def handful(self) -> int:
+        """One, for the same reason."""
+        return 1
+
     def among(self, batch: Batch, hdu: int | None) -> SceneMeasurer:
         """Itself: every frame is compared with the reference alone."""
         return self
@@ -92,11 +97,15 @@ class SceneMeasurer:
         if self._sharp is not None:
             check_reference(self._sharp, self._starless if self._shows_stars else None, paths, hdu)
 
-    def begin(self, raw: RawFrame) -> Callable[[], Measured]:
+    def begin(self, raw: RawFrame) -> RawFrame:
         """Nothing yet."""
-        return partial(self.measure, raw)
+        return raw
 
-    def measure(self, raw: RawFrame) -> Measured:
+    def measure(self, begun: Sequence[RawFrame]) -> list[Callable[[], Measured]]:
+        """One by one."""
+        return [partial(self.measure_one, raw) for raw in begun]
+
+    def measure_one(self, raw: RawFrame) -> Measured:
         """Measure one frame.
 
         Raises

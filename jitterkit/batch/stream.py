@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TypeVar
 
@@ -37,8 +37,9 @@ from jitterkit.report.row import Row, make_row
 __all__ = ["Done", "cores", "in_threads", "process_batches"]
 
 T = TypeVar("T")
+U = TypeVar("U")
 
-_AHEAD = 4
+_AHEAD = 3
 """Frames read ahead for each thread."""
 
 _MENDED = (Status.POOR_FIT, Status.NOT_CONVERGED, Status.NO_PAIR, Status.FAILED)
@@ -99,13 +100,13 @@ def process_batches(
     """
     survey = Survey(processor, hdu)
 
-    def begin(batch: Batch) -> _Task:
+    def begin(batch: Batch) -> _Prepare[_Fit]:
         return partial(_prepare, replace(processor, known=survey.of(batch.lead)), processor)
 
     drawing: deque[_Drawing] = deque()
     with ThreadPoolExecutor(1, "draw") as painter:  # while frames go on being read
         try:
-            for batch, results in in_threads(batches, begin, hdu=hdu, threads=threads):
+            for batch, results in in_threads(batches, begin, _fit_each, hdu=hdu, threads=threads):
                 known = chain(ranks(), *(one.ranks() for one in drawing))
                 drawing.append(_Drawing.begin(painter, batch, results, known))
                 del results  # their images need not wait for the next batch
@@ -117,14 +118,16 @@ def process_batches(
             painter.shutdown(cancel_futures=True)
 
 
-_Task = Callable[[Path, int, RawFrame | JitterkitError], Callable[[bool], T]]
-"""Takes what was read of a frame, and gives what is to be done about it, for :class:`Room` to call."""
+_Prepare = Callable[[Path, int, RawFrame | JitterkitError], U]
+"""Takes path, place and frame (or what is wrong with the file), and does what is best done while reading."""
 
 
 def in_threads(
     batches: Iterable[Batch],
-    begin: Callable[[Batch], _Task[T]],
+    begin: Callable[[Batch], _Prepare[U]],
+    work: Callable[[list[U], bool], list[T]],
     *,
+    handful: int = 1,
     hdu: int | None = None,
     threads: int | None = None,
 ) -> Iterator[tuple[Batch, list[T]]]:
@@ -134,8 +137,12 @@ def in_threads(
     ----------
     batches : iterable of Batch
     begin : callable
-        Called with each batch before its frames are read; returns a function that is called here with path,
-        place and frame (or what is wrong with the file), and returns what a thread is to call.
+        Called with each batch before its frames are read; returns a function that prepares a frame, here.
+    work : callable
+        Called in a thread with some frames as they were prepared, and whether it is alone
+        (:meth:`Room.do`); returns what comes of each.
+    handful : int
+        Frames of a batch that are worked on together.
     hdu, threads
         As for :func:`process_batches`.
 
@@ -146,18 +153,18 @@ def in_threads(
         Of its frames, in order.
     """
     threads = threads or cores()
-    waiting: deque[tuple[Batch, list[Future[T]]]] = deque()
-    room, ahead = Room(threads), threading.Semaphore(threads * _AHEAD)
+    waiting: deque[tuple[Batch, list[Future[list[T]]]]] = deque()
+    room, ahead = Room(threads), threading.Semaphore(threads + max(1, threads * _AHEAD // handful))
     with ThreadPoolExecutor(threads, "fit") as pool:
         try:
             for batch in batches:
                 prepare = _begun(begin, batch, waiting)
-                tasks: list[Future[T]] = []
+                tasks: list[Future[list[T]]] = []
                 waiting.append((batch, tasks))
-                for path, index, raw in read_items(batch.items, hdu):
-                    task = prepare(path, index, raw)
+                ready = (prepare(*entry) for entry in read_items(batch.items, hdu))
+                while some := list(islice(ready, handful)):
                     ahead.acquire()
-                    tasks.append(pool.submit(room.do, task))
+                    tasks.append(pool.submit(room.do, partial(work, some)))
                     tasks[-1].add_done_callback(lambda _: ahead.release())
                     if len(waiting) > 1 and all(task.done() for task in waiting[0][1]):
                         yield _results(*waiting.popleft())
@@ -168,8 +175,10 @@ def in_threads(
 
 
 def _begun(
-    begin: Callable[[Batch], _Task[T]], batch: Batch, waiting: Iterable[tuple[Batch, list[Future[T]]]]
-) -> _Task[T]:
+    begin: Callable[[Batch], _Prepare[U]],
+    batch: Batch,
+    waiting: Iterable[tuple[Batch, list[Future[list[T]]]]],
+) -> _Prepare[U]:
     """Begin a batch; if memory runs out, once more when nothing else is under way."""
     try:
         return begin(batch)
@@ -180,8 +189,8 @@ def _begun(
         return begin(batch)
 
 
-def _results(batch: Batch, tasks: list[Future[T]]) -> tuple[Batch, list[T]]:
-    return batch, [task.result() for task in tasks]
+def _results(batch: Batch, tasks: list[Future[list[T]]]) -> tuple[Batch, list[T]]:
+    return batch, [result for task in tasks for result in task.result()]
 
 
 @dataclass(frozen=True)
@@ -228,9 +237,16 @@ def _picture(done: Processed, row: Row) -> FrameReport:
     return render_frame(done.frame, done.result, row)
 
 
+_Fit = Callable[[bool], tuple[Processed, Row]]
+
+
+def _fit_each(fits: list[_Fit], last: bool) -> list[tuple[Processed, Row]]:
+    return [fit(last) for fit in fits]
+
+
 def _prepare(
     near: Processor, alone: Processor, path: Path, index: int, raw: RawFrame | JitterkitError
-) -> Callable[[bool], tuple[Processed, Row]]:
+) -> _Fit:
     """Calibrate a frame here; fit it there."""
     ready: Frame | FitResult | RawFrame
     if isinstance(raw, JitterkitError):

@@ -1,4 +1,4 @@
-"""The one compiled program that compares a frame with the one that it repeats.
+"""The one compiled program that compares frames with the one that they repeat.
 
 Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which judges what comes of it.  Derivatives and what
 is summed over pixels are in 32 bits; images, and what moves them, are not.
@@ -6,8 +6,10 @@ is summed over pixels are in 32 bits; images, and what moves them, are not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,7 +24,11 @@ from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 
-__all__ = ["End", "compared"]
+__all__ = ["End", "compared", "several"]
+
+_PIXELS, _MOST = 2**18, 16
+"""Pixels of the frames that are compared together, and how many of these there are at most: the smaller they
+are, the more of the time is Python's."""
 
 _AROUND = 1.5
 """Pixels, 1 sigma, of what stands in for pixels that are not used, to find the pair by."""
@@ -71,9 +77,63 @@ class End(NamedTuple):
     information: Float[Array, "p p"]
 
 
+def several(shape: tuple[int, ...]) -> int:
+    """How many frames of a shape ``(ny, nx)`` are best compared together."""
+    return int(np.clip(_PIXELS // (shape[0] * shape[1]), 1, _MOST))
+
+
+def compared(first: First, frames: Sequence[Data], size: int) -> list[End]:
+    """Find pair, wavefront and blur of frames that repeat the first one, in a few steps of scoring.
+
+    Parameters
+    ----------
+    first : First
+    frames : sequence of Data
+        Of its shape.
+    size : int
+        How many are compared together; another number is another program to compile.
+
+    Returns
+    -------
+    ends : list of End
+        With arrays of NumPy's.
+    """
+    kinds: dict[Any, list[int]] = {}
+    for place, data in enumerate(frames):
+        kinds.setdefault(jax.tree.structure(data), []).append(place)
+    ends: dict[int, End] = {}
+    for places in kinds.values():
+        for some in (places[n : n + size] for n in range(0, len(places), size)):
+            stack = jax.tree.map(partial(_stacked, size), *(frames[place] for place in some))
+            found = jax.tree.map(np.asarray, _each(first, stack, len(some)))
+            ends |= {place: jax.tree.map(itemgetter(n), found) for n, place in enumerate(some)}
+    return [ends[place] for place in range(len(frames))]
+
+
+def _stacked(size: int, *arrays) -> np.ndarray:
+    """Arrays one above the other, and room for as many as there are at most."""
+    stack = np.empty((size, *arrays[0].shape), arrays[0].dtype)
+    stack[: len(arrays)] = arrays
+    return stack
+
+
 @jax.jit
-def compared(first: First, data: Data) -> End:
-    """Find pair, wavefront and blur of a frame that repeats the first one, in a few steps of scoring."""
+def _each(first: First, stack: Data, count) -> End:
+    """Compare the first ``count`` of a stack of frames, one after the other."""
+
+    def one(n):
+        return _compared(first, jax.tree.map(itemgetter(n), stack))
+
+    def put(n, ends):
+        return jax.tree.map(lambda every, end: every.at[n].set(end), ends, one(n))
+
+    size = len(stack.used)
+    none = jax.tree.map(lambda end: jnp.zeros((size, *end.shape), end.dtype), jax.eval_shape(one, 0))
+    return jax.lax.fori_loop(0, count, put, none)
+
+
+@jax.jit
+def _compared(first: First, data: Data) -> End:
     size, whole = first.otf.grid.shape, data.used.shape
     data, near, corner, shift = _cut_out(first, data)
     seen, light = _at_first(data, near, shift)

@@ -10,7 +10,7 @@ the errors of a frame like the first grow by a hundredth.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.fft import next_fast_len
 
-from jitterkit.estimators.compare import End, compared
+from jitterkit.estimators.compare import End, compared, several
 from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, within
 from jitterkit.estimators.shape import doubted, fit_shape, is_decisive
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, parameter_names, to_vector
@@ -180,11 +180,30 @@ class Repeat:
         another by a factor of three: then a step is left, chi-squared is large or the state out of the
         anchor's reach, and the answer is None.
         """
-        used = np.asarray(data.used)
-        if used.shape != self.first.whole.shape or used.mean() < _SEEN:
-            return None
-        end = compared(self.first, data)
-        values, score, remains, excess, information = map(np.asarray, end[3:])
+        (end,) = self._compare([data], 1)
+        return None if end is None else self.told(end)
+
+    def compare(self, frames: Sequence[Data]) -> list[End | None]:
+        """Compare several frames, for :meth:`told`: in less time than one by one.
+
+        Returns
+        -------
+        ends : list of End or None
+            None of a frame that is of another shape, or shows few pixels.
+        """
+        return self._compare(frames, several(self.first.whole.shape))
+
+    def _compare(self, frames: Sequence[Data], size: int) -> list[End | None]:
+        seen = [data for data in frames if self._shows(data.used)]
+        ends = iter(compared(self.first, seen, size))
+        return [next(ends) if self._shows(data.used) else None for data in frames]
+
+    def _shows(self, used) -> bool:
+        return used.shape == self.first.whole.shape and np.asarray(used).mean() >= _SEEN
+
+    def told(self, end: End) -> Repeated | None:
+        """What the comparison of a frame tells; None if it does not repeat what this one has shown."""
+        values, score, remains, excess, information = end[3:]
         optics = replace(self.optics, photons=max(float(values[self.first.names.index("flux")]), 1.0))
         left_out = optics.left_out(end.parameters.aberrations)
         if not (excess < _SURE and left_out < _UNSEEN):

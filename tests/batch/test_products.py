@@ -10,6 +10,7 @@ from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.products import Products
 from jitterkit.batch.scenes import SceneMeasurer
 from jitterkit.errors import ConfigurationError
+from jitterkit.frames import open_frames
 from jitterkit.frames.fits import read_image
 from jitterkit.kernels import read_kernel
 from jitterkit.refit import read_kernel_prior
@@ -82,7 +83,7 @@ def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
 class _Same:
     """A measurer that has the same to say of every frame."""
 
-    name, threads, together = "same", 1, 8
+    name, threads, together, handful = "same", 1, 8, 3
 
     def __init__(self, measured):
         self.measured = measured
@@ -91,7 +92,10 @@ class _Same:
         return self
 
     def begin(self, raw):
-        return partial(self.measured, raw)
+        return raw
+
+    def measure(self, begun):
+        return [partial(self.measured, raw) for raw in begun]
 
 
 @pytest.mark.parametrize("breakage", ["estimate", "picture"])
@@ -99,7 +103,7 @@ def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, breakage):
     scenes = SceneMeasurer(stars=True)
 
     def measured(raw):
-        found = scenes.measure(raw)
+        found = scenes.measure_one(raw)
         odd = replace(found.estimate, covariance=np.zeros((3, 3)))
         return replace(found, estimate=odd) if breakage == "estimate" else found
 
@@ -116,10 +120,30 @@ def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, breakage):
         assert np.all(np.isnan(table["significance"]))
 
 
+def test_of_a_handful_each_frame_has_a_row_of_its_own(folder, tmp_path):
+    (tmp_path / "broken.fits").write_bytes(b"SIMPLE  =                    T")
+    files = [folder / "field.fits", tmp_path / "broken.fits", folder / "view.fits", folder / "sharpview.fits"]
+
+    def measured(raw):
+        if raw.name == "view.fits":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return replace(SceneMeasurer(stars=True).measure_one(raw_field), message=raw.name)
+
+    with open_frames(files[0]) as file:
+        raw_field = file[0]
+    table = estimate_files(files, _Same(measured))
+    assert list(table["file"]) == [path.name for path in files]
+    assert list(table["status"]) == ["ok", "unreadable", "failed", "ok"]
+    assert list(table["message"][[0, 2, 3]]) == ["field.fits", "Singular matrix", "sharpview.fits"]
+    digests = set(table["digest"][[0, 3]])
+    assert len(digests) == 2
+    assert "" not in digests
+
+
 @pytest.mark.parametrize(("size", "told"), [(0.5, True), (5.0, False)])
 def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path, size, told):
     def measured(raw):
-        found = SceneMeasurer(stars=True).measure(raw)
+        found = SceneMeasurer(stars=True).measure_one(raw)
         # chi-squared of one moment of size standard errors: 0.25 and 25, of three one in 1000 is beyond 16.3
         noise = replace(found.estimate, moments=size * np.array([1e-3, 0, 0]), covariance=np.eye(3) * 1e-6)
         return replace(found, estimate=replace(noise, locus=None))
@@ -133,7 +157,7 @@ def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path
 @pytest.mark.parametrize(("spread", "remarked"), [(0.01, True), (0.03, False)])
 def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder, spread, remarked):
     def measured(raw):
-        found = SceneMeasurer(stars=True).measure(raw)
+        found = SceneMeasurer(stars=True).measure_one(raw)
         kernel = np.outer([0, 1, 0], [0.25, 0.5, 0.25])  # a variance of half a pixel² along x, none along y
         moments = np.array([0.1, 0.0, 0.0])  # at 0.5 arcsec a pixel the kernel has 0.125
         pixels = replace(found.estimate, kernel=kernel, locus=None, moments=moments)

@@ -162,6 +162,24 @@ def test_masked_and_full_pixels_are_left_out(telescope, repeat):
         np.testing.assert_array_equal(censored.moments, estimate.moments)
 
 
+def test_frames_compared_together_tell_what_each_tells_alone(telescope, repeat):
+    frames = [draw(telescope, Mvn.of(0.02 * n, 0.01 * n, 8.0 * n), seed=60 + n, x=n - 9.0) for n in range(19)]
+    data = [Data.of(frame) for frame in frames]  # more than are compared at a time
+    brightest = np.unravel_index(np.argmax(frames[4].electrons), frames[4].shape)
+    low = np.full(frames[4].shape, 0.8 * frames[4].electrons[brightest])
+    data[4] = Data.of(replace(frames[4], ceiling=low, mask=frames[4].electrons >= low))
+    data[7] = Data(np.zeros((64, 64)))
+    data[11] = Data.of(draw(telescope, Mvn.of(0.1), seed=10, separation=13.0))
+    ends = repeat.compare(data)
+    assert ends[7] is None
+    for n, end in enumerate(ends):
+        alone, told = repeat.estimate(data[n]), None if end is None else repeat.told(end)
+        assert (told is None) == (alone is None) == (n in (7, 11))
+        if told is not None:
+            np.testing.assert_allclose(told.estimate.moments, alone.estimate.moments, rtol=1e-5, atol=1e-8)
+            np.testing.assert_allclose(told.estimate.covariance, alone.estimate.covariance, rtol=1e-4)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
