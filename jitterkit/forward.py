@@ -196,7 +196,7 @@ def _factors(parameters: Parameters, otf: OTF):
 
 
 def _fx_fy(otf: OTF):
-    fy, fx = otf.grid.frequencies
+    fy, fx = (f.astype(otf.value.real.dtype) for f in otf.grid.frequencies)
     return fx, fy
 
 
@@ -233,6 +233,7 @@ def _point_sources(scene: Scene, grid):
     fy, fx = grid.frequencies
     cy, cx = grid.centre
     x, y, flux = scene.sources()
+    fy, fx = fy.astype(x.dtype), fx.astype(x.dtype)
     along_x = jnp.exp(-2j * jnp.pi * fx[0] * (x + cx)[:, None])
     along_y = flux[:, None] * jnp.exp(-2j * jnp.pi * fy[:, 0] * (y + cy)[:, None])
     return along_y.T @ along_x
@@ -280,7 +281,7 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     image = _to_pixels(spectrum, otf.grid, shutter)
     jacobian = [_to_pixels(jnp.concatenate(spectra), otf.grid, shutter)] if spectra else []
     if first in free:
-        jacobian.append(jnp.ones((1, *image.shape)))
+        jacobian.append(jnp.ones((1, *image.shape), image.dtype))
     if first + 1 in free:  # diffusion: the logarithm of its factor is linear in it
         fx, fy = _fx_fy(otf)
         jacobian.append(_to_pixels(-2 * np.pi**2 * (fx**2 + fy**2) * spectrum, otf.grid, shutter)[None])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
@@ -68,10 +69,15 @@ class KernelEstimate:
         """``(major, minor, angle)``: 1 sigma per axis [arcsec] and degrees."""
         return principal_axes(self.moments)
 
-    @property
+    @cached_property
     def significance(self) -> float:
         """Chi-squared (3 degrees of freedom) against no jitter at all; NaN where that cannot be said."""
         return significance(self.moments, self.covariance)
+
+    @property
+    def is_undetected(self) -> bool:
+        """Whether no jitter at all would give such moments once in a thousand frames, or more often."""
+        return self.significance <= _DETECTED
 
 
 def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:

@@ -76,7 +76,7 @@ class Binary(Scene):
     def sources(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
         """Offsets x and y [arcsec] and fluxes of A and B."""
         angle = jnp.radians(self.theta)
-        side = jnp.array([-0.5, 0.5]) * self.separation
+        side = jnp.stack([-self.separation, self.separation]) / 2
         faint = 1 / (1 + self.contrast)  # not 1 - share, which rounds a faint star away
         fluxes = self.flux * jnp.stack([self.contrast * faint, faint])
         return self.x + side * jnp.cos(angle), self.y + side * jnp.sin(angle), fluxes

@@ -22,7 +22,6 @@ from jitterkit.frames import RawFrame, find_files
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
-from jitterkit.report.estimate_pictures import is_undetected
 from jitterkit.report.words import printable
 
 __all__ = ["Measurer", "estimate_files"]
@@ -283,7 +282,7 @@ def _measured_row(
 def _remarks(measured: Measured) -> Iterator[str]:
     """What a table's numbers do not say of themselves."""
     estimate = measured.estimate
-    if is_undetected(estimate):
+    if estimate.is_undetected:
         yield f"Jitter is undetected (chi-squared {estimate.significance:.1f} of three degrees of freedom)."
     if estimate.locus is None and estimate.kernel is not None:
         own = kernel_moments(estimate.kernel, measured.plate_scale or 1.0)

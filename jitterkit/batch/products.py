@@ -13,7 +13,6 @@ from jitterkit.errors import FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.whole import replacing
 from jitterkit.kernels import deblur, kernel_image, write_kernel
-from jitterkit.report.estimate_pictures import is_undetected
 from jitterkit.report.outputs import ENDS, make_directory
 from jitterkit.report.plots import png
 
@@ -93,7 +92,7 @@ class Products:
 def _write_kernel(path: Path, measured: Measured, oversample: int) -> None:
     scale = measured.plate_scale
     kernel = kernel_image(measured.estimate, scale or 1.0, oversample)
-    remark = "undetected: no jitter at all may give such a kernel" if is_undetected(measured.estimate) else ""
+    remark = "undetected: no jitter at all may give such a kernel" if measured.estimate.is_undetected else ""
     if scale is None:  # nothing to say in arcsec
         cards: dict[str, tuple[Any, str]] = {
             "JITRTYPE": ("Custom jitter kernel", "on pixels"),

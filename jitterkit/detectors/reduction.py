@@ -147,7 +147,7 @@ def _flags(detector: Characteristics, raw: RawFrame, metadata: Metadata, saturat
     converted = raw.unit == "adu"
     needed = ASSUMED if converted else ("read_noise",)
     flags = [f"{name}_assumed" for name in needed if _nobody_said(getattr(metadata, name))]
-    beyond = converted and bool(np.any(raw.data[~raw.mask] > detector.largest))
+    beyond = converted and bool(np.any((raw.data > detector.largest) & ~raw.mask))
     dark = detector.dark_current is not None and bool(np.any(detector.dark_current))
     undated = converted and dark and metadata.exposure is None
     conditions = {"saturated": saturated, "above_adc_range": beyond, "dark_not_subtracted": undated}

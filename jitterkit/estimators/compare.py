@@ -43,6 +43,8 @@ _NEARBY, _EXPANSIONS = 3.0, 4
 _BRIGHTER = 3.0
 """Factor by which light may differ: a cut-out that does for a faint frame leaves out much of a bright one."""
 
+_SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
+
 
 class End(NamedTuple):
     """Where a few steps of scoring lead, and what is left there.
@@ -226,11 +228,12 @@ class _Expansion(NamedTuple):
 def _expanded(first: First, data: Data, values) -> _Expansion:
     here, inner = first.at(values), partial(within, first.rim)
     otf = first.anchor.otf(here.aberrations)
-    image, jacobian = image_and_jacobian(here, otf, first.free)
-    used = is_clear(image, data) & _inside(first.rim, image.shape)
+    image = expected_image(here, otf)
+    _, jacobian = image_and_jacobian(_single(here), _single(otf), first.free)
+    used = is_clear(image, data) & _inside(first.rim, first.otf.grid.shape)
     parts, clear = (lambda d: (d.used, d.ceiling, d.full)), (used, None, None)
     data = eqx.tree_at(parts, data, clear, is_leaf=lambda part: part is None)
-    jacobian, seen = _single(inner(jacobian)), _single(jax.tree.map(inner, data))
+    jacobian, seen = inner(jacobian), _single(jax.tree.map(inner, data))
     _, score, information = equations_of(_single(inner(image)), jacobian, seen)
     kind = values.dtype
     return _Expansion(values, otf, data, jacobian, score.astype(kind), information.astype(kind))
@@ -279,7 +282,7 @@ def _at_first(data: Data, near, shift):
 
 
 def _single(tree):
-    return jax.tree.map(lambda a: a.astype(jnp.float32) if a.dtype == jnp.float64 else a, tree)
+    return jax.tree.map(lambda a: a.astype(_SINGLE.get(a.dtype, a.dtype)), tree)
 
 
 def _inside(rim: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:

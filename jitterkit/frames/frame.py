@@ -202,8 +202,10 @@ class Frame(Placed):
         electrons = image_of("electrons", self.electrons)
         variance = matching("read_variance", self.read_variance, electrons.shape, np.float64)
         mask = matching("mask", self.mask, electrons.shape, bool)
-        mask = mask | ~np.isfinite(electrons)
-        object.__setattr__(self, "electrons", np.where(np.isfinite(electrons), electrons, 0.0))
+        finite = np.isfinite(electrons)
+        if not finite.all():
+            electrons, mask = np.where(finite, electrons, 0.0), mask | ~finite
+        object.__setattr__(self, "electrons", electrons)
         object.__setattr__(self, "read_variance", variance)
         object.__setattr__(self, "mask", mask)
         object.__setattr__(self, "full", matching("full", self.full, electrons.shape, bool))

@@ -86,9 +86,11 @@ def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | None, in
         block = handle.read(BLOCK)
         if not block or (number == 1 and not block.startswith(first)):
             break
-        for at in range(0, len(block), CARD):
-            if block[at : at + 8].rstrip() == b"END":
+        at = block.find(b"END")
+        while at >= 0:
+            if at % CARD == 0 and block[at : at + 8].rstrip() == b"END":
                 return bytes(text + block[:at]), number
+            at = block.find(b"END", at + 1)
         text += block
     return None, 0
 

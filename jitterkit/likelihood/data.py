@@ -25,7 +25,7 @@ _NEAR = 10.0
 
 
 class Data(eqx.Module):
-    """What the likelihood needs of a frame.
+    """What the likelihood needs of a frame: arrays of NumPy's, until a program takes them where it runs.
 
     Attributes
     ----------
@@ -42,12 +42,12 @@ class Data(eqx.Module):
         Pixels that count as having reached the ceiling; None to leave out what comes near it.
     """
 
-    electrons: Float[Array, "ny nx"]
-    read_variance: Float[Array, "ny nx"]
-    used: Bool[Array, "ny nx"]
-    response: Float[Array, "ny nx"] | None
-    ceiling: Float[Array, "ny nx"] | None
-    full: Bool[Array, "ny nx"] | None
+    electrons: Float[Array | np.ndarray, "ny nx"]
+    read_variance: Float[Array | np.ndarray, "ny nx"]
+    used: Bool[Array | np.ndarray, "ny nx"]
+    response: Float[Array | np.ndarray, "ny nx"] | None
+    ceiling: Float[Array | np.ndarray, "ny nx"] | None
+    full: Bool[Array | np.ndarray, "ny nx"] | None
 
     def __init__(
         self, electrons, read_variance=0.0, used=None, *, response=None, ceiling=None, full=None
@@ -55,13 +55,13 @@ class Data(eqx.Module):
         electrons = np.asarray(electrons, float)
         used = np.ones(electrons.shape, bool) if used is None else np.asarray(used, bool)
         used = used & np.isfinite(electrons)
-        self.electrons = jnp.asarray(np.where(used, electrons, 0.0))
-        self.read_variance = jnp.asarray(np.broadcast_to(np.asarray(read_variance, float), electrons.shape))
-        self.used = jnp.asarray(used)
-        self.response = None if response is None else jnp.broadcast_to(response, electrons.shape)
+        self.electrons = np.where(used, electrons, 0.0)
+        self.read_variance = np.broadcast_to(np.asarray(read_variance, float), electrons.shape)
+        self.used = used
+        self.response = None if response is None else np.broadcast_to(response, electrons.shape)
         ceiling = None if ceiling is None else np.minimum(ceiling, _NO_CEILING)
-        self.ceiling = None if ceiling is None else jnp.broadcast_to(ceiling, electrons.shape)
-        self.full = None if full is None else jnp.asarray(full, bool)
+        self.ceiling = None if ceiling is None else np.broadcast_to(ceiling, electrons.shape)
+        self.full = None if full is None else np.asarray(full, bool)
 
     @classmethod
     def of(cls, frame: Frame, *, censored: bool = False) -> Data:
@@ -110,7 +110,7 @@ class Data(eqx.Module):
         return Data(self.electrons, self.read_variance, keep, response=self.response)
 
     @property
-    def offset(self) -> Float[Array, "ny nx"]:
+    def offset(self) -> Float[Array | np.ndarray, "ny nx"]:
         """What is added to electrons and image to make both of them Poisson."""
         return self.read_variance if self.response is None else self.read_variance / self.response
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.errors import UndeterminedError
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.kernel_estimate import KernelEstimate, is_detected
+from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
 from jitterkit.loci import Mvn, Stable, locus_name
 from jitterkit.optics.otf import OTF
@@ -27,7 +27,6 @@ from jitterkit.report.words import angle_size, number
 
 __all__ = [
     "blurred_image",
-    "is_undetected",
     "plot_estimate",
     "plot_extended",
     "plot_field",
@@ -63,12 +62,6 @@ def blurred_image(estimate: KernelEstimate, template: Parameters, otf: OTF) -> n
     """The second of :func:`template_images` alone."""
     locus = Mvn.near(estimate.moments) if estimate.locus is None else estimate.locus
     return np.asarray(expected_image(template.with_locus(locus), otf))
-
-
-def is_undetected(estimate: KernelEstimate) -> bool:
-    """Whether no jitter at all would give such moments once in a thousand frames, or more often."""
-    told = bool(np.isfinite(estimate.significance))  # not where nothing is known of its errors
-    return told and not is_detected(estimate.moments, estimate.covariance)
 
 
 def plot_estimate(
@@ -188,7 +181,7 @@ def plot_extended(
 
 
 def _draw_kernel(estimate: KernelEstimate, ax: Any, plate_scale: float | None) -> None:
-    undetected = ", undetected" if is_undetected(estimate) else ""
+    undetected = ", undetected" if estimate.is_undetected else ""
     if estimate.locus is None and estimate.kernel is not None:
         title = f"kernel: {estimate.method}{undetected}"
         plot_kernel_image(estimate.kernel, ax, plate_scale=plate_scale, title=title)

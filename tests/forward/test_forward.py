@@ -1,6 +1,7 @@
 """What holds for every image and every derivative of one."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -191,6 +192,17 @@ def test_a_jacobian_may_be_of_any_chosen_parameters(otf):
     for chosen in [(0,), (1, 7), (6, 8, 12), (9, 11), (12,)]:
         _, part = image_and_jacobian(p, otf, chosen)
         assert np.asarray(part) == pytest.approx(np.asarray(whole)[list(chosen)], abs=1e-9)
+
+
+def test_numbers_of_32_bits_give_derivatives_of_32_bits(otf):
+    p = parameters(otf, LOCI["mvn"])
+    _, exact = image_and_jacobian(p, otf, tuple(range(13)))
+    kinds = {jnp.dtype("float64"): jnp.float32, jnp.dtype("complex128"): jnp.complex64}
+    p, otf = jax.tree.map(lambda a: a.astype(kinds.get(a.dtype, a.dtype)), (p, otf))
+    image, jacobian = image_and_jacobian(p, otf, tuple(range(13)))
+    assert image.dtype == jacobian.dtype == jnp.float32
+    for found, row in zip(np.asarray(jacobian), np.asarray(exact), strict=True):
+        assert found == pytest.approx(row, abs=1e-4 * np.abs(row).max())
 
 
 def test_derivatives_agree_with_automatic_differentiation_of_the_image(otf):
