@@ -17,14 +17,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.estimators.first import SPARE, First, invert, moved, offset_of, within
+from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, within
 from jitterkit.estimators.shape import is_decisive
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 
-__all__ = ["End", "compared", "several"]
+__all__ = ["SETTLED", "End", "compared", "several"]
 
 _PIXELS, _MOST = 2**18, 16
 """Pixels of the frames that are compared together, and how many of these there are at most: the smaller they
@@ -35,6 +35,12 @@ _AROUND = 1.5
 
 _FAR, _CLOSE = 4, 2
 """Steps by the derivatives of the first frame, and by its own."""
+
+SETTLED = 0.05
+"""Standard errors that a further step may be long."""
+
+_SHAPELESS = 0.2
+"""Excess kurtosis up to which the derivatives at none serve."""
 
 _NEARBY, _EXPANSIONS = 3.0, 4
 """Standard errors that the step from an expansion may be long, and how often one is made: from 4 to
@@ -53,12 +59,8 @@ class End(NamedTuple):
     ----------
     parameters : Parameters
         With a ``Shaped`` locus.
-    data : Data
-        The cut-out, with the pixels that were used.
-    offset : (2,) array
-        Of its centre from the frame's, ``(y, x)`` [arcsec].
     values : (p,) array
-        Those of the parameters that are fitted; no kurtosis while it says little.
+        Those of the parameters that are fitted; no kurtosis (zero) while it says little.
     score : (p,) array
     remains : float
         Length of the next step, in standard errors.
@@ -66,12 +68,10 @@ class End(NamedTuple):
         Of chi-squared over what is expected of it, in standard deviations; infinite where the frame is too
         unlike the first for the rest to be believed.
     information : (p, p) array
-        At the normal blur.
+        At the normal blur; at the blur's own, where its shape is told and is another.
     """
 
     parameters: Parameters
-    data: Data
-    offset: Float[Array, "2"]
     values: Float[Array, " p"]
     score: Float[Array, " p"]
     remains: Float[Array, ""]
@@ -153,23 +153,21 @@ def _compared(first: First, data: Data) -> End:
         return _expanded(first, data, here.values + here.step(normal)), n + 1
 
     here, _ = jax.lax.while_loop(go_on, expand, (_expanded(first, data, values), 1))
-    _, errors = invert(here.information, normal | True)
-    covariance, _ = invert(here.information, normal | is_decisive(errors[first.kurtosis]))
-    values, score = here.values, here.score
-    seen = _single(jax.tree.map(partial(within, first.rim), here.data))
-    for _ in range(_CLOSE):
-        values = values + covariance @ score
-        end = first.at(values)
-        end = end.with_locus(Shaped(end.locus.coords))
-        image = _single(within(first.rim, expected_image(end, here.otf)))
-        score = equations_of(image, here.jacobian, seen).score
-    chi2, pixels, spread = chi_squared(image, seen)
     alike = jnp.all(jnp.abs(shift) < SPARE) & (light < _BRIGHTER) & (light > 1 / _BRIGHTER)
     alike &= here.length(normal) < _NEARBY
-    excess = jnp.where(alike, (chi2 - pixels) / spread, jnp.inf)
+    _, errors = invert(here.information, normal | True)
+    shape_err = errors[first.kurtosis]
+    end = _closer(first, here, normal | is_decisive(shape_err))
+
+    def by_its_own_shape():
+        return _closer(first, _expanded(first, data, end.values, Shaped), normal | True)
+
+    shape = jnp.abs(end.values[first.kurtosis])
+    far = (shape >= jnp.maximum(_SHAPELESS, 2 * shape_err)) | (end.remains >= SETTLED)
+    end = jax.lax.cond(is_decisive(shape_err) & far, by_its_own_shape, lambda: end)
     offset = offset_of(corner, size, whole) * first.otf.grid.plate_scale
-    remains = jnp.sqrt(score @ covariance @ score)
-    return End(moved(end, offset), here.data, offset, values, score, remains, excess, here.information)
+    excess = jnp.where(alike, end.excess, jnp.inf)
+    return end._replace(parameters=moved(end.parameters, offset), excess=excess)
 
 
 def _near(first: First, seen):
@@ -195,7 +193,7 @@ def _near(first: First, seen):
 
 
 class _Expansion(NamedTuple):
-    """A frame about values of what is fitted, with a normal blur.
+    """A frame about values of what is fitted.
 
     Attributes
     ----------
@@ -225,8 +223,8 @@ class _Expansion(NamedTuple):
         return jnp.sqrt(self.score @ self.step(varied))
 
 
-def _expanded(first: First, data: Data, values) -> _Expansion:
-    here, inner = first.at(values), partial(within, first.rim)
+def _expanded(first: First, data: Data, values, locus: type[Shaped] = Fourth) -> _Expansion:
+    here, inner = _with(locus, first.at(values)), partial(within, first.rim)
     otf = first.anchor.otf(here.aberrations)
     image = expected_image(here, otf)
     _, jacobian = image_and_jacobian(_single(here), _single(otf), first.free)
@@ -237,6 +235,25 @@ def _expanded(first: First, data: Data, values) -> _Expansion:
     _, score, information = equations_of(_single(inner(image)), jacobian, seen)
     kind = values.dtype
     return _Expansion(values, otf, data, jacobian, score.astype(kind), information.astype(kind))
+
+
+def _closer(first: First, here: _Expansion, varied) -> End:
+    """A few steps of what is varied, by the derivatives of an expansion."""
+    covariance, _ = invert(here.information, varied)
+    values, score = here.values, here.score
+    seen = _single(jax.tree.map(partial(within, first.rim), here.data))
+    for _ in range(_CLOSE):
+        values = values + covariance @ score
+        end = _with(Shaped, first.at(values))
+        image = _single(within(first.rim, expected_image(end, here.otf)))
+        score = equations_of(image, here.jacobian, seen).score
+    chi2, pixels, spread = chi_squared(image, seen)
+    remains = jnp.sqrt(score @ covariance @ score)
+    return End(end, values, score, remains, (chi2 - pixels) / spread, here.information)
+
+
+def _with(locus: type[Shaped], parameters: Parameters) -> Parameters:
+    return parameters.with_locus(locus(parameters.locus.coords))
 
 
 def _cut_out(first: First, data: Data):

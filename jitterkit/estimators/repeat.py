@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.fft import next_fast_len
 
-from jitterkit.estimators.compare import End, compared, several
+from jitterkit.estimators.compare import SETTLED, End, compared, several
 from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, within
-from jitterkit.estimators.shape import doubted, fit_shape, is_decisive
+from jitterkit.estimators.shape import doubted
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, parameter_names, to_vector
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -49,14 +49,8 @@ _ASKED_FOR = frozenset({*Binary.names, *Fourth.names})
 _DARK = 1e-5
 """Share of the brightest pixel that no variance falls below, where the way depends on it, not the goal."""
 
-_SETTLED = 0.05
-"""Standard errors that a further step may be long."""
-
 _SURE = 5.0
 """Standard deviations by which chi-squared may exceed what is expected of it."""
-
-_SHAPELESS = 0.2
-"""Excess kurtosis up to which the derivatives at none serve."""
 
 _UNSEEN = 0.5
 """Sigmas of the whole image that the anchor may leave out.  Of the errors of the moments it is a fiftieth on
@@ -73,8 +67,7 @@ class Repeated(NamedTuple):
     ----------
     estimate : KernelEstimate
     parameters : Parameters
-        Everything that was fitted, with a ``Shaped`` locus; where that is far from a normal, the others are
-        those that go with the derivatives of one.
+        Everything that was fitted, with a ``Shaped`` locus.
     near : bool
         Whether the wavefront is near that of the first frame; if not, others may soon be out of reach.
     """
@@ -203,40 +196,26 @@ class Repeat:
 
     def told(self, end: End) -> Repeated | None:
         """What the comparison of a frame tells; None if it does not repeat what this one has shown."""
-        values, score, remains, excess, information = end[3:]
-        optics = replace(self.optics, photons=max(float(values[self.first.names.index("flux")]), 1.0))
-        left_out = optics.left_out(end.parameters.aberrations)
-        if not (excess < _SURE and left_out < _UNSEEN):
+        photons = max(float(end.values[self.first.names.index("flux")]), 1.0)
+        left_out = replace(self.optics, photons=photons).left_out(end.parameters.aberrations)
+        if not (end.excess < _SURE and left_out < _UNSEEN and end.remains < SETTLED):
             return None
-        estimate = self._estimate(end.parameters, values, score, information)
-        near = left_out < _NEAR**3 * _UNSEEN
-        shapeless = estimate.locus is None or abs(estimate.shape) < max(_SHAPELESS, 2 * estimate.shape_err)
-        if shapeless and remains < _SETTLED:
-            return Repeated(estimate, end.parameters, near)
-        return None if estimate.locus is None else self._expanded(end, near)
+        return Repeated(self._estimate(end), end.parameters, left_out < _NEAR**3 * _UNSEEN)
 
-    def _expanded(self, end: End, near: bool) -> Repeated | None:
-        """With derivatives at the blur's own shape."""
-        otf = self.first.anchor.otf(end.parameters.aberrations)
-        blur = fit_shape(moved(end.parameters, -end.offset), otf, end.data, self.hold)
-        if blur is None:
-            return None
-        return Repeated(_with_shape(blur.locus, blur.covariance), end.parameters.with_locus(blur.locus), near)
-
-    def _estimate(self, parameters: Parameters, values, score, information) -> KernelEstimate:
+    def _estimate(self, end: End) -> KernelEstimate:
         """As :func:`~jitterkit.estimators.score.estimate_score` has it."""
         k = self.first.kurtosis
-        covariance, _ = invert_information(information)
+        covariance, _ = invert_information(end.information)
+        if end.values[k]:
+            return _with_shape(end.parameters.locus, covariance[k - 3 : k + 1, k - 3 : k + 1])
         variance = covariance[k, k]
-        if is_decisive(np.sqrt(variance)):
-            return _with_shape(parameters.locus, covariance[k - 3 : k + 1, k - 3 : k + 1])
         response = -covariance[k] / variance
         held = covariance - variance * np.outer(response, response)
-        moments, spread = values[k - 3 : k], held[k - 3 : k, k - 3 : k]
+        moments, spread = np.asarray(end.values[k - 3 : k]), held[k - 3 : k, k - 3 : k]
         if not is_detected(moments, spread):
             return KernelEstimate(moments, spread, "score")
         doubt = doubted(spread, response[k - 3 : k])
-        shape, shape_err = float(covariance[k] @ score), float(np.sqrt(variance))
+        shape, shape_err = float(covariance[k] @ end.score), float(np.sqrt(variance))
         return KernelEstimate(moments, doubt, "score", shape=shape, shape_err=shape_err)
 
 
