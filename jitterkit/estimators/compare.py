@@ -1,7 +1,7 @@
 """The one compiled program that compares frames with the one that they repeat.
 
-Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which judges what comes of it.  Derivatives and what
-is summed over pixels are in 32 bits; images, and what moves them, are not.
+Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which judges what comes of it.  Derivatives, what
+is summed over pixels and what is only to come near are in 32 bits; images, and what moves them, are not.
 """
 
 from __future__ import annotations
@@ -262,7 +262,8 @@ def _cut_out(first: First, data: Data):
     """
     whole = jax.lax.cond(jnp.all(data.used), lambda data: data.electrons, _without_holes, data)
     match = jnp.fft.irfft2(jnp.fft.rfft2(whole) * first.matched, s=whole.shape)
-    row, column = jnp.unravel_index(jnp.argmax(match), match.shape)
+    row = jnp.argmax(jnp.max(match, axis=1))  # and then within it: a fourth of the time of both at once
+    column = jnp.argmax(match[row])
     shift = jnp.stack([_peak(match[:, column], row), _peak(match[row], column)])
     steps, shape = jnp.round(shift).astype(int), first.otf.grid.shape
     corner = jnp.clip(first.corner + steps, 0, np.subtract(match.shape, shape))
@@ -294,8 +295,8 @@ def _at_first(data: Data, near, shift):
     light = jnp.sum(jnp.where(data.used, data.electrons, 0.0)) / jnp.sum(jnp.where(data.used, near, 0.0))
     counts = jnp.where(data.used, data.electrons, light * near)
     fy, fx = np.fft.fftfreq(counts.shape[0])[:, None], np.fft.rfftfreq(counts.shape[1])[None]
-    turn = jnp.exp(2j * np.pi * fy * shift[0]) @ jnp.exp(2j * np.pi * fx * shift[1])
-    return jnp.fft.irfft2(jnp.fft.rfft2(counts) * turn, s=counts.shape) / light, light
+    turn = _single(jnp.exp(2j * np.pi * fy * shift[0]) @ jnp.exp(2j * np.pi * fx * shift[1]))
+    return jnp.fft.irfft2(jnp.fft.rfft2(_single(counts / light)) * turn, s=counts.shape), light
 
 
 def _single(tree):
