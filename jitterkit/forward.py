@@ -210,7 +210,8 @@ def _pixel(otf: OTF, diffusion):
 
 def _round(variance):
     """A normal blur of one variance along both axes [arcsec²]."""
-    return Mvn(variance * jnp.array([1.0, 0.0, 1.0]))
+    variance = jnp.asarray(variance)
+    return Mvn(variance * jnp.array([1.0, 0.0, 1.0], variance.dtype))
 
 
 def _to_pixels(spectrum, grid, shutter):
@@ -223,8 +224,9 @@ def _to_pixels(spectrum, grid, shutter):
         share, transfer = window
         return image + share[:, None] * _to_pixels(spectrum * transfer, grid, None), None
 
-    dark = jnp.zeros((*spectrum.shape[:-2], *grid.shape), spectrum.real.dtype)
-    windows = (jnp.asarray(shutter.blend(ny)), shutter.transfers(fx, fy, ny))
+    kind = spectrum.real.dtype
+    dark = jnp.zeros((*spectrum.shape[:-2], *grid.shape), kind)
+    windows = jnp.asarray(shutter.blend(ny), kind), shutter.transfers(fx, fy, ny).astype(spectrum.dtype)
     return jax.lax.scan(add, dark, windows)[0]
 
 

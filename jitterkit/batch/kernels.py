@@ -150,17 +150,17 @@ class _Ready(NamedTuple):
         Of its batch.
     begun : Any
         By it; or the frame itself, where there was trouble: the thread will say which, or it is over.
-    digest : str
-        Of its pixels; empty where nothing has begun.
+    digest : str or None
+        Of its pixels; None where nothing has begun.
     """
 
     measurer: Measurer[Any]
     begun: Any
-    digest: str = ""
+    digest: str | None = None
 
     def again(self) -> _Ready:
         """Begun at last."""
-        if self.digest:
+        if self.digest is not None:
             return self
         if isinstance(self.begun, Exception):
             raise self.begun
@@ -168,7 +168,7 @@ class _Ready(NamedTuple):
 
     def told(self, measure: Callable[[], Measured | FitResult]) -> tuple[Measured | FitResult, str]:
         """What measuring it gives."""
-        return measure(), self.digest
+        return measure(), self.digest or ""
 
 
 def _begin(measurer: Measurer[Any], path: Path, index: int, raw: RawFrame | JitterkitError) -> _Ready:
@@ -188,6 +188,8 @@ def _measure(frames: list[_Ready], last: bool) -> list[_Result]:
     ready = [_tried(frame.again, last) for frame in frames]
     sound = [one for one in ready if isinstance(one, _Ready)]
     many = _tried(partial(frames[0].measurer.measure, [one.begun for one in sound]), last)
+    if isinstance(many, Exception) and len(frames) > 1:  # whose it is shows each alone
+        return [result for frame in frames for result in _measure([frame], last)]
     if isinstance(many, Exception):
         return [one if isinstance(one, Exception) else many for one in ready]
     each = iter(many)
@@ -201,9 +203,9 @@ def _alone(frame: _Ready) -> list[_Result]:
     try:
         return _measure([frame], False)
     except Exception as error:
-        if out_of_memory(error):
-            return _measure([frame], True)
-        raise
+        if not out_of_memory(error):
+            raise
+    return _measure([frame], True)  # not where the error still holds what it was made of
 
 
 def _tried(do: Callable[[], Begun], last: bool) -> Begun | Exception:

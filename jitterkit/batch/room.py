@@ -93,4 +93,4 @@ class Room:
         with self._changed:
             if 0 < places < self._places:
                 self._places = places
-                log.warning("Memory ran out: no more than %d frames at a time from here on.", places)
+                log.warning("Memory ran out: no more than %d threads work at a time from here on.", places)

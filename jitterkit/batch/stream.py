@@ -1,7 +1,7 @@
 """Frames worked through as they are read: the engine of a run.
 
 Reach for :func:`process_batches`.  Frames are read and calibrated one after the other while threads fit
-those before; no more than a few are held at a time, however many there are.  Frames of a batch that one
+those before; no more than some dozens are held at a time, however many there are.  Frames of a batch that one
 telescope took are fitted about one :class:`~jitterkit.optics.Anchor`, and begun where one of them repeats
 another (:class:`~jitterkit.estimators.repeat.Repeat`), twenty times as fast; what is left out of their
 optics stays below what a single fit leaves out, 0.1 sigma of the whole image.
@@ -142,7 +142,7 @@ def in_threads(
         Called in a thread with some frames as they were prepared, and whether it is alone
         (:meth:`Room.do`); returns what comes of each.
     handful : int
-        Frames of a batch that are worked on together.
+        Frames of a batch that are worked on together, or fewer, so that there is something for every thread.
     hdu, threads
         As for :func:`process_batches`.
 
@@ -162,7 +162,8 @@ def in_threads(
                 tasks: list[Future[list[T]]] = []
                 waiting.append((batch, tasks))
                 ready = (prepare(*entry) for entry in read_items(batch.items, hdu))
-                while some := list(islice(ready, handful)):
+                size = max(1, min(handful, len(batch.items) // threads))
+                while some := list(islice(ready, size)):
                     ahead.acquire()
                     tasks.append(pool.submit(room.do, partial(work, some)))
                     tasks[-1].add_done_callback(lambda _: ahead.release())

@@ -2,10 +2,10 @@
 
 Frames of one telescope repeat each other but for place, light, blur and a little of the wavefront.  A
 :class:`Repeat` is made from what one frame has told.  Another is registered to it by a correlation and moved
-onto it; a few steps by the first frame's derivatives come near, and one expansion there gives the blur, tests
-its shape, and tells whether to believe it.  All is fitted that
-:func:`~jitterkit.estimators.score.estimate_score` fits; of the frame only a cut-out is used, so small that
-the errors of a frame like the first grow by a hundredth.
+onto it; a few steps by the first frame's derivatives come near, and an expansion there gives the blur, tests
+its shape, and tells whether to believe it; where the shape is told, others are made at it.  All is fitted
+that :func:`~jitterkit.estimators.score.estimate_score` fits; of the frame only a cut-out is used, so small
+that the errors of a frame like the first grow by a hundredth.
 """
 
 from __future__ import annotations
@@ -87,13 +87,10 @@ class Repeat:
         The frame.
     optics : AnchoredOptics
         Of the telescope; tells how far they reach.
-    hold : collection of str
-        Parameters that are kept.
     """
 
     first: First
     optics: AnchoredOptics
-    hold: Collection[str]
 
     @classmethod
     def of(
@@ -152,7 +149,7 @@ class Repeat:
             free,
             names,
         )
-        return cls(first, optics, hold)
+        return cls(first, optics)
 
     def estimate(self, data: Data) -> Repeated | None:
         """Estimate the blur of another frame.

@@ -142,7 +142,7 @@ class RawFrame(Placed):
 
 @dataclass(frozen=True, eq=False)
 class Frame(Placed):
-    """One image in electrons, ready to be fitted.
+    """One image in electrons, ready to be fitted.  Arrays are kept as they are given, not copied.
 
     Parameters
     ----------

@@ -58,8 +58,9 @@ class Data(eqx.Module):
         self.electrons = np.where(used, electrons, 0.0)
         self.read_variance = np.broadcast_to(np.asarray(read_variance, float), electrons.shape)
         self.used = used
+        response = None if response is None else np.asarray(response, float)
         self.response = None if response is None else np.broadcast_to(response, electrons.shape)
-        ceiling = None if ceiling is None else np.minimum(ceiling, _NO_CEILING)
+        ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), _NO_CEILING)
         self.ceiling = None if ceiling is None else np.broadcast_to(ceiling, electrons.shape)
         self.full = None if full is None else np.asarray(full, bool)
 

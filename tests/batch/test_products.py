@@ -140,6 +140,21 @@ def test_of_a_handful_each_frame_has_a_row_of_its_own(folder, tmp_path):
     assert "" not in digests
 
 
+def test_what_breaks_down_together_is_measured_one_by_one(folder):
+    class Fragile(_Same):
+        def measure(self, begun):
+            if any(raw.name == "view.fits" for raw in begun):
+                raise np.linalg.LinAlgError("Singular matrix")
+            return super().measure(begun)
+
+    files = [folder / name for name in ("field.fits", "view.fits", "sharpview.fits")]
+    table = estimate_files(files, Fragile(SceneMeasurer(stars=True).measure_one))
+    assert list(table["file"]) == [path.name for path in files]
+    assert list(table["message"]).count("Singular matrix") == 1
+    assert table["message"][1] == "Singular matrix"
+    assert table["status"][0] == "ok"
+
+
 @pytest.mark.parametrize(("size", "told"), [(0.5, True), (5.0, False)])
 def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path, size, told):
     def measured(raw):

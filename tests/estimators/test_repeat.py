@@ -12,7 +12,7 @@ from jitterkit.forward import expected_image
 from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.locate import locate_binary
-from jitterkit.loci import Linear, Mvn
+from jitterkit.loci import Linear, Mvn, Shm
 from jitterkit.optics import obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame
@@ -84,6 +84,22 @@ def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
     assert off @ np.linalg.solve(estimate.covariance, off) < 16.3  # once in a thousand, of three degrees
     assert estimate.shape == pytest.approx(-1.2, abs=4 * estimate.shape_err)  # of a uniform density
     assert estimate.shape_err < 0.3
+
+
+@pytest.mark.parametrize("flux", [3e5, FLUX])
+@pytest.mark.parametrize("locus", [Linear.of(1.5, 35.0), Linear.of(2.1, 80.0), Shm.of(1.2, 35.0)])
+def test_a_streak_as_large_as_the_image_repeats_too(telescope, flux, locus):
+    shown = locate_binary(
+        Data.of(draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=1, flux=flux)), telescope.system()
+    )
+    repeat = Repeat.of(shown.parameters, telescope.system())
+    frame = Data.of(draw(telescope, locus, seed=11, flux=flux))
+    quick, *_ = repeat.estimate(frame)
+    start = locate_binary(frame, telescope.system())
+    whole = estimate_score(frame, start.parameters, start.otf)
+    np.testing.assert_allclose(quick.errors, whole.errors, rtol=0.04)
+    np.testing.assert_array_less(np.abs(quick.moments - whole.moments), 0.5 * whole.errors)
+    assert quick.shape == pytest.approx(whole.shape, abs=0.5 * whole.shape_err)
 
 
 def test_a_pair_far_from_the_first_is_found_there_unless_the_frame_ends(telescope, repeat):

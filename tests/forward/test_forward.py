@@ -15,6 +15,7 @@ from jitterkit.forward import (
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import Grid, expand, lines, obstructed_circle
 from jitterkit.scene import Binary
+from jitterkit.shutter import Drifting
 
 NOLL = (4, 5, 7)
 LOCI = {
@@ -194,12 +195,15 @@ def test_a_jacobian_may_be_of_any_chosen_parameters(otf):
         assert np.asarray(part) == pytest.approx(np.asarray(whole)[list(chosen)], abs=1e-9)
 
 
-def test_numbers_of_32_bits_give_derivatives_of_32_bits(otf):
+@pytest.mark.parametrize("more", [{}, {"diffusion": 0.01, "shutter": Drifting(1e-4, (30.0, -70.0))}])
+def test_numbers_of_32_bits_give_derivatives_of_32_bits(otf, more):
     p = parameters(otf, LOCI["mvn"])
-    _, exact = image_and_jacobian(p, otf, tuple(range(13)))
+    p = Parameters(p.scene, p.locus, p.aberrations, p.background, **more)
+    free = tuple(range(13 + ("diffusion" in more)))
+    _, exact = image_and_jacobian(p, otf, free)
     kinds = {jnp.dtype("float64"): jnp.float32, jnp.dtype("complex128"): jnp.complex64}
     p, otf = jax.tree.map(lambda a: a.astype(kinds.get(a.dtype, a.dtype)), (p, otf))
-    image, jacobian = image_and_jacobian(p, otf, tuple(range(13)))
+    image, jacobian = image_and_jacobian(p, otf, free)
     assert image.dtype == jacobian.dtype == jnp.float32
     for found, row in zip(np.asarray(jacobian), np.asarray(exact), strict=True):
         assert found == pytest.approx(row, abs=1e-4 * np.abs(row).max())
