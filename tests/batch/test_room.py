@@ -77,7 +77,7 @@ def test_fewer_work_at_a_time_after_memory_has_run_out(crowd, fits, caplog):
         done = list(pool.map(room.do, map(task, range(30))))
     assert done == list(range(30))
     assert max(crowd.most[-20:]) <= fits
-    assert f"no more than {fits} frames at a time" in caplog.text
+    assert f"no more than {fits} threads work at a time" in caplog.text
 
 
 def test_one_that_has_no_memory_even_alone_takes_no_place_from_the_others(crowd):
