@@ -1,7 +1,8 @@
 """The one compiled program that compares frames with the one that they repeat.
 
 Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which judges what comes of it.  Derivatives, what
-is summed over pixels and what is only to come near are in 32 bits; images, and what moves them, are not.
+is summed over pixels and what is only to come near are in 32 bits; the images at the end, and what moves
+them, are not.
 """
 
 from __future__ import annotations
@@ -187,9 +188,9 @@ def _near(first: First, seen):
     """
     values, before = first.values, None
     for _ in range(_FAR):
-        rest = within(first.rim, seen - expected_image(first.at(values), first.otf))
-        score = jnp.tensordot(first.slopes, rest.astype(jnp.float32), 2)
-        step = first.covariance @ score
+        image = expected_image(*_single((first.at(values), first.otf)))
+        score = jnp.tensordot(first.slopes, within(first.rim, seen - image), 2)
+        step = first.covariance @ score.astype(values.dtype)
         there = (step, score, values + step)
         values = values + step
         if before is not None:
@@ -207,17 +208,17 @@ class _Expansion(NamedTuple):
     ----------
     values : (p,) array
     otf : OTF
-    data : Data
-        With the pixels that are used there.
+    seen : Data
+        Of the frame, within the rim, with the pixels that are used there.
     jacobian : (p, my, mx) array
-        Of the image, within the rim.
+        Of the image, likewise.
     score : (p,) array
     information : (p, p) array
     """
 
     values: Float[Array, " p"]
     otf: OTF
-    data: Data
+    seen: Data
     jacobian: Float[Array, "p my mx"]
     score: Float[Array, " p"]
     information: Float[Array, "p p"]
@@ -234,30 +235,27 @@ class _Expansion(NamedTuple):
 def _expanded(first: First, data: Data, values, locus: type[Shaped] = Fourth) -> _Expansion:
     here, inner = _with(locus, first.at(values)), partial(within, first.rim)
     otf = first.anchor.otf(here.aberrations)
-    image = expected_image(here, otf)
     # in 32 bits the derivatives of a streak of three times the resolution are not good enough
     parameters, optics = (here, otf) if locus is Shaped else _single((here, otf))
-    _, jacobian = image_and_jacobian(parameters, optics, first.free)
-    used = is_clear(image, data) & _inside(first.rim, first.otf.grid.shape)
-    parts, clear = (lambda d: (d.used, d.ceiling, d.full)), (used, None, None)
-    data = eqx.tree_at(parts, data, clear, is_leaf=lambda part: part is None)
-    jacobian, seen = _single(inner(jacobian)), _single(jax.tree.map(inner, data))
-    _, score, information = equations_of(_single(inner(image)), jacobian, seen)
+    image, jacobian = (_single(inner(part)) for part in image_and_jacobian(parameters, optics, first.free))
+    seen = _single(jax.tree.map(inner, data))
+    parts, clear = (lambda d: (d.used, d.ceiling, d.full)), (is_clear(image, seen), None, None)
+    seen = eqx.tree_at(parts, seen, clear, is_leaf=lambda part: part is None)
+    _, score, information = equations_of(image, jacobian, seen)
     kind = values.dtype
-    return _Expansion(values, otf, data, jacobian, score.astype(kind), information.astype(kind))
+    return _Expansion(values, otf, seen, jacobian, score.astype(kind), information.astype(kind))
 
 
 def _closer(first: First, here: _Expansion, varied) -> End:
     """A few steps of what is varied, by the derivatives of an expansion."""
     covariance, _ = invert(here.information, varied)
     values, score = here.values, here.score
-    seen = _single(jax.tree.map(partial(within, first.rim), here.data))
     for _ in range(_CLOSE):
         values = values + covariance @ score
         end = _with(Shaped, first.at(values))
         image = _single(within(first.rim, expected_image(end, here.otf)))
-        score = equations_of(image, here.jacobian, seen).score
-    chi2, pixels, spread = chi_squared(image, seen)
+        score = equations_of(image, here.jacobian, here.seen).score
+    chi2, pixels, spread = chi_squared(image, here.seen)
     remains = jnp.sqrt(score @ covariance @ score)
     return End(end, values, score, remains, (chi2 - pixels) / spread, here.information)
 
@@ -271,7 +269,7 @@ def _cut_out(first: First, data: Data):
     how far ``(y, x)`` [pixels] the pair is in it from where the first frame has it, to about a tenth.
     """
     whole = jax.lax.cond(jnp.all(data.used), lambda data: data.electrons, _without_holes, data)
-    match = jnp.fft.irfft2(jnp.fft.rfft2(whole) * first.matched, s=whole.shape)
+    match = jnp.fft.irfft2(jnp.fft.rfft2(_single(whole)) * first.matched, s=whole.shape)
     row = jnp.argmax(jnp.max(match, axis=1))  # and then within it: a fourth of the time of both at once
     column = jnp.argmax(match[row])
     shift = jnp.stack([_peak(match[:, column], row), _peak(match[row], column)])
@@ -311,9 +309,3 @@ def _at_first(data: Data, near, shift):
 
 def _single(tree):
     return jax.tree.map(lambda a: a.astype(_SINGLE.get(a.dtype, a.dtype)), tree)
-
-
-def _inside(rim: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
-    inside = np.zeros(shape, bool)
-    within(rim, inside)[...] = True
-    return inside

@@ -143,7 +143,7 @@ class Repeat:
             slopes,
             invert(information, np.arange(len(names)) != kurtosis)[0],
             jnp.asarray(whole),
-            jnp.conj(jnp.fft.rfft2(whole - whole.mean())),
+            jnp.conj(jnp.fft.rfft2(whole - whole.mean())).astype(jnp.complex64),
             jnp.asarray(corner),
             rim,
             free,
