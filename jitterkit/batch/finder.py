@@ -126,7 +126,7 @@ class Finder:
             raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
         frame = self.instrument.detector.calibrate(raw)
         flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
-        return replace(frame, flags=flags, digest=digest)
+        return frame.told(flags=flags, digest=digest)
 
     def estimate(self, frame: Frame, *, rough: bool = False) -> Estimated | FitResult:
         """Find the pair and estimate the kernel, or say why not.

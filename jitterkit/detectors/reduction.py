@@ -48,7 +48,7 @@ def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
     full = counts.full & ~raw.mask
     return Frame(
         electrons=counts.electrons / response,
-        read_variance=np.broadcast_to(counts.variance, raw.shape),
+        read_variance=np.asarray(counts.variance),
         mask=raw.mask | counts.full | bad,
         exposure=metadata.value("exposure"),
         plate_scale=metadata.value("plate_scale"),

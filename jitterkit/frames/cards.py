@@ -55,8 +55,9 @@ class Cards:
     def find(self, key: str) -> tuple[Any, str, str] | None:
         """Return ``(value, comment, source)`` of a keyword, or None."""
         for header, hdu in self.layers:
-            if key in header and not _undefined(header[key]):
-                return header[key], _comment(header, key), f"header {key} (HDU {hdu})"
+            value = header.get(key)
+            if not _undefined(value):
+                return value, _comment(header, key), f"header {key} (HDU {hdu})"
         return None
 
     def text(self, key: str) -> str:

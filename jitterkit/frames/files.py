@@ -14,11 +14,12 @@ from pathlib import Path
 
 from jitterkit.errors import FrameError
 
-__all__ = ["EXTENSIONS", "find_files", "is_gzip", "sniff"]
+__all__ = ["EXTENSIONS", "GZIP", "find_files", "sniff"]
 
 #: What is looked for in a directory, in lower case.
 EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
 
+#: How a gzip begins.
 GZIP = b"\x1f\x8b"
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 #: How files begin that people hand in by mistake, and what to call them.
@@ -96,12 +97,6 @@ def sniff(path: Path) -> str:
     if start.startswith(TIFF):
         return "TIFF"
     raise FrameError(path, f"is {_describe(start)}, not a FITS or TIFF file", REMEDY)
-
-
-def is_gzip(path: Path) -> bool:
-    """Tell whether a file is gzipped, by its content."""
-    with path.open("rb") as handle:
-        return handle.read(2) == GZIP
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -200,7 +200,10 @@ class Frame(Placed):
 
     def __post_init__(self) -> None:
         electrons = image_of("electrons", self.electrons)
-        variance = matching("read_variance", self.read_variance, electrons.shape, np.float64)
+        given = np.asarray(self.read_variance)
+        if not (np.isfinite(given) & (given >= 0)).all():
+            raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
+        variance = matching("read_variance", given, electrons.shape, np.float64)
         mask = matching("mask", self.mask, electrons.shape, bool)
         finite = np.isfinite(electrons)
         if not finite.all():
@@ -215,8 +218,6 @@ class Frame(Placed):
             raise JitterkitError(
                 "response has values that are not positive; mask a dead pixel and give it 1."
             )
-        if not (np.isfinite(variance) & (variance >= 0)).all():
-            raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
         require_positive("exposure", self.exposure, "s", zero_allowed=True)
         require_positive("plate_scale", self.plate_scale, "arcsec/pixel")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jitterkit.errors import FrameError
-from jitterkit.frames.files import is_gzip
+from jitterkit.frames.files import GZIP
 from jitterkit.frames.hdu import CARD, DAMAGED, MOST_AXES, Unit, product_of
 from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
@@ -34,7 +34,11 @@ MOST_PACKING = 1100
 
 def open_bytes(path: Path) -> BinaryIO:
     """Open a file for its bytes, unzipped where it is gzipped."""
-    return gzip.open(path) if is_gzip(path) else path.open("rb")  # type: ignore[return-value]
+    handle = path.open("rb")
+    if not handle.peek(len(GZIP)).startswith(GZIP):
+        return handle
+    handle.close()
+    return gzip.open(path)  # type: ignore[return-value]
 
 
 def walk(path: Path, handle: BinaryIO) -> Iterator[Unit]:

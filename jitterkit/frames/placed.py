@@ -69,6 +69,18 @@ class Placed:
         origin = (self.origin[0] + x0, self.origin[1] + y0)
         return replace(self, **arrays, origin=origin)  # type: ignore[type-var]
 
+    def told(self, **facts: Any) -> Self:
+        """The same pixels, of which more is known: what was checked of them, and their digest, still holds.
+
+        Parameters
+        ----------
+        **facts
+            By field; no pixels among them.
+        """
+        other = object.__new__(type(self))
+        vars(other).update(vars(self), **facts)
+        return other
+
     def _arrays(self) -> dict[str, np.ndarray]:
         return {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
 

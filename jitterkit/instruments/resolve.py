@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
@@ -41,4 +40,4 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     metadata = raw.metadata.apply("command line", **(overrides or {}))
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
-    return replace(raw, metadata=instrument.detector.inform(metadata))
+    return raw.told(metadata=instrument.detector.inform(metadata))

@@ -79,10 +79,7 @@ class Data(eqx.Module):
         """
         flat = None if np.all(frame.response == 1) else frame.response
         used = ~frame.mask
-        counts = np.where(used, frame.electrons * frame.response + frame.read_variance, 0.0)
-        level = frame.response * frame.ceiling + frame.read_variance
-        # a root's error is 1/2
-        near = np.any(frame.full) or np.any(np.sqrt(counts.clip(0)) + _NEAR / 2 > np.sqrt(level))
+        near = np.any(frame.full) or _comes_near(frame, used)
         return cls(
             frame.electrons,
             frame.read_variance,
@@ -119,6 +116,20 @@ class Data(eqx.Module):
     def weight(self):
         """Counts before the division by the response, of an electron after it."""
         return 1.0 if self.response is None else self.response
+
+
+def _comes_near(frame: Frame, used: np.ndarray) -> bool:
+    """Whether some reading lies so near its ceiling that a pixel's expectation may reach it."""
+    counts = np.where(used, frame.electrons * frame.response + frame.read_variance, 0.0)
+    level = frame.response * frame.ceiling + frame.read_variance
+    # of most frames not even the brightest is near the lowest; a map may lack a pixel's ceiling
+    if not _near(np.max(counts), np.fmin.reduce(level, axis=None)):
+        return False
+    return bool(np.any(_near(counts, level)))
+
+
+def _near(counts, level):
+    return np.sqrt(np.maximum(counts, 0.0)) + _NEAR / 2 > np.sqrt(level)  # a root's error is 1/2
 
 
 @eqx.filter_jit

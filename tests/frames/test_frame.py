@@ -103,6 +103,15 @@ def test_a_region_must_lie_inside(box):
         RawFrame.from_array(IMAGE).region(*box)
 
 
+def test_what_is_told_of_a_frame_changes_neither_its_pixels_nor_their_digest():
+    raw = RawFrame.from_array(IMAGE, gain=2.0)
+    digest = raw.digest
+    told = raw.told(metadata=raw.metadata.override("argument", gain=3.0))
+    assert (told.metadata.value("gain"), raw.metadata.value("gain")) == (3.0, 2.0)
+    assert told.data is raw.data
+    assert told.digest == digest == RawFrame.from_array(IMAGE).digest
+
+
 def test_variance_is_photons_plus_readout_and_never_less_than_readout():
     frame = Frame(IMAGE - 2, 9.0)
     np.testing.assert_array_equal(frame.variance, np.maximum(IMAGE - 2, 0) + 9)

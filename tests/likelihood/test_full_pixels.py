@@ -119,6 +119,17 @@ def test_a_frame_without_anything_near_its_ceiling_has_none(truth, otf):
     assert Data.of(frame, censored=True).full is None
 
 
+def test_one_pixel_near_its_own_ceiling_is_enough_and_one_without_a_ceiling_hides_none(truth, otf):
+    electrons = np.asarray(expected_image(truth, otf)).clip(0)
+    ceiling = np.full(electrons.shape, 1e6)
+    faintest = np.unravel_index(electrons.argmin(), electrons.shape)
+    ceiling[faintest] = np.nan
+    assert Data.of(Frame(electrons, 9.0, ceiling=ceiling)).ceiling is None
+    ceiling[faintest] = electrons[faintest] + 10.0
+    ceiling[0, 0] = np.nan
+    assert Data.of(Frame(electrons, 9.0, ceiling=ceiling)).ceiling is not None
+
+
 def test_chi_squared_leaves_out_what_may_be_full(truth, otf, rng):
     frame = clipped(truth, otf, rng)
     image = np.asarray(expected_image(truth, otf))
