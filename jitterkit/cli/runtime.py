@@ -67,7 +67,7 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
         directory = cache_directory() / "compiled"
         directory.mkdir(parents=True, exist_ok=True)
         jax.config.update("jax_compilation_cache_dir", str(directory))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # 70 small ones take 2 s
 
 
 def _share_heaps() -> None:
