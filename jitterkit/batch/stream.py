@@ -1,7 +1,7 @@
 """Frames worked through as they are read: the engine of a run.
 
 Reach for :func:`process_batches`.  Frames are read and calibrated one after the other while threads fit
-those before; no more than some dozens are held at a time, however many there are.  Frames of a batch that one
+those before; no more than two batches are held at a time, however many there are.  Frames of a batch that one
 telescope took are fitted about one :class:`~jitterkit.optics.Anchor`, and begun where one of them repeats
 another (:class:`~jitterkit.estimators.repeat.Repeat`), twenty times as fast; what is left out of their
 optics stays below what a single fit leaves out, 0.1 sigma of the whole image.

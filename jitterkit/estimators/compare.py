@@ -173,7 +173,8 @@ def _compared(first: First, data: Data) -> End:
         return _closer(first, here, normal | True), here.length(normal | True) > _AT_ONCE, n + 1
 
     start = end, is_decisive(shape_err) & far, 0
-    end, _, _ = jax.lax.while_loop(lambda it: it[1] & (it[2] < _EXPANSIONS), by_its_own_shape, start)
+    end, far, _ = jax.lax.while_loop(lambda it: it[1] & (it[2] < _EXPANSIONS), by_its_own_shape, start)
+    alike &= ~far
     offset = offset_of(corner, size, whole) * first.otf.grid.plate_scale
     excess = jnp.where(alike, end.excess, jnp.inf)
     return end._replace(parameters=moved(end.parameters, offset), excess=excess)

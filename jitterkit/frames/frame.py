@@ -142,7 +142,7 @@ class RawFrame(Placed):
 
 @dataclass(frozen=True, eq=False)
 class Frame(Placed):
-    """One image in electrons, ready to be fitted.  Arrays are kept as they are given, not copied.
+    """One image in electrons, ready to be fitted.
 
     Parameters
     ----------
@@ -200,17 +200,15 @@ class Frame(Placed):
 
     def __post_init__(self) -> None:
         electrons = image_of("electrons", self.electrons)
-        given = np.asarray(self.read_variance)
+        given = np.asarray(self.read_variance, dtype=np.float64)
         if not (np.isfinite(given) & (given >= 0)).all():
             raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
         variance = matching("read_variance", given, electrons.shape, np.float64)
         mask = matching("mask", self.mask, electrons.shape, bool)
         finite = np.isfinite(electrons)
-        if not finite.all():
-            electrons, mask = np.where(finite, electrons, 0.0), mask | ~finite
-        object.__setattr__(self, "electrons", electrons)
+        object.__setattr__(self, "electrons", np.where(finite, electrons, 0.0))
         object.__setattr__(self, "read_variance", variance)
-        object.__setattr__(self, "mask", mask)
+        object.__setattr__(self, "mask", mask | ~finite)
         object.__setattr__(self, "full", matching("full", self.full, electrons.shape, bool))
         for name in ("response", "ceiling"):
             object.__setattr__(self, name, number_or_map(name, getattr(self, name), electrons.shape))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -75,8 +75,18 @@ class Placed:
         Parameters
         ----------
         **facts
-            By field; no pixels among them.
+            By field.
+
+        Raises
+        ------
+        TypeError
+            If one is no field, or holds pixels.
         """
+        pixels = self._arrays()
+        known = {one.name for one in fields(self)} - pixels.keys()  # type: ignore[arg-type]
+        if odd := sorted(facts.keys() - known):
+            kind = type(self).__name__
+            raise TypeError(f"{odd[0]!r} is not among what can be told of a {kind}'s pixels.")
         other = object.__new__(type(self))
         vars(other).update(vars(self), **facts)
         return other

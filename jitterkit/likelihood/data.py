@@ -121,7 +121,7 @@ class Data(eqx.Module):
 def _comes_near(frame: Frame, used: np.ndarray) -> bool:
     """Whether some reading lies so near its ceiling that a pixel's expectation may reach it."""
     counts = np.where(used, frame.electrons * frame.response + frame.read_variance, 0.0)
-    level = frame.response * frame.ceiling + frame.read_variance
+    level = np.where(used, frame.response * frame.ceiling + frame.read_variance, np.inf)
     # of most frames not even the brightest is near the lowest; a map may lack a pixel's ceiling
     if not _near(np.max(counts), np.fmin.reduce(level, axis=None)):
         return False
@@ -129,7 +129,8 @@ def _comes_near(frame: Frame, used: np.ndarray) -> bool:
 
 
 def _near(counts, level):
-    return np.sqrt(np.maximum(counts, 0.0)) + _NEAR / 2 > np.sqrt(level)  # a root's error is 1/2
+    # a root's error is 1/2
+    return np.sqrt(np.maximum(counts, 0.0)) + _NEAR / 2 > np.sqrt(np.maximum(level, 0.0))
 
 
 @eqx.filter_jit

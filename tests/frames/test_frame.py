@@ -109,7 +109,17 @@ def test_what_is_told_of_a_frame_changes_neither_its_pixels_nor_their_digest():
     told = raw.told(metadata=raw.metadata.override("argument", gain=3.0))
     assert (told.metadata.value("gain"), raw.metadata.value("gain")) == (3.0, 2.0)
     assert told.data is raw.data
-    assert told.digest == digest == RawFrame.from_array(IMAGE).digest
+    assert vars(told)["digest"] == digest  # not found again
+    for word in ("data", "gain"):
+        with pytest.raises(TypeError, match=f"'{word}' is not among what can be told of a RawFrame's pixels"):
+            raw.told(**{word: IMAGE})
+
+
+def test_a_frame_keeps_pixels_of_its_own():
+    buffer = IMAGE.copy()
+    frame = Frame(buffer, 9.0)
+    buffer[:] = np.nan
+    np.testing.assert_array_equal(frame.electrons, IMAGE)
 
 
 def test_variance_is_photons_plus_readout_and_never_less_than_readout():
@@ -131,6 +141,7 @@ def test_a_frame_is_cut_with_everything_in_it():
     ("values", "message"),
     [
         ({"read_variance": -1.0}, "negative or non-finite"),
+        ({"read_variance": None}, "negative or non-finite"),
         ({"read_variance": np.ones((2, 2))}, r"read_variance has shape \(2, 2\)"),
         ({"plate_scale": 0.0}, "plate_scale = 0.0 arcsec/pixel is not positive"),
         ({"exposure": np.nan}, "exposure = nan s is not positive"),

@@ -126,8 +126,9 @@ def test_one_pixel_near_its_own_ceiling_is_enough_and_one_without_a_ceiling_hide
     ceiling[faintest] = np.nan
     assert Data.of(Frame(electrons, 9.0, ceiling=ceiling)).ceiling is None
     ceiling[faintest] = electrons[faintest] + 10.0
-    ceiling[0, 0] = np.nan
-    assert Data.of(Frame(electrons, 9.0, ceiling=ceiling)).ceiling is not None
+    ceiling[0, 0], ceiling[0, 1] = np.nan, -50.0
+    bad = ceiling < 0  # a hot pixel that is full in the dark
+    assert Data.of(Frame(electrons, 9.0, bad, ceiling=ceiling)).ceiling is not None
 
 
 def test_chi_squared_leaves_out_what_may_be_full(truth, otf, rng):
