@@ -158,6 +158,8 @@ def in_threads(
     with ThreadPoolExecutor(threads, "fit") as pool:
         try:
             for batch in batches:
+                while len(waiting) > 1:  # for a frame that takes long no more are held than these
+                    yield _results(*waiting.popleft())
                 prepare = _begun(begin, batch, waiting)
                 tasks: list[Future[list[T]]] = []
                 waiting.append((batch, tasks))

@@ -35,7 +35,7 @@ _FAR, _TERMS = {8: 60.0, 4: 20.0}, 100
 _NEAR, _FEWER = 12.0, 40
 """Where most blurs end, and as good a cut up to there: ``(w/2)^n/n!`` is 2e-17."""
 
-_AT_ONCE = 8
+_UNROLLED = 8
 """Powers of w that are summed in one pass over the frequencies."""
 
 _LEAST = -0.5
@@ -79,7 +79,7 @@ class Shaped(Elliptic):
 
     def transfer(self, fx, fy):
         w, k = 4 * jnp.pi**2 * self.variance_along(fx, fy), self.coords[3]
-        return jax.lax.cond(k > 0, _heavy, _light, w, k)  # each costs as much as the rest of an image
+        return jax.lax.cond(k > 0, _heavy, _light, w, k)  # both would take half as long again
 
     def exact_to(self) -> float:
         major, _, _ = principal_axes(self.coords[:3])
@@ -150,4 +150,4 @@ def _series(terms: int, w, k):
     _, rest = jax.lax.scan(grow, first, jnp.arange(1.0, terms, dtype=k.dtype))
     coefficients = jnp.concatenate([jnp.stack(first), rest])
     start, step = jnp.zeros_like(w * k), lambda s, c: (s * w + c, None)
-    return jax.lax.scan(step, start, coefficients, reverse=True, unroll=_AT_ONCE)[0]
+    return jax.lax.scan(step, start, coefficients, reverse=True, unroll=_UNROLLED)[0]

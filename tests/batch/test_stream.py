@@ -1,5 +1,6 @@
 """Batches worked through by threads, against frames processed one by one."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from jitterkit.batch import Processor
 from jitterkit.batch.plan import Batch, plan_batches
-from jitterkit.batch.stream import process_batches
+from jitterkit.batch.stream import in_threads, process_batches
 from jitterkit.frames import open_frames, write_fits, write_tiff
 from jitterkit.optics import OpticalSystem, obstructed_circle
 
@@ -144,6 +145,30 @@ def test_many_more_frames_are_not_held_than_are_worked_on(night, processor, monk
     batch = Batch(0, tuple((night[0], 0) for _ in range(30)))
     list(process_batches([batch], processor, threads=2))
     assert most <= 2 * 4 + 2
+
+
+def test_while_one_frame_takes_long_no_more_than_the_next_batch_is_read(night):
+    """The others' images wait for it to come out in order."""
+    over, early = False, []
+
+    def begin(batch):
+        def prepare(path, index, raw):
+            early.extend([batch.number] * (not over))
+            return batch.number
+
+        return prepare
+
+    def work(numbers, last):
+        nonlocal over
+        if 0 in numbers:
+            time.sleep(0.5)
+            over = True
+        return numbers
+
+    batches = [Batch(number, ((night[0], 0),)) for number in range(20)]
+    results = [found for _, found in in_threads(batches, begin, work, threads=2)]
+    assert results == [[number] for number in range(20)]
+    assert set(early) == {0, 1}
 
 
 def test_a_frame_in_the_lead_whose_scale_no_pupil_carries_is_a_row(night, processor, tmp_path):
