@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from astropy.table import QTable
 from astropy.units import Unit
 
 from jitterkit.batch.measured import Measured
+from jitterkit.batch.measurer import Measurer
 from jitterkit.batch.plan import Batch, count_frames, plan_batches
 from jitterkit.batch.reference import OwnReferenceError
 from jitterkit.batch.room import out_of_memory
@@ -24,7 +25,9 @@ from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
 from jitterkit.report.words import printable
 
-__all__ = ["Measurer", "estimate_files"]
+__all__ = ["estimate_files"]
+
+T = TypeVar("T")
 
 _MOMENTS = ("sxx", "sxy", "syy")
 _POWERS = dict.fromkeys((*_MOMENTS, *(f"{name}_err" for name in _MOMENTS)), 2)
@@ -36,56 +39,11 @@ _NUMBERS = (
     *CORRELATIONS,
     *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
 )
-Begun = TypeVar("Begun")
-"""A frame of which something has been done."""
 
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What one frame may raise without harm to the others."""
 
 _FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
-
-
-class Measurer(Protocol[Begun]):
-    """What measures the blur of frames.
-
-    Attributes
-    ----------
-    name : str
-        Of the estimator.
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def threads(self) -> int | None:
-        """How many may measure at a time; None for as many as there are processors."""
-        ...
-
-    @property
-    def together(self) -> int:
-        """Frames of a batch, all of which are held until it is done."""
-        ...
-
-    @property
-    def handful(self) -> int:
-        """Frames of a batch that are best measured together, by one thread."""
-        ...
-
-    def among(self, batch: Batch, hdu: int | None) -> Measurer[Begun]:
-        """The same for the frames of a batch, with what they show together."""
-        ...
-
-    def begin(self, raw: RawFrame) -> Begun:
-        """Do what is best done where frames are read; a JitterkitError says why it cannot be."""
-        ...
-
-    def measure(self, begun: Sequence[Begun]) -> Sequence[Callable[[], Measured | FitResult]]:
-        """Do what is best done for several frames together; each that is returned measures one of them.
-
-        It says in a status why it cannot, or in a JitterkitError.
-        """
-        ...
 
 
 def estimate_files(
@@ -208,7 +166,7 @@ def _alone(frame: _Ready) -> list[_Result]:
     return _measure([frame], True)  # not where the error still holds what it was made of
 
 
-def _tried(do: Callable[[], Begun], last: bool) -> Begun | Exception:
+def _tried(do: Callable[[], T], last: bool) -> T | Exception:
     """What comes of it, be it an error of the frame's; where no other try is left, a lack of memory too."""
     try:
         return do()

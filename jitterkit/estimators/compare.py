@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, within
+from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, single, within
+from jitterkit.estimators.register import at_first, cut_out
 from jitterkit.estimators.shape import is_decisive
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
@@ -30,9 +31,6 @@ __all__ = ["SETTLED", "End", "compared", "several"]
 _PIXELS, _MOST = 2**18, 16
 """Pixels of the frames that are compared together, and how many of these there are at most: the smaller they
 are, the more of the time is Python's."""
-
-_AROUND = 1.5
-"""Pixels, 1 sigma, of what stands in for pixels that are not used, to find the pair by."""
 
 _FAR, _CLOSE = 4, 2
 """Steps by the derivatives of the first frame, and by its own."""
@@ -53,8 +51,6 @@ where it is made, and one from a normal's shape is off by up to 4 %."""
 
 _BRIGHTER = 3.0
 """Factor by which light may differ: a cut-out that does for a faint frame leaves out much of a bright one."""
-
-_SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
 
 
 class End(NamedTuple):
@@ -142,8 +138,8 @@ def _each(first: First, stack: Data, count) -> End:
 @jax.jit
 def _compared(first: First, data: Data) -> End:
     size, whole = first.otf.grid.shape, data.used.shape
-    data, near, corner, shift = _cut_out(first, data)
-    seen, light = _at_first(data, near, shift)
+    data, near, corner, shift = cut_out(first, data)
+    seen, light = at_first(data, near, shift)
     values, normal = _near(first, seen), np.arange(len(first.names)) != first.kurtosis
     places = np.array([first.names.index(name) for name in ("y", "x")])
     bright = np.array([name in ("flux", "background") for name in first.names])
@@ -189,7 +185,7 @@ def _near(first: First, seen):
     """
     values, before = first.values, None
     for _ in range(_FAR):
-        image = expected_image(*_single((first.at(values), first.otf)))
+        image = expected_image(*single((first.at(values), first.otf)))
         score = jnp.tensordot(first.slopes, within(first.rim, seen - image), 2)
         step = first.covariance @ score.astype(values.dtype)
         there = (step, score, values + step)
@@ -237,9 +233,9 @@ def _expanded(first: First, data: Data, values, locus: type[Shaped] = Fourth) ->
     here, inner = _with(locus, first.at(values)), partial(within, first.rim)
     otf = first.anchor.otf(here.aberrations)
     # in 32 bits the derivatives of a streak of three times the resolution are not good enough
-    parameters, optics = (here, otf) if locus is Shaped else _single((here, otf))
-    image, jacobian = (_single(inner(part)) for part in image_and_jacobian(parameters, optics, first.free))
-    seen = _single(jax.tree.map(inner, data))
+    parameters, optics = (here, otf) if locus is Shaped else single((here, otf))
+    image, jacobian = (single(inner(part)) for part in image_and_jacobian(parameters, optics, first.free))
+    seen = single(jax.tree.map(inner, data))
     parts, clear = (lambda d: (d.used, d.ceiling, d.full)), (is_clear(image, seen), None, None)
     seen = eqx.tree_at(parts, seen, clear, is_leaf=lambda part: part is None)
     _, score, information = equations_of(image, jacobian, seen)
@@ -254,7 +250,7 @@ def _closer(first: First, here: _Expansion, varied) -> End:
     for _ in range(_CLOSE):
         values = values + covariance @ score
         end = _with(Shaped, first.at(values))
-        image = _single(within(first.rim, expected_image(end, here.otf)))
+        image = single(within(first.rim, expected_image(end, here.otf)))
         score = equations_of(image, here.jacobian, here.seen).score
     chi2, pixels, spread = chi_squared(image, here.seen)
     remains = jnp.sqrt(score @ covariance @ score)
@@ -263,50 +259,3 @@ def _closer(first: First, here: _Expansion, varied) -> End:
 
 def _with(locus: type[Shaped], parameters: Parameters) -> Parameters:
     return parameters.with_locus(locus(parameters.locus.coords))
-
-
-def _cut_out(first: First, data: Data):
-    """A frame's cut-out about the pair, the first frame's image moved there, the cut-out's first pixel, and
-    how far ``(y, x)`` [pixels] the pair is in it from where the first frame has it, to about a tenth.
-    """
-    whole = jax.lax.cond(jnp.all(data.used), lambda data: data.electrons, _without_holes, data)
-    match = jnp.fft.irfft2(jnp.fft.rfft2(_single(whole)) * first.matched, s=whole.shape)
-    row = jnp.argmax(jnp.max(match, axis=1))  # and then within it: a fourth of the time of both at once
-    column = jnp.argmax(match[row])
-    shift = jnp.stack([_peak(match[:, column], row), _peak(match[row], column)])
-    steps, shape = jnp.round(shift).astype(int), first.otf.grid.shape
-    corner = jnp.clip(first.corner + steps, 0, np.subtract(match.shape, shape))
-    cut = partial(jax.lax.dynamic_slice, start_indices=corner, slice_sizes=shape)
-    near = cut(jnp.roll(first.whole, steps, (0, 1)))
-    return jax.tree.map(cut, data), near, corner, shift - (corner - first.corner)
-
-
-def _without_holes(data: Data):
-    """Electrons, and where pixels are not used a mean of those around: a star with a full core has a core."""
-    fy, fx = np.fft.fftfreq(data.used.shape[0])[:, None], np.fft.rfftfreq(data.used.shape[1])[None]
-    soft = np.exp(-2 * (np.pi * _AROUND) ** 2 * (fy**2 + fx**2))
-    both = jnp.stack([jnp.where(data.used, data.electrons, 0.0), data.used.astype(data.electrons.dtype)])
-    light, share = jnp.fft.irfft2(jnp.fft.rfft2(both) * soft, s=data.used.shape)
-    return jnp.where(data.used, data.electrons, light / jnp.maximum(share, 1e-3))
-
-
-def _peak(values, place):
-    """Where a periodic row is highest, by a parabola through three values; negative in its far half."""
-    size = len(values)
-    left, middle, right = (values[(place + step) % size] for step in (-1, 0, 1))
-    bend = left - 2 * middle + right
-    vertex = jnp.where(bend < 0, 0.5 * (left - right) / bend, 0.0)
-    return (place + size // 2) % size - size // 2 + jnp.clip(vertex, -0.5, 0.5)
-
-
-def _at_first(data: Data, near, shift):
-    """A cut-out with the pair where the first frame has it, and as much light; and how much more it has."""
-    light = jnp.sum(jnp.where(data.used, data.electrons, 0.0)) / jnp.sum(jnp.where(data.used, near, 0.0))
-    counts = jnp.where(data.used, data.electrons, light * near)
-    fy, fx = np.fft.fftfreq(counts.shape[0])[:, None], np.fft.rfftfreq(counts.shape[1])[None]
-    turn = _single(jnp.exp(2j * np.pi * fy * shift[0]) @ jnp.exp(2j * np.pi * fx * shift[1]))
-    return jnp.fft.irfft2(jnp.fft.rfft2(_single(counts / light)) * turn, s=counts.shape), light
-
-
-def _single(tree):
-    return jax.tree.map(lambda a: a.astype(_SINGLE.get(a.dtype, a.dtype)), tree)

@@ -7,6 +7,7 @@ rim: light that leaves on one side comes back on the other, so the rim is left o
 from __future__ import annotations
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
@@ -16,10 +17,13 @@ from jitterkit.loci import Shaped
 from jitterkit.optics import Anchor
 from jitterkit.optics.otf import OTF
 
-__all__ = ["SPARE", "First", "Fourth", "invert", "moved", "offset_of", "within"]
+__all__ = ["SPARE", "First", "Fourth", "invert", "moved", "offset_of", "single", "within"]
 
 SPARE = 3
 """Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
+
+
+_SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
 
 
 class Fourth(Shaped):
@@ -109,3 +113,8 @@ def invert(information, varied):
     unit = jnp.where(both, information / jnp.outer(scale, scale), jnp.eye(len(scale)))
     covariance = jnp.where(both, jnp.linalg.inv(unit) / jnp.outer(scale, scale), 0.0)
     return covariance, jnp.sqrt(jnp.diag(covariance))
+
+
+def single(tree):
+    """The numbers of a tree of arrays in 32 bits."""
+    return jax.tree.map(lambda a: a.astype(_SINGLE.get(a.dtype, a.dtype)), tree)
