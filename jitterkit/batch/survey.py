@@ -25,7 +25,7 @@ Item = tuple[Path, int]
 """File and place of the frame in it."""
 
 _KEPT = 160_000_000
-"""Bytes of anchors that are kept for leads to come: eight at 128 x 128 pixels."""
+"""Bytes of anchors that are kept for leads to come: XX at 128 x 128 pixels."""
 
 
 class Survey:
@@ -80,7 +80,7 @@ class Survey:
         key = (grid, *state)
         anchor = self._anchors.pop(key, None) or Anchor.at(optics, state)
         self._anchors[key] = anchor
-        while len(self._anchors) > 1 and sum(one.taylor.nbytes for one in self._anchors.values()) > _KEPT:
+        while len(self._anchors) > 1 and sum(one.nbytes for one in self._anchors.values()) > _KEPT:
             self._anchors.popitem(last=False)
         strict = settled(self._finder.options.tolerance) / SETTLED  # it has to be as good as if more showed
         return AnchoredOptics.about(optics, anchor, float(shown.scene.flux) / strict**2, shown_state)

@@ -18,7 +18,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.estimators.first import SPARE, First, Fourth, invert, moved, offset_of, single, within
+from jitterkit.estimators.first import (
+    SPARE,
+    First,
+    Fourth,
+    in_single,
+    invert,
+    moved,
+    offset_of,
+    single,
+    within,
+)
 from jitterkit.estimators.register import at_first, cut_out
 from jitterkit.estimators.shape import is_decisive
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
@@ -114,8 +124,8 @@ def compared(first: First, frames: Sequence[Data], size: int) -> list[End]:
 
 
 def _stacked(size: int, *arrays) -> np.ndarray:
-    """Arrays one above the other, and room for as many as there are at most."""
-    stack = np.empty((size, *arrays[0].shape), arrays[0].dtype)
+    """Arrays one above the other, and room for as many as there are at most; numbers in 32 bits."""
+    stack = np.empty((size, *arrays[0].shape), in_single(arrays[0]))
     stack[: len(arrays)] = arrays
     return stack
 
@@ -234,8 +244,9 @@ def _expanded(first: First, data: Data, values, locus: type[Shaped] = Fourth) ->
     otf = first.anchor.otf(here.aberrations)
     # in 32 bits the derivatives of a streak of three times the resolution are not good enough
     parameters, optics = (here, otf) if locus is Shaped else single((here, otf))
-    image, jacobian = (single(inner(part)) for part in image_and_jacobian(parameters, optics, first.free))
-    seen = single(jax.tree.map(inner, data))
+    cut = single(jax.tree.map(inner, image_and_jacobian(parameters, optics, first.free)))
+    image, jacobian = jax.lax.optimization_barrier(cut)  # or it is cut out anew wherever it is used
+    seen = jax.tree.map(inner, data)
     parts, clear = (lambda d: (d.used, d.ceiling, d.full)), (is_clear(image, seen), None, None)
     seen = eqx.tree_at(parts, seen, clear, is_leaf=lambda part: part is None)
     _, score, information = equations_of(image, jacobian, seen)

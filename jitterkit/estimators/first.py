@@ -6,6 +6,8 @@ rim: light that leaves on one side comes back on the other, so the rim is left o
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,7 +19,7 @@ from jitterkit.loci import Shaped
 from jitterkit.optics import Anchor
 from jitterkit.optics.otf import OTF
 
-__all__ = ["SPARE", "First", "Fourth", "invert", "moved", "offset_of", "single", "within"]
+__all__ = ["SPARE", "First", "Fourth", "in_single", "invert", "moved", "offset_of", "single", "within"]
 
 SPARE = 3
 """Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
@@ -117,4 +119,9 @@ def invert(information, varied):
 
 def single(tree):
     """The numbers of a tree of arrays in 32 bits."""
-    return jax.tree.map(lambda a: a.astype(_SINGLE.get(a.dtype, a.dtype)), tree)
+    return jax.tree.map(lambda a: a.astype(in_single(a)), tree)
+
+
+def in_single(array) -> Any:
+    """The type of an array's numbers in 32 bits; what is no number stays as it is."""
+    return _SINGLE.get(array.dtype, array.dtype)

@@ -27,7 +27,7 @@ def cut_out(first: First, data: Data):
     ----------
     first : First
     data : Data
-        Of a whole frame (ny, nx).
+        Of a whole frame (ny, nx), in 32 bits.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def cut_out(first: First, data: Data):
         How far ``(y, x)`` [pixels] the pair is in it from where the first frame has it, to about a tenth.
     """
     whole = jax.lax.cond(jnp.all(data.used), lambda data: data.electrons, _without_holes, data)
-    match = jnp.fft.irfft2(jnp.fft.rfft2(single(whole)) * first.matched, s=whole.shape)
+    match = jnp.fft.irfft2(jnp.fft.rfft2(whole) * first.matched, s=whole.shape)
     row = jnp.argmax(jnp.max(match, axis=1))  # and then within it: a fourth of the time of both at once
     column = jnp.argmax(match[row])
     shift = jnp.stack([_peak(match[:, column], row), _peak(match[row], column)])
@@ -55,7 +55,7 @@ def cut_out(first: First, data: Data):
 def _without_holes(data: Data):
     """Electrons, and where pixels are not used a mean of those around: a star with a full core has a core."""
     fy, fx = np.fft.fftfreq(data.used.shape[0])[:, None], np.fft.rfftfreq(data.used.shape[1])[None]
-    soft = np.exp(-2 * (np.pi * _AROUND) ** 2 * (fy**2 + fx**2))
+    soft = single(np.exp(-2 * (np.pi * _AROUND) ** 2 * (fy**2 + fx**2)))
     both = jnp.stack([jnp.where(data.used, data.electrons, 0.0), data.used.astype(data.electrons.dtype)])
     light, share = jnp.fft.irfft2(jnp.fft.rfft2(both) * soft, s=data.used.shape)
     return jnp.where(data.used, data.electrons, light / jnp.maximum(share, 1e-3))

@@ -61,8 +61,9 @@ def equations_of(image, jacobian, data: Data) -> NormalEquations:
     residual, share = relative_residual(mean, data), 1 / mean
     if data.full is not None:
         residual, share = _with_full(residual, mean, data)
-    score = jnp.tensordot(jacobian, slope * residual, 2)
-    information = jnp.tensordot(jacobian * (slope * share), jacobian, ((1, 2), (1, 2)))
+    pull, weight = jax.lax.optimization_barrier((slope * residual, slope * share))  # once, not for each row
+    score = jnp.tensordot(jacobian, pull, 2)
+    information = jnp.tensordot(jacobian * weight, jacobian, ((1, 2), (1, 2)))
     return NormalEquations(_deviance(mean, data), score, information)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -36,18 +37,24 @@ they are off by up to 2 % there."""
 class Anchor(eqx.Module):
     """A telescope's transfer function to second order about one state of its aberrations.
 
+    Of every spectrum there are m = 2 My (Mx//2 + 1) numbers: its real parts, and then its imaginary ones.
+
     Attributes
     ----------
-    taylor : (1 + k + k (k + 1)/2, 2 My (Mx//2 + 1)) array
-        Coefficients of one, of each change of the aberrations and of each product of two, real and imaginary
-        parts side by side.
+    value : (m,) array
+    slopes : (k, m) array
+        First derivatives, per nm.
+    curvature : (k (k + 1)/2, m) array
+        Second derivatives by pairs (i, j >= i), per nm², in 32 bits.
     state : (k,) array
         nm.
     grid : Grid
     names : tuple of str
     """
 
-    taylor: Float[Array, "p m"]
+    value: Float[Array, " m"]
+    slopes: Float[Array, "k m"]
+    curvature: Float[Array, "p m"]
     state: Float[Array, " k"]
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
@@ -60,10 +67,14 @@ class Anchor(eqx.Module):
         if system.diffusion:
             seen = OTF(spectra[0], spectra[1:], state, grid, names).diffused(system.diffusion)
             spectra = jnp.concatenate([seen.value[None], seen.jacobian])
-        i, j = np.triu_indices(len(state))
-        share = np.concatenate([np.ones(1 + len(state)), np.where(i == j, 0.5, 1.0)])
-        flat = jnp.reshape(spectra, (len(spectra), -1)) * share[:, None]
-        return cls(jnp.concatenate([flat.real, flat.imag], axis=1), state, grid, names)
+        flat = jnp.reshape(spectra, (len(spectra), -1))
+        parts, k = jnp.concatenate([flat.real, flat.imag], axis=1), len(state)
+        return cls(parts[0], parts[1 : k + 1], parts[k + 1 :].astype(jnp.float32), state, grid, names)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes."""
+        return self.value.nbytes + self.slopes.nbytes + self.curvature.nbytes
 
     def otf(self, aberrations) -> OTF:
         """The first-order expansion about aberrations [nm] near the state.
@@ -75,18 +86,24 @@ class Anchor(eqx.Module):
 
 @eqx.filter_jit
 def _renewed(anchor: Anchor, aberrations) -> OTF:
-    change, k = aberrations - anchor.state, len(anchor.state)
-    i, j = np.triu_indices(k)
-    ones, step = jnp.ones(1), jnp.eye(k)
-    products = jnp.concatenate([ones, change, change[i] * change[j]])
-    slopes = jnp.concatenate(
-        [jnp.zeros((k, 1)), step, step[:, i] * change[j] + change[i] * step[:, j]], axis=1
-    )
-    parts = jnp.concatenate([products[None], slopes]) @ anchor.taylor
+    change = aberrations - anchor.state
+    turns = _pairs(len(change)) @ change
+    rows = jnp.concatenate([turns, (change @ turns / 2)[None]]).astype(anchor.curvature.dtype)
+    bends = rows @ anchor.curvature
+    value = anchor.value + change @ anchor.slopes + bends[-1]
+    parts = jnp.concatenate([value[None], anchor.slopes + bends[:-1]])
     half = parts.shape[1] // 2
     ny, nx = anchor.grid.fine_shape
-    spectra = jnp.reshape(parts[:, :half] + 1j * parts[:, half:], (1 + k, ny, nx // 2 + 1))
+    spectra = jnp.reshape(jax.lax.complex(parts[:, :half], parts[:, half:]), (len(parts), ny, nx // 2 + 1))
     return OTF(spectra[0], spectra[1:], aberrations, anchor.grid, anchor.names)
+
+
+def _pairs(k: int) -> np.ndarray:
+    """1 at (i, ., j), (k, k (k + 1)/2, k), where the pair is that of slope ``i`` and aberration ``j``."""
+    i, j = np.triu_indices(k)
+    places = np.zeros((k, len(i), k))
+    places[i, np.arange(len(i)), j] = places[j, np.arange(len(i)), i] = 1.0
+    return places
 
 
 @dataclass(frozen=True)
