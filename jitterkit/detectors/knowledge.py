@@ -45,7 +45,8 @@ def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
     """Add what a detector knows to what is known about a frame; see :meth:`Detector.inform`."""
     for name, assumed in ASSUMED.items():
         metadata = supplement(metadata, name, detector.nominal(name), detector.source(name))
-        metadata = metadata.fill("assumed, as nothing says it", **{name: assumed})
+        if getattr(metadata, name) is None:
+            metadata = metadata.override("assumed, as nothing says it", **{name: assumed})
     metadata = _with_line_time(detector, metadata)
     name, level = ceiling(detector, metadata)
     # our own earlier word may rest on a gain that has been corrected since

@@ -22,7 +22,7 @@ from astropy.io import fits
 from jitterkit.errors import FrameError
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Unit
-from jitterkit.frames.header import resolve_header
+from jitterkit.frames.header import Remembered, resolve_header
 from jitterkit.frames.header_blocks import open_bytes, refuse_missing_data, walk
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pixels import Pixels
@@ -32,6 +32,9 @@ from jitterkit.frames.wcs import celestial_wcs
 
 _REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
 """A card of which there is nothing to warn."""
+
+_REMEMBERED = Remembered()
+"""Of the file before."""
 
 __all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]
 
@@ -73,7 +76,10 @@ class FitsFile(FrameFile):
         self._count, self.shape = math.prod(planes), (ny, nx)
         wcs, messages = celestial_wcs(header)
         inherit = _header(primary) if unit.number and header.get("INHERIT") is not False else None
-        metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
+        if inherit is None and wcs is None:
+            metadata = _REMEMBERED.resolve(header, hdu=unit.number)
+        else:
+            metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
         lossy = _lossy(unit, header) if unit.packed else []
         self.metadata = metadata.warn(*header.warnings, *messages, *lossy)
 

@@ -105,7 +105,7 @@ def image_of(name: str, values: Any) -> np.ndarray:
 
 def matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.ndarray:
     """Values as an array of an image's shape, a number spread over it, or JitterkitError under their name."""
-    spread = np.broadcast_to(values, shape) if np.ndim(values) == 0 else values
+    spread = np.full(shape, values) if np.ndim(values) == 0 else values
     array: np.ndarray = np.ascontiguousarray(spread, dtype=dtype)
     if array.shape != shape:
         raise JitterkitError(f"{name} has shape {array.shape}, the image {shape}; give one value per pixel.")

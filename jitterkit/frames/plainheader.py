@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from jitterkit.frames.hdu import CARD
@@ -45,6 +45,8 @@ class PlainHeader(Mapping[str, Any]):
         The keywords of the former.
     valueless : set of str
         Keywords that were asked for, and whose card has no value.
+    asked : set of str
+        All keywords that were asked for, those among them that the header does not have.
     """
 
     def __init__(self, text: bytes, card: Callable[[bytes], Any]) -> None:
@@ -53,6 +55,7 @@ class PlainHeader(Mapping[str, Any]):
         self.warnings = [] if self._text == text else ["the header holds bytes that are no text; read as '?'"]
         self.unreadable: set[str] = set()
         self.valueless: set[str] = set()
+        self.asked: set[str] = set()
         self._cards = _cards(self._text)
         self._places: dict[str, tuple[int, int]] = {}
         self._later: dict[str, list[tuple[int, int]]] = {}
@@ -62,6 +65,7 @@ class PlainHeader(Mapping[str, Any]):
         self._values: dict[str, Any] = {key: self._remarks(key) for key in _REMARKS if key in self._places}
 
     def __getitem__(self, key: str) -> Any:
+        self.asked.add(key)
         if key not in self._values:
             image = self._image(*self._places[key])
             try:
@@ -86,8 +90,6 @@ class PlainHeader(Mapping[str, Any]):
             raise KeyError(key) from None
 
     def __contains__(self, key: object) -> bool:
-        if key not in self._places:
-            return False
         try:
             self[str(key)]
         except KeyError:
@@ -99,6 +101,13 @@ class PlainHeader(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+    def answers(self, keywords: Iterable[str]) -> list[bytes]:
+        """Return the cards of each keyword as they stand, one behind the other; none are no bytes."""
+        return [b"".join(self._image(*place) for place in self._all(key)) for key in keywords]
+
+    def _all(self, key: str) -> list[tuple[int, int]]:
+        return [self._places[key], *self._later.get(key, ())] if key in self._places else []
 
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""

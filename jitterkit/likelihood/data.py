@@ -56,12 +56,12 @@ class Data(eqx.Module):
         used = np.ones(electrons.shape, bool) if used is None else np.asarray(used, bool)
         used = used & np.isfinite(electrons)
         self.electrons = np.where(used, electrons, 0.0)
-        self.read_variance = np.broadcast_to(np.asarray(read_variance, float), electrons.shape)
+        self.read_variance = _spread(np.asarray(read_variance, float), electrons.shape)
         self.used = used
         response = None if response is None else np.asarray(response, float)
-        self.response = None if response is None else np.broadcast_to(response, electrons.shape)
+        self.response = None if response is None else _spread(response, electrons.shape)
         ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), _NO_CEILING)
-        self.ceiling = None if ceiling is None else np.broadcast_to(ceiling, electrons.shape)
+        self.ceiling = None if ceiling is None else _spread(ceiling, electrons.shape)
         self.full = None if full is None else np.asarray(full, bool)
 
     @classmethod
@@ -116,6 +116,11 @@ class Data(eqx.Module):
     def weight(self):
         """Counts before the division by the response, of an electron after it."""
         return 1.0 if self.response is None else self.response
+
+
+def _spread(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Values over an image; it takes ten times as long to ask NumPy to where there is nothing to do."""
+    return values if values.shape == shape else np.broadcast_to(values, shape)
 
 
 def _comes_near(frame: Frame, used: np.ndarray) -> bool:
