@@ -24,8 +24,8 @@ __all__ = ["Item", "Survey", "read_items"]
 Item = tuple[Path, int]
 """File and place of the frame in it."""
 
-_KEPT = 160_000_000
-"""Bytes of anchors that are kept for leads to come: XX at 128 x 128 pixels."""
+_KEPT = 100_000_000
+"""Bytes of anchors that are kept for leads to come: eight at 128 x 128 pixels."""
 
 
 class Survey:
