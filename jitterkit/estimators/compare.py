@@ -1,8 +1,8 @@
 """The one compiled program that compares frames with the one that they repeat.
 
-Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which judges what comes of it.  Derivatives, what
-is summed over pixels and what is only to come near are in 32 bits; the images at the end, and what moves
-them, are not.
+Reach for :class:`~jitterkit.estimators.repeat.Repeat`, which judges what comes of it.  Frames and
+derivatives, what is summed over pixels and what is only to come near are in 32 bits; the images at the end,
+and what moves them, are not.
 """
 
 from __future__ import annotations

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import gzip
 import math
-import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,11 +26,8 @@ from jitterkit.frames.header_blocks import open_bytes, refuse_missing_data, walk
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pixels import Pixels
 from jitterkit.frames.placed import NONE_MASKED
-from jitterkit.frames.plainheader import PlainHeader
+from jitterkit.frames.plainheader import PlainHeader, is_regular
 from jitterkit.frames.wcs import celestial_wcs
-
-_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
-"""A card of which there is nothing to warn."""
 
 _REMEMBERED = Remembered()
 """Of the file before."""
@@ -121,7 +117,7 @@ class _Card(NamedTuple):
 
 def _known_card(image: bytes) -> _Card | fits.Card:
     """A card; one by the letter of the standard is read once, however many headers repeat it."""
-    return _seen(image) if _REGULAR.fullmatch(image) else fits.Card.fromstring(image)
+    return _seen(image) if is_regular(image) else fits.Card.fromstring(image)
 
 
 @functools.lru_cache(maxsize=1024)

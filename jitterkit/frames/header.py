@@ -91,7 +91,7 @@ class Remembered:
             metadata = _timeless(Cards([(header, hdu)]), hdu, None)
             asked = sorted(header.asked)
             last = _Resolved(hdu, asked, header.answers(asked), metadata)
-            self._last = None if header.warnings else last
+            self._last = last if header.is_plain(asked) else None  # or a warning would come only once
         return _timed(last.metadata, Cards([(header, hdu)]))
 
 

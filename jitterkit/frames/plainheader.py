@@ -8,13 +8,16 @@ from typing import Any
 
 from jitterkit.frames.hdu import CARD
 
-__all__ = ["PlainHeader"]
+__all__ = ["PlainHeader", "is_regular"]
 
 _REMARKS = ("COMMENT", "HISTORY")
 """Keywords of text, which no card continues."""
 
 _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
 """For ``bytes.translate``: FITS allows no other bytes in a header."""
+
+_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
+"""A card by the letter of the standard: of its form there is nothing to warn."""
 
 _VALUELESS = re.compile(rb"(HIERARCH [^=]*|.{8})= *(/.*)?")
 """A card that names a keyword and gives it no value, which FITS calls undefined."""
@@ -56,6 +59,7 @@ class PlainHeader(Mapping[str, Any]):
         self.unreadable: set[str] = set()
         self.valueless: set[str] = set()
         self.asked: set[str] = set()
+        self._silent: set[str] = set()
         self._cards = _cards(self._text)
         self._places: dict[str, tuple[int, int]] = {}
         self._later: dict[str, list[tuple[int, int]]] = {}
@@ -66,12 +70,14 @@ class PlainHeader(Mapping[str, Any]):
 
     def __getitem__(self, key: str) -> Any:
         self.asked.add(key)
+        if key in self._silent:
+            raise KeyError(key)
         if key not in self._values:
             image = self._image(*self._places[key])
             try:
                 self._values[key], self.comments[key] = self._read(key, image)
             except KeyError:
-                del self._places[key]
+                self._silent.add(key)
                 raise
             if any(_said(self._image(*place)) != _said(image) for place in self._later.get(key, ())):
                 self.warnings.append(f"the header says {key} more than once; the first counts")
@@ -109,6 +115,14 @@ class PlainHeader(Mapping[str, Any]):
     def _all(self, key: str) -> list[tuple[int, int]]:
         return [self._places[key], *self._later.get(key, ())] if key in self._places else []
 
+    def is_plain(self, keywords: Iterable[str]) -> bool:
+        """Whether there is nothing to warn of in what these keywords say: one regular card each, or none."""
+        cards = filter(None, self.answers(keywords))
+        return not self.warnings and all(
+            len(card) == CARD and (is_regular(card) or _VALUELESS.fullmatch(card) is not None)
+            for card in cards
+        )
+
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""
         images = (self._image(*place) for key, place in self._cards if keywords.match(key))
@@ -121,6 +135,11 @@ class PlainHeader(Mapping[str, Any]):
 
     def _image(self, start: int, end: int) -> bytes:
         return self._text[start:end].ljust(CARD)
+
+
+def is_regular(image: bytes) -> bool:
+    """Whether a card is one by the letter of the standard, of whose form a reader does not warn."""
+    return _REGULAR.fullmatch(image) is not None
 
 
 def _said(image: bytes) -> list[bytes]:

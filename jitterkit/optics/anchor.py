@@ -86,24 +86,18 @@ class Anchor(eqx.Module):
 
 @eqx.filter_jit
 def _renewed(anchor: Anchor, aberrations) -> OTF:
-    change = aberrations - anchor.state
-    turns = _pairs(len(change)) @ change
+    change, k = aberrations - anchor.state, len(anchor.state)
+    i, j = np.triu_indices(k)
+    pair = np.arange(len(i))
+    turns = jnp.zeros((k, len(i))).at[i, pair].set(change[j]).at[j, pair].set(change[i])
     rows = jnp.concatenate([turns, (change @ turns / 2)[None]]).astype(anchor.curvature.dtype)
-    bends = rows @ anchor.curvature
+    bends = jnp.matmul(rows, anchor.curvature, precision="highest")  # a GPU would take half the digits
     value = anchor.value + change @ anchor.slopes + bends[-1]
     parts = jnp.concatenate([value[None], anchor.slopes + bends[:-1]])
     half = parts.shape[1] // 2
     ny, nx = anchor.grid.fine_shape
     spectra = jnp.reshape(jax.lax.complex(parts[:, :half], parts[:, half:]), (len(parts), ny, nx // 2 + 1))
     return OTF(spectra[0], spectra[1:], aberrations, anchor.grid, anchor.names)
-
-
-def _pairs(k: int) -> np.ndarray:
-    """1 at (i, ., j), (k, k (k + 1)/2, k), where the pair is that of slope ``i`` and aberration ``j``."""
-    i, j = np.triu_indices(k)
-    places = np.zeros((k, len(i), k))
-    places[i, np.arange(len(i)), j] = places[j, np.arange(len(i)), i] = 1.0
-    return places
 
 
 @dataclass(frozen=True)

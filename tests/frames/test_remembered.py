@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from jitterkit.frames import resolve_header
+from jitterkit.frames import read_frames, resolve_header
 from jitterkit.frames.header import Remembered
 from jitterkit.frames.plainheader import PlainHeader
 
@@ -44,7 +44,9 @@ def test_a_header_says_the_same_whatever_came_before_it(seed):
         values = WHAT_CARDS_MAY_SAY[key]
         cards[key] = tuple(map(str, rng.choice(values, rng.choice(3, p=[0.3, 0.65, 0.05]))))
         before = remembered._last
-        assert remembered.resolve(plain(cards), hdu=0) == resolve_header(plain(cards))
+        header, alone = plain(cards), plain(cards)
+        assert remembered.resolve(header) == resolve_header(alone)
+        assert header.warnings == alone.warnings
         kept += before is not None and remembered._last is before
     assert 20 < kept < 380  # some changes are of nothing that was asked for, and some are not
 
@@ -54,6 +56,27 @@ def test_a_header_in_another_hdu_names_it():
     for hdu in (0, 2, 2, 1):
         told = remembered.resolve(plain({"EGAIN": ("3.7",)}), hdu=hdu)
         assert told.gain.source == f"header EGAIN (HDU {hdu})"
+
+
+@pytest.mark.parametrize("card", ["EGAIN   3.7", "EGAIN   =3.7", "SATURATE: 65535", "EGAIN   = 3.7.1"])
+def test_a_file_like_the_one_before_is_warned_of_as_that_was(card, tmp_path):
+    made = fits.PrimaryHDU(np.ones((4, 4), np.int16)).header.tostring(endcard=False, padding=False)
+    header = "".join(line.ljust(80) for line in (made, card, "RDNOISE = 2.4", "END"))
+    content = header.encode().ljust(2880) + bytes(2880)
+    for name in ("one.fits", "two.fits"):
+        (tmp_path / name).write_bytes(content)
+    one, two = (next(read_frames(tmp_path / name)).metadata for name in ("one.fits", "two.fits"))
+    assert one.warnings
+    assert one == two
+
+
+def test_a_card_without_a_value_is_no_reason_to_forget():
+    remembered = Remembered()
+    cards = {"BUNIT": (" / unknown",), "EGAIN": ("3.7",)}
+    first = remembered.resolve(plain(cards))
+    kept = remembered._last
+    assert remembered.resolve(plain(cards)) == first
+    assert remembered._last is kept is not None
 
 
 def test_a_card_that_cannot_be_read_is_warned_of_every_time():
