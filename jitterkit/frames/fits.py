@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import gzip
 import math
+import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,16 +22,16 @@ from astropy.io import fits
 from jitterkit.errors import FrameError
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Unit
-from jitterkit.frames.header import Remembered, resolve_header
+from jitterkit.frames.header import resolve_header
 from jitterkit.frames.header_blocks import open_bytes, refuse_missing_data, walk
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pixels import Pixels
 from jitterkit.frames.placed import NONE_MASKED
-from jitterkit.frames.plainheader import PlainHeader, is_regular
+from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.wcs import celestial_wcs
 
-_REMEMBERED = Remembered()
-"""Of the file before."""
+_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
+"""A card of which there is nothing to warn."""
 
 __all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]
 
@@ -72,10 +73,7 @@ class FitsFile(FrameFile):
         self._count, self.shape = math.prod(planes), (ny, nx)
         wcs, messages = celestial_wcs(header)
         inherit = _header(primary) if unit.number and header.get("INHERIT") is not False else None
-        if inherit is None and wcs is None:
-            metadata = _REMEMBERED.resolve(header, hdu=unit.number)
-        else:
-            metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
+        metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
         lossy = _lossy(unit, header) if unit.packed else []
         self.metadata = metadata.warn(*header.warnings, *messages, *lossy)
 
@@ -117,7 +115,7 @@ class _Card(NamedTuple):
 
 def _known_card(image: bytes) -> _Card | fits.Card:
     """A card; one by the letter of the standard is read once, however many headers repeat it."""
-    return _seen(image) if is_regular(image) else fits.Card.fromstring(image)
+    return _seen(image) if _REGULAR.fullmatch(image) else fits.Card.fromstring(image)
 
 
 @functools.lru_cache(maxsize=1024)

@@ -15,16 +15,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from jitterkit.frames.cards import ALIASES, Cards
 from jitterkit.frames.metadata import QUANTITIES, Known, Metadata, resolve_unit
-from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.sky import plate_scale
 from jitterkit.frames.times import resolve_time
 
-__all__ = ["CAPTURE_SOFTWARE", "Remembered", "resolve_header"]
+__all__ = ["CAPTURE_SOFTWARE", "resolve_header"]
 
 #: Programs in whose files GAIN is a camera setting.
 CAPTURE_SOFTWARE = (
@@ -72,45 +70,7 @@ def resolve_header(
     A WCS and a PIXSCALE that differ by more than 1 % earn a warning.
     """
     layers = [(header, hdu)] + ([] if inherit is None else [(inherit, 0)])
-    return _timed(_timeless(Cards(layers), hdu, wcs), Cards(layers))
-
-
-class Remembered:
-    """Resolves the headers of many frames: those of one camera differ in little but the time.
-
-    What was found out of the last one holds of the next, if all it was asked for has the same cards there.
-    """
-
-    def __init__(self) -> None:
-        self._last: _Resolved | None = None
-
-    def resolve(self, header: PlainHeader, *, hdu: int = 0) -> Metadata:
-        """As :func:`resolve_header` does, of a header alone and without coordinates."""
-        last = self._last  # another thread may put its own there
-        if last is None or last.hdu != hdu or header.answers(last.asked) != last.answers:
-            metadata = _timeless(Cards([(header, hdu)]), hdu, None)
-            asked = sorted(header.asked)
-            last = _Resolved(hdu, asked, header.answers(asked), metadata)
-            self._last = last if header.is_plain(asked) else None  # or a warning would come only once
-        return _timed(last.metadata, Cards([(header, hdu)]))
-
-
-class _Resolved(NamedTuple):
-    """What a header says, but for the time, and all that it was asked for."""
-
-    hdu: int
-    asked: list[str]
-    answers: list[bytes]
-    metadata: Metadata
-
-
-def _timed(told: Metadata, cards: Cards) -> Metadata:
-    time = resolve_time(cards)  # and what it warns of
-    return replace(told, time=time).warn(*cards.warnings)
-
-
-def _timeless(cards: Cards, hdu: int, wcs: Any) -> Metadata:
-    """All but the time."""
+    cards = Cards(layers)
     gain = _gain(cards)
     return Metadata(
         exposure=cards.first("exposure"),
@@ -119,6 +79,7 @@ def _timeless(cards: Cards, hdu: int, wcs: Any) -> Metadata:
         saturation=_saturation(cards),
         bias=cards.first("bias"),
         plate_scale=_plate_scale(cards, wcs, hdu),
+        time=resolve_time(cards),
         unit=_unit(cards),
         wcs=wcs,
     ).warn(*cards.warnings)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from jitterkit.frames.hdu import CARD
 
-__all__ = ["PlainHeader", "is_regular"]
+__all__ = ["PlainHeader"]
 
 _REMARKS = ("COMMENT", "HISTORY")
 """Keywords of text, which no card continues."""
 
 _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
 """For ``bytes.translate``: FITS allows no other bytes in a header."""
-
-_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
-"""A card by the letter of the standard: of its form there is nothing to warn."""
 
 _VALUELESS = re.compile(rb"(HIERARCH [^=]*|.{8})= *(/.*)?")
 """A card that names a keyword and gives it no value, which FITS calls undefined."""
@@ -48,8 +45,6 @@ class PlainHeader(Mapping[str, Any]):
         The keywords of the former.
     valueless : set of str
         Keywords that were asked for, and whose card has no value.
-    asked : set of str
-        All keywords that were asked for, those among them that the header does not have.
     """
 
     def __init__(self, text: bytes, card: Callable[[bytes], Any]) -> None:
@@ -58,8 +53,6 @@ class PlainHeader(Mapping[str, Any]):
         self.warnings = [] if self._text == text else ["the header holds bytes that are no text; read as '?'"]
         self.unreadable: set[str] = set()
         self.valueless: set[str] = set()
-        self.asked: set[str] = set()
-        self._silent: set[str] = set()
         self._cards = _cards(self._text)
         self._places: dict[str, tuple[int, int]] = {}
         self._later: dict[str, list[tuple[int, int]]] = {}
@@ -69,15 +62,12 @@ class PlainHeader(Mapping[str, Any]):
         self._values: dict[str, Any] = {key: self._remarks(key) for key in _REMARKS if key in self._places}
 
     def __getitem__(self, key: str) -> Any:
-        self.asked.add(key)
-        if key in self._silent:
-            raise KeyError(key)
         if key not in self._values:
             image = self._image(*self._places[key])
             try:
                 self._values[key], self.comments[key] = self._read(key, image)
             except KeyError:
-                self._silent.add(key)
+                del self._places[key]
                 raise
             if any(_said(self._image(*place)) != _said(image) for place in self._later.get(key, ())):
                 self.warnings.append(f"the header says {key} more than once; the first counts")
@@ -96,6 +86,8 @@ class PlainHeader(Mapping[str, Any]):
             raise KeyError(key) from None
 
     def __contains__(self, key: object) -> bool:
+        if key not in self._places:
+            return False
         try:
             self[str(key)]
         except KeyError:
@@ -107,21 +99,6 @@ class PlainHeader(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    def answers(self, keywords: Iterable[str]) -> list[bytes]:
-        """Return the cards of each keyword as they stand, one behind the other; none are no bytes."""
-        return [b"".join(self._image(*place) for place in self._all(key)) for key in keywords]
-
-    def _all(self, key: str) -> list[tuple[int, int]]:
-        return [self._places[key], *self._later.get(key, ())] if key in self._places else []
-
-    def is_plain(self, keywords: Iterable[str]) -> bool:
-        """Whether there is nothing to warn of in what these keywords say: one regular card each, or none."""
-        cards = filter(None, self.answers(keywords))
-        return not self.warnings and all(
-            len(card) == CARD and (is_regular(card) or _VALUELESS.fullmatch(card) is not None)
-            for card in cards
-        )
 
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""
@@ -135,11 +112,6 @@ class PlainHeader(Mapping[str, Any]):
 
     def _image(self, start: int, end: int) -> bytes:
         return self._text[start:end].ljust(CARD)
-
-
-def is_regular(image: bytes) -> bool:
-    """Whether a card is one by the letter of the standard, of whose form a reader does not warn."""
-    return _REGULAR.fullmatch(image) is not None
 
 
 def _said(image: bytes) -> list[bytes]:
