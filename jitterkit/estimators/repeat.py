@@ -10,6 +10,7 @@ that the errors of a frame like the first grow by a hundredth.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -33,9 +34,6 @@ __all__ = ["Repeat", "Repeated"]
 
 _DEARER = 1.01
 """Factor by which the errors of the moments may grow, for the sake of a smaller cut-out."""
-
-_STEP = 4
-"""Pixels between the cut-outs that are tried."""
 
 _SHARE = 6
 """Rims that a frame must be wide: of a smaller one too much would be left out."""
@@ -253,7 +251,7 @@ def _cut(
     scene, shape = parameters.scene, np.array(image.shape)
     middle = np.array([scene.y, scene.x]) / pitch + (shape - 1) / 2
 
-    def errors(half: int) -> np.ndarray:
+    def errors(half: int) -> np.ndarray:  # the fewer pixels, the larger
         (top, left), (bottom, right) = (
             np.clip(np.round(middle) + by, 0, shape).astype(int) for by in (-half, half)
         )
@@ -262,7 +260,7 @@ def _cut(
 
     most = int(max(shape))
     least = errors(most)
-    half = next((h for h in range(_STEP, most, _STEP) if np.all(errors(h) < _DEARER * least)), most)
+    half = 1 + bisect_left(range(1, most), True, key=lambda h: bool(np.all(errors(h) < _DEARER * least)))
     size = [min(next_fast_len(2 * (half + edge), real=True), n) for edge, n in zip(rim, shape, strict=True)]
     corner = np.clip(np.round(middle).astype(int) - np.array(size) // 2, 0, shape - size)
     return corner, (size[0], size[1])
