@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -32,7 +32,7 @@ from jitterkit.estimators.first import (
 from jitterkit.estimators.register import at_first, cut_out
 from jitterkit.estimators.shape import is_decisive
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
-from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
+from jitterkit.likelihood import NO_CEILING, Data, chi_squared, equations_of, is_clear
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 
@@ -111,23 +111,38 @@ def compared(first: First, frames: Sequence[Data], size: int) -> list[End]:
     ends : list of End
         With arrays of NumPy's.
     """
-    kinds: dict[Any, list[int]] = {}
+    kinds: dict[tuple[bool, bool], list[int]] = {}
     for place, data in enumerate(frames):
-        kinds.setdefault(jax.tree.structure(data), []).append(place)
+        kinds.setdefault((data.response is None, data.full is None), []).append(place)
     ends: dict[int, End] = {}
     for places in kinds.values():
         for some in (places[n : n + size] for n in range(0, len(places), size)):
-            stack = jax.tree.map(partial(_stacked, size), *(frames[place] for place in some))
+            stack = _stack([frames[place] for place in some], size)
             found = jax.tree.map(np.asarray, _each(first, stack, len(some)))
             ends |= {place: jax.tree.map(itemgetter(n), found) for n, place in enumerate(some)}
     return [ends[place] for place in range(len(frames))]
 
 
-def _stacked(size: int, *arrays) -> np.ndarray:
-    """Arrays one above the other, and room for as many as there are at most; numbers in 32 bits."""
-    stack = np.empty((size, *arrays[0].shape), in_single(arrays[0]))
-    stack[: len(arrays)] = arrays
-    return stack
+def _stack(frames: Sequence[Data], size: int) -> Data:
+    """Frames one above the other, and room for as many as there are at most; numbers in 32 bits.
+
+    A frame without a ceiling has one here that is out of reach, so that one program does for all.
+    """
+
+    def stacked(*arrays):
+        some = next((array for array in arrays if array is not None), None)
+        if some is None:
+            return None
+        stack = np.empty((size, *some.shape), in_single(some))
+        for place, array in enumerate(arrays):
+            stack[place] = NO_CEILING if array is None else array
+        return stack
+
+    stack = jax.tree.map(stacked, *frames, is_leaf=lambda part: part is None)
+    if stack.ceiling is not None:
+        return stack
+    ceiling = np.full(stack.electrons.shape, NO_CEILING, np.float32)
+    return eqx.tree_at(lambda data: data.ceiling, stack, ceiling, is_leaf=lambda part: part is None)
 
 
 @jax.jit
@@ -140,9 +155,13 @@ def _each(first: First, stack: Data, count) -> End:
     def put(n, ends):
         return jax.tree.map(lambda every, end: every.at[n].set(end), ends, one(n))
 
-    size = len(stack.used)
-    none = jax.tree.map(lambda end: jnp.zeros((size, *end.shape), end.dtype), jax.eval_shape(one, 0))
+    none = _none_of(jax.eval_shape(one, 0), len(stack.used))
     return jax.lax.fori_loop(0, count, put, none)
+
+
+def _none_of(shapes, *several):
+    """Zeros for a loop to begin with, of what it makes."""
+    return jax.tree.map(lambda shape: jnp.zeros((*several, *shape.shape), shape.dtype), shapes)
 
 
 @jax.jit
@@ -155,22 +174,24 @@ def _compared(first: First, data: Data) -> End:
     bright = np.array([name in ("flux", "background") for name in first.names])
     values = jnp.where(bright, light * values, values).at[places].add(shift * first.otf.grid.pitch)
 
-    def go_on(state):
-        here, n = state
-        return (here.length(normal) > _NEARBY) & (n < _EXPANSIONS)
+    def closer(state):  # on and on, but what is carried is small: arrays of pixels would be copied each time
+        _, values, _, n = state
+        here = _expanded(first, data, values)
+        step = here.step(normal)
+        _, errors = invert(here.information, normal | True)
+        end = _closer(first, here, normal | is_decisive(errors[first.kurtosis]))
+        return end, values + step, jnp.sqrt(here.score @ step), n + 1
 
-    def expand(state):
-        here, n = state
-        return _expanded(first, data, here.values + here.step(normal)), n + 1
-
-    here, _ = jax.lax.while_loop(go_on, expand, (_expanded(first, data, values), 1))
+    nothing = _none_of(jax.eval_shape(closer, (0, values, 0, 0))[0])
+    begin = nothing, values, jnp.inf, 0
+    end, _, length, _ = jax.lax.while_loop(
+        lambda it: (it[2] > _NEARBY) & (it[3] < _EXPANSIONS), closer, begin
+    )
     alike = jnp.all(jnp.abs(shift) < SPARE) & (light < _BRIGHTER) & (light > 1 / _BRIGHTER)
-    alike &= here.length(normal) < _NEARBY
-    _, errors = invert(here.information, normal | True)
-    shape_err = errors[first.kurtosis]
-    end = _closer(first, here, normal | is_decisive(shape_err))
+    alike &= length < _NEARBY
 
-    shape = jnp.abs(end.values[first.kurtosis])
+    _, errors = invert(end.information, normal | True)
+    shape, shape_err = jnp.abs(end.values[first.kurtosis]), errors[first.kurtosis]
     far = (shape >= jnp.maximum(_SHAPELESS, 2 * shape_err)) | (end.remains >= SETTLED)
 
     def by_its_own_shape(state):

@@ -9,7 +9,16 @@ from jaxtyping import Array, Bool, Float
 
 from jitterkit.frames.frame import Frame
 
-__all__ = ["Data", "ceiling_distance", "clears", "is_clear", "mean_counts", "relative_residual", "telling"]
+__all__ = [
+    "NO_CEILING",
+    "Data",
+    "ceiling_distance",
+    "clears",
+    "is_clear",
+    "mean_counts",
+    "relative_residual",
+    "telling",
+]
 
 _FLOOR = 1e-6
 """Smallest expected count, as a share of the frame's mean: ringing must not make it negative."""
@@ -17,7 +26,7 @@ _FLOOR = 1e-6
 _CLEAR = 4.0
 """Sigmas below its ceiling from which a pixel counts: what is trimmed of its noise there is 3e-5 of it."""
 
-_NO_CEILING = 1e15
+NO_CEILING = 1e15
 """Electrons that no pixel holds: a ceiling that is infinite has no cube root."""
 
 _NEAR = 10.0
@@ -60,7 +69,7 @@ class Data(eqx.Module):
         self.used = used
         response = None if response is None else np.asarray(response, float)
         self.response = None if response is None else _spread(response, electrons.shape)
-        ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), _NO_CEILING)
+        ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), NO_CEILING)
         self.ceiling = None if ceiling is None else _spread(ceiling, electrons.shape)
         self.full = None if full is None else np.asarray(full, bool)
 
@@ -145,8 +154,10 @@ def is_clear(image, data: Data):
 
 
 def clears(mean, data: Data):
-    """Whether an expected count stays clear of its ceiling."""
-    return ceiling_distance(mean, data)[0] < -_CLEAR
+    """Whether an expected count stays clear of its ceiling, by its :func:`ceiling_distance`."""
+    level = _level(data)
+    root = jnp.maximum(1 - 1 / (9 * level) - _CLEAR / (3 * jnp.sqrt(level)), 0.0)
+    return data.weight * mean < level * root**3  # cubed here, where a cube root of the count takes longer
 
 
 def _floor(image, data: Data):
@@ -176,8 +187,12 @@ def ceiling_distance(mean, data: Data):
     Wilson and Hilferty's cube root makes a Poisson law normal (Proc. Natl. Acad. Sci. 17, 684, 1931): the
     chance of reaching the ceiling is right to 6e-4 at ten counts, 5e-6 at a thousand and 4e-7 at 15,000.
     """
-    assert data.ceiling is not None
-    count, level = data.weight * mean, data.weight * (data.ceiling + data.offset) + 0.5
+    count, level = data.weight * mean, _level(data)
     root = jnp.cbrt(count / level)
     steep = 3 * jnp.sqrt(level)
     return steep * (root - 1 + 1 / (9 * level)), steep * root / (3 * count)
+
+
+def _level(data: Data):
+    assert data.ceiling is not None
+    return data.weight * (data.ceiling + data.offset) + 0.5

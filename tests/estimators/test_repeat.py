@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
-from jitterkit.estimators import estimate_score
+from jitterkit.estimators import compare, estimate_score
 from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import expected_image
 from jitterkit.instruments import load_instrument
@@ -161,6 +162,20 @@ def test_a_blurred_first_frame_lends_no_shape_to_sharp_ones(telescope, major):
 def test_what_is_asked_for_must_not_be_held(telescope, shown):
     for name in ("x", "separation", "shaped_xx", "mvn_xy"):
         assert Repeat.of(shown, telescope.system(), hold=("background", name)) is None
+
+
+def test_a_frame_with_a_ceiling_and_one_without_go_through_one_program(telescope, repeat):
+    frame = draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=9)
+    free = Data.of(frame)
+    data = Data(free.electrons, free.read_variance, free.used, ceiling=np.full(frame.shape, 1e6))
+    assert free.ceiling is None
+    alone, _ = repeat.compare([free, free])
+    programs = compare._each._cache_size()
+    ends = [*repeat.compare([data]), *repeat.compare([data, free]), *repeat.compare([free, data])]
+    assert compare._each._cache_size() == programs
+    for end in ends:
+        for one, other in zip(jax.tree.leaves(alone), jax.tree.leaves(end), strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_masked_and_full_pixels_are_left_out(telescope, repeat):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.frames import Frame
-from jitterkit.likelihood import Data, deviance, normal_equations, pearson
+from jitterkit.likelihood import Data, deviance, is_clear, normal_equations, pearson
 from jitterkit.loci import Mvn
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary, Star
@@ -111,6 +111,17 @@ def test_what_the_model_brings_near_the_ceiling_is_left_out_whatever_it_reads(tr
     assert np.sum(~used & ~reach & ~frame.full) <= 2
     assert np.sum(~used) > np.sum(frame.full) > 5
     assert data.ceiling is None
+
+
+@pytest.mark.parametrize("level", [300, 3000, 15000])
+def test_a_count_is_clear_until_its_chance_to_be_full_is_that_beyond_four_sigmas(level):
+    means = np.linspace(level - 6 * np.sqrt(level), level, 20001)
+    row = Data(means[None], ceiling=np.full((1, len(means)), float(level)))
+    clear = np.asarray(is_clear(means[None], row))[0]
+    last = clear.sum() - 1
+    assert np.all(clear[: last + 1])
+    # the chance of a Poisson count to reach half a count more, a hundredth of it off for the cube root
+    assert special.gammainc(level + 0.5, means[last]) == pytest.approx(stats.norm.sf(4.0), rel=0.01)
 
 
 def test_a_frame_without_anything_near_its_ceiling_has_none(truth, otf):
