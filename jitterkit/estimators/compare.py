@@ -32,7 +32,7 @@ from jitterkit.estimators.first import (
 from jitterkit.estimators.register import at_first, cut_out
 from jitterkit.estimators.shape import is_decisive
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
-from jitterkit.likelihood import NO_CEILING, Data, chi_squared, equations_of, is_clear
+from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 
@@ -111,9 +111,9 @@ def compared(first: First, frames: Sequence[Data], size: int) -> list[End]:
     ends : list of End
         With arrays of NumPy's.
     """
-    kinds: dict[tuple[bool, bool], list[int]] = {}
+    kinds: dict[bool, list[int]] = {}
     for place, data in enumerate(frames):
-        kinds.setdefault((data.response is None, data.full is None), []).append(place)
+        kinds.setdefault(data.response is None, []).append(place)
     ends: dict[int, End] = {}
     for places in kinds.values():
         for some in (places[n : n + size] for n in range(0, len(places), size)):
@@ -126,23 +126,25 @@ def compared(first: First, frames: Sequence[Data], size: int) -> list[End]:
 def _stack(frames: Sequence[Data], size: int) -> Data:
     """Frames one above the other, and room for as many as there are at most; numbers in 32 bits.
 
-    A frame without a ceiling has one here that is out of reach, so that one program does for all.
+    All have a response or none.  Where one has no ceiling it gets an infinite one, and what is full is left
+    out with what is near the ceiling, so that one program does for all.
     """
 
     def stacked(*arrays):
-        some = next((array for array in arrays if array is not None), None)
-        if some is None:
+        if any(array is None for array in arrays):
             return None
-        stack = np.empty((size, *some.shape), in_single(some))
-        for place, array in enumerate(arrays):
-            stack[place] = NO_CEILING if array is None else array
+        stack = np.empty((size, *arrays[0].shape), in_single(arrays[0]))
+        stack[: len(arrays)] = arrays
         return stack
 
     stack = jax.tree.map(stacked, *frames, is_leaf=lambda part: part is None)
-    if stack.ceiling is not None:
-        return stack
-    ceiling = np.full(stack.electrons.shape, NO_CEILING, np.float32)
-    return eqx.tree_at(lambda data: data.ceiling, stack, ceiling, is_leaf=lambda part: part is None)
+    ceiling = np.full(stack.electrons.shape, np.inf, np.float32)
+    for place, data in enumerate(frames):
+        if data.ceiling is not None:
+            ceiling[place] = data.ceiling
+    return eqx.tree_at(
+        lambda data: (data.ceiling, data.full), stack, (ceiling, None), is_leaf=lambda part: part is None
+    )
 
 
 @jax.jit
@@ -159,9 +161,9 @@ def _each(first: First, stack: Data, count) -> End:
     return jax.lax.fori_loop(0, count, put, none)
 
 
-def _none_of(shapes, *several):
-    """Zeros for a loop to begin with, of what it makes."""
-    return jax.tree.map(lambda shape: jnp.zeros((*several, *shape.shape), shape.dtype), shapes)
+def _none_of(shapes, *room):
+    """Zeros for a loop to begin with, shaped as what it makes, with room for several."""
+    return jax.tree.map(lambda shape: jnp.zeros((*room, *shape.shape), shape.dtype), shapes)
 
 
 @jax.jit
@@ -174,7 +176,7 @@ def _compared(first: First, data: Data) -> End:
     bright = np.array([name in ("flux", "background") for name in first.names])
     values = jnp.where(bright, light * values, values).at[places].add(shift * first.otf.grid.pitch)
 
-    def closer(state):  # on and on, but what is carried is small: arrays of pixels would be copied each time
+    def by_a_normal(state):  # arrays of pixels are not carried on: they would be copied at each turn
         _, values, _, n = state
         here = _expanded(first, data, values)
         step = here.step(normal)
@@ -182,10 +184,10 @@ def _compared(first: First, data: Data) -> End:
         end = _closer(first, here, normal | is_decisive(errors[first.kurtosis]))
         return end, values + step, jnp.sqrt(here.score @ step), n + 1
 
-    nothing = _none_of(jax.eval_shape(closer, (0, values, 0, 0))[0])
+    nothing = _none_of(jax.eval_shape(by_a_normal, (0, values, 0, 0))[0])
     begin = nothing, values, jnp.inf, 0
     end, _, length, _ = jax.lax.while_loop(
-        lambda it: (it[2] > _NEARBY) & (it[3] < _EXPANSIONS), closer, begin
+        lambda it: (it[2] > _NEARBY) & (it[3] < _EXPANSIONS), by_a_normal, begin
     )
     alike = jnp.all(jnp.abs(shift) < SPARE) & (light < _BRIGHTER) & (light > 1 / _BRIGHTER)
     alike &= length < _NEARBY

@@ -13,12 +13,11 @@ Information is always the expected Fisher information, which is positive by cons
 the data need not be.
 """
 
-from jitterkit.likelihood.data import NO_CEILING, Data, is_clear
+from jitterkit.likelihood.data import Data, is_clear
 from jitterkit.likelihood.equations import NormalEquations, deviance, equations_of, normal_equations
 from jitterkit.likelihood.misfit import Misfit, chi_squared, pearson
 
 __all__ = [
-    "NO_CEILING",
     "Data",
     "Misfit",
     "NormalEquations",

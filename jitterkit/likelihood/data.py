@@ -10,7 +10,6 @@ from jaxtyping import Array, Bool, Float
 from jitterkit.frames.frame import Frame
 
 __all__ = [
-    "NO_CEILING",
     "Data",
     "ceiling_distance",
     "clears",
@@ -26,8 +25,8 @@ _FLOOR = 1e-6
 _CLEAR = 4.0
 """Sigmas below its ceiling from which a pixel counts: what is trimmed of its noise there is 3e-5 of it."""
 
-NO_CEILING = 1e15
-"""Electrons that no pixel holds: a ceiling that is infinite has no cube root."""
+_NO_CEILING = 1e15
+"""Electrons that no pixel holds: the distance from an infinite ceiling has no slope."""
 
 _NEAR = 10.0
 """Sigmas below the ceiling within which some reading lies if any pixel can be expected to reach it."""
@@ -69,7 +68,7 @@ class Data(eqx.Module):
         self.used = used
         response = None if response is None else np.asarray(response, float)
         self.response = None if response is None else _spread(response, electrons.shape)
-        ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), NO_CEILING)
+        ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), _NO_CEILING)
         self.ceiling = None if ceiling is None else _spread(ceiling, electrons.shape)
         self.full = None if full is None else np.asarray(full, bool)
 
@@ -156,7 +155,7 @@ def is_clear(image, data: Data):
 def clears(mean, data: Data):
     """Whether an expected count stays clear of its ceiling, by its :func:`ceiling_distance`."""
     level = _level(data)
-    root = jnp.maximum(1 - 1 / (9 * level) - _CLEAR / (3 * jnp.sqrt(level)), 0.0)
+    root = 1 - 1 / (9 * level) - _CLEAR / (3 * jnp.sqrt(level))
     return data.weight * mean < level * root**3  # cubed here, where a cube root of the count takes longer
 
 

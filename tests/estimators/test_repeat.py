@@ -171,7 +171,9 @@ def test_a_frame_with_a_ceiling_and_one_without_go_through_one_program(telescope
     assert free.ceiling is None
     alone, _ = repeat.compare([free, free])
     programs = compare._each._cache_size()
-    ends = [*repeat.compare([data]), *repeat.compare([data, free]), *repeat.compare([free, data])]
+    full = np.zeros(frame.shape, bool)
+    counted = Data(free.electrons, free.read_variance, free.used, ceiling=data.ceiling, full=full)
+    ends = [*repeat.compare([data]), *repeat.compare([data, free]), *repeat.compare([free, data, counted])]
     assert compare._each._cache_size() == programs
     for end in ends:
         for one, other in zip(jax.tree.leaves(alone), jax.tree.leaves(end), strict=True):

@@ -10,6 +10,7 @@ from scipy import special, stats
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data, deviance, is_clear, normal_equations, pearson
+from jitterkit.likelihood.data import ceiling_distance, mean_counts
 from jitterkit.loci import Mvn
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary, Star
@@ -122,6 +123,19 @@ def test_a_count_is_clear_until_its_chance_to_be_full_is_that_beyond_four_sigmas
     assert np.all(clear[: last + 1])
     # the chance of a Poisson count to reach half a count more, a hundredth of it off for the cube root
     assert special.gammainc(level + 0.5, means[last]) == pytest.approx(stats.norm.sf(4.0), rel=0.01)
+
+
+def test_what_is_clear_is_four_sigmas_from_its_ceiling_whatever_that_is(rng):
+    levels = np.array([np.nan, -50.0, 0.0, 1.0, 30.0, 1e3, 1e5, np.inf])[:, None]
+    flat, means = rng.uniform(0.5, 1.5, (8, 4000)), rng.uniform(0.01, 1.2, (8, 4000))
+    image = means * np.where(np.isfinite(levels) & (levels > 0), levels, 1e4)
+    data = Data(image, 9.0, response=flat, ceiling=np.broadcast_to(levels, image.shape))
+    distance, _ = ceiling_distance(mean_counts(image, data), data)
+    clear = np.asarray(is_clear(image, data))
+    np.testing.assert_array_equal(clear, np.asarray(distance) < -4)
+    assert not clear[:3].any()
+    assert clear[-1].all()
+    assert 0.3 < clear[6].mean() < 0.9
 
 
 def test_a_frame_without_anything_near_its_ceiling_has_none(truth, otf):
