@@ -64,6 +64,8 @@ class Products:
         UndeterminedError
             If there is no blur to draw.
         """
+        if self.pictures is self.kernels is self.images is None:
+            return  # then no name can be taken
         stem = self._name(measured)
         if self.pictures is not None:
             picture = png(measured.draw()[0])

@@ -1,7 +1,9 @@
 """What is written of a frame: its row, its picture, its kernel and its deblurred image."""
 
+import shutil
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,17 +35,26 @@ def test_pictures_kernels_and_deblurred_images_are_named_after_the_frame(folder,
         Products(tmp_path / "a")
 
 
-def test_two_frames_of_one_name_do_not_replace_each_others_products(folder, tmp_path):
+@pytest.fixture
+def namesakes(folder, tmp_path):
+    """A field, twice, in two directories."""
     other = tmp_path / "other"
     other.mkdir()
-    (other / "field.fits").write_bytes((folder / "field.fits").read_bytes())
+    return [folder / "field.fits", Path(shutil.copy(folder / "field.fits", other))]
+
+
+def test_two_frames_of_one_name_do_not_replace_each_others_products(namesakes, tmp_path):
     products = Products(kernels=tmp_path / "kernels")
-    table = estimate_files(
-        [folder / "field.fits", other / "field.fits"], SceneMeasurer(stars=True), keep=products.write
-    )
+    table = estimate_files(namesakes, SceneMeasurer(stars=True), keep=products.write)
     assert list(table["status"]) == ["ok", "ok"]
     assert "another frame of the name field" in table["message"][1]
     assert "another frame" not in table["message"][0]
+
+
+def test_where_nothing_is_written_frames_may_share_a_name(namesakes):
+    table = estimate_files(namesakes, SceneMeasurer(stars=True), keep=Products().write)
+    assert list(table["status"]) == ["ok", "ok"]
+    assert table["message"][0] == table["message"][1]
 
 
 def test_a_second_frame_of_one_stem_has_products_of_its_file_s_full_name(folder, tmp_path):
