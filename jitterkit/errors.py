@@ -1,38 +1,123 @@
-"""What goes wrong, and who is told.
+"""Errors that a user can mend, and the code that says which kind each one is.
 
 Two rules hold everywhere in jitterkit:
 
-* A *bad argument* is the caller's mistake: it raises, with one full sentence that names the
-  value received and what would have been accepted.
-* A *bad frame* is nobody's mistake: it becomes a row with a status, and the frames beside it
-  are unharmed.  The reader raises :class:`FrameError` for it; only the batch catches it.
+* A *bad argument* raises an exception.  Its message is one full sentence that names the value
+  received and what would have been accepted.
+* A *bad frame* becomes a row with a status, and the frames beside it are unharmed.  The reader raises
+  :class:`FrameError`; only the batch catches it.
 
-Everything raised on purpose derives from :class:`JitterkitError`, so that ``except JitterkitError``
-separates what the user can mend from what we must.
+Everything raised on purpose derives from :class:`JitterkitError` and carries an :class:`ErrorCode`.
+Programs should compare the code, because sentences may be improved at any time.
 """
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
 __all__ = [
     "ConfigurationError",
+    "ErrorCode",
     "FrameError",
     "JitterkitError",
-    "NoStarError",
     "UndeterminedError",
+    "code_of",
     "did_you_mean",
+    "out_of_memory",
 ]
 
 
+class ErrorCode(enum.StrEnum):
+    """The kind of an error.
+
+    The value is what a results table holds in its column ``reason``; ``meaning`` explains it in one line.
+    """
+
+    meaning: str
+
+    def __new__(cls, value: str, meaning: str = "") -> ErrorCode:
+        """Make a member from its value and meaning."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.meaning = meaning
+        return member
+
+    # values, names and settings
+    WRONG_TYPE = "wrong_type", "a value is not of the kind that is needed"
+    OUT_OF_RANGE = "out_of_range", "a number is outside its range, or not finite"
+    WRONG_SHAPE = "wrong_shape", "an array does not have the shape that is needed"
+    UNKNOWN_NAME = "unknown_name", "a name, key or option does not exist"
+    UNKNOWN_UNIT = "unknown_unit", "a unit is not known, or of another dimension"
+    MISSING_VALUE = "missing_value", "a value is needed and neither given nor known"
+    CONFLICT = "conflict", "two settings or inputs exclude each other"
+    DUPLICATE = "duplicate", "something that must be unique is given twice"
+    TOO_FEW = "too_few", "there are fewer data than the method needs"
+    TOO_MANY = "too_many", "there are more data than the method takes"
+    UNSUPPORTED = "unsupported", "the method does not apply to this kind of input"
+    SAMPLING = "sampling", "a sampling is too coarse, or an extent too small, for an exact computation"
+    MALFORMED = "malformed", "a text, table or settings file does not follow its format"
+    MISSING_PACKAGE = "missing_package", "an optional package is not installed"
+    # files and directories
+    NOT_FOUND = "not_found", "a file or directory does not exist"
+    EXISTS = "exists", "a file exists and may not be replaced"
+    NOT_READABLE = "not_readable", "a file or directory cannot be opened for reading"
+    NOT_WRITABLE = "not_writable", "a file or directory cannot be written"
+    LOCKED = "locked", "another process holds a file"
+    WRONG_SUFFIX = "wrong_suffix", "a file's name does not end as its format requires"
+    # contents of image files
+    UNKNOWN_FORMAT = "unknown_format", "a file is neither FITS nor TIFF"
+    DAMAGED = "damaged", "the contents of a file contradict themselves"
+    TRUNCATED = "truncated", "a file ends before its data do"
+    CHANGED = "changed", "a file changed while it was read, or since"
+    NO_IMAGE = "no_image", "a file holds no image, or not the one that was asked for"
+    COLOUR = "colour", "an image has colour channels"
+    UNSUPPORTED_ENCODING = "unsupported_encoding", "pixels are stored in a way that is not read"
+    TOO_LARGE = "too_large", "an image declares more pixels than are read"
+    # what an image shows
+    NO_DATA = "no_data", "no usable pixel, or too few"
+    NO_SIGNAL = "no_signal", "nothing rises above the noise"
+    NO_STAR = "no_star", "no star rises above the noise"
+    TOO_FEW_STARS = "too_few_stars", "fewer isolated stars than the method needs"
+    NO_PAIR = "no_pair", "only one star is seen"
+    NOT_CONSTRAINED = "not_constrained", "the image does not constrain the answer"
+    AMBIGUOUS = "ambiguous", "several answers explain the image alike"
+    MODEL_MISMATCH = "model_mismatch", "the model does not describe the image"
+    IMPLAUSIBLE = "implausible", "a fitted value is physically impossible"
+    NOT_CONVERGED = "not_converged", "an iteration did not settle"
+    WRONG_INSTRUMENT = "wrong_instrument", "a frame does not suit the instrument or the other frames"
+    REFERENCE = "reference", "a reference frame cannot serve"
+    IS_REFERENCE = "is_reference", "the frame is the one that others are compared with"
+    # the run
+    OUT_OF_MEMORY = "out_of_memory", "memory ran out"
+    WORKER_LOST = "worker_lost", "the process that worked on a frame was killed"
+    INTERNAL = "internal", "an error in jitterkit: please report it"
+
+
 class JitterkitError(ValueError):
-    """Something the user can mend; the message is one sentence and ends with the remedy."""
+    """An error that the user can mend.
+
+    Parameters
+    ----------
+    code : ErrorCode
+    message : str
+        One sentence that names the value received and the remedy.
+    """
+
+    def __init__(self, code: ErrorCode, message: str) -> None:
+        super().__init__(code, message)
+        self.code = code
+        self.message = message
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return self.message
 
 
 class ConfigurationError(JitterkitError):
-    """An instrument file, a preset or an option that cannot be used as given."""
+    """An argument, an instrument file, a preset or an option that cannot be used as given."""
 
 
 class FrameError(JitterkitError):
@@ -40,6 +125,7 @@ class FrameError(JitterkitError):
 
     Parameters
     ----------
+    code : ErrorCode
     path : str or Path
         The file the user named.
     problem : str
@@ -48,27 +134,36 @@ class FrameError(JitterkitError):
         What to do about it: ``"convert it to one channel"``.
     """
 
-    def __init__(self, path: str | Path, problem: str, remedy: str) -> None:
+    def __init__(self, code: ErrorCode, path: str | Path, problem: str, remedy: str) -> None:
         name = "".join(c if c.isprintable() else "?" for c in str(path))  # a terminal obeys what is not
-        super().__init__(f"{name}: {problem}; {remedy}.")
+        super().__init__(code, f"{name}: {problem}; {remedy}.")
+        self.args = (code, path, problem, remedy)  # so that a pickled error can be made again
         self.path = Path(path)
         self.problem = problem
         self.remedy = remedy
 
 
-class NoStarError(FrameError):
-    """A frame in which nothing rises above the noise."""
-
-
 class UndeterminedError(JitterkitError):
-    """An image that does not hold the answer: the sentence says what is missing from it.
+    """An image that does not hold the answer; the message says what is missing from it.
 
-    An estimator that refuses is better than one that guesses; what it refuses is a row like any other.
+    The batch reports such a frame as a row, like any other.
     """
 
 
+def code_of(error: BaseException) -> ErrorCode:
+    """Return the code of any exception; ``INTERNAL`` for one that was not raised on purpose."""
+    if isinstance(error, JitterkitError):
+        return error.code
+    return ErrorCode.OUT_OF_MEMORY if out_of_memory(error) else ErrorCode.INTERNAL
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Return whether memory ran out: Python's or a device's, for which JAX has no exception of its own."""
+    return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
-    """The beginning of a remedy: the nearest of the allowed names, or nothing.
+    """Return the beginning of a remedy: the nearest of the allowed names, or nothing.
 
     >>> did_you_mean("tolimann", ["toliman", "smallsat"])
     "did you mean 'toliman'? "

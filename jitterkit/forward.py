@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.otf import OTF
@@ -128,14 +128,16 @@ def free_parameters(
     """
     if len(parameters.aberrations) != len(otf.names):
         raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
             f"The parameters hold {len(parameters.aberrations)} aberrations but the optics {len(otf.names)}; "
-            "give one value for each."
+            "give one value for each.",
         )
     every = parameter_names(parameters, otf.names)
     unknown = [name for name in hold if name not in every]
     if unknown:
         raise ConfigurationError(
-            f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}."
+            ErrorCode.UNKNOWN_NAME,
+            f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}.",
         )
     held = {*hold, *otf.blind()}
     free = tuple(i for i, name in enumerate(every) if name not in held)

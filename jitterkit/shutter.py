@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.conventions import offsets
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 from jitterkit.loci.product import Product
 from jitterkit.loci.stable import Stable
@@ -110,7 +110,8 @@ class Drifting(Shutter):
         self.nodes = _checked_nodes(nodes)
         if self.velocity.shape != (2,):
             raise ConfigurationError(
-                f"A drift has two velocities, along x and y; got an array of shape {self.velocity.shape}."
+                ErrorCode.WRONG_SHAPE,
+                f"A drift has two velocities, along x and y; got an array of shape {self.velocity.shape}.",
             )
 
     def window(self, fx, fy, delay):
@@ -174,8 +175,9 @@ class Following(Shutter):
         slack = 1e-9 * (last - first)  # the windows may end with the record, to rounding
         if first < t[0] - slack or last > t[-1] + slack:
             raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
                 f"The rows of the frame are exposed from {first:g} to {last:g} s, but the trace runs from "
-                f"{t[0]:g} to {t[-1]:g} s; give a longer trace or another start."
+                f"{t[0]:g} to {t[-1]:g} s; give a longer trace or another start.",
             )
         kept = slice(max(np.searchsorted(t, first, "right") - 1, 0), np.searchsorted(t, last, "left") + 1)
         at_start = np.array([np.interp(start, t, x), np.interp(start, t, y)])
@@ -230,9 +232,10 @@ def with_enough_nodes(shutter: _Kind, ny: int, highest: float, tolerance: float 
     enough = np.flatnonzero(errors[2:] < tolerance)
     if not enough.size:
         raise ConfigurationError(
+            ErrorCode.SAMPLING,
             f"The pointing moves too fast for {_SEEN - 1} images to be blended over the "
             f"{(ny - 1) * abs(float(shutter.line_time)):g} s that {ny} rows take; give a smoother trace, or "
-            "fewer rows."
+            "fewer rows.",
         )
     return dataclasses.replace(shutter, nodes=2 + int(enough[0]))
 
@@ -288,5 +291,7 @@ def _cardinal(nodes: int, at: np.ndarray) -> np.ndarray:
 
 def _checked_nodes(nodes: int) -> int:
     if not 1 <= nodes < _SEEN:
-        raise ConfigurationError(f"A shutter blends 1 to {_SEEN - 1} images; got nodes = {nodes}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A shutter blends 1 to {_SEEN - 1} images; got nodes = {nodes}."
+        )
     return int(nodes)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError
 
 __all__ = ["Components", "bin_mean", "box_mean", "components", "median_filter", "native"]
 
@@ -41,7 +41,8 @@ def native(image: np.ndarray) -> np.ndarray:
     array = np.asarray(image)
     if array.ndim != 2 or 0 in array.shape or array.dtype.kind not in "buif":
         raise JitterkitError(
-            f"shape {array.shape} of type {array.dtype} is not an image (ny, nx) of numbers."
+            ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE,
+            f"shape {array.shape} of type {array.dtype} is not an image; give real numbers, (ny, nx).",
         )
     name = {"bool": "uint8", "int8": "int16"}.get(array.dtype.name, array.dtype.name)
     return np.ascontiguousarray(array, dtype=name if name in SUPPORTED else "float64")
@@ -63,7 +64,8 @@ def median_filter(image: np.ndarray, size: int) -> np.ndarray:
         If the size is another.
     """
     if size not in (3, 5):
-        raise JitterkitError(f"a median over {size} x {size} pixels is not offered; use 3 or 5.")
+        problem = f"a median over {size} x {size} pixels is not offered; use 3 or 5."
+        raise JitterkitError(ErrorCode.OUT_OF_RANGE, problem)
     array = native(image)
     return cv2.medianBlur(array if array.dtype in (np.uint8, np.uint16) else array.astype(np.float32), size)
 

@@ -13,8 +13,23 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["FindingError", "ended", "examine"]
+from jitterkit.errors import ErrorCode, FrameError
 
+__all__ = ["REFUSALS", "FindingError", "ended", "examine"]
+
+#: Codes with which a file may be refused for what it holds.
+REFUSALS = frozenset(
+    {
+        ErrorCode.UNKNOWN_FORMAT,
+        ErrorCode.DAMAGED,
+        ErrorCode.TRUNCATED,
+        ErrorCode.NO_IMAGE,
+        ErrorCode.COLOUR,
+        ErrorCode.UNSUPPORTED_ENCODING,
+        ErrorCode.TOO_LARGE,
+        ErrorCode.MISSING_PACKAGE,
+    }
+)
 MOST_FRAMES, MOST_PIXELS = 20, 1 << 22  # of a file that are read, and of a frame that is calibrated
 
 
@@ -45,7 +60,7 @@ def examine(path: Path) -> str:
     Returns
     -------
     outcome : str
-        ``"read"``, or ``"refused: "`` and the sentence without what differs from file to file.
+        ``"read"``, or ``"refused: "``, the code and the sentence without what differs from file to file.
     """
     from jitterkit.frames import is_whole
 
@@ -63,13 +78,13 @@ def examine(path: Path) -> str:
 
 
 def _refusal(read: Callable[[Path], Any], path: Path) -> str | None:
-    """The kind of sentence with which a reader refuses a file, or None."""
-    from jitterkit.errors import FrameError
-
+    """The code and the kind of sentence with which a reader refuses a file, or None."""
     try:
         read(path)
     except FrameError as error:
-        return _kind(path, str(error))
+        if error.code not in REFUSALS:
+            raise FindingError(f"a code that is not of a file's contents: {error.code}, {error}") from error
+        return f"{error.code}: {_kind(path, str(error))}"
     return None
 
 
@@ -109,8 +124,6 @@ def _kind(path: Path, sentence: str) -> str:
         raise FindingError(f"not one sentence that names the file: {sentence!r}")
     if not sentence.isprintable() or len(sentence) > 700:
         raise FindingError(f"a sentence of {len(sentence)} characters, or with odd ones: {sentence!r}")
-    if "fit in memory" in sentence:
-        raise FindingError("memory ran out before the file was refused")
     problem = sentence[len(str(path)) + 2 :].split("; ")[0]
     problem = re.sub(r"\(.*\)?", "(...)", re.sub(r"""["'].*["']""", "'...'", problem))
     return re.sub(r"\d+( x \d+)*", "N", problem)[:90]

@@ -28,18 +28,30 @@ SHARES = (0.55, 0.2, 0.2, 0.05)
 SHAPES = {"linear": -1.2, "shm": -1.5, "mvn": 0.0, "stable": math.nan}
 ABERRATIONS = tuple(f"noll{j}" for j in range(4, 11))
 FAILURES = (
-    ("poor_fit", "the model does not describe the frame: chi²/dof is {x:.4g}. Free the background."),
-    ("not_converged", "the fit did not settle within its iterations."),
-    ("no_star", "{path}: holds no star ({n} pixels above {x:.3g} sigma); give a longer exposure."),
-    ("no_pair", "only one star is seen: a second one is lost in its noise."),
-    ("no_data", "no usable pixel: {n} of 16384 are masked."),
-    ("unreadable", "{path}: holds {n} bytes of the 65536 declared; it is truncated: copy it again."),
-    ("unreadable", "{path}: is empty (0 bytes); copy it again from where it came."),
-    ("unreadable", "{path}: has a FITS header without an END card; the file is damaged: copy it again."),
-    ("mismatch", "the frame does not suit this instrument: its pixels are {x:.4f} arcsec, not 0.375."),
-    ("failed", "the fit broke down: the information is singular after {n} steps."),
-)  # fmt: skip
-"""Status and sentence, with what differs from frame to frame."""
+    (
+        "poor_fit",
+        "model_mismatch",
+        "the model does not describe the frame: chi²/dof is {x:.4g}. Free the background.",
+    ),
+    ("not_converged", "not_converged", "the fit did not settle within its iterations."),
+    ("no_star", "no_star", "{path}: holds no star ({n} pixels above {x:.3g} sigma); give a longer exposure."),
+    ("no_pair", "no_pair", "only one star is seen: a second one is lost in its noise."),
+    ("no_data", "no_data", "no usable pixel: {n} of 16384 are masked."),
+    (
+        "unreadable",
+        "truncated",
+        "{path}: holds {n} bytes of the 65536 declared; it is truncated: copy it again.",
+    ),
+    ("unreadable", "no_image", "{path}: is empty (0 bytes); copy it again from where it came."),
+    ("unreadable", "damaged", "{path}: has a FITS header without an END card; copy it again."),
+    (
+        "mismatch",
+        "wrong_instrument",
+        "the frame does not suit this instrument: pixels of {x:.4f} arcsec, not 0.375.",
+    ),
+    ("failed", "internal", "the fit broke down: the information is singular after {n} steps."),
+)
+"""Status, reason and sentence, with what differs from frame to frame."""
 
 
 def long_run(n: int, rng: np.random.Generator, *, failing: float = 0.03) -> Iterator[dict]:
@@ -76,8 +88,9 @@ def long_run(n: int, rng: np.random.Generator, *, failing: float = 0.03) -> Iter
         path = f"/data/night_17/{name}"
         row = {**blank, "file": name, "path": path, "seconds": 0.4, "exposure": 0.1, "dof": 0}
         if reasons[k] >= 0:
-            status, sentence = FAILURES[reasons[k]]
-            row |= {"status": status, "message": sentence.format(path=path, n=17 * k + 3, x=1.6 + major[k])}
+            status, reason, sentence = FAILURES[reasons[k]]
+            row |= {"status": status, "reason": reason}
+            row |= {"message": sentence.format(path=path, n=17 * k + 3, x=1.6 + major[k])}
             row |= {"time": "" if status == "unreadable" else at.isoformat()}
             yield row
             continue

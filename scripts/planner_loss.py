@@ -45,5 +45,5 @@ def fitted(settings: Settings, example: Example, scene: TradeScene) -> FitResult
     try:
         frame = without_noise(processor.calibrate(scene.plain[0]), scene.images[0])
     except JitterkitError as error:  # nothing is seen in so small a region
-        return FitResult(Status.NO_STAR, str(error))
+        return FitResult.from_error(Status.NO_STAR, error)
     return processor.fit(frame).result

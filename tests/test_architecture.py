@@ -6,6 +6,7 @@ Imports inside functions count too; only the shell (``cli``) may be lazy about t
 from __future__ import annotations
 
 import ast
+import functools
 from pathlib import Path
 
 import pytest
@@ -82,7 +83,8 @@ def files() -> list[Path]:
     return sorted(ROOT.rglob("*.py"))
 
 
-def imports(path: Path) -> set[str]:
+@functools.cache
+def imports(path: Path) -> frozenset[str]:
     """Every module a file imports, absolutely, wherever the statement stands."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -91,7 +93,7 @@ def imports(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively"
             found |= {node.module or ""} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+    return frozenset(found)
 
 
 def room(path: Path) -> str:
@@ -107,16 +109,18 @@ def test_every_room_has_a_floor():
     assert rooms == set().union(*FLOORS)
 
 
-@pytest.mark.parametrize("path", files(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_go_down_only(path):
-    here = room(path)
-    for name in imports(path):
-        parts = name.split(".")
-        if parts[0] != "jitterkit" or len(parts) < 2 or here == "__init__":
-            continue
-        there = parts[1]
-        allowed = there == here or floor(there) < floor(here) or (here, there) in SAME_FLOOR
-        assert allowed, f"{path.relative_to(ROOT)} imports {name} from the same floor or above"
+def test_imports_go_down_only():
+    upward = []
+    for path in files():
+        here = room(path)
+        for name in imports(path):
+            parts = name.split(".")
+            if parts[0] != "jitterkit" or len(parts) < 2 or here == "__init__":
+                continue
+            there = parts[1]
+            if not (there == here or floor(there) < floor(here) or (here, there) in SAME_FLOOR):
+                upward.append(f"{path.relative_to(ROOT)} imports {name} from the same floor or above")
+    assert not upward
 
 
 @pytest.mark.parametrize("library", ONLY_IN)

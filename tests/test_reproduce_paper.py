@@ -143,13 +143,14 @@ def test_every_bias_has_a_row_in_both_numerics(scripts, small, monkeypatch):
     part = scripts["biases"].cross_fits(replace(small, coarse=False))
     assert len(part.rows) == len(asked) / 2 == 9 + 16
     assert [row.exact for row in part.rows] == [pytest.approx(2 * n + 2) for n in range(25)]
-    assert "refused" in part.rows[0].remark
+    spread = np.sqrt(2 * np.prod(small.exact.grid.shape))
+    assert f" {1e5 / spread:.0f} " in part.rows[0].remark
     public = scripts["numerics"].FiveEqualImages
     # the paper's streaks are lent to the registry for the paper's fits, and given back
     assert [one[2] for one in asked[:2]] == [public, Linear]
     assert LOCI["linear"] is Linear
     # after three rows of stable, 0° and 90° are the fourth and the sixth
-    assert "the bias is 8.00 µas along the pair and 12.0 across it (η 0.1)" in part.slips[10]
+    assert re.findall(r"\d+\.\d+", part.slips[10])[:3] == ["8.00", "12.0", "0.1"]
 
 
 def test_a_bias_is_that_of_exact_models_and_of_the_papers(scripts, toliman):
@@ -164,9 +165,7 @@ def test_a_bias_is_that_of_exact_models_and_of_the_papers(scripts, toliman):
 def test_a_part_that_there_is_not_is_refused(scripts):
     script = scripts["reproduce_paper"]
     assert script["chosen"]("still,pixels") == ["still", "pixels"]
-    with pytest.raises(
-        script["argparse"].ArgumentTypeError, match="there is no part 'figure9'; there are still"
-    ):
+    with pytest.raises(script["argparse"].ArgumentTypeError, match=r"'figure9'.*still"):
         script["chosen"]("still,figure9")
 
 

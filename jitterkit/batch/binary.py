@@ -17,7 +17,7 @@ from jitterkit.batch.repeats import Repeats
 from jitterkit.batch.stream import cores
 from jitterkit.batch.survey import Item, Survey
 from jitterkit.batch.verdict import judge, scale_hint
-from jitterkit.errors import FrameError, JitterkitError, NoStarError, UndeterminedError
+from jitterkit.errors import FrameError, JitterkitError, UndeterminedError
 from jitterkit.estimators import KernelEstimate
 from jitterkit.estimators.compare import End, several
 from jitterkit.estimators.repeat import Repeat
@@ -123,11 +123,11 @@ class BinaryMeasurer:
         odd = self.finder.grid(frame) in self._known  # one among many is not worth a look at the optics
         try:
             estimated = (self.finder if odd else self._among_others).estimate(frame)
-        except (FrameError, NoStarError, UndeterminedError):
+        except (FrameError, UndeterminedError):
             raise
         except JitterkitError as error:  # as ``process`` calls it
             told = f"{Status.MISMATCH.value}: {error} {self._scale_hint(frame)}".rstrip()
-            return FitResult(Status.MISMATCH, told)
+            return FitResult.from_error(Status.MISMATCH, error, told)
         if isinstance(estimated, FitResult):
             return estimated
         data, parameters, otf, estimate = estimated
@@ -185,10 +185,10 @@ class BinaryMeasurer:
             dof=misfit.pixels,
             residual=misfit.residual,
         )
-        told = judge(frame, poor, self.finder.instrument.plate_scale).message
+        judged = judge(frame, poor, self.finder.instrument.plate_scale)
         scale = self._scale_hint(frame)
-        hints = [told, "" if scale in told else scale, _ELSE]
-        return FitResult(Status.POOR_FIT, " ".join(filter(None, hints)))
+        hints = [judged.message, "" if scale in judged.message else scale, _ELSE]
+        return FitResult(Status.POOR_FIT, " ".join(filter(None, hints)), code=judged.code)
 
 
 def _per_pixel(misfit: Misfit) -> float:

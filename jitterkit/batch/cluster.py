@@ -27,7 +27,7 @@ from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger_worst import Rank
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.stream import Done
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["connected", "process_on_cluster"]
 
@@ -78,7 +78,8 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
     """
     if distributed is None:
         raise ConfigurationError(
-            'Workers need dask.distributed, which is not installed; run: pip install "jitterkit[cluster]"'
+            ErrorCode.MISSING_PACKAGE,
+            'Workers need dask.distributed, which is not installed; run: pip install "jitterkit[cluster]"',
         )
     import dask
 
@@ -107,16 +108,18 @@ def _client(scheduler: str) -> Any:
         client = distributed.Client(scheduler, timeout=_REACHED)
     except (OSError, ValueError) as error:
         raise ConfigurationError(
+            ErrorCode.NOT_FOUND,
             f"No scheduler answers at {scheduler} ({error}); start one with 'dask scheduler', or see the "
-            "address."
+            "address.",
         ) from None
     try:
         client.wait_for_workers(1, timeout=_JOINED)
     except TimeoutError:
         client.close()
         raise ConfigurationError(
+            ErrorCode.NOT_FOUND,
             f"The scheduler at {scheduler} has no workers; start some with "
-            f"'dask worker {scheduler} --nthreads 1'."
+            f"'dask worker {scheduler} --nthreads 1'.",
         ) from None
     return client
 
@@ -197,5 +200,5 @@ def _equip(client: Any, equipment: Equipment, name: str) -> None:
         client.register_plugin(equipment, name=name)
     except ImportError as error:
         raise ConfigurationError(
-            f"A worker lacks {error.name}; install there what is installed here."
+            ErrorCode.MISSING_PACKAGE, f"A worker lacks {error.name}; install there what is installed here."
         ) from None

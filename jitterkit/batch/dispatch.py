@@ -12,7 +12,7 @@ from jitterkit.batch.equipment import Part, distributed, fit
 from jitterkit.batch.ledger_worst import Rank
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.stream import Done
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.pictures import FrameReport
 from jitterkit.report.row import Row, make_row
@@ -25,6 +25,7 @@ _HOPELESS = 8
 _KILLED = FitResult(
     Status.FAILED,
     f"{Status.FAILED.value}: it killed the process that fitted it, and again when it was alone there.",
+    code=ErrorCode.WORKER_LOST,
 )
 
 
@@ -82,17 +83,18 @@ class Dispatch:
             self._killed += 1
             if self._killed >= _HOPELESS and not self._done:
                 raise ConfigurationError(
+                    ErrorCode.WORKER_LOST,
                     f"Workers died {self._killed} times and none has finished anything; see that there is "
-                    "memory for them (1 GB each), or start fewer."
+                    "memory for them (1 GB each), or start fewer.",
                 ) from None
             return None
         except (distributed.scheduler.NoValidWorkerError, distributed.scheduler.NoWorkerError):
             raise ConfigurationError(
-                "No worker is left; see why they end, and go on with --resume."
+                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and go on with --resume."
             ) from None
         except CancelledError:
             raise ConfigurationError(
-                "The scheduler is gone; see why it ended, and go on with --resume."
+                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and go on with --resume."
             ) from None
         self._done += 1
         return finished

@@ -19,7 +19,7 @@ from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger_worst import Rank, rank
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.stream import Done, process_batches
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["Equipment", "Part", "distributed", "fit"]
 
@@ -80,15 +80,17 @@ class Equipment(distributed.WorkerPlugin if distributed else object):  # type: i
         """Refuse a worker that would give other rows."""
         if self.witness is not None and not self.witness.exists():
             raise ConfigurationError(
+                ErrorCode.NOT_FOUND,
                 f"The worker {address} does not see {self.witness}: files must be readable there under the "
-                "same path; mount the file system there, or give a path that is the same everywhere."
+                "same path; mount the file system there, or give a path that is the same everywhere.",
             )
         here = _computed_with()
         for name in self.computed:
             if here.get(name) != self.computed[name]:
                 raise ConfigurationError(
+                    ErrorCode.CONFLICT,
                     f"The worker {address} computes with {name} {here.get(name)}, this process with "
-                    f"{self.computed[name]}, which changes the last digits; make them the same."
+                    f"{self.computed[name]}, which changes the last digits; make them the same.",
                 )
 
 

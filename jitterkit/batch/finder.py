@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.batch.room import out_of_memory
 from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import scale_hint, why_unusable
-from jitterkit.errors import JitterkitError, NoStarError
+from jitterkit.errors import ErrorCode, JitterkitError, out_of_memory
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, Metadata, RawFrame
@@ -184,13 +183,14 @@ class Finder:
         return frame.shape, float(f"{frame.plate_scale or self.instrument.plate_scale:.9g}")
 
     def trouble(self, error: Exception, frame: Frame | None = None) -> FitResult:
-        """What stopped a frame, as its status."""
-        if isinstance(error, NoStarError):
-            return FitResult(Status.NO_STAR, str(error))
-        if isinstance(error, JitterkitError):
-            hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
-            return FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
-        return FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}")
+        """Map an exception to a result with the matching status."""
+        if not isinstance(error, JitterkitError):
+            return FitResult.from_error(Status.FAILED, error, f"{Status.FAILED.value}: {error}")
+        if error.code is ErrorCode.NO_STAR:
+            return FitResult.from_error(Status.NO_STAR, error)
+        hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
+        message = f"{Status.MISMATCH.value}: {error} {hint}".rstrip()
+        return FitResult.from_error(Status.MISMATCH, error, message)
 
     def _repeated(self, frame: Frame, data: Data) -> _Found | None:
         """What a frame shows that repeats others; None of one that does not."""

@@ -13,8 +13,8 @@ import time
 from dataclasses import dataclass, replace
 
 from jitterkit.batch.finder import Finder
-from jitterkit.batch.room import out_of_memory
 from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle
+from jitterkit.errors import out_of_memory
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.loci import locus_class
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, fit_best_locus, fit_locus

@@ -15,10 +15,8 @@ from astropy.units import Unit
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.measurer import Measurer
 from jitterkit.batch.plan import Batch, count_frames, plan_batches
-from jitterkit.batch.reference import OwnReferenceError
-from jitterkit.batch.room import out_of_memory
 from jitterkit.batch.stream import in_threads
-from jitterkit.errors import JitterkitError, NoStarError, UndeterminedError
+from jitterkit.errors import ErrorCode, JitterkitError, UndeterminedError, code_of, out_of_memory
 from jitterkit.frames import RawFrame, find_files
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
@@ -70,9 +68,9 @@ def estimate_files(
     Returns
     -------
     table : QTable
-        A row a frame: file, frame, status, estimator, moments with errors and their correlations, axes,
-        length and shape where the estimator knows them, significance, digest of the pixels, message.  In
-        arcsec; in pixels if a frame has no scale.  The frame that serves the others as reference has the
+        A row a frame: file, frame, status, reason, estimator, moments with errors and their correlations,
+        axes, length and shape where the estimator knows them, significance, digest of the pixels, message.
+        In arcsec; in pixels if a frame has no scale.  The frame that serves the others as reference has the
         status ``reference``.
     """
     files = find_files(paths)
@@ -132,7 +130,7 @@ class _Ready(NamedTuple):
 def _begin(measurer: Measurer[Any], path: Path, index: int, raw: RawFrame | JitterkitError) -> _Ready:
     """Begin a frame where it is read."""
     if isinstance(raw, JitterkitError):
-        return _Ready(measurer, _Unreadable(str(raw)))
+        return _Ready(measurer, _Unreadable(raw.code, str(raw)))
     try:
         return _Ready(measurer, measurer.begin(raw), raw.digest)
     except Exception:
@@ -181,7 +179,7 @@ def _tried(do: Callable[[], T], last: bool) -> T | Exception:
 def _table(rows: list[dict[str, Any]]) -> QTable:
     scaled = all(math.isfinite(row["scale"]) for row in rows if row["status"] == "ok")
     table = QTable()
-    for name in ("file", "frame", "status", "estimator", *_NUMBERS, "digest", "message"):
+    for name in ("file", "frame", "status", "reason", "estimator", *_NUMBERS, "digest", "message"):
         power = _POWERS.get(name, 0)
         values = [row[name] if scaled or not power else _in_pixels(row, name, power) for row in rows]
         table[name] = np.array(values)
@@ -201,33 +199,35 @@ def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
 
 def _row(path: Path, index: int, measurer: Measurer, result: _Result, keep) -> dict[str, Any]:
     if isinstance(result, Exception):
-        return _blank(path, index, measurer, _status(result), str(result))
+        return _blank(path, index, measurer, FitResult.from_error(_status(result), result))
     measured, digest = result
     return _measured_row(path, index, measurer, measured, keep) | {"digest": digest}
 
 
-def _status(error: Exception) -> str:
-    known = {
-        NoStarError: Status.NO_STAR.name,
-        OwnReferenceError: "reference",
-        UndeterminedError: "undetermined",
-        _Unreadable: Status.UNREADABLE.name,
-    }
-    return next((word for kind, word in known.items() if isinstance(error, kind)), Status.FAILED.name)
+def _status(error: Exception) -> Status:
+    """Map an exception to a status."""
+    if isinstance(error, _Unreadable):
+        return Status.UNREADABLE
+    code = code_of(error)
+    if code is ErrorCode.NO_STAR:
+        return Status.NO_STAR
+    if isinstance(error, UndeterminedError):
+        return Status.REFERENCE if code is ErrorCode.IS_REFERENCE else Status.UNDETERMINED
+    return Status.FAILED
 
 
 def _measured_row(
     path: Path, index: int, measurer: Measurer, measured: Measured | FitResult, keep
 ) -> dict[str, Any]:
     if isinstance(measured, FitResult):
-        return _blank(path, index, measurer, measured.status.name, measured.message)
+        return _blank(path, index, measurer, measured)
     estimate, message = measured.estimate, " ".join(filter(None, [measured.message, *_remarks(measured)]))
     if keep is not None:
         try:
             keep(measured)
         except _BREAKDOWNS as error:  # the estimate stands all the same
             message = f"{message} {error}".lstrip()
-    row = _blank(path, index, measurer, Status.OK.name, message) | {
+    row = _blank(path, index, measurer, FitResult(Status.OK, message)) | {
         "scale": math.nan if measured.plate_scale is None else measured.plate_scale
     }
     for name, value, spread in zip(_MOMENTS, estimate.moments, estimate.errors, strict=True):
@@ -256,12 +256,13 @@ def _correlation(covariance: np.ndarray, i: int, j: int) -> float:
     return float(covariance[i, j] / scale) if scale > 0 else math.nan
 
 
-def _blank(path: Path, index: int, measurer: Measurer, status: str, message: str) -> dict[str, Any]:
+def _blank(path: Path, index: int, measurer: Measurer, result: FitResult) -> dict[str, Any]:
     row = {
         "file": printable(path.name),
         "frame": index,
-        "status": status.lower(),
+        "status": result.status.name.lower(),
+        "reason": result.reason,
         "estimator": measurer.name,
         "digest": "",
     }
-    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": math.nan, "message": message}
+    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": math.nan, "message": result.message}

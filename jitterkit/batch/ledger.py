@@ -25,7 +25,7 @@ from jitterkit.batch.ledger_results import refuse_results, remove_results
 from jitterkit.batch.ledger_stamps import Counted, counted, recounted
 from jitterkit.batch.ledger_trouble import told
 from jitterkit.batch.ledger_worst import Rank, rank, worst
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.report.pictures import FrameReport, Gallery
 from jitterkit.report.row import Row
 from jitterkit.report.words import printable
@@ -106,8 +106,9 @@ class Ledger:
         with ledger._closed_on_error():
             if ledger._begun and not overwrite:
                 raise ConfigurationError(
+                    ErrorCode.EXISTS,
                     f"{printable(ledger.path)} holds a run already; give --resume to go on with it, "
-                    "--overwrite to begin again, or another directory."
+                    "--overwrite to begin again, or another directory.",
                 )
             if overwrite:
                 remove_results(ledger.path.parent)  # first: whatever kills it now, none outlive their run
@@ -175,10 +176,8 @@ class Ledger:
 
         Raises
         ------
-        ValueError
-            If the batch has been entered before.
         ConfigurationError
-            If the disk is full or fails; nothing of the batch is entered then.
+            If the batch has been entered before, or the disk is full or fails; nothing is entered then.
         """
         packed = _pack(rows)
         shown = [
@@ -186,7 +185,9 @@ class Ledger:
         ]
         with self._file.transaction() as execute:
             if execute("SELECT 1 FROM batches WHERE batch = ?", (batch,)).fetchone():
-                raise ValueError(f"Batch {batch} has been entered in {self.path} before.")
+                raise ConfigurationError(
+                    ErrorCode.DUPLICATE, f"Batch {batch} has been entered in {self.path} before."
+                )
             execute("INSERT INTO batches VALUES (?, ?)", (batch, packed))
             for values in shown:
                 execute("INSERT INTO frames VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", values)

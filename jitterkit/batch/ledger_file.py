@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from jitterkit.batch.ledger_trouble import damaged, is_locked, told, unwritable
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.report.words import printable
 
 __all__ = ["LedgerFile"]
@@ -136,11 +136,15 @@ def _recognise(path: Path, connection: sqlite3.Connection) -> None:
     if _is_empty(connection):
         return
     if _pragma(connection, "application_id") != _APPLICATION:
-        raise ConfigurationError(f"{printable(path)} is a database but no ledger; give another directory.")
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_FORMAT,
+            f"{printable(path)} is a database but no ledger; give another directory.",
+        )
     if (found := _pragma(connection, "user_version")) != _FORMAT:
         raise ConfigurationError(
+            ErrorCode.UNSUPPORTED,
             f"{printable(path)} was written by another version of jitterkit (ledger format {found}, not "
-            f"{_FORMAT}); finish the run with that version, delete it, or give another directory."
+            f"{_FORMAT}); finish the run with that version, delete it, or give another directory.",
         )
     if (found := _pragma(connection, "quick_check")) != "ok":
         raise damaged(path, found)

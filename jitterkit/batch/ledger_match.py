@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.report.words import printable
 
 __all__ = ["FILES", "VERSIONS", "refuse_difference"]
@@ -48,13 +48,14 @@ def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
     place, before, after = difference
     inside_files = place[0] == FILES and len(place) > 1
     if inside_files and (sentence := _come_or_gone(printable(directory), begun[FILES], now[FILES])):
-        raise ConfigurationError(sentence)
+        raise ConfigurationError(ErrorCode.CONFLICT, sentence)
     what = f"{printable(directory)} was begun {_said(place, before, after)}"
     if place[0] == VERSIONS:
         raise ConfigurationError(
-            f"{what}, and the last digits need the same versions; install those, or give another directory."
+            ErrorCode.CONFLICT,
+            f"{what}, and the last digits need the same versions; install those, or give another directory.",
         )
-    raise ConfigurationError(f"{what}; give the same, or another directory.")
+    raise ConfigurationError(ErrorCode.CONFLICT, f"{what}; give the same, or another directory.")
 
 
 def _first_difference(a: Any, b: Any, place: tuple = ()) -> tuple[tuple, Any, Any] | None:

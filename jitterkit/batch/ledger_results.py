@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from jitterkit.batch.ledger_trouble import unwritable
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.report.outputs import RUN
 from jitterkit.report.words import printable
 
@@ -25,8 +25,9 @@ def refuse_results(directory: Path) -> None:
     """
     if present := [name for name in RUN if (directory / name).exists()]:
         raise ConfigurationError(
+            ErrorCode.EXISTS,
             f"{printable(directory)} holds {present[0]} but no run in a ledger to go on with; give "
-            "--overwrite instead of --resume to replace it, or another directory."
+            "--overwrite instead of --resume to replace it, or another directory.",
         )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jitterkit.batch.plan import Batch, plan_batches
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.report.words import printable
 
 __all__ = ["Counted", "counted", "recounted"]
@@ -96,14 +96,15 @@ def recounted(
     planned = _batches(files, frames, size, done)
     looked_at = {path for batch in planned for path, _ in (*batch.items, *batch.lead)}
     if spoilt := [place for place in changed if files[place] in looked_at]:
-        raise ConfigurationError(_spoilt(files, known, changed, spoilt))
+        raise ConfigurationError(ErrorCode.CHANGED, _spoilt(files, known, changed, spoilt))
     again = {place: Counted(count(files[place]), stamp) for place, stamp in changed.items()}
     shifted = [place for place, one in again.items() if one.frames != frames[place]]
     if _batches(files, _with(frames, again), size, done) != planned:
         first = shifted[0]
         raise ConfigurationError(
+            ErrorCode.CHANGED,
             f"The number of frames in {printable(files[first])} was {frames[first]} and is "
-            f"{again[first].frames} now, and frames after those have been done; {_REMEDY}"
+            f"{again[first].frames} now, and frames after those have been done; {_REMEDY}",
         )
     return again
 

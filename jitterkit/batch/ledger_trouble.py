@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.report.words import printable
 
 __all__ = ["damaged", "is_locked", "told", "unwritable"]
@@ -46,17 +46,20 @@ def _sentence(path: Path, error: Exception) -> Exception:
     code, file, directory = _code(error), printable(path), printable(path.parent)
     if code in _LOCKED:
         return ConfigurationError(
+            ErrorCode.LOCKED,
             f"Another run is writing to {directory} (if there is none, its disk cannot lock files); wait "
-            "for it, or give another directory."
+            "for it, or give another directory.",
         )
     if code == sqlite3.SQLITE_FULL:
         return ConfigurationError(
-            f"{file} cannot grow ({error}); make room and resume the run: what it did is kept."
+            ErrorCode.NOT_WRITABLE,
+            f"{file} cannot grow ({error}); make room and resume the run: what it did is kept.",
         )
     if code in _BROKEN:
         return ConfigurationError(
+            ErrorCode.NOT_READABLE,
             f"{file} cannot be read or written ({error}); look at its disk (space, quota, connection) and "
-            "resume the run: what it did is kept."
+            "resume the run: what it did is kept.",
         )
     if code in _CLOSED:
         return unwritable(path, error)
@@ -66,8 +69,9 @@ def _sentence(path: Path, error: Exception) -> Exception:
 def unwritable(path: Path, problem: object) -> ConfigurationError:
     """A file that may only be read, or not even that."""
     return ConfigurationError(
+        ErrorCode.NOT_WRITABLE,
         f"{printable(path)} cannot be written ({problem}); give a directory that can, or look at its "
-        "permissions."
+        "permissions.",
     )
 
 
@@ -75,8 +79,9 @@ def damaged(path: Path, problem: object) -> ConfigurationError:
     """A file whose content makes no sense."""
     what = " ".join(printable(problem).replace(r"\n", " ").split())
     return ConfigurationError(
+        ErrorCode.DAMAGED,
         f"{printable(path)} is damaged or no ledger ({what}); delete it and begin again, or give another "
-        "directory."
+        "directory.",
     )
 
 

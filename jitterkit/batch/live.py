@@ -23,7 +23,7 @@ from jitterkit.batch.plan import Batch
 from jitterkit.batch.run import Run, conclude
 from jitterkit.batch.stream import Done, process_batches
 from jitterkit.batch.survey import Item
-from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.refit import Status
 from jitterkit.report.outputs import RUN, make_directory
 from jitterkit.report.row import Row
@@ -116,9 +116,13 @@ def watch_directory(
     """
     directory, output = Path(directory), Path(output)
     if not directory.is_dir():
-        raise FrameError(directory, "is not a directory", "give the one into which the camera writes")
+        raise FrameError(
+            ErrorCode.NOT_FOUND, directory, "is not a directory", "give the one into which the camera writes"
+        )
     if overwrite and resume:
-        raise ConfigurationError("--resume goes on with a run, --overwrite begins anew; give one of the two.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "--resume goes on with a run, --overwrite begins anew; give one of the two."
+        )
     make_directory(output, RUN, overwrite or resume)
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     with begin(output, settings(processor, [directory], hdu=hdu), {"command": command}) as ledger:
@@ -132,7 +136,9 @@ def watch_directory(
             log.warning("Not looked at in %s: %s; --resume does them.", printable(directory), left)
         unfinished = watched.try_last(arrivals.unfinished())
         if not ledger.done() and not unfinished:
-            raise FrameError(directory, "has shown no frame", "see where the camera writes")
+            raise FrameError(
+                ErrorCode.NO_IMAGE, directory, "has shown no frame", "see where the camera writes"
+            )
         return conclude(ledger, output, processor, unfinished)
 
 

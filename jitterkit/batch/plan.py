@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import count, islice
 from pathlib import Path
 
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.frames import frame_count
 
 __all__ = ["FEWEST", "Batch", "count_frames", "plan_batches"]
@@ -90,11 +90,15 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
 
     Raises
     ------
+    ConfigurationError
+        If ``size`` is not positive.
     ValueError
-        If ``size`` is not positive, or there are fewer counts than files or more.
+        If there are fewer counts than files or more.
     """
     if size < 1:
-        raise ValueError(f"A batch cannot have {size} frames; give one or more.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A batch cannot have {size} frames; give one or more."
+        )
     items = ((path, index) for path, n in zip(files, counts, strict=True) for index in range(n))
     lead: tuple[tuple[Path, int], ...] = ()
     for number in count():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.batch.measured import Measured
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.whole import replacing
 from jitterkit.kernels import deblur, kernel_image, write_kernel
@@ -81,6 +81,7 @@ class Products:
         stem, full = _names(measured)
         if full in self._files or {stem, full} <= self._written:
             raise FrameError(
+                ErrorCode.EXISTS,
                 measured.frame.name,
                 f"would replace the products of another frame of the name {stem}",
                 "process its directory on its own",

@@ -12,19 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, FrameError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.kernels import fill_masked
 from jitterkit.starfield import roundest
 
-__all__ = ["OwnReferenceError", "check_reference", "check_size", "is_same", "sharpest"]
+__all__ = ["check_reference", "check_size", "is_same", "sharpest"]
 
 _CHANCE = 5.0
 """Standard errors by which the pixels of a scene are more like their neighbours than those of noise."""
-
-
-class OwnReferenceError(UndeterminedError):
-    """A frame that is the reference itself: against itself no frame is blurred."""
 
 
 def check_reference(
@@ -56,7 +52,8 @@ def check_reference(
     alone = sharp.path is not None and not sharp.several
     if alone and {path.resolve() for path in find_files(paths)} == {Path(sharp.path).resolve()}:  # type: ignore[arg-type]
         raise ConfigurationError(
-            f"{sharp.name} is the reference and the only frame; give frames to compare with it."
+            ErrorCode.REFERENCE,
+            f"{sharp.name} is the reference and the only frame; give frames to compare with it.",
         )
 
 
@@ -107,7 +104,9 @@ def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
 
 
 def _refusal(sharp: Frame, problem: str) -> ConfigurationError:
-    return ConfigurationError(f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame.")
+    return ConfigurationError(
+        ErrorCode.REFERENCE, f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame."
+    )
 
 
 def _check_view(sharp: Frame, sizes: Iterator[tuple[str, tuple[int, int]]]) -> None:

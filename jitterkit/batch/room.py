@@ -8,16 +8,13 @@ from contextlib import contextmanager
 from threading import Condition
 from typing import TypeVar
 
-__all__ = ["Room", "out_of_memory"]
+from jitterkit.errors import out_of_memory
+
+__all__ = ["Room"]
 
 T = TypeVar("T")
 
 log = logging.getLogger(__name__)
-
-
-def out_of_memory(error: BaseException) -> bool:
-    """Whether an exception says that there was no memory, the device's or this machine's."""
-    return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
 
 
 class _Stay:

@@ -17,7 +17,7 @@ from jitterkit.batch.ledger import LEDGER, Ledger
 from jitterkit.batch.ledger_match import FILES
 from jitterkit.batch.plan import count_frames, plan_batches
 from jitterkit.batch.stream import Done, process_batches
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import find_files
 from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
@@ -119,7 +119,9 @@ def process_files(
         If a path does not exist or holds no frame: told before anything is processed.
     """
     if overwrite and resume:
-        raise ConfigurationError("--resume goes on with a run, --overwrite begins anew; give one of the two.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "--resume goes on with a run, --overwrite begins anew; give one of the two."
+        )
     files, directory = find_files(paths), Path(directory)
     make_directory(directory, RUN, overwrite or resume)
     size = batch_size(processor.instrument.shape)

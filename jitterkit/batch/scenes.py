@@ -16,9 +16,9 @@ import numpy as np
 
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.reference import OwnReferenceError, check_reference, check_size, is_same
+from jitterkit.batch.reference import check_reference, check_size, is_same
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.kernel_estimate import KernelEstimate
@@ -57,7 +57,8 @@ class SceneMeasurer:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ConfigurationError(
-                f"There is no blind estimator {self.method!r}; choose from {', '.join(METHODS)}."
+                ErrorCode.UNKNOWN_NAME,
+                f"There is no blind estimator {self.method!r}; choose from {', '.join(METHODS)}.",
             )
 
     @property
@@ -110,15 +111,15 @@ class SceneMeasurer:
 
         Raises
         ------
-        OwnReferenceError
-            If it is the reference.
         UndeterminedError
-            If the image does not hold the answer.
+            If the image does not hold the answer, or (code ``is_reference``) is that of the reference itself.
         ConfigurationError
             If the reference is of another shape than a scene without stars.
         """
         if self.reference is not None and is_same(raw, self.reference):
-            raise OwnReferenceError(f"{raw.name} is the reference that the others are compared with.")
+            raise UndeterminedError(
+                ErrorCode.IS_REFERENCE, f"{raw.name} is the reference that the others are compared with."
+            )
         frame = self.calibrate(raw)
         return self._field(frame) if self._shows_stars else self._extended(frame)
 
@@ -190,5 +191,5 @@ class SceneMeasurer:
 def _filled(frame: Frame) -> np.ndarray:
     """The image, masked pixels taken from their neighbours."""
     if frame.mask.all():
-        raise UndeterminedError(f"{frame.name} has no usable pixel.")
+        raise UndeterminedError(ErrorCode.NO_DATA, f"{frame.name} has no usable pixel.")
     return fill_masked(frame.electrons, ~frame.mask)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from jitterkit.batch.finder import Finder
-from jitterkit.errors import FrameError, JitterkitError
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.joint import Exposure
 from jitterkit.optics.system import Optics
@@ -64,7 +64,7 @@ class FileExposures:
                         yield self._exposure(file[index], clock)
             except FrameError as error:
                 name = path.name if index == 0 else f"{path.name}[{index}]"
-                yield Exposure(name, clock.lost(), None, FitResult(Status.UNREADABLE, str(error)))
+                yield Exposure(name, clock.lost(), None, FitResult.from_error(Status.UNREADABLE, error))
         self.timed = clock.timed
 
     @cached_property
@@ -76,21 +76,21 @@ class FileExposures:
         JitterkitError
             If there is no frame that can be read.
         """
-        told = "there is none."
+        told, code = "there is none.", ErrorCode.NO_IMAGE
         for path in self.files:
             try:
                 with open_frames(path, hdu=self.hdu) as file:
                     return self.finder.optics(self.finder.calibrate(file[0]))
             except JitterkitError as error:
-                told = str(error)
-        raise JitterkitError(f"No frame of the sequence can be used; the last: {told}")
+                told, code = str(error), error.code
+        raise JitterkitError(code, f"No frame of the sequence can be used; the last: {told}")
 
     def _exposure(self, raw: RawFrame, clock: _Clock) -> Exposure:
         try:
             frame = self.finder.calibrate(raw)
             optics, when = self.finder.optics(frame), clock.middle(frame)
         except JitterkitError as error:
-            problem = FitResult(Status.MISMATCH, f"{Status.MISMATCH.value}: {error}")
+            problem = FitResult.from_error(Status.MISMATCH, error, f"{Status.MISMATCH.value}: {error}")
             return Exposure(raw.name, clock.lost(), None, problem)
         if optics is self.optics:
             return Exposure(raw.name, when, frame)
@@ -118,7 +118,10 @@ class _Clock:
         known = frame.metadata.time
         if known is None and self._zero is not None:
             raise FrameError(
-                frame.path or frame.name, "does not say when it was taken, as others do", "give the --cadence"
+                ErrorCode.MISSING_VALUE,
+                frame.path or frame.name,
+                "does not say when it was taken, as others do",
+                "give the --cadence",
             )
         if known is None or self.cadence is not None:
             self.timed = self.timed and self.cadence is not None

@@ -26,9 +26,9 @@ from typing import TypeVar
 from jitterkit.batch.frame import Processed, Processor
 from jitterkit.batch.ledger_worst import Rank, rank, wanted
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.room import Room, out_of_memory
+from jitterkit.batch.room import Room
 from jitterkit.batch.survey import Survey, read_items
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import JitterkitError, out_of_memory
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.pictures import FrameReport, render_frame
@@ -253,7 +253,7 @@ def _prepare(
     """Calibrate a frame here; fit it there."""
     ready: Frame | FitResult | RawFrame
     if isinstance(raw, JitterkitError):
-        metadata, ready = None, FitResult(Status.UNREADABLE, str(raw))
+        metadata, ready = None, FitResult.from_error(Status.UNREADABLE, raw)
     else:
         metadata, ready = raw.metadata, _calibrated(alone, raw)
     del raw  # a camera's whole frame need not wait with the stars that were cut out of it
@@ -265,7 +265,8 @@ def _prepare(
             if not last:
                 raise
             frame = ready if isinstance(ready, Frame) else None
-            done = Processed(frame, FitResult(Status.FAILED, f"{Status.FAILED.value}: {error}"))
+            message = f"{Status.FAILED.value}: {error}"
+            done = Processed(frame, FitResult.from_error(Status.FAILED, error, message))
         row = make_row(
             done.result,
             path,

@@ -12,7 +12,7 @@ import numpy as np
 
 from jitterkit.batch.finder import Finder, GridKey
 from jitterkit.batch.shown import Shown
-from jitterkit.errors import FrameError, JitterkitError
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
@@ -108,4 +108,6 @@ def _frame(file: FrameFile, index: int) -> RawFrame | JitterkitError:
     except JitterkitError as error:
         return error
     except IndexError:
-        return FrameError(file.path, f"has {len(file)} frames, fewer than before", "see who writes to it")
+        return FrameError(
+            ErrorCode.CHANGED, file.path, f"has {len(file)} frames, fewer than before", "see who writes to it"
+        )

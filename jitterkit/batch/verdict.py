@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jitterkit.errors import ErrorCode
 from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.refit import FitResult, Status, single_star
@@ -35,7 +36,8 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
         return replace(result, status=Status.NO_PAIR, message=message)
     absurd = absurdity(result.parameters, frame.shape, frame.plate_scale or expected_scale)
     if absurd:
-        return replace(result, status=Status.POOR_FIT, message=f"{Status.POOR_FIT.value}: {absurd}.")
+        message = f"{Status.POOR_FIT.value}: {absurd}."
+        return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
         scale, outliers = scale_hint(frame, expected_scale), _outlier_hint(frame, result)
         jitter = "" if scale or outliers else _jitter_hint(result)

@@ -20,7 +20,7 @@ from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.calibration.settings import FLAGS, Settings
 from jitterkit.calibration.stack import Stack
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -118,7 +118,7 @@ def calibrate(
         others say nothing.
     """
     if gain is not None and not 0 < gain < np.inf:
-        raise ConfigurationError(f"a gain must be positive, in e-/ADU; got {gain:g}.")
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"a gain must be positive, in e-/ADU; got {gain:g}.")
     chosen = settings or Settings()
     check_stacks(bias, darks, flats)
     work = _Work(chosen, bias, bias_level)
@@ -127,7 +127,8 @@ def calibrate(
     transfer = photon_transfer(levels) if len(flats) else None
     if transfer is None and gain is None:
         raise ConfigurationError(
-            "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats."
+            ErrorCode.MISSING_VALUE,
+            "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats.",
         )
     known = (gain or 0.0, 0.0) if transfer is None else (transfer.gain, transfer.gain_error)
     return work.result(known, transfer, response)
@@ -181,7 +182,9 @@ class _Work:
             return [], None
         if self.level is None:
             raise ConfigurationError(
-                "flats say nothing without the bias they stand on; give --bias, or its level by --bias-level."
+                ErrorCode.MISSING_VALUE,
+                "flats say nothing without the bias they stand on; give --bias, or its level by "
+                "--bias-level.",
             )
         zero: Master | float = self.level if self.master is None else self.master
         response = Response(zero, rate)
@@ -216,7 +219,9 @@ class _Work:
             self.spoil("dead", response.dead_pixels(usable, self.settings.dead))
         good = self.bad == 0
         if not good.any():
-            raise ConfigurationError(f"none of the {good.size} pixels is good; check which frames are which.")
+            raise ConfigurationError(
+                ErrorCode.NO_DATA, f"none of the {good.size} pixels is good; check which frames are which."
+            )
         flat = local = None
         gradient = 0.0
         if response is not None:

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from jitterkit.calibration.stack import Shot, Stack
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["check_stacks", "split_by_light"]
 
@@ -36,18 +36,23 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
     """
     stacks = [*([bias] if bias is not None else []), *darks, *flats]
     if not stacks:
-        raise ConfigurationError("there are neither bias nor dark nor flat frames; give some.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, "there are neither bias nor dark nor flat frames; give some."
+        )
     for stack in stacks[1:]:
         if stack.shape != stacks[0].shape:
             (ny, nx), (rows, columns) = stack.shape, stacks[0].shape
             raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE,
                 f"{_file(stack.shots[0])}: has {nx} x {ny} pixels, the {stacks[0].kind} frames {columns} x "
-                f"{rows}; give frames of one size."
+                f"{rows}; give frames of one size.",
             )
     _check_gains(stacks)
     for stack in stacks:
         if len(stack) < 2:
-            raise ConfigurationError(f"there is one {stack.name} frame; give at least two.")
+            raise ConfigurationError(
+                ErrorCode.TOO_FEW, f"there is one {stack.name} frame; give at least two."
+            )
         if stack.kind != "flat":
             _check_alike(stack)
     if bias is not None:
@@ -59,8 +64,9 @@ def _check_gains(stacks: Sequence[Stack]) -> None:
     for shot in shots:
         if shot.gain and shots[0].gain and abs(shot.gain / shots[0].gain - 1) > _SAME_GAIN:
             raise ConfigurationError(
+                ErrorCode.WRONG_INSTRUMENT,
                 f"{_file(shot)}: says a gain of {shot.gain:g} e-/ADU, {_file(shots[0])} one of "
-                f"{shots[0].gain:g}; calibrate each setting of the camera by itself."
+                f"{shots[0].gain:g}; calibrate each setting of the camera by itself.",
             )
 
 
@@ -69,8 +75,9 @@ def _check_alike(stack: Stack) -> None:
     for shot in stack.shots:
         if abs(shot.level - stack.level) > _ODD * scatter:
             raise ConfigurationError(
+                ErrorCode.WRONG_INSTRUMENT,
                 f"{_file(shot)}: its level is {shot.level:.5g} ADU, that of the {stack.name} frames "
-                f"{stack.level:.5g} ± {scatter:.2g}; take it out, or put it where it belongs."
+                f"{stack.level:.5g} ± {scatter:.2g}; take it out, or put it where it belongs.",
             )
 
 
@@ -79,8 +86,9 @@ def _check_against(bias: Stack, darks: Sequence[Stack], flats: Sequence[Stack]) 
     for stack in (*darks, *flats):
         if stack.level < bias.level - _ODD * scatter:
             raise ConfigurationError(
+                ErrorCode.WRONG_INSTRUMENT,
                 f"{_file(stack.shots[0])}: the {stack.name} frames lie at {stack.level:.5g} ADU, below the "
-                f"bias of {bias.level:.5g}; check which are which, and that they are of one setting."
+                f"bias of {bias.level:.5g}; check which are which, and that they are of one setting.",
             )
 
 
@@ -115,14 +123,16 @@ def split_by_light(stack: Stack, pedestal: float) -> list[Stack]:
         shot = stack.shots[group[0]]
         if shot.level - pedestal <= shot.scatter / 16:
             raise ConfigurationError(
+                ErrorCode.NO_SIGNAL,
                 f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g}); leave it "
-                "out of the flats."
+                "out of the flats.",
             )
         if len(group) < 2:
             others = stack.take(i for i in range(len(stack)) if i != group[0])
             raise ConfigurationError(
+                ErrorCode.TOO_FEW,
                 f"{_file(shot)}: is the only {stack.name} frame of {shot.level:.5g} ADU (the others have "
-                f"{others.level:.5g}); leave it out, or give two or more."
+                f"{others.level:.5g}); leave it out, or give two or more.",
             )
     return [stack.take(sorted(group)) for group in groups]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from jitterkit.calibration.master import Master
 from jitterkit.calibration.measured_map import MeasuredMap
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["HOT", "DarkSlope", "hot_pixels"]
 
@@ -66,21 +66,35 @@ class DarkSlope:
         Raises
         ------
         ConfigurationError
-            If there is one exposure time only, and no bias.
+            If there is one exposure time only and no bias, or the darks are not exposed.
         """
         seconds, weights = np.array(self._points).T
         ones, times, v0, v1, v2 = self._sums
         if self._fixed is not None:
             square = float(np.sum(weights * seconds**2))
             if not square > 0:
-                raise ConfigurationError(_NO_TIME)
+                raise self._no_time()
             return (times - self._fixed * float(weights @ seconds)) / square, np.sqrt(v2) / square
         middle = float(np.average(seconds, weights=weights))
         square = float(np.sum(weights * (seconds - middle) ** 2))
         if not square > 0:
-            raise ConfigurationError(_NO_TIME)
+            raise self._no_time()
         variance = np.maximum(v2 - 2 * middle * v1 + middle**2 * v0, 0.0)
         return (times - middle * ones) / square, np.sqrt(variance) / square
+
+    def _no_time(self) -> ConfigurationError:
+        longest = max(seconds for seconds, _ in self._points)
+        if not longest > 0:
+            return ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"the dark frames have an exposure of {longest:g} s; give longer ones, or their time by "
+                "--exposure.",
+            )
+        return ConfigurationError(
+            ErrorCode.TOO_FEW,
+            f"the dark frames have one exposure time only, {longest:g} s, and there is no bias; give --bias, "
+            "--bias-level, or darks of several exposure times.",
+        )
 
     def map(self, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
         """The dark current of each pixel [e-/s].
@@ -103,12 +117,6 @@ class DarkSlope:
         return MeasuredMap(
             "dark_current", "e-/s", rate, typical, number, number_error, float(values.std()), self.frames
         )
-
-
-_NO_TIME = (
-    "the dark frames have one exposure time only and there is no bias; give --bias, --bias-level, or darks "
-    "of several exposure times."
-)
 
 
 def hot_pixels(rate: np.ndarray, usable: np.ndarray, times: float = HOT) -> tuple[np.ndarray, float]:

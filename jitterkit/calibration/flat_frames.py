@@ -9,7 +9,7 @@ import numpy as np
 
 from jitterkit.calibration.master import Master
 from jitterkit.calibration.measured_map import MeasuredMap
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["DEAD", "Response", "lamp", "surface"]
 
@@ -154,8 +154,9 @@ def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
     ).T
     if not np.all(found > 0):
         raise ConfigurationError(
+            ErrorCode.NO_SIGNAL,
             f"the flats fall to {found.min():.3g} ADU above the bias in places; give flats that are lit "
-            "all over."
+            "all over.",
         )
     return found
 

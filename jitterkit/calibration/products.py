@@ -20,7 +20,7 @@ import numpy as np
 from jitterkit.calibration.calibration import Calibration
 from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.calibration.settings import FLAGS
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 
 __all__ = ["BAD_PIXELS", "DETECTOR", "FILES", "together", "write_calibration"]
@@ -56,7 +56,9 @@ def together(directory: Path) -> Iterator[Path]:
             os.replace(path, directory / path.name)
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise FrameError(directory, problem, "check the directory and its permissions") from error
+        raise FrameError(
+            ErrorCode.NOT_WRITABLE, directory, problem, "check the directory and its permissions"
+        ) from error
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)

@@ -9,7 +9,7 @@ import numpy as np
 from jitterkit.calibration.dark_frames import HOT
 from jitterkit.calibration.flat_frames import DEAD
 from jitterkit.calibration.master import CLIP, MEMORY
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["FLAGS", "Settings"]
 
@@ -51,4 +51,6 @@ class Settings:
             value = getattr(self, name)
             if not low <= value <= high:
                 limits = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} or more"
-                raise ConfigurationError(f"{name} = {value:g} is out of range; give {limits}.")
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} is out of range; give {limits}."
+                )

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames
 
 __all__ = ["ROUNDING", "Shot", "Stack", "look"]
@@ -112,7 +112,8 @@ class Stack:
         array = np.asarray(pixels)
         if array.ndim != 3 or 0 in array.shape:
             raise ConfigurationError(
-                f"the {kind} frames have shape {array.shape}; give one array (n, ny, nx)."
+                ErrorCode.WRONG_SHAPE,
+                f"the {kind} frames have shape {array.shape}; give one array (n, ny, nx).",
             )
         blank = ~np.isfinite(array).all(axis=0)
         array = np.where(blank, 0.0, array) if blank.any() else array

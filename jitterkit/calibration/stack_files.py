@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from jitterkit.calibration.stack import Shot, Stack, look
-from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import RawFrame, find_files, open_frames
 
 __all__ = ["open_stacks"]
@@ -56,15 +56,16 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
                 unusable = raw.mask if unusable is None else unusable | raw.mask
                 shots.append(_seen(raw, kind, exposure))
     if unusable is None:
-        raise ConfigurationError(f"there is no {kind} frame; name files that hold some.")
+        raise ConfigurationError(ErrorCode.NO_IMAGE, f"there is no {kind} frame; name files that hold some.")
     dtype = np.result_type(*dtypes)
     groups = _grouped(shots)
     for group in groups:
         if len(group) < 2:
             at = "" if group[0].exposure is None else f" of {group[0].exposure:g} s"
             raise ConfigurationError(
+                ErrorCode.TOO_FEW,
                 f"{group[0].path}: there is one {kind} frame{at}; give at least two, better ten or more, so "
-                "that their noise is seen."
+                "that their noise is seen.",
             )
     ny, nx = unusable.shape
     return tuple(Stack(kind, group, (ny, nx), dtype, group[0].exposure, unusable) for group in groups)
@@ -73,11 +74,16 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
 def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None) -> None:
     where = raw.path or raw.name
     if raw.unit != "adu":
-        raise FrameError(where, "is in electrons", f"give the {kind} frames as they were read, in ADU")
+        raise FrameError(
+            ErrorCode.UNKNOWN_UNIT,
+            where,
+            "is in electrons",
+            f"give the {kind} frames as they were read, in ADU",
+        )
     if earlier is not None and raw.shape != earlier.shape:
         (ny, nx), (rows, columns) = raw.shape, earlier.shape
         problem = f"has {nx} x {ny} pixels, the {kind} frames before it {columns} x {rows}"
-        raise FrameError(where, problem, "give frames of one size")
+        raise FrameError(ErrorCode.WRONG_SHAPE, where, problem, "give frames of one size")
 
 
 def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
@@ -86,7 +92,8 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
         seconds = raw.metadata.value("exposure")
         if seconds is None:
             raise ConfigurationError(
-                f"{raw.path}: the {kind} frame does not say its exposure; give --exposure in s."
+                ErrorCode.MISSING_VALUE,
+                f"{raw.path}: the {kind} frame does not say its exposure; give --exposure in s.",
             )
     shot = look(raw.name, raw.data, seconds)
     return replace(shot, gain=raw.metadata.value("gain"), path=raw.path, index=raw.index)

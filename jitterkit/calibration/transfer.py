@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.calibration.level import Level
 from jitterkit.calibration.linearity import Linearity, fit_linearity
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["PhotonTransfer", "mark_saturated", "photon_transfer"]
 
@@ -123,22 +123,25 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
     if not any(level.signal > 0 and level.exposure > 0 for level in used):
         worst = next(level for level in levels if level.saturated)
         raise ConfigurationError(
+            ErrorCode.NO_DATA,
             f"the flats are saturated, the dimmest at {worst.signal:.5g} ADU above the bias; give flats of "
-            "shorter exposures."
+            "shorter exposures.",
         )
     linearity = fit_linearity(used)
     x = np.array([_abscissa(level.signal, linearity) for level in used])
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
     if len(used) == 1:
         raise ConfigurationError(
+            ErrorCode.TOO_FEW,
             f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise; give "
-            "--bias, or flats of another exposure."
+            "--bias, or flats of another exposure.",
         )
     (slope, start), covariance, chi2, freedom = _line(x, y, e)
     if not slope > 0:
         raise ConfigurationError(
+            ErrorCode.IMPLAUSIBLE,
             f"the variance does not rise with the light (by {slope:.3g} ADU for each ADU); check that these "
-            "are flats, as they were read."
+            "are flats, as they were read.",
         )
     coupling, coupling_error = _coupling(used, x, slope)
     doubts = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]

@@ -144,45 +144,52 @@ def _setting(telescope, scene, jitter, diffusion: str | None, seeing: str | None
 
 def _sigma(text: str, plate_scale: float) -> float:
     """Diffusion in arcsec, from pixels or an angle."""
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     number = text.strip().removesuffix("px").removesuffix("pix")
     if number == text.strip():
         return parse_angle(text, "--diffusion")
+    code = ErrorCode.OUT_OF_RANGE
     try:
         pixels = float(number)
     except ValueError:
-        pixels = -1.0
+        code, pixels = ErrorCode.MALFORMED, -1.0
     if not 0 <= pixels < float("inf"):
-        raise ConfigurationError(f"--diffusion {text} is not a size in pixels; write 0.3px, or an angle.")
+        raise ConfigurationError(
+            code, f"--diffusion {text} is not a size in pixels; write 0.3px, or an angle."
+        )
     return pixels * plate_scale
 
 
 def _aberrations(texts: list[str], names: tuple[str, ...]) -> tuple[float, ...]:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     values = dict.fromkeys(names, 0.0)
     for text in texts:
         name, _, value = text.partition("=")
         if name.strip() not in values:
             there = f"there are {', '.join(names)}" if names else "a measured PSF has none"
-            raise ConfigurationError(f"The optics have no aberration {name.strip()!r}; {there}.")
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME, f"The optics have no aberration {name.strip()!r}; {there}."
+            )
+        code = ErrorCode.OUT_OF_RANGE
         try:
             values[name.strip()] = float(value)
         except ValueError:
-            values[name.strip()] = float("nan")
+            code, values[name.strip()] = ErrorCode.MALFORMED, float("nan")
         if not abs(values[name.strip()]) < float("inf"):
-            raise ConfigurationError(f"--aberration {text} is not understood; write noll4=30.")
+            raise ConfigurationError(code, f"--aberration {text} is not understood; write noll4=30.")
     return tuple(values.values())
 
 
 def _share(text: str, option: str) -> float:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
+    code = ErrorCode.OUT_OF_RANGE if text.strip().endswith("%") else ErrorCode.MALFORMED
     try:
         share = float(text.strip().removesuffix("%")) / 100
     except ValueError:
-        share = 0.0
-    if not (0 < share < float("inf") and text.strip().endswith("%")):
-        raise ConfigurationError(f"{option} {text} is not a positive share; write 10%.")
+        code, share = ErrorCode.MALFORMED, 0.0
+    if not 0 < share < float("inf") or not text.strip().endswith("%"):
+        raise ConfigurationError(code, f"{option} {text} is not a positive share; write 10%.")
     return share

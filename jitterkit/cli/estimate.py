@@ -156,36 +156,44 @@ def _binary_measurer(instrument, estimator, metadata, background):
 
 def _check_options(reference, stars, blind, estimator, export, oversample) -> None:
     """Refuse options that do not go together."""
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     if blind and (reference is not None or stars):
         raise ConfigurationError(
+            ErrorCode.CONFLICT,
             "--blind is for scenes without stars and without a sharp frame; leave out "
-            f"{'--reference' if reference is not None else '--stars'}, or --blind."
+            f"{'--reference' if reference is not None else '--stars'}, or --blind.",
         )
     if estimator is not None and not blind and (reference is not None or stars):
         raise ConfigurationError(
-            "--estimator chooses among methods for a binary or, with --blind, a blind one."
+            ErrorCode.CONFLICT,
+            f"--estimator {estimator} chooses among methods for a binary or, with --blind, a blind one; "
+            f"leave it out with {'--reference' if reference is not None else '--stars'}.",
         )
     if oversample != 1 and export is None:
-        raise ConfigurationError("--oversample is for exported kernels; give --export DIR, or leave it out.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            "--oversample is for exported kernels; give --export DIR, or leave it out.",
+        )
     if oversample != 1 and estimator in _ON_PIXELS:
         raise ConfigurationError(
+            ErrorCode.CONFLICT,
             f"The kernel of {estimator} is known on the detector's pixels only; leave out --oversample, or "
-            "choose --estimator score."
+            "choose --estimator score.",
         )
 
 
 def _check_no_binary(instrument: str | None, background: bool) -> None:
     """Refuse what is said of a binary where there is none."""
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     given = [
         n for n, told in (("--instrument", instrument is not None), ("--background", background)) if told
     ]
     if given:
         raise ConfigurationError(
-            f"{given[0]} is for a binary; leave it out with --reference, --stars or --blind."
+            ErrorCode.CONFLICT,
+            f"{given[0]} is for a binary; leave it out with --reference, --stars or --blind.",
         )
 
 

@@ -102,12 +102,16 @@ def forecast(
 
 def _check_question(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:
     """Refuse what --allow does not ask about: it asks about every jitter."""
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     if sweeps:
-        raise ConfigurationError("--allow and --sweep are two questions; ask them one at a time.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "--allow and --sweep are two questions; ask them one at a time."
+        )
     if locus != "stable" or sizes:
-        raise ConfigurationError("--allow asks about every jitter; leave out the locus and its sizes.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, f"--allow asks about every jitter; leave out --locus {locus} and its sizes."
+        )
 
 
 class _Setup:
@@ -126,7 +130,7 @@ class _Setup:
         """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
         import numpy as np
 
-        from jitterkit.errors import ConfigurationError
+        from jitterkit.errors import ConfigurationError, ErrorCode
         from jitterkit.forecast import forecast
         from jitterkit.forward import Parameters
         from jitterkit.loci import Stable
@@ -144,8 +148,9 @@ class _Setup:
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         if not np.all(np.isfinite(found.covariance)):
             raise ConfigurationError(
+                ErrorCode.NOT_CONSTRAINED,
                 f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
-                f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus."
+                f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus.",
             )
         return found
 

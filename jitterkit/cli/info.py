@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli.options import Hdu
-from jitterkit.cli.runtime import SOME_FAILED, say
+from jitterkit.cli.runtime import SOME_FAILED, say_error
 
 __all__ = ["info"]
 
@@ -37,7 +37,7 @@ def info(things: Things, hdu: Hdu = None) -> None:
                 _tell(path, *_frames(path, hdu))
             except FrameError as error:
                 failed = True
-                say(f"jitterkit: {error}")
+                say_error(error)
     if failed:
         raise typer.Exit(SOME_FAILED)
 

@@ -15,7 +15,7 @@ from typing import Any
 import jitterkit
 from jitterkit.cli.runtime import say
 
-__all__ = ["build_locus", "locus_sizes", "other_sizes", "parse_sizes", "trace_of"]
+__all__ = ["build_locus", "locus_sizes", "other_sizes", "parse_sizes", "size_option", "trace_of"]
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
@@ -58,7 +58,7 @@ def parse_sizes(settings: list[str]) -> dict[str, Any]:
     ConfigurationError
         If one is neither.
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     sizes: dict[str, Any] = {}
     for setting in settings:
@@ -67,8 +67,9 @@ def parse_sizes(settings: list[str]) -> dict[str, Any]:
             sizes[name.strip()] = _places(value) if ":" in value else float(value)
         except ValueError:
             raise ConfigurationError(
+                ErrorCode.MALFORMED,
                 f"--set {setting} is not understood; write a number, --set cycles=0.7, or places in arcsec, "
-                "--set knots=0:0,0.2:0.1."
+                "--set knots=0:0,0.2:0.1.",
             ) from None
     return sizes
 
@@ -81,28 +82,38 @@ def build_locus(name: str, sizes: dict[str, Any]):
     ConfigurationError
         If it needs a size that is not given, or takes none of that name; the message lists what it does.
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.loci import Mvn, locus_class
 
     kind = locus_class(name)
     build = Mvn.sheared if kind is Mvn and "shear" in sizes else kind.of  # type: ignore[attr-defined]
     taken = inspect.signature(build).parameters
     if not taken and sizes:
-        extra = _option(next(iter(sizes)))
-        raise ConfigurationError(f"A stable telescope has no {extra}; choose another --locus.")
+        extra = size_option(next(iter(sizes)))
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME, f"A stable telescope has no {extra}; choose another --locus."
+        )
     needed = [size for size, parameter in taken.items() if parameter.default is parameter.empty]
     foreign, missing = [s for s in sizes if s not in taken], [s for s in needed if s not in sizes]
     wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
     if not (foreign or missing or wrong):
         return build(**sizes)
     if {"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn:
-        raise ConfigurationError(f"The locus {name} takes --shear or --set sigma_minor, not both.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, f"The locus {name} takes --shear or --set sigma_minor, not both."
+        )
     may = [size for size in taken if size not in needed]
     may += ["shear"] if kind is Mvn and "shear" not in taken else []
-    problem = f"takes no {_option(foreign[0])}; it " if foreign else ""
+    code, problem = ErrorCode.MISSING_VALUE, ""
+    if foreign:
+        code, problem = ErrorCode.UNKNOWN_NAME, f"takes no {size_option(foreign[0])}; it "
+    elif wrong and not missing:
+        option, given = size_option(wrong[0]), sizes[wrong[0]]
+        unlike = f"as places, not the number {given:g}" if wrong[0] == "knots" else "as a number, not places"
+        code, problem = ErrorCode.WRONG_TYPE, f"takes {option} {unlike}; it "
     problem += f"needs {_listed(needed)}"
     problem += f" and may have {_listed(may)}" if may else ""
-    raise ConfigurationError(f"The locus {name} {problem}.")
+    raise ConfigurationError(code, f"The locus {name} {problem}.")
 
 
 def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, Any]):
@@ -113,19 +124,23 @@ def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, An
     ConfigurationError
         If another locus or its sizes are given too, or the record does not serve.
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.loci import Trace, read_trace
 
-    others = [_option(size) for size in sizes if size != "start"]
+    others = [size_option(size) for size in sizes if size != "start"]
     others += ["--locus"] if locus != "stable" else []
     if others:
-        raise ConfigurationError(f"A --trace takes the place of a locus; leave out {others[0]}.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, f"A --trace takes the place of a locus; leave out {others[0]}."
+        )
     try:
         t, x, y = read_trace(path)
         trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
     except ConfigurationError as error:
         told = str(error)
-        raise ConfigurationError(told if told.startswith(str(path)) else f"{path}: {told}") from None
+        raise ConfigurationError(
+            error.code, told if told.startswith(str(path)) else f"{path}: {told}"
+        ) from None
     duration = float(t[-1] - t[0])
     if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over
         first = "" if "start" in sizes else "the first "
@@ -138,9 +153,10 @@ def _places(text: str) -> list[list[float]]:
     return [[float(x), float(y)] for x, y in pairs]
 
 
-def _option(size: str) -> str:
+def size_option(size: str) -> str:
+    """Return what gives a size on the command line: ``--length``, ``--set cycles``."""
     return _OPTIONS.get(size, f"--set {size}")
 
 
 def _listed(sizes: list[str]) -> str:
-    return ", ".join(_option(size) for size in sizes)
+    return ", ".join(size_option(size) for size in sizes)

@@ -125,11 +125,13 @@ def motion(
 
 
 def _exposure(telescope: Instrument, exposure: float | None) -> float:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     seconds = telescope.exposure if exposure is None else exposure
     if seconds is None:
-        raise ConfigurationError(f"The instrument {telescope.name!r} has no exposure; give --exposure.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"The instrument {telescope.name!r} has no exposure; give --exposure."
+        )
     return seconds
 
 

@@ -13,9 +13,11 @@ def pair_before(telescope, flux: float | None, **scene: float) -> dict[str, floa
     ConfigurationError
         If nobody says the flux.
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     photons = telescope.flux if flux is None else flux
     if photons is None:
-        raise ConfigurationError(f"The instrument {telescope.name!r} has no usual flux; give --flux.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"The instrument {telescope.name!r} has no usual flux; give --flux."
+        )
     return {**scene, "flux": photons}

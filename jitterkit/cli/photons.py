@@ -116,13 +116,15 @@ def _star(path: Path | None, temperature: float, magnitude: float) -> Curve:
         return tabulated(read_curve(path), magnitude)
     except ConfigurationError as error:
         message = str(error)
-        raise ConfigurationError(message if str(path) in message else f"{path}: {message}") from None
+        raise ConfigurationError(
+            error.code, message if str(path) in message else f"{path}: {message}"
+        ) from None
 
 
 def _throughput(
     telescope: Instrument, filter_file: Path | None, glass: float, plates: int, qe: Path | None
 ) -> Throughput:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.photons import IMX183_QE, Throughput, band_of, read_curve
 
     if filter_file is not None:
@@ -130,24 +132,31 @@ def _throughput(
     elif telescope.spectrum is not None:
         passed = band_of(telescope.spectrum)
     else:
-        raise ConfigurationError(f"The instrument {telescope.name!r} has no band; give --filter.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"The instrument {telescope.name!r} has no band; give --filter."
+        )
     return Throughput(passed, glass, plates, IMX183_QE if qe is None else read_curve(qe))
 
 
 def _area(telescope: Instrument) -> float:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.photons import collecting_area
 
     if telescope.pupil is None:
-        raise ConfigurationError(f"The instrument {telescope.name!r} has no pupil; give --area in cm2.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"The instrument {telescope.name!r} has no pupil; give --area in cm2."
+        )
     return collecting_area(telescope.pupil)
 
 
 def _exposure(telescope: Instrument) -> float:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     if telescope.exposure is None:
-        raise ConfigurationError(f"The instrument {telescope.name!r} has no exposure; give --exposure in s.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"The instrument {telescope.name!r} has no exposure; give --exposure in s.",
+        )
     return telescope.exposure
 
 

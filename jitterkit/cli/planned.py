@@ -23,11 +23,12 @@ def check_asked(tolerance: str | None, budget: str | None) -> None:
     ------
     ConfigurationError
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     if tolerance is not None and budget is not None:
         raise ConfigurationError(
-            "--tolerance asks for the cheapest settings, --budget for the most exact; give one of the two."
+            ErrorCode.CONFLICT,
+            "--tolerance asks for the cheapest settings, --budget for the most exact; give one of the two.",
         )
     _meaning({"tolerance": tolerance, "budget": budget})
 

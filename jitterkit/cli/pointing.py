@@ -90,7 +90,7 @@ def traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order: 
     try:
         return Pointing(Stable.of(), shutters=_following(telescope, (t, x, y), begin, row_order))
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        raise ConfigurationError(error.code, f"{path}: {error}") from None
 
 
 def shaken(path: Path, telescope, frames: int, row_order: int, generator) -> Pointing:
@@ -103,12 +103,12 @@ def shaken(path: Path, telescope, frames: int, row_order: int, generator) -> Poi
     """
     import numpy as np
 
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.motion import PowerSpectrum, read_motion, simulate_exposures
 
     motion = read_motion(path)
     if not isinstance(motion, PowerSpectrum):
-        raise ConfigurationError(f"{path} is a trace; give it by --trace.")
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{path} is a trace; give it by --trace.")
     exposure = _exposure(telescope, "a --spectrum to shake it")
     # the rows at the ends of a frame are exposed while its neighbours are
     margin = int(np.ceil(_wait(telescope) / exposure))
@@ -123,25 +123,29 @@ def shaken(path: Path, telescope, frames: int, row_order: int, generator) -> Poi
 
 
 def _velocity(text: str) -> tuple[float, float]:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
+    code = ErrorCode.OUT_OF_RANGE
     try:
         vx, vy = (float(value) for value in text.split(","))
     except ValueError:
-        vx = vy = math.nan
+        code, vx, vy = ErrorCode.MALFORMED, math.nan, math.nan
     if not math.isfinite(vx) or not math.isfinite(vy):
         raise ConfigurationError(
-            f"--drift {text} is not understood; write velocities along x and y in arcsec/s, --drift 0.5,-0.2."
+            code,
+            f"--drift {text} is not understood; write velocities along x and y in arcsec/s, --drift "
+            "0.5,-0.2.",
         )
     return vx, vy
 
 
 def _exposure(telescope, purpose: str) -> float:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     if telescope.exposure is None:
         raise ConfigurationError(
-            f"The instrument {telescope.name!r} has no exposure; give it one for {purpose}."
+            ErrorCode.MISSING_VALUE,
+            f"The instrument {telescope.name!r} has no exposure; give it one for {purpose}.",
         )
     return telescope.exposure
 

@@ -85,12 +85,14 @@ def process(
     ledger.sqlite. Exit status: 0 if every frame was fitted, 1 if some were not, 2 if the command cannot be
     carried out.
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import RUN, check_directory
 
     if workers is not None and scheduler is not None:
-        raise ConfigurationError("A scheduler has its own workers; give --workers or --scheduler.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "A scheduler has its own workers; give --workers or --scheduler."
+        )
     check_asked(tolerance, budget)
     paths = find_files(files)
     check_directory(output, RUN, overwrite or resume)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["parse_allowed", "parse_angle", "parse_sweeps", "parse_time"]
 
@@ -36,12 +36,15 @@ def parse_allowed(text: str, option: str = "--allow", of: str = "time") -> tuple
     """
     if not text.rstrip().endswith("%"):
         return "bias", parse_angle(text, option)
+    code = ErrorCode.OUT_OF_RANGE
     try:
         share = float(text.rstrip().removesuffix("%")) / 100
     except ValueError:
-        share = 0.0
+        code, share = ErrorCode.MALFORMED, 0.0
     if not 0 < share < float("inf"):
-        raise ConfigurationError(f"{option} {text} is not a positive share of the {of}; write 10%, or 1uas.")
+        raise ConfigurationError(
+            code, f"{option} {text} is not a positive share of the {of}; write 10%, or 1uas."
+        )
     return of, share
 
 
@@ -63,13 +66,16 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
     """A quantity of some kind in ``unit``, from a number with any unit of the kind."""
     from astropy import units
 
+    code = ErrorCode.OUT_OF_RANGE
     try:
         value = units.Quantity(text).to_value(unit)
-    except (TypeError, ValueError, units.UnitsError):
-        value = 0.0
+    except TypeError:  # it does not begin with a number
+        code, value = ErrorCode.MALFORMED, 0.0
+    except ValueError:
+        code, value = ErrorCode.UNKNOWN_UNIT, 0.0
     if not 0 < value < float("inf"):
         raise ConfigurationError(
-            f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
+            code, f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
         )
     return float(value)
 
@@ -87,19 +93,23 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     """
     if len(texts) > _MOST_SWEPT:
         raise ConfigurationError(
-            f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice."
+            ErrorCode.TOO_MANY,
+            f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice.",
         )
     sweeps: dict[str, list[float]] = {}
     for text in texts:
         name, _, values = text.partition("=")
         if name.strip() in sweeps:
-            raise ConfigurationError(f"{name.strip()} is swept twice; give all its values in one --sweep.")
+            raise ConfigurationError(
+                ErrorCode.DUPLICATE, f"{name.strip()} is swept twice; give all its values in one --sweep."
+            )
         try:
             sweeps[name.strip()] = _values(values)
         except ValueError:
             raise ConfigurationError(
+                ErrorCode.MALFORMED,
                 f"--sweep {text} is not understood; write --sweep length=0.05:0.75:15 (from, to, how many; "
-                "with :log at the end for equal ratios), or --sweep angle=0,45,90."
+                "with :log at the end for equal ratios), or --sweep angle=0,45,90.",
             ) from None
     return sweeps
 

@@ -16,7 +16,9 @@ import typer
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-__all__ = ["command_line", "prepare_jax", "say", "show_table", "tells_errors"]
+    from jitterkit.errors import JitterkitError
+
+__all__ = ["command_line", "prepare_jax", "say", "say_error", "show_table", "tells_errors"]
 
 USAGE, SOME_FAILED = 2, 1
 
@@ -47,11 +49,11 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
         os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax
 
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.optics.toliman import cache_directory
 
     if device not in (None, "cpu", "gpu"):
-        raise ConfigurationError(f"There is no device {device!r}; give cpu or gpu.")
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"There is no device {device!r}; give cpu or gpu.")
     if device == "cpu":
         jax.config.update("jax_platforms", "cpu")  # a GPU that is there is left alone
     elif device == "gpu":
@@ -59,8 +61,9 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
             jax.config.update("jax_default_device", jax.devices("gpu")[0])
         except RuntimeError:
             raise ConfigurationError(
+                ErrorCode.MISSING_PACKAGE,
                 'JAX finds no GPU here; install its driver and pip install "jitterkit[cuda]", or leave out '
-                "--device gpu."
+                "--device gpu.",
             ) from None
     jax.config.update("jax_enable_x64", not float32)
     with contextlib.suppress(OSError):
@@ -79,7 +82,7 @@ def _share_heaps() -> None:
 
 
 def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what the user can mend into one sentence on stderr and exit status 2."""
+    """Turn what the user can mend into one sentence and its code on stderr, and exit status 2."""
 
     @functools.wraps(command)
     def wrapped(*args, **kwargs):
@@ -88,7 +91,7 @@ def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except JitterkitError as error:
-            say(f"jitterkit: {error}")
+            say_error(error)
             raise typer.Exit(USAGE) from None
         except KeyboardInterrupt:
             say("jitterkit: interrupted.")
@@ -97,6 +100,11 @@ def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
     return wrapped
+
+
+def say_error(error: JitterkitError) -> None:
+    """Tell an error: its sentence, and its code in brackets behind it, for scripts to branch on."""
+    say(f"jitterkit: {error} [{error.code}]")
 
 
 def say(message: str) -> None:

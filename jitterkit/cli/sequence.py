@@ -82,12 +82,14 @@ def sequence(
     averaging.png (scatter and Allan deviation). Exit status: 0 if every frame counts, 1 if some do not, 2 if
     the command cannot be carried out.
     """
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import check_directory
 
     if global_shutter and telemetry is not None:
-        raise ConfigurationError("Telemetry is for rolling shutters; give --telemetry or --global-shutter.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "Telemetry is for rolling shutters; give --telemetry or --global-shutter."
+        )
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
     prepare_jax()
@@ -115,14 +117,16 @@ def sequence(
 
 
 def _laws(texts: list[str]) -> dict[str, Any]:
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.joint import parse_law
 
     laws = {}
     for text in texts:
         name, equals, words = text.partition("=")
         if not equals:
-            raise ConfigurationError(f"--law {text!r} is not NAME=LAW; say, aberrations=constant.")
+            raise ConfigurationError(
+                ErrorCode.MALFORMED, f"--law {text!r} is not NAME=LAW; say, aberrations=constant."
+            )
         laws[name.strip()] = parse_law(words.strip())
     return laws
 

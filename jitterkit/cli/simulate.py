@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus, parse_sizes
+from jitterkit.cli.loci import build_locus, parse_sizes, size_option
 from jitterkit.cli.pointing import drifting, resting, shaken, traced
 from jitterkit.cli.runtime import prepare_jax, say
 
@@ -150,13 +150,15 @@ def simulate(
 
 def _check_alone(option: str, sizes: dict[str, Any], locus: str, **motions: Any) -> None:
     """Refuse another motion beside a measured or a drawn one."""
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
 
     others = [name for name, motion in motions.items() if motion is not None]
     others += ["--locus"] if locus != "stable" else []
-    others += ["the sizes of a locus"] if sizes else []
+    others += [size_option(size) for size in sizes]
     if others:
-        raise ConfigurationError(f"A {option} takes the place of a locus; leave out {others[0]}.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, f"A {option} takes the place of a locus; leave out {others[0]}."
+        )
 
 
 def _paths(path: Path, frames: int) -> list[Path]:
@@ -170,12 +172,15 @@ def _paths(path: Path, frames: int) -> list[Path]:
 
 def _check_paths(paths: list[Path], overwrite: bool) -> None:
     """Refuse files that cannot be written."""
-    from jitterkit.errors import ConfigurationError
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.frames.files import EXTENSIONS
     from jitterkit.report.outputs import check_file
 
     if not paths[0].name.lower().endswith(EXTENSIONS):
-        raise ConfigurationError(f"{paths[0]} ends in none of {', '.join(EXTENSIONS)}; give it one of them.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SUFFIX,
+            f"{paths[0]} ends in none of {', '.join(EXTENSIONS)}; give it one of them.",
+        )
     for path in paths:
         check_file(path, overwrite)
 

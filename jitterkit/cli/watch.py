@@ -48,12 +48,14 @@ def watch(
     Ctrl-C, writes what 'process' writes; files that are unfinished then are told. Exit status: 0 if every
     frame was fitted, 1 if some were not, 2 if the command cannot be carried out.
     """
-    from jitterkit.errors import FrameError
+    from jitterkit.errors import ErrorCode, FrameError
     from jitterkit.report.outputs import RUN, check_directory
     from jitterkit.report.words import printable
 
     if not directory.is_dir():
-        raise FrameError(directory, "is not a directory", "give the one into which the camera writes")
+        raise FrameError(
+            ErrorCode.NOT_FOUND, directory, "is not a directory", "give the one into which the camera writes"
+        )
     check_directory(output, RUN, overwrite or resume)
     processor = make()
     from jitterkit.batch.live import watch_directory

@@ -10,7 +10,7 @@ import numpy as np
 from jitterkit.detectors.coupling import LIMIT
 from jitterkit.detectors.linearity import turning_point
 from jitterkit.detectors.maps import MAPS
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES, Quantity
 
 __all__ = ["BITS", "FULL_WELL", "NUMBERS", "check_detector"]
@@ -55,18 +55,22 @@ def _check_shapes(values: Mapping[str, Any]) -> None:
     for name, shape in shapes.items():
         if name == "bad_pixels" and len(shape) != 2:
             raise ConfigurationError(
-                f"bad_pixels has shape {shape}; give a map (ny, nx), True where a pixel is bad."
+                ErrorCode.WRONG_SHAPE,
+                f"bad_pixels has shape {shape}; give a map (ny, nx), True where a pixel is bad.",
             )
         if len(shape) not in (0, 2) or (name == "flat" and not shape):
             also = "" if name == "flat" else "one number or "
-            raise ConfigurationError(f"{name} has shape {shape}; give {also}a map (ny, nx).")
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE, f"{name} has shape {shape}; give {also}a map (ny, nx)."
+            )
     maps = {name: shape for name, shape in shapes.items() if shape}
     for name, shape in maps.items():
         first = next(iter(maps))
         if shape != maps[first]:
             raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE,
                 f"{first} is a map of {_size(maps[first])} pixels and {name} one of {_size(shape)}; "
-                "give maps of one whole detector."
+                "give maps of one whole detector.",
             )
 
 
@@ -80,16 +84,22 @@ def _check_number(name: str, value: Any, quantity: Quantity) -> None:
     if np.ndim(value) == 0:
         problem = quantity.problem(value)
         if problem is not None:
-            raise ConfigurationError(f"{name} = {value!r} {problem}; give it in {quantity.unit}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"{name} = {value!r} {problem}; give it in {quantity.unit}."
+            )
         return
     finite = np.asarray(value)[np.isfinite(value)]
     if finite.size == 0:
-        raise ConfigurationError(f"{name} is a map without a finite number; give another.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"{name} is a map of {_size(np.shape(value))} pixels without a finite number; give another.",
+        )
     for extreme in (float(finite.min()), float(finite.max())):
         problem = quantity.problem(extreme)
         if problem is not None:
             raise ConfigurationError(
-                f"{name} has a pixel of {extreme!r}, which {problem}; give it in {quantity.unit}."
+                ErrorCode.OUT_OF_RANGE,
+                f"{name} has a pixel of {extreme!r}, which {problem}; give it in {quantity.unit}.",
             )
 
 
@@ -97,11 +107,14 @@ def _check_bits(bits: Any, bias: Any) -> None:
     if bits is None:
         return
     if isinstance(bits, bool) or int(bits) != bits or int(bits) not in BITS:
-        raise ConfigurationError(f"bits = {bits!r} is impossible; a converter has {BITS[0]} to {BITS[-1]}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"bits = {bits!r} is impossible; a converter has {BITS[0]} to {BITS[-1]}."
+        )
     for level in () if bias is None else (np.nanmin(bias), np.nanmax(bias)):
         if not 0 <= level < 2**bits:
             raise ConfigurationError(
-                f"bias = {level:g} ADU lies outside the {bits}-bit range 0 to {2**bits - 1}; correct one."
+                ErrorCode.CONFLICT,
+                f"bias = {level:g} ADU lies outside the {bits}-bit range 0 to {2**bits - 1}; correct one.",
             )
 
 
@@ -112,22 +125,28 @@ def _check_flat(flat: Any) -> None:
     mean = float(np.mean(good, dtype=float)) if good.size else 0.0
     if abs(mean - 1) > _EVEN:
         raise ConfigurationError(
-            f"flat has a mean of {mean:g} over its good pixels; divide it by that, so that fluxes stay."
+            ErrorCode.OUT_OF_RANGE,
+            f"flat has a mean of {mean:g} over its good pixels; divide it by that, so that fluxes stay.",
         )
 
 
 def _check_nonlinearity(coefficients: Any, full_well: float | None) -> None:
     if coefficients is None:
         return
-    if np.ndim(coefficients) != 1 or not np.size(coefficients) or not np.isfinite(coefficients).all():
+    is_list = np.ndim(coefficients) == 1 and np.size(coefficients) > 0
+    if not is_list or not np.isfinite(coefficients).all():
         raise ConfigurationError(
-            f"nonlinearity = {coefficients!r}; give a list of numbers, c1 in 1/e- first."
+            ErrorCode.OUT_OF_RANGE if is_list else ErrorCode.WRONG_SHAPE,
+            f"nonlinearity = {coefficients!r}; give a list of numbers, c1 in 1/e- first.",
         )
     if full_well is None:
-        raise ConfigurationError("nonlinearity needs the full_well up to which it holds; give it, in e-.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, "nonlinearity needs the full_well up to which it holds; give it, in e-."
+        )
     turn = turning_point(coefficients)
     if turn <= full_well:
         raise ConfigurationError(
+            ErrorCode.CONFLICT,
             f"nonlinearity = {list(coefficients)} stops rising at {turn:g} e-, below the full_well of "
-            f"{full_well:g} e-; give a law that rises up to it."
+            f"{full_well:g} e-; give a law that rises up to it.",
         )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 
 __all__ = ["MAPS", "as_map", "nominal", "piece"]
 
@@ -75,5 +75,7 @@ def piece(
         last = f"column {x0 + nx - 1}, row {y0 + ny - 1}"
         what = "bad-pixel map" if name == "bad_pixels" else f"map {name}"
         problem = f"ends at {last}, beyond the {what} of {width} x {height}"
-        raise FrameError(frame, problem, "give a map of the whole detector, or none")
+        raise FrameError(
+            ErrorCode.WRONG_INSTRUMENT, frame, problem, "give a map of the whole detector, or none"
+        )
     return cut if cut.dtype == bool else cut.astype(float)

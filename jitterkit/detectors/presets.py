@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from jitterkit.detectors.detector import Detector
-from jitterkit.errors import ConfigurationError, did_you_mean
+from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
 __all__ = ["DETECTORS", "detector_preset"]
 
@@ -59,4 +59,6 @@ def detector_preset(name: str) -> Detector:
     if name in DETECTORS:
         return DETECTORS[name]()
     hint = did_you_mean(name, DETECTORS)
-    raise ConfigurationError(f"There is no detector {name!r}; {hint}choose from {', '.join(DETECTORS)}.")
+    raise ConfigurationError(
+        ErrorCode.UNKNOWN_NAME, f"There is no detector {name!r}; {hint}choose from {', '.join(DETECTORS)}."
+    )

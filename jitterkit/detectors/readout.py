@@ -15,7 +15,7 @@ from jitterkit.detectors.coupling import couple
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.detectors.linearity import measured
 from jitterkit.detectors.maps import piece
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["read_out"]
 
@@ -46,7 +46,9 @@ def _refuse_without_exposure(
     for name, needed in needs.items():
         value = getattr(detector, name)
         if exposure is None and needed and value is not None and np.any(value):
-            raise ConfigurationError(f"{name} needs the exposure of the frame; give exposure, in s.")
+            raise ConfigurationError(
+                ErrorCode.MISSING_VALUE, f"{name} needs the exposure of the frame; give exposure, in s."
+            )
 
 
 def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:

@@ -11,7 +11,7 @@ To add an estimator, write one file with one function and add one line to the re
 
 from collections.abc import Callable
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.estimators.moments import estimate_moments
 from jitterkit.estimators.mtf_ratio import estimate_mtf_ratio
 from jitterkit.estimators.nnls import estimate_nnls
@@ -52,5 +52,6 @@ def estimator(name: str) -> Callable[..., KernelEstimate]:
         return ESTIMATORS[name]
     except KeyError:
         raise ConfigurationError(
-            f"There is no kernel estimator {name!r}; choose from {', '.join(ESTIMATORS)}."
+            ErrorCode.UNKNOWN_NAME,
+            f"There is no kernel estimator {name!r}; choose from {', '.join(ESTIMATORS)}.",
         ) from None

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
@@ -74,7 +74,8 @@ def best_shares(problem: KernelProblem) -> np.ndarray:
         shares, _ = scipy.optimize.nnls(root.T, target, maxiter=_PATIENCE * len(target))
     except RuntimeError as error:
         raise UndeterminedError(
-            "The search for a kernel does not end: too little of the frame is left; mask less of it."
+            ErrorCode.NOT_CONVERGED,
+            "The search for a kernel does not end: too little of the frame is left; mask less of it.",
         ) from error
     return shares
 
@@ -131,8 +132,9 @@ def solve_kernel(
         if best.sum() > 0 and _border(best) < _BORDER:
             return _summary(solver(problem), _response(problem, best), nodes, method)
     raise UndeterminedError(
+        ErrorCode.MODEL_MISMATCH,
         f"No kernel within {_GRIDS[-1][1]} pixels of its middle makes this image of the template; "
-        "use the score estimator where the frame is faint, and check the template where it is not."
+        "use the score estimator where the frame is faint, and check the template where it is not.",
     )
 
 
@@ -175,7 +177,9 @@ def _problem(data: Data, nodes: _Nodes, background: float) -> tuple[KernelProble
         nodes.trim(a).ravel() for a in (data.electrons - background, data.offset, data.used, weights)
     )
     if not used.any():
-        raise UndeterminedError("No usable pixel is left for a kernel; mask less of the frame.")
+        raise UndeterminedError(
+            ErrorCode.NO_DATA, "No usable pixel is left for a kernel; mask less of the frame."
+        )
 
     def weighed(mean) -> KernelProblem:
         least = _FLOOR * np.abs(mean).mean()

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -77,8 +77,9 @@ def estimate_moments(
         if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance))):
             return KernelEstimate(values[list(point.free[3:])], covariance[3:, 3:], "moments")
     raise UndeterminedError(
+        ErrorCode.MODEL_MISMATCH,
         "No blur gives the template the second moments of the frame; check the template's scene, or use the "
-        "score estimator where the frame is faint."
+        "score estimator where the frame is faint.",
     )
 
 

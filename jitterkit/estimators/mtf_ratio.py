@@ -21,7 +21,7 @@ import numpy as np
 from scipy import fft
 from scipy.signal.windows import hann
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.shape import doubted, is_decisive
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
@@ -115,8 +115,9 @@ def estimate_mtf_ratio(
     used = np.asarray(data.used)
     if min(used.shape) < _SMALLEST:
         raise UndeterminedError(
+            ErrorCode.TOO_FEW,
             f"The MTF ratio needs a frame of {_SMALLEST} pixels a side, and this one has {min(used.shape)}; "
-            "use the score estimator."
+            "use the score estimator.",
         )
     sharp = _image(template, Stable.of(), otf)
     fill, before = sharp, np.full(3, np.inf)
@@ -204,8 +205,9 @@ def _estimate(ratio: _Ratio) -> KernelEstimate:
     shape, error = float(solution[4]), float(np.sqrt(covariance[3, 3]))
     if not shape > _LIGHTEST - 3 * error:
         raise UndeterminedError(
+            ErrorCode.IMPLAUSIBLE,
             f"The power spectra are in a ratio of no blur (an excess kurtosis of {shape:.2g}): it is too "
-            "wide, or the template is another scene's. Use the score estimator."
+            "wide, or the template is another scene's. Use the score estimator.",
         )
     locus = Shaped(jnp.asarray(solution[1:]))
     return KernelEstimate(solution[1:4], covariance[:3, :3], "mtf", shape=shape, shape_err=error, locus=locus)
@@ -240,8 +242,9 @@ def _fit(
         chosen = (expected > _LEAST_SNR * ratio.noise) & (w < _WIDEST)
         if (count := np.count_nonzero(chosen)) < _FEWEST:
             raise UndeterminedError(
+                ErrorCode.NO_SIGNAL,
                 f"Only {count} frequencies rise above the noise; the MTF ratio needs {_FEWEST}. "
-                "Use the score estimator, which uses every pixel."
+                "Use the score estimator, which uses every pixel.",
             )
         weights = np.where(chosen, expected**2 / (ratio.noise * (2 * expected + ratio.noise)), 0.0)
         weighted = slopes * weights

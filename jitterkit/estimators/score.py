@@ -13,7 +13,7 @@ from collections.abc import Collection
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.shape import (
     doubted,
     fit_known_shape,
@@ -82,7 +82,10 @@ def estimate_score(
     start = template.with_locus(Mvn.near(jnp.zeros(3)))
     (normal, *_), covariance = climb_a_little(start, otf, data, hold, steps)
     if not np.all(np.isfinite(covariance)):
-        raise UndeterminedError("The frame does not determine its parameters; hold some, or mask less of it.")
+        raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
+            "The frame does not determine its parameters; hold some, or mask less of it.",
+        )
     if shape is not None:
         return _of_known_shape(normal, shape, otf, data, hold)
     moments = np.asarray(normal.locus.moments())
@@ -110,6 +113,7 @@ def _of_known_shape(
     blur = fit_known_shape(normal, kurtosis, otf, data, hold)
     if blur is None:
         raise UndeterminedError(
-            f"No blur of excess kurtosis {shape:g} fits the frame; give another, or let it be measured."
+            ErrorCode.MODEL_MISMATCH,
+            f"No blur of excess kurtosis {shape:g} fits the frame; give another, or let it be measured.",
         )
     return KernelEstimate(np.asarray(blur.locus.moments()), blur.covariance, "score", locus=blur.locus)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import map_coordinates
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import longest
 from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum
 from jitterkit.extended.streak import apart, streak_estimate
@@ -65,7 +65,8 @@ def estimate_autocorrelation(image: np.ndarray, *, plate_scale: float = 1.0) -> 
     rest = apart(lengths[:, None], angles, length, angle) > max(4.0, 0.15 * length)
     if height < _LEAST_CONTRAST * peaks[rest].max():
         raise UndeterminedError(
-            f"No negative peak of the derivative's autocorrelation stands out beyond {_GATE:g} pixels."
+            ErrorCode.NOT_CONSTRAINED,
+            f"No negative peak of the derivative's autocorrelation stands out beyond {_GATE:g} pixels.",
         )
     along, across = _ERRORS
     return streak_estimate(

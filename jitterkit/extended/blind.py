@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import comb_peaks, longest
 from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, smoothed
 from jitterkit.extended.streak import apart, streak_estimate, transfer_squared
@@ -97,7 +97,10 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     found = [_climb(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
     found = [streak for streak in found if streak.length < limit]
     if not found:
-        raise UndeterminedError("The image shows no streak's nulls: no candidate stays within its limits.")
+        raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
+            f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels.",
+        )
     best = _refined(spectrum, max(found, key=lambda streak: streak.value))
     _check(spectrum, best, found, limit)
     along, across = _errors(spectrum, best)
@@ -128,26 +131,31 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: 
     """Refuse what is too short or too long, what the image's nulls do not bear out, and what has a rival."""
     if best.length > limit:
         raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
             f"The image shows no streak's nulls: the best candidate grows to {best.length:.0f} pixels, and "
-            f"no more than {limit:.0f} can be told."
+            f"no more than {limit:.0f} can be told.",
         )
     if best.length < _GATE:
         raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
             f"The blur, some {best.length:.2f} pixels long, is too small for its nulls to be told from the "
-            f"scene's own (it takes {_GATE:g})."
+            f"scene's own (it takes {_GATE:g}).",
         )
     gain = best.value - _likelihood(spectrum, best.length, best.angle + 90)
     agreement = gain / _true_gain(spectrum, best)
     if agreement < _LEAST_AGREEMENT:
         raise UndeterminedError(
+            ErrorCode.MODEL_MISMATCH,
             f"The nulls of the best streak ({best.length:.1f} pixels at {best.angle:.0f} degrees) explain "
-            f"only {max(agreement, 0):.0%} of what they should: the image is not blurred by a uniform streak."
+            f"only {max(agreement, 0):.0%} of what they should: the image is not blurred by a uniform "
+            "streak.",
         )
     rival = _rival(spectrum, best, found, limit)
     if rival is not None and best.value - rival.value < _RIVAL * gain:
         raise UndeterminedError(
+            ErrorCode.AMBIGUOUS,
             f"Two streaks explain the image's nulls alike: {best.length:.1f} pixels at {best.angle:.0f} "
-            f"degrees and {rival.length:.1f} at {rival.angle:.0f}."
+            f"degrees and {rival.length:.1f} at {rival.angle:.0f}.",
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import map_coordinates
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
 from jitterkit.extended.streak import apart, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
@@ -70,11 +70,17 @@ def estimate_cepstrum(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelE
     rivals = [s for other, _, s in others if abs(other / length - round(other / length)) > 0.1]
     if length < _GATE:
         raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
             f"The cepstrum's highest peak, at {length:.1f} pixels, is too close to the middle to be trusted "
-            f"(it must lie beyond {_GATE:g})."
+            f"(it must lie beyond {_GATE:g}).",
         )
-    if score < _LEAST_CONTRAST * max(rivals, default=0.0):
-        raise UndeterminedError("No peak of the cepstrum stands out: the image shows no streak's nulls.")
+    rival = max(rivals, default=0.0)
+    if score < _LEAST_CONTRAST * rival:
+        raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
+            f"No peak of the cepstrum stands out (the highest, {score:.1f} sigma, is less than "
+            f"{_LEAST_CONTRAST:g} times another of {rival:.1f}): the image shows no streak's nulls.",
+        )
     along, across = _ERRORS
     return streak_estimate(length, angle, "cepstrum", along=along, across=across, plate_scale=plate_scale)
 

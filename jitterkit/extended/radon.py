@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import longest
 from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
 from jitterkit.extended.streak import streak_estimate
@@ -61,13 +61,15 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     length, correlation = _match(*projections[best], longest(spectrum.shape))
     if correlation < _LEAST_CORRELATION:
         raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
             f"No stripes of a streak in the spectrum: the best match correlates by {correlation:.2f} "
-            f"(it takes {_LEAST_CORRELATION:g})."
+            f"(it takes {_LEAST_CORRELATION:g}).",
         )
     if length < _GATE:
         raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
             f"The stripes belong to {length:.1f} pixels, too few to be told from the scene's spectrum "
-            f"(it takes {_GATE:g})."
+            f"(it takes {_GATE:g}).",
         )
     along, across = _ERRORS
     return streak_estimate(

@@ -13,7 +13,7 @@ from scipy import fft
 from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended.registration import register
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Linear, Mvn
@@ -81,7 +81,9 @@ def estimate_from_reference(
     Moments are of the blur *added* to the sharp frame's own; noise may make them indefinite.
     """
     if kernel_side % 2 == 0:
-        raise ConfigurationError(f"A kernel has a middle pixel; its side must be odd, got {kernel_side}.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE, f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
+        )
     drift = register(sharp, blurred)
     pair = [np.asarray(frame, float) for frame in (sharp, blurred)]
     window = np.outer(*(hann(n + 2)[1:-1] for n in pair[0].shape))
@@ -96,8 +98,9 @@ def estimate_from_reference(
     band &= box_mean(np.abs(one) ** 2, 7) > 4 * noise[0]
     if band.sum() < _LEAST_FREQUENCIES:
         raise UndeterminedError(
+            ErrorCode.NO_SIGNAL,
             f"Only {int(band.sum())} frequencies of the sharp frame rise above its noise; the fit needs "
-            f"{_LEAST_FREQUENCIES}."
+            f"{_LEAST_FREQUENCIES}.",
         )
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
     moments, covariance, streak = _fit(one[band], two[band], fx[band], fy[band], noise, drift, ties)

@@ -15,7 +15,7 @@ from scipy import fft
 from scipy.signal.windows import tukey
 from skimage.registration import phase_cross_correlation
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 
 __all__ = ["Drift", "drifts", "register"]
 
@@ -36,6 +36,9 @@ _WINDOW_ERROR = 0.003
 
 _LEAST_CORRELATION = 0.3
 """Of the two frames once aligned: between different scenes, or noise, it stays below 0.1."""
+
+_LEAST_OVERLAP = 16
+"""Pixels a side that both frames must show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +90,24 @@ def register(reference: np.ndarray, image: np.ndarray, *, plate_scale: float = 1
     the blur is lopsided: that moves the scene.
     """
     pair = [np.asarray(frame, dtype=float) for frame in (reference, image)]
-    if pair[0].shape != pair[1].shape or pair[0].ndim != 2 or not all(np.isfinite(f).all() for f in pair):
+    if pair[0].shape != pair[1].shape or pair[0].ndim != 2:
         raise ConfigurationError(
-            f"Frames to register are images of one shape with finite values; got {pair[0].shape} and "
-            f"{pair[1].shape}."
+            ErrorCode.WRONG_SHAPE,
+            f"Frames to register are images of one shape; got {pair[0].shape} and {pair[1].shape}.",
         )
-    if min(frame.std() for frame in pair) == 0:
-        raise UndeterminedError("One of the frames is constant: there is nothing to register.")
+    for name, frame in zip(("reference", "image"), pair, strict=True):
+        if not np.isfinite(frame).all():
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The {name} to register has {np.sum(~np.isfinite(frame))} of {frame.size} pixels that are "
+                "not finite; cut them away or fill them.",
+            )
+    for name, frame in zip(("reference", "image"), pair, strict=True):
+        if frame.std() == 0:
+            raise UndeterminedError(
+                ErrorCode.NO_SIGNAL,
+                f"The {name} is constant ({frame.flat[0]:g} everywhere): there is nothing to register.",
+            )
     window = _window(pair[0].shape)
     whole = -phase_cross_correlation(*(_windowed(f, window) for f in pair), normalization=None)[0].astype(int)
     one, two = _overlap(pair[0], pair[1], whole)
@@ -123,8 +137,12 @@ def _overlap(one: np.ndarray, two: np.ndarray, shift: np.ndarray) -> tuple[np.nd
 
 def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray]:
     """Sub-pixel shift (y, x) of the second, and the covariance of (x, y), pixels."""
-    if min(one.shape) < 16:
-        raise UndeterminedError("The frames overlap by less than 16 pixels: too little to register them by.")
+    if min(one.shape) < _LEAST_OVERLAP:
+        raise UndeterminedError(
+            ErrorCode.TOO_FEW,
+            f"The frames overlap by {min(one.shape)} pixels: too little to register them by (it takes "
+            f"{_LEAST_OVERLAP}).",
+        )
     window = _window(one.shape)
     fy, fx = np.meshgrid(fft.fftfreq(one.shape[0]), fft.rfftfreq(one.shape[1]), indexing="ij")
     band = (np.hypot(fx, fy) < _BAND) & (np.hypot(fy * one.shape[0], fx * one.shape[1]) > _LEAST_ORDER)
@@ -142,7 +160,9 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
     correlation = cross.real.sum() / np.sqrt((abs(a) ** 2).sum() * (abs(b) ** 2).sum())
     if not correlation > _LEAST_CORRELATION or np.abs(shift).max() > 2:
         raise UndeterminedError(
-            f"The frames have too little in common to register them (correlation {correlation:.2f})."
+            ErrorCode.MODEL_MISMATCH,
+            f"The frames have too little in common to register them (correlation {correlation:.2f}, and it "
+            f"takes {_LEAST_CORRELATION:g}); give frames of one scene.",
         )
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
     covariance = ties * gain @ ((axes * cross.imag**2) @ axes.T) @ gain

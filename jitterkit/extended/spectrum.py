@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft
 from scipy.signal.windows import hann
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.vision import box_mean
 
 __all__ = ["PowerSpectrum", "power_spectrum", "smoothed", "whitened"]
@@ -80,18 +80,16 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
         If it is constant, or nothing but noise.
     """
     array = np.asarray(image)
-    if array.ndim != 2 or array.dtype.kind not in "buif" or min(array.shape, default=0) < _LEAST_SIDE:
-        raise ConfigurationError(
-            f"A blur is read from an image (ny, nx) of numbers, at least {_LEAST_SIDE} pixels a side; "
-            f"got shape {array.shape} of type {array.dtype}."
-        )
+    _check(array)
     pixels = array.astype(float)
-    if not np.isfinite(pixels).all():
-        raise ConfigurationError("The image has values that are not finite; cut them away or fill them.")
     pixels -= pixels.mean()
     spread = pixels.std()
     if not spread > 1e-9 * np.abs(array).max():
-        raise UndeterminedError("The image is constant: it shows no scene, and no blur either.")
+        raise UndeterminedError(
+            ErrorCode.NO_SIGNAL,
+            f"The image is constant ({float(array.flat[0]):g} everywhere): it shows no scene, and "
+            "no blur either.",
+        )
     window = np.outer(*(hann(n + 2)[1:-1] for n in array.shape))
     windowed = (pixels - np.average(pixels, weights=window)) * window / spread
     transform = fft.fftshift(fft.fft2(windowed))
@@ -104,9 +102,33 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     weight = np.clip(1 - 1.5 * noise / local, 0, 1) * inside
     if weight.mean() < _LEAST_SHARE:
         raise UndeterminedError(
-            "Hardly any frequency of the image rises above white noise: it shows no scene."
+            ErrorCode.NO_SIGNAL,
+            f"Hardly any frequency of the image rises above white noise (a share of {weight.mean():.3f}, and "
+            f"it takes {_LEAST_SHARE:g}): it shows no scene.",
         )
     return PowerSpectrum(power, local, weight.astype(np.float32), fx[None], fy[:, None], noise)
+
+
+def _check(array: np.ndarray) -> None:
+    if array.dtype.kind not in "buif":
+        code = ErrorCode.WRONG_TYPE
+    elif array.ndim != 2:
+        code = ErrorCode.WRONG_SHAPE
+    elif min(array.shape) < _LEAST_SIDE:
+        code = ErrorCode.TOO_FEW
+    elif not np.isfinite(array).all():
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"{np.sum(~np.isfinite(array))} of the image's {array.size} pixels are not finite; cut them away "
+            "or fill them.",
+        )
+    else:
+        return
+    raise ConfigurationError(
+        code,
+        f"A blur is read from an image (ny, nx) of numbers, at least {_LEAST_SIDE} pixels a side; "
+        f"got shape {array.shape} of type {array.dtype}.",
+    )
 
 
 def smoothed(values: np.ndarray, shape: tuple[int, int], length: float) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
 from jitterkit.frames.frame import RawFrame
 from jitterkit.likelihood import Data, normal_equations
@@ -94,7 +94,9 @@ class Forecast:
             If the target is not positive.
         """
         if not target > 0:
-            raise ConfigurationError(f"A target precision must be positive; got {target} for {name}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"A target precision must be positive; got {target} for {name}."
+            )
         return (self.error(name) / target) ** 2
 
     @property
@@ -146,7 +148,9 @@ class Forecast:
 
     def _slot(self, name: str) -> int:
         if name not in self.names:
-            raise ConfigurationError(f"{name!r} is not among the free parameters {', '.join(self.names)}.")
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME, f"{name!r} is not among the free parameters {', '.join(self.names)}."
+            )
         return self.names.index(name)
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.forecast.causes_frame import JITTER, Setting, choose_defocus
 from jitterkit.forecast.causes_information import Information
 from jitterkit.forecast.causes_sizes import Cause, causes_between
@@ -181,8 +181,11 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     negative, which a real blur cannot.  *Fails when* defocus is not zero but too small to show to first
     order.
     """
-    if setting.diffusion < 0 or (setting.seeing is not None and setting.seeing < 0):
-        raise ConfigurationError("A diffusion and a seeing must not be negative; give zero for none.")
+    for name, size in (("diffusion", setting.diffusion), ("seeing", setting.seeing or 0.0)):
+        if size < 0:
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"The {name} is {size:g}; give zero for none, or a positive one."
+            )
     setting = choose_defocus(setting)
     jitter = setting.frame(locus)
     names = [name for name in JITTER if name in jitter.names]
@@ -191,6 +194,7 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     found = Causes(setting, locus, causes, frame, setting.otf.grid.plate_scale)
     if not np.all(np.isfinite(found.told.alone)):
         raise UndeterminedError(
-            "The frame does not show its causes: too few pixels tell anything; change the flux."
+            ErrorCode.NOT_CONSTRAINED,
+            "The frame does not show its causes: too few pixels tell anything; change the flux.",
         )
     return found

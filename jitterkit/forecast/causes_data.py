@@ -15,7 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forecast.causes import Causes
 from jitterkit.forecast.causes_frame import JITTER, SQUARE, Setting
 from jitterkit.forecast.causes_information import Information
@@ -82,7 +82,9 @@ class Offer:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not 0 < value < np.inf:
-                raise ConfigurationError(f"An offer's {name} must be positive; got {value}.")
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE, f"An offer's {name} must be positive; got {value}."
+                )
 
 
 def further_data(causes: Causes, offer: Offer | None = None) -> list[DataSet]:

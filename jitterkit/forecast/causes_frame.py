@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forecast.bound import forecast
 from jitterkit.forecast.causes_information import Information
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
@@ -180,12 +180,15 @@ def _on_axis(locus: Locus) -> tuple[tuple[str, ...], np.ndarray]:
     rows = 0 if isinstance(locus, Stable) else 2 if isinstance(locus, Streak) else 3
     if rows == 3 and not isinstance(locus, Elliptic):
         raise ConfigurationError(
+            ErrorCode.UNSUPPORTED,
             f"The second moments of a {type(locus).__name__.lower()} are not free; ask about causes with the "
-            "locus mvn, ellipse, shaped, linear, shm or stable."
+            "locus mvn, ellipse, shaped, linear, shm or stable.",
         )
     moments = np.asarray(locus.moments())
     if rows == 2 and not axis_variances(moments)[0] > 0:
-        raise ConfigurationError("A streak of no length has no axis; give its length, or the locus mvn.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, "A streak of length 0 has no axis; give its length, or the locus mvn."
+        )
     turn = np.array([moments_on_axis(unit, axis_variances(moments)[2]) for unit in np.eye(3)]).T
     by_coords = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))[:, :rows]
     return JITTER[:rows], (turn @ by_coords)[:rows]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.forecast.bound import expected_data
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.likelihood import Data, normal_equations
@@ -127,13 +127,17 @@ def noise_free_fit(
     fit = fit_locus(locus, data, optics, truth, np.asarray(truth.locus.moments()), otf, options)
     for _ in range(_RESTARTS):
         if fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
-            raise JitterkitError(f"{locus} cannot be fitted to this jitter: {fit.message}")
+            code = ErrorCode(fit.reason) if fit.parameters is None else ErrorCode.NOT_CONSTRAINED
+            raise JitterkitError(code, f"{locus} cannot be fitted to this jitter: {fit.message}")
         otf, before = optics.otf(fit.parameters.aberrations), fit
         fit = replace(fit_frame(data, optics, fit.parameters, otf, options), locus=locus)
         moved = abs(fit.of_scene("separation") - before.of_scene("separation"))
         if moved < _SETTLED * before.error("separation"):
             return _respond(truth, fit, optics, otf, data, options)
-    raise JitterkitError(f"{locus} does not settle on this jitter; the separation still moves.")
+    raise JitterkitError(
+        ErrorCode.NOT_CONVERGED,
+        f"{locus} does not settle on this jitter; the separation still moves by {moved:.2g} arcsec.",
+    )
 
 
 def _respond(

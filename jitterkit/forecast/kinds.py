@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Callable
 
 from jitterkit.conventions import FWHM_PER_SIGMA
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm
 
 __all__ = ["KINDS", "jitter_of_kind"]
@@ -61,16 +61,20 @@ def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
     """
     name, *settings = kind.split(",")
     if name not in KINDS:
-        raise ConfigurationError(f"There is no kind of jitter {name!r}; choose from {', '.join(KINDS)}.")
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME, f"There is no kind of jitter {name!r}; choose from {', '.join(KINDS)}."
+        )
     shapes = [word for word in inspect.signature(KINDS[name]).parameters if word not in _GIVEN]
     try:
         shape = {word.strip(): float(value) for word, value in (s.split("=") for s in settings)}
     except ValueError:
-        raise ConfigurationError(f"{kind!r} is not understood; write mvn,shear=0.7.") from None
+        raise ConfigurationError(
+            ErrorCode.MALFORMED, f"{kind!r} is not understood; write mvn,shear=0.7."
+        ) from None
     foreign = [word for word in shape if word not in shapes]
     if foreign:
         may = f"it may have {', '.join(shapes)}" if shapes else "it has a size and an angle only"
-        raise ConfigurationError(f"The kind {name} has no {foreign[0]}; {may}.")
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"The kind {name} has no {foreign[0]}; {may}.")
     return KINDS[name](size, angle, **shape)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.optimize
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forecast.bound import expected_data, forecast
 from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forward import Parameters, free_parameters
@@ -118,7 +118,9 @@ def jitter_requirements(
         If nothing is allowed, or the frame does not determine its parameters without jitter.
     """
     if not allowed > 0:
-        raise ConfigurationError(f"The loss that is allowed must be positive; got {allowed}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"The loss that is allowed must be positive; got {allowed}."
+        )
     theta = float(still.binary.theta)
 
     def time_lost(loci: list[Locus]) -> float:
@@ -136,8 +138,9 @@ def jitter_requirements(
     alone = forecast(still.with_locus(Stable.of()), otf, detector, options).error("separation")
     if not math.isfinite(alone):
         raise ConfigurationError(
+            ErrorCode.NOT_CONSTRAINED,
             "The frame does not determine its parameters even without jitter; look at flux, contrast and "
-            "saturation."
+            "saturation.",
         )
     loss = time_lost if fitted is None else bias
     found: list[Requirement] = []

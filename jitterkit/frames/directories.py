@@ -10,7 +10,8 @@ import struct
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.files import GZIP
 
 __all__ = ["full_pages"]
 
@@ -46,22 +47,31 @@ def full_pages(path: Path) -> list[int]:
     seen: set[int] = set()
     read = 0
     with path.open("rb") as handle:
+        if handle.peek(len(GZIP)).startswith(GZIP):
+            problem, remedy = "is a gzipped TIFF, which is not read", "unpack it with gunzip"
+            raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy)
         layout, offset = _start(handle)
+        if size < 2 * struct.calcsize(layout.link):
+            problem = f"ends after {size} bytes, within its header"
+            raise FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
         while offset:
             if offset in seen:
-                raise FrameError(path, f"page {len(seen)} points back to an earlier page", _DAMAGED)
+                problem = f"page {len(seen)} points back to an earlier page"
+                raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
             if offset >= size:
-                raise FrameError(path, f"page {len(seen)} lies beyond the end of the file", _DAMAGED)
+                problem = f"page {len(seen)} lies beyond the end of the file"
+                raise FrameError(ErrorCode.TRUNCATED, path, problem, _DAMAGED)
             subfile, following, length = _directory(handle, layout, offset, path, len(seen))
             read += length
             if read > size:
-                raise FrameError(path, f"page {len(seen)} has a directory that overlaps others", _DAMAGED)
+                problem = f"page {len(seen)} has a directory that overlaps others"
+                raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
             if not subfile & NOT_A_FRAME:
                 pages.append(len(seen))
             seen.add(offset)
             offset = following
     if not pages:
-        raise FrameError(path, "holds no full-size page", "give a TIFF with an image")
+        raise FrameError(ErrorCode.NO_IMAGE, path, "holds no full-size page", "give a TIFF with an image")
     return pages
 
 
@@ -85,10 +95,11 @@ def _directory(handle: BinaryIO, layout: Layout, offset: int, path: Path, page: 
     head = handle.read(width)
     entries = layout.number(layout.count_code, head) if len(head) == width else 0
     if not 0 < entries <= 65535:
-        raise FrameError(path, f"page {page} has a directory of {entries} entries", _DAMAGED)
+        code = ErrorCode.DAMAGED if len(head) == width else ErrorCode.TRUNCATED
+        raise FrameError(code, path, f"page {page} has a directory of {entries} entries", _DAMAGED)
     data = handle.read(entries * layout.entry + struct.calcsize(layout.link))
     if len(data) < entries * layout.entry:
-        raise FrameError(path, f"page {page} has a directory cut short", _DAMAGED)
+        raise FrameError(ErrorCode.TRUNCATED, path, f"page {page} has a directory cut short", _DAMAGED)
     link = data[entries * layout.entry :]
     following = layout.number(layout.link, link) if len(link) == struct.calcsize(layout.link) else 0
     return _subfile(layout, data), following, width + entries * layout.entry

@@ -6,15 +6,16 @@ frame.
 
 from __future__ import annotations
 
+import errno
 import gzip
 import re
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 
-__all__ = ["EXTENSIONS", "GZIP", "find_files", "sniff"]
+__all__ = ["EXTENSIONS", "GZIP", "code_of", "find_files", "sniff"]
 
 #: What is looked for in a directory, in lower case.
 EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
@@ -31,6 +32,9 @@ OTHERS = {
     b"<!DOCTYPE": "a web page", b"<html": "a web page",
 }  # fmt: skip
 REMEDY = "give a FITS or TIFF file"
+
+#: Errors of the operating system that a file brings about which points to a place where none can be.
+_MISLED = (errno.EINVAL, errno.EOVERFLOW)
 
 
 def find_files(paths: Iterable[str | Path]) -> list[Path]:
@@ -60,15 +64,17 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
 
 def _expand(path: Path) -> list[Path]:
     if not path.exists():
-        raise FrameError(path, "does not exist", "check the name")
+        raise FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the name")
     if not path.is_dir():
         return [path]
     try:
         files = sorted(p for p in path.iterdir() if _is_candidate(p))
     except OSError as error:
-        raise FrameError(path, f"cannot be listed ({error.strerror})", "check its permissions") from error
+        problem = f"cannot be listed ({error.strerror})"
+        raise FrameError(code_of(error, path), path, problem, "check its permissions") from error
     if not files:
-        raise FrameError(path, "is a directory without FITS or TIFF files", f"{REMEDY}, or another directory")
+        problem, remedy = "is a directory without FITS or TIFF files", f"{REMEDY}, or another directory"
+        raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
     return files
 
 
@@ -96,7 +102,29 @@ def sniff(path: Path) -> str:
         return "FITS"
     if start.startswith(TIFF):
         return "TIFF"
-    raise FrameError(path, f"is {_describe(start)}, not a FITS or TIFF file", REMEDY)
+    problem = f"is {_describe(start)}, not a FITS or TIFF file"
+    raise FrameError(ErrorCode.UNKNOWN_FORMAT, path, problem, REMEDY)
+
+
+def code_of(error: Exception, path: Path) -> ErrorCode:
+    """Name the kind of trouble that an exception of Python or of a library tells of while a file is read.
+
+    Parameters
+    ----------
+    error : Exception
+        An OSError without a number is a library's own: what it read makes no sense.
+    path : Path
+        The file.  Of a gzipped one an EOFError means that it is cut short, of another that a part within
+        it, which is packed, is damaged.
+    """
+    if isinstance(error, OSError) and error.errno is not None and error.errno not in _MISLED:
+        missing = error.errno in (errno.ENOENT, errno.ENOTDIR)
+        return ErrorCode.NOT_FOUND if missing else ErrorCode.NOT_READABLE
+    if isinstance(error, NotImplementedError):
+        return ErrorCode.UNSUPPORTED_ENCODING
+    if isinstance(error, EOFError) and _is_gzipped(path):
+        return ErrorCode.TRUNCATED
+    return ErrorCode.DAMAGED
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -107,23 +135,31 @@ def _first_bytes(path: Path) -> bytes:
         start = _unzipped_head(path) if start.startswith(GZIP) else start
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise FrameError(path, f"cannot be read ({reason})", "check the file and its permissions") from error
+        problem, remedy = f"cannot be read ({reason})", "check the file and its permissions"
+        raise FrameError(code_of(error, path), path, problem, remedy) from error
     if not start:
-        raise FrameError(path, "is empty (0 bytes)", "copy it again from where it came")
+        raise FrameError(ErrorCode.TRUNCATED, path, "is empty (0 bytes)", "copy it again from where it came")
     return start
 
 
 def _no_file(path: Path) -> FrameError:
     if not path.exists():
-        return FrameError(path, "does not exist", "check the name")
+        return FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the name")
     if path.is_dir():
-        return FrameError(path, "is a directory", "name a file in it")
-    return FrameError(path, "is not a regular file", REMEDY)
+        return FrameError(ErrorCode.NOT_READABLE, path, "is a directory", "name a file in it")
+    return FrameError(ErrorCode.NOT_READABLE, path, "is not a regular file", REMEDY)
 
 
 def _head(path: Path) -> bytes:
     with path.open("rb") as handle:
         return handle.read(256)
+
+
+def _is_gzipped(path: Path) -> bool:
+    try:
+        return _head(path).startswith(GZIP)
+    except OSError:
+        return False
 
 
 def _unzipped_head(path: Path) -> bytes:

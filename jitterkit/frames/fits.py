@@ -19,11 +19,11 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from astropy.io import fits
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Unit
 from jitterkit.frames.header import resolve_header
-from jitterkit.frames.header_blocks import open_bytes, refuse_missing_data, walk
+from jitterkit.frames.header_blocks import ends_early, open_bytes, refuse_missing_data, walk
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pixels import Pixels
 from jitterkit.frames.placed import NONE_MASKED
@@ -32,6 +32,9 @@ from jitterkit.frames.wcs import celestial_wcs
 
 _REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
 """A card of which there is nothing to warn."""
+
+_METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")
+"""What astropy unpacks."""
 
 __all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]
 
@@ -134,14 +137,18 @@ def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Un
     last = units[-1]
     if last.is_image and hdu in (None, last.number):
         return last, units[0]
+    if hdu == last.number:
+        problem = f"HDU {hdu} is not a two- or three-dimensional image but {last.what}"
+        raise FrameError(ErrorCode.NO_IMAGE, path, problem, "choose another HDU")
     if hdu is None:
         contents = [f"HDU {unit.number}: {unit.what}" for unit in units[:6]] + ["..."] * (len(units) > 6)
+        problem = f"holds no image ({', '.join(contents)})"
         remedy = "give a file with a two- or three-dimensional image"
-        raise FrameError(path, f"holds no image ({', '.join(contents)})", remedy)
-    if hdu != last.number:
-        raise FrameError(path, f"has no HDU {hdu}", f"choose one from 0 to {last.number}")
-    problem = f"HDU {hdu} is not a two- or three-dimensional image but {last.what}"
-    raise FrameError(path, problem, "choose another HDU")
+    else:
+        problem, remedy = f"has no HDU {hdu}", f"choose one from 0 to {last.number}"
+    if ends_early(last, handle):
+        raise FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
+    raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
 
 
 def _header(unit: Unit) -> PlainHeader:
@@ -153,6 +160,10 @@ def _opened(handle: BinaryIO, unit: Unit) -> tuple[PlainHeader, Pixels]:
     header = _header(unit)
     if not unit.packed:
         return header, Pixels(handle, unit, header)
+    method = header.get("ZCMPTYPE")
+    if isinstance(method, str) and method not in _METHODS:
+        problem = f"HDU {unit.number} uses {method[:40]!r} compression, which is not read"
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, unit.path, problem, "save the image uncompressed")
     handle.seek(0)
     tables = fits.open(handle, memmap=False, disable_image_compression=True)
     table = tables[unit.number]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata, resolve_unit
 from jitterkit.frames.placed import (
@@ -113,7 +113,7 @@ class RawFrame(Placed):
             Fields of :class:`Metadata`: ``exposure=1.0, gain=3.7, unit="electron"``.
         """
         if np.iscomplexobj(array):
-            raise JitterkitError("the array is complex; a frame holds real numbers.")
+            raise JitterkitError(ErrorCode.WRONG_TYPE, "the array is complex; a frame holds real numbers.")
         own = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
         data = np.array(np.ma.getdata(array), dtype=np.float64)
         both = own | np.asarray(False if mask is None else mask, dtype=bool)
@@ -202,7 +202,8 @@ class Frame(Placed):
         electrons = image_of("electrons", self.electrons)
         given = np.asarray(self.read_variance, dtype=np.float64)
         if not (np.isfinite(given) & (given >= 0)).all():
-            raise JitterkitError("read_variance has negative or non-finite values; give variances in e-².")
+            problem = "read_variance has negative or non-finite values"
+            raise JitterkitError(ErrorCode.OUT_OF_RANGE, f"{problem}; give variances in e-².")
         variance = matching("read_variance", given, electrons.shape, np.float64)
         mask = matching("mask", self.mask, electrons.shape, bool)
         finite = np.isfinite(electrons)
@@ -213,9 +214,8 @@ class Frame(Placed):
         for name in ("response", "ceiling"):
             object.__setattr__(self, name, number_or_map(name, getattr(self, name), electrons.shape))
         if not (np.isfinite(self.response) & (np.asarray(self.response) > 0)).all():
-            raise JitterkitError(
-                "response has values that are not positive; mask a dead pixel and give it 1."
-            )
+            problem = "response has values that are not positive"
+            raise JitterkitError(ErrorCode.OUT_OF_RANGE, f"{problem}; mask a dead pixel and give it 1.")
         require_positive("exposure", self.exposure, "s", zero_allowed=True)
         require_positive("plate_scale", self.plate_scale, "arcsec/pixel")
 

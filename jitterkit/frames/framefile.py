@@ -17,7 +17,8 @@ from typing import Self
 
 import numpy as np
 
-from jitterkit.errors import FrameError, JitterkitError
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError
+from jitterkit.frames.files import code_of
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
@@ -102,7 +103,7 @@ class FrameFile(ABC):
             same = now[0] == before[0]
             how = f"its {now[0]} bytes are others" if same else f"from {before[0]} to {now[0]} bytes"
             problem = f"changed while it was being read ({how})"
-            raise FrameError(self.path, problem, "read it again when it is finished")
+            raise FrameError(ErrorCode.CHANGED, self.path, problem, "read it again when it is finished")
 
     def __iter__(self) -> Iterator[RawFrame]:
         return (self[index] for index in range(self._count))
@@ -153,11 +154,13 @@ def translated(path: Path) -> Iterator[list[str]]:
         except JitterkitError:
             raise
         except MemoryError as error:
-            raise FrameError(path, "declares more pixels than fit in memory", "check its header") from error
+            problem = "declares more pixels than fit in memory"
+            raise FrameError(ErrorCode.OUT_OF_MEMORY, path, problem, "check its header") from error
         except Exception as error:  # the readers raise almost anything on a damaged file
             remedy = "the file seems damaged: copy it again or convert it"
             stumbled = "its values make no sense: " if isinstance(error, _STUMBLES) else ""
-            raise FrameError(path, f"cannot be read ({stumbled}{one_line(error)})", remedy) from error
+            problem = f"cannot be read ({stumbled}{one_line(error)})"
+            raise FrameError(code_of(error, path), path, problem, remedy) from error
     messages += dict.fromkeys(map(one_line, caught))
 
 

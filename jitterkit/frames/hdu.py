@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 
 __all__ = ["CARD", "DAMAGED", "MOST_AXES", "Unit", "product_of"]
 
@@ -61,7 +61,7 @@ class Unit:
             if found.setdefault(key, value) != value:
                 shown = " and ".join(map(_shown, (found[key], value)))
                 problem = f"HDU {self.number} says {key} twice, {shown}"
-                raise FrameError(self.path, problem, DAMAGED)
+                raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
         return found
 
     def whole(self, key: str, default: int | None = None) -> int:
@@ -71,7 +71,7 @@ class Unit:
         words = self.structure.get(key)
         if words is None or _WHOLE.fullmatch(words) is None:
             has = f"no {key}" if words is None else f"{key} = {_shown(words)} where a whole number belongs"
-            raise FrameError(self.path, f"HDU {self.number} has {has}", DAMAGED)
+            raise FrameError(ErrorCode.DAMAGED, self.path, f"HDU {self.number} has {has}", DAMAGED)
         return int(words)
 
     @cached_property
@@ -122,16 +122,18 @@ class Unit:
         bits = self.whole(key)
         if bits not in (8, 16, 32, 64, -32, -64):
             problem = f"HDU {self.number} has {key} = {bits}, which FITS does not know"
-            raise FrameError(self.path, problem, DAMAGED)
+            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
         return bits
 
     def _axes(self, stem: str) -> tuple[int, ...]:
         count = self.whole(stem)
         if not 0 <= count <= MOST_AXES:
-            raise FrameError(self.path, f"HDU {self.number} declares {stem} = {count} axes", DAMAGED)
+            problem = f"HDU {self.number} declares {stem} = {count} axes"
+            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
         sides = tuple(self.whole(f"{stem}{n}") for n in range(count, 0, -1))
         if any(side < 0 for side in sides):
-            raise FrameError(self.path, f"HDU {self.number} declares {product_of(sides)} pixels", DAMAGED)
+            problem = f"HDU {self.number} declares {product_of(sides)} pixels"
+            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
         return sides
 
 

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import gzip
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import GZIP
 from jitterkit.frames.hdu import CARD, DAMAGED, MOST_AXES, Unit, product_of
 from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
-__all__ = ["open_bytes", "refuse_missing_data", "walk"]
+__all__ = ["ends_early", "open_bytes", "refuse_missing_data", "walk"]
 
 BLOCK = 2880
 #: Headers of more blocks than this (720,000 cards), all HDUs together, are taken to have no END.
@@ -30,6 +31,8 @@ MOST_HDUS = 1000
 MOST_TILE = 1 << 16
 #: Deflate packs at most 1032 to 1.
 MOST_PACKING = 1100
+
+_NO_TEXT = re.compile(rb"[^ -~]")
 
 
 def open_bytes(path: Path) -> BinaryIO:
@@ -65,38 +68,66 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Unit]:
     for number in range(MOST_HDUS):
         handle.seek(start)
         text, read = _header(handle, blocks, b"XTENSION" if number else b"SIMPLE")
-        if text is None and number == 0:
-            raise FrameError(path, "has a FITS header without an END card", DAMAGED)
-        if text is None:
+        if text is ErrorCode.UNKNOWN_FORMAT and number == 0:
+            raise FrameError(text, path, "does not begin as a FITS file does", "give a FITS file")
+        if isinstance(text, ErrorCode) and number == 0:
+            raise FrameError(text, path, "has a FITS header without an END card", DAMAGED)
+        if isinstance(text, ErrorCode):
             return
         blocks -= read
         unit = Unit(path, number, start, start + read * BLOCK, text)
         if number == 0 and unit.structure.get("SIMPLE") != b"T":
-            raise FrameError(path, "has a damaged primary header (SIMPLE is not T)", DAMAGED)
+            problem = "has a damaged primary header (SIMPLE is not T)"
+            raise FrameError(ErrorCode.DAMAGED, path, problem, DAMAGED)
         if not 0 <= unit.whole("TFIELDS", 0) <= MOST_AXES:
             problem = f"HDU {number} declares TFIELDS = {unit.whole('TFIELDS')} columns"
-            raise FrameError(path, problem, DAMAGED)
+            raise FrameError(ErrorCode.DAMAGED, path, problem, DAMAGED)
         yield unit
-        start = unit.data + -(-unit.span // BLOCK) * BLOCK
+        start = _next(unit)
         # nothing lies beyond, and to seek there through a gzip may take an hour
         if not unpacks_believably(start, 0, path.stat().st_size):
             return
 
 
-def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | None, int]:
-    """Return the cards before END and the number of blocks read; None where there is no such header."""
+def _next(unit: Unit) -> int:
+    """Return where the HDU behind begins."""
+    return unit.data + -(-unit.span // BLOCK) * BLOCK
+
+
+def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | ErrorCode, int]:
+    """Return the cards before END and the number of blocks read, or the kind of trouble there is instead."""
     text = bytearray()
     for number in range(1, most + 1):
         block = handle.read(BLOCK)
-        if not block or (number == 1 and not block.startswith(first)):
-            break
+        if number == 1 and not block.startswith(first):
+            return ErrorCode.TRUNCATED if block and first.startswith(block) else ErrorCode.UNKNOWN_FORMAT, 0
+        if not block:
+            # pixels follow on a header whose END is damaged, and they are no text
+            return ErrorCode.DAMAGED if _NO_TEXT.search(text) else ErrorCode.TRUNCATED, 0
         at = block.find(b"END")
         while at >= 0:
             if at % CARD == 0 and block[at : at + 8].rstrip() == b"END":
                 return bytes(text + block[:at]), number
             at = block.find(b"END", at + 1)
         text += block
-    return None, 0
+    return ErrorCode.DAMAGED, 0
+
+
+def ends_early(last: Unit, handle: BinaryIO) -> bool:
+    """Tell whether a file ends before its last HDU does, or within the header of another.
+
+    Parameters
+    ----------
+    last : Unit
+        The last that :func:`walk` gave.
+    handle : file object
+        From :func:`open_bytes`.
+    """
+    end = last.data + last.span
+    if not unpacks_believably(end, 0, last.path.stat().st_size) or not _reaches(handle, end):
+        return True
+    handle.seek(_next(last))
+    return _header(handle, MOST_HEADER_BLOCKS, b"XTENSION")[0] is ErrorCode.TRUNCATED
 
 
 def refuse_missing_data(unit: Unit, handle: BinaryIO) -> None:
@@ -122,19 +153,22 @@ def refuse_missing_data(unit: Unit, handle: BinaryIO) -> None:
     nx, ny, *planes = (*unit.shape[::-1], 1, 1)
     size, zipped = unit.path.stat().st_size, isinstance(handle, gzip.GzipFile)
     declared = abs(unit.bitpix) // 8 * math.prod(unit.shape)
+    held = unit.data + (unit.span if unit.packed else declared) <= size
     if unit.packed or zipped:  # of what is packed a frame still takes a byte
         short = not unpacks_believably(declared, ny * nx, size) or math.prod(planes) > size
     else:
-        short = unit.data + declared > size
+        short = not held
     if unit.packed:
-        short = short or _tiles(unit) > unit.whole("NAXIS2") or (unit.data + unit.span > size and not zipped)
+        short = short or _tiles(unit) > unit.whole("NAXIS2") or not (held or zipped)
     elif zipped:
         short = short or declared > MOST_PACKING * size
         short = short or (math.prod(planes) > 1 and not _reaches(handle, unit.data + declared))
     if short:
         has = f"the file of {size} bytes lacks them"
         problem = f"HDU {unit.number} declares {_amount(declared)} bytes of pixels and {has}"
-        raise FrameError(unit.path, problem, "it is truncated: copy it again")
+        if held and not zipped:  # all that the table declares, but not so many pixels
+            raise FrameError(ErrorCode.DAMAGED, unit.path, problem, DAMAGED)
+        raise FrameError(ErrorCode.TRUNCATED, unit.path, problem, "it is truncated: copy it again")
     refuse_giant(unit.path, f"HDU {unit.number}", nx, ny)
 
 
@@ -144,7 +178,7 @@ def _tiles(unit: Unit) -> int:
     tile = [unit.whole(f"ZTILE{n}", side if n == 1 else 1) for n, side in enumerate(sides, 1)]
     if any(not 0 < length <= max(side, MOST_TILE) for length, side in zip(tile, sides, strict=True)):
         problem = f"HDU {unit.number} declares tiles of {product_of(tuple(tile[::-1]))} pixels"
-        raise FrameError(unit.path, problem, DAMAGED)
+        raise FrameError(ErrorCode.DAMAGED, unit.path, problem, DAMAGED)
     return math.prod(-(-side // length) for side, length in zip(sides, tile, strict=True))
 
 

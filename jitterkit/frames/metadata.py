@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = [
     "QUANTITIES",
@@ -121,15 +121,17 @@ def checked(name: str, value: Any) -> Any:
     if name == "unit":
         unit = resolve_unit(str(value))
         if unit is None:
-            raise ConfigurationError(f"unit = {value!r} is neither of 'adu' and 'electron'; say which.")
+            message = f"unit = {value!r} is neither of 'adu' and 'electron'; say which."
+            raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, message)
         return unit
+    code = ErrorCode.WRONG_TYPE if isinstance(value, bool) else ErrorCode.OUT_OF_RANGE
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
-        number = math.nan
+        number, code = math.nan, ErrorCode.WRONG_TYPE
     problem = QUANTITIES[name].problem(number)
     if problem is not None:
-        raise ConfigurationError(f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
+        raise ConfigurationError(code, f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
     return number
 
 
@@ -264,7 +266,8 @@ def _known(source: str, values: Mapping[str, Any]) -> dict[str, Any]:
     unknown = sorted(set(values) - {*FIELDS, "wcs"})
     if unknown:
         allowed = ", ".join((*FIELDS, "wcs"))
-        raise ConfigurationError(f"{unknown[0]!r} is not known about a frame; use one of {allowed}.")
+        problem = f"{unknown[0]!r} is not known about a frame"
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; use one of {allowed}.")
     return {k: _as_known(k, v, source) for k, v in values.items() if v is not None}
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.framefile import one_line
 from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
@@ -57,24 +57,27 @@ def refuse_unusable(path: Path, page: Any) -> None:
     for name in ("imagewidth", "imagelength", "imagedepth", "samplesperpixel"):
         if not isinstance(getattr(page, name), int | np.integer):
             problem = f"has {name} = {_brief(getattr(page, name))}, which is not a whole number"
-            raise FrameError(path, problem, _DAMAGED)
+            raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
     if page.imagelength < 1 or page.imagewidth < 1:
         problem = f"has a page of {page.imagewidth} x {page.imagelength} pixels"
-        raise FrameError(path, problem, _DAMAGED)
+        raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
     if page.samplesperpixel > 1:
         names = CHANNELS.get(photometric, "grey") + (", alpha" if page.extrasamples else "")
         problem = f"has {page.samplesperpixel} channels ({names})"
-        raise FrameError(path, problem, "it is a colour image: convert it to one channel")
+        remedy = "it is a colour image: convert it to one channel"
+        raise FrameError(ErrorCode.COLOUR, path, problem, remedy)
     if photometric == "PALETTE":
-        raise FrameError(path, "has palette colours", "convert it to one channel of grey")
+        raise FrameError(ErrorCode.COLOUR, path, "has palette colours", "convert it to one channel of grey")
     if page.dtype is None or np.dtype(page.dtype).kind not in "uif":
         problem = f"has {_brief(page.bitspersample)} bits per sample of format {_brief(page.sampleformat)}"
-        raise FrameError(path, problem, "convert it to 8, 16 or 32 bits or to floating point")
+        remedy = "convert it to 8, 16 or 32 bits or to floating point"
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy)
     if orientation_of(page) not in ORIENTATIONS:
         problem = f"has the unknown Orientation {_brief(orientation_of(page))}"
-        raise FrameError(path, problem, "save it top row first")
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, "save it top row first")
     if page.imagedepth > 1:
-        raise FrameError(path, f"has {page.imagedepth} layers in a page", "save one layer in each page")
+        problem = f"has {page.imagedepth} layers in a page"
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, "save one layer in each page")
 
 
 def refuse_missing_data(path: Path, page: Any, size: int) -> None:
@@ -95,7 +98,10 @@ def refuse_missing_data(path: Path, page: Any, size: int) -> None:
     short = page.nbytes > stored if plain else not unpacks_believably(page.nbytes, pixels, stored)
     if not ends or max(ends) > size or short:
         problem = f"page {page.index} declares {page.nbytes} bytes and the file of {size} bytes lacks them"
-        raise FrameError(path, problem, "it is truncated: copy it again")
+        # a writer that was interrupted leaves counts of zero
+        if not ends or max(ends) > size or 0 in page.databytecounts:
+            raise FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
+        raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
     refuse_giant(path, f"page {page.index}", page.imagewidth, page.imagelength)
     tile = math.prod(page.chunks) * np.dtype(page.dtype).itemsize
     if tile > max(SMALL_TILE, 4 * page.nbytes):
@@ -103,7 +109,7 @@ def refuse_missing_data(path: Path, page: Any, size: int) -> None:
         problem = (
             f"page {page.index} declares tiles of {shown} in {page.imagewidth} x {page.imagelength} pixels"
         )
-        raise FrameError(path, problem, _DAMAGED)
+        raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
 
 
 def _brief(value: object) -> str:

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.hdu import Unit
 from jitterkit.frames.plainheader import PlainHeader
 
@@ -50,7 +50,7 @@ class Pixels:
         scale, zero = self._number("BSCALE", 1), self._number("BZERO", 0)
         if not (math.isfinite(scale) and math.isfinite(zero)) or scale == 0:
             problem = f"has BSCALE = {scale:g} and BZERO = {zero:g}, of which no pixel value follows"
-            raise FrameError(self.unit.path, problem, "mend its header")
+            raise FrameError(ErrorCode.DAMAGED, self.unit.path, problem, "mend its header")
         blank = self._number("BLANK", None) if self.unit.bitpix > 0 else None
         if blank is not None:
             blank = int(blank) if float(blank).is_integer() else None
@@ -68,7 +68,7 @@ class Pixels:
         else:
             return value
         problem = f"has pixels that depend on {key}, which {said}"
-        raise FrameError(self.unit.path, problem, "mend its header")
+        raise FrameError(ErrorCode.DAMAGED, self.unit.path, problem, "mend its header")
 
     @property
     def dtype(self) -> np.dtype:
@@ -113,7 +113,7 @@ class Pixels:
         content = self.handle.read(length)
         if len(content) < length:
             problem = f"ends {length - len(content)} bytes before its pixels do"
-            raise FrameError(self.unit.path, problem, "it is truncated: copy it again")
+            raise FrameError(ErrorCode.TRUNCATED, self.unit.path, problem, "it is truncated: copy it again")
         return np.frombuffer(content, dtype).reshape(shape)
 
     def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

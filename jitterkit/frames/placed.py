@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError
 
 __all__ = ["NONE_MASKED", "Placed", "image_of", "matching", "number_or_map", "require_positive"]
 
@@ -61,8 +61,9 @@ class Placed:
         height, width = self.shape
         if min(nx, ny) < 1 or x0 < 0 or y0 < 0 or x0 + nx > width or y0 + ny > height:
             raise JitterkitError(
+                ErrorCode.OUT_OF_RANGE,
                 f"the region x {x0} to {x0 + nx - 1}, y {y0} to {y0 + ny - 1} does not lie inside a frame "
-                f"of {width} x {height} pixels; choose one that does."
+                f"of {width} x {height} pixels; choose one that does.",
             )
         cut = (slice(y0, y0 + ny), slice(x0, x0 + nx))
         arrays = {name: array[cut].copy() for name, array in self._arrays().items()}
@@ -99,7 +100,8 @@ def image_of(name: str, values: Any) -> np.ndarray:
     """Values as a two-dimensional array of float64, or JitterkitError under their name."""
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 2 or 0 in array.shape:
-        raise JitterkitError(f"{name} has shape {np.shape(values)}; a frame is two-dimensional, (ny, nx).")
+        problem = f"{name} has shape {np.shape(values)}; a frame is two-dimensional, (ny, nx)."
+        raise JitterkitError(ErrorCode.WRONG_SHAPE, problem)
     return array
 
 
@@ -108,7 +110,8 @@ def matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.
     spread = np.full(shape, values) if np.ndim(values) == 0 else values
     array: np.ndarray = np.ascontiguousarray(spread, dtype=dtype)
     if array.shape != shape:
-        raise JitterkitError(f"{name} has shape {array.shape}, the image {shape}; give one value per pixel.")
+        problem = f"{name} has shape {array.shape}, the image {shape}; give one value per pixel."
+        raise JitterkitError(ErrorCode.WRONG_SHAPE, problem)
     return array
 
 
@@ -122,4 +125,5 @@ def require_positive(name: str, value: float | None, unit: str, zero_allowed: bo
     if value is None:
         return
     if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
-        raise JitterkitError(f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown.")
+        problem = f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown."
+        raise JitterkitError(ErrorCode.OUT_OF_RANGE, problem)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import ndtri
 
-from jitterkit.errors import NoStarError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.frame import RawFrame
 from jitterkit.vision import bin_mean, box_mean, median_filter
 
@@ -47,8 +47,8 @@ def find_region(raw: RawFrame, shape: tuple[int, int] = (128, 128)) -> RawFrame:
 
     Raises
     ------
-    NoStarError
-        If nothing rises above the noise.
+    FrameError
+        If nothing rises above the noise: its code is ``NO_STAR``.
 
     Notes
     -----
@@ -133,7 +133,8 @@ def _brightest(
             f"nothing rises above the noise: the brightest {box * step} pixels square have a mean of "
             f"{means[y, x]:.3g} above the sky and {threshold:.3g} would be needed"
         )
-        raise NoStarError(path, problem, "check that the frame holds a star, or name the region")
+        remedy = "check that the frame holds a star, or name the region"
+        raise FrameError(ErrorCode.NO_STAR, path, problem, remedy)
     return x + (box - 1) / 2, y + (box - 1) / 2
 
 

@@ -27,7 +27,8 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.frames.files import code_of
 from jitterkit.frames.metadata import FIELDS, Metadata
 
 __all__ = ["FOLDER_FILE", "read_sidecars", "sidecar_path", "sidecar_text"]
@@ -79,7 +80,8 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise ConfigurationError(f"{file}: is not readable as TOML ({error}); correct it.") from error
+        code = code_of(error, file) if isinstance(error, OSError) else ErrorCode.MALFORMED
+        raise ConfigurationError(code, f"{file}: is not readable as TOML ({error}); correct it.") from error
     table.pop(NOT_READ, None)
     frame = table.pop("frame", {})
     values = {**table, **(frame if isinstance(frame, dict) else {"frame": frame})}
@@ -88,14 +90,15 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         Metadata().override("sidecar", **values)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{file}: {error}") from None
+        raise ConfigurationError(error.code, f"{file}: {error}") from None
     return values
 
 
 def _refuse_unknown(where: str, values: Mapping[str, Any]) -> None:
     for key in values:
         if key not in FIELDS:
-            raise ConfigurationError(f"{where}: the key {key!r} is unknown; use {', '.join(FIELDS)}.")
+            problem = f"{where}: the key {key!r} is unknown"
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; use {', '.join(FIELDS)}.")
 
 
 def _toml(value: Any) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 
 __all__ = ["refuse_giant", "unpacks_believably"]
 
@@ -34,7 +34,7 @@ def refuse_giant(path: Path, where: str, nx: int, ny: int) -> None:
     """
     if nx * ny > MOST_PIXELS:
         problem = f"{where} declares a frame of {nx} x {ny} pixels, more than any detector has"
-        raise FrameError(path, problem, "cut it into parts")
+        raise FrameError(ErrorCode.TOO_LARGE, path, problem, "cut it into parts")
 
 
 def unpacks_believably(declared: int, pixels: int, stored: int) -> bool:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import tifffile
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.directories import full_pages
 from jitterkit.frames.framefile import FrameFile, one_line, translated
 from jitterkit.frames.metadata import Metadata
@@ -97,7 +97,7 @@ class TiffFile(FrameFile):
 def open(path: Path, hdu: int | None = None) -> TiffFile:
     """Open a TIFF; a TIFF has no HDUs, so naming one is refused."""
     if hdu is not None:
-        raise FrameError(path, f"is a TIFF and has no HDU {hdu}", "leave the HDU out")
+        raise FrameError(ErrorCode.NO_IMAGE, path, f"is a TIFF and has no HDU {hdu}", "leave the HDU out")
     return TiffFile(path)
 
 
@@ -121,12 +121,16 @@ def _decode(path: Path, page: Any) -> np.ndarray:
     try:
         return page.asarray().reshape(page.imagelength, page.imagewidth)
     except Exception as error:
-        if "imagecodecs" not in str(error):
-            raise
         packing = getattr(page.compression, "name", str(page.compression)).lower()
         packing = f"{page.bitspersample}-bit packing" if packing == "none" else f"{packing} compression"
-        remedy = "install it (pip install imagecodecs) or save the image uncompressed"
-        raise FrameError(path, f"uses {packing}, which needs the imagecodecs package", remedy) from error
+        if "imagecodecs" in str(error):
+            problem = f"uses {packing}, which needs the imagecodecs package"
+            remedy = "install it (pip install imagecodecs) or save the image uncompressed"
+            raise FrameError(ErrorCode.MISSING_PACKAGE, path, problem, remedy) from error
+        if isinstance(page.compression, int) and page.compression not in tifffile.TIFF.DECOMPRESSORS:
+            problem, remedy = f"uses {packing}, which is not read", "save the image uncompressed"
+            raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy) from error
+        raise
 
 
 def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None:
@@ -137,7 +141,8 @@ def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None
     if series is None or series.size <= plane:
         return None
     if series.dataoffset is None or series.size % plane or series.dtype != page.dtype:
-        raise FrameError(path, "holds a stack not stored plane by plane", "save one frame in each page")
+        problem = "holds a stack not stored plane by plane"
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, "save one frame in each page")
     declared, left = series.size // plane, tiff.filehandle.size - series.dataoffset
     present = max(left // page.nbytes, 0)
     if declared > present:
@@ -153,9 +158,8 @@ def _refuse_missing_planes(path: Path, tiff: tifffile.TiffFile, count: int) -> N
 
 
 def _missing_planes(path: Path, declared: int, present: int) -> FrameError:
-    return FrameError(
-        path, f"declares {declared} frames and holds {present}", "it is truncated: copy it again"
-    )
+    problem = f"declares {declared} frames and holds {present}"
+    return FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
 
 
 def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 
 __all__ = ["replacing"]
 
@@ -26,7 +26,8 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         If ``path`` exists and ``overwrite`` is False, or the directory cannot be written to.
     """
     if path.exists() and not overwrite:
-        raise FrameError(path, "exists already", "choose another name or allow it to be overwritten")
+        remedy = "choose another name or allow it to be overwritten"
+        raise FrameError(ErrorCode.EXISTS, path, "exists already", remedy)
     temporary = path.with_name(f".{uuid4().hex[:8]}.{path.name}")
     try:
         yield temporary
@@ -36,6 +37,7 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or str(error)
         problem = f"cannot be written ({reason})"
-        raise FrameError(path, problem, "check the directory and its permissions") from error
+        remedy = "check the directory and its permissions"
+        raise FrameError(ErrorCode.NOT_WRITABLE, path, problem, remedy) from error
     finally:
         temporary.unlink(missing_ok=True)

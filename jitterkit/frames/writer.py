@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames.backends import backend
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.sidecar import sidecar_path, sidecar_text
@@ -105,8 +105,9 @@ def _stack(frames: Any) -> np.ndarray:
         array = np.stack([_pixels(frame) for frame in frames])
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
         raise JitterkitError(
+            ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE,
             f"an array of shape {array.shape} and type {array.dtype} cannot be written as frames; "
-            "give real numbers of shape (ny, nx) or (n, ny, nx)."
+            "give real numbers of shape (ny, nx) or (n, ny, nx).",
         )
     return array.astype(np.uint8) if array.dtype.kind == "b" else array
 

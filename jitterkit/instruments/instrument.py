@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.optics.spectrum import Spectrum
 
@@ -77,25 +77,35 @@ class Instrument:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
         if len(self.shape) != 2 or min(self.shape) < 1:
-            raise ConfigurationError(f"shape = {list(self.shape)} is impossible; give [rows, columns].")
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE, f"shape = {list(self.shape)} is impossible; give [rows, columns]."
+            )
         for name in ("plate_scale", "exposure"):
             value = getattr(self, name)
             problem = None if value is None else QUANTITIES[name].problem(value)
             if problem is not None:
-                raise ConfigurationError(f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE,
+                    f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.",
+                )
         if self.flux is not None and not 0 < self.flux < np.inf:
-            raise ConfigurationError(f"flux = {self.flux!r} is not positive; give photons per frame.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"flux = {self.flux!r} is not positive; give photons per frame."
+            )
         if self.aberration_sigma is not None and not 0 < self.aberration_sigma < np.inf:
             raise ConfigurationError(
-                f"aberration_sigma = {self.aberration_sigma!r} is not positive; give nm, or leave it out."
+                ErrorCode.OUT_OF_RANGE,
+                f"aberration_sigma = {self.aberration_sigma!r} is not positive; give nm, or leave it out.",
             )
         if (self.pupil_from is None) == (self.psf_from is None):
             raise ConfigurationError(
-                f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two."
+                ErrorCode.MISSING_VALUE if self.pupil_from is None else ErrorCode.CONFLICT,
+                f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two.",
             )
         if self.pupil_from is not None and self.spectrum is None:
             raise ConfigurationError(
-                f"The instrument {self.name!r} has a pupil but no spectrum; give its band."
+                ErrorCode.MISSING_VALUE,
+                f"The instrument {self.name!r} has a pupil but no spectrum; give its band.",
             )
 
     def source(self, name: str) -> str:
@@ -182,6 +192,7 @@ class Instrument:
         system = self.system(pad=pad)
         if not self.aberrations and aberrations is not None and np.size(aberrations):
             raise ConfigurationError(
-                f"The instrument {self.name!r} has no aberrations that vary; leave them out."
+                ErrorCode.CONFLICT,
+                f"The instrument {self.name!r} has no aberrations that vary; leave them out.",
             )
         return system.otf(aberrations, derivatives=derivatives)

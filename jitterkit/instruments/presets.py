@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import partial
 
 from jitterkit.detectors import Detector, detector_preset
-from jitterkit.errors import ConfigurationError, did_you_mean
+from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.optics.spectrum import flat_band
@@ -107,7 +107,8 @@ def preset(name: str) -> Instrument:
         return PRESETS[name]()
     hint = did_you_mean(name, PRESETS)
     raise ConfigurationError(
-        f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file."
+        ErrorCode.UNKNOWN_NAME,
+        f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file.",
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames
 
 if TYPE_CHECKING:
@@ -55,13 +55,15 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
         frame = frames[0]
     if frame.mask.any():
         raise ConfigurationError(
-            f"{path}: {int(frame.mask.sum())} pixels of the star have no value; interpolate over them first."
+            ErrorCode.MISSING_VALUE,
+            f"{path}: {int(frame.mask.sum())} pixels of the star have no value; interpolate over them first.",
         )
     image = frame.data - frame.metadata.value("bias", 0.0)
     edge = np.median(np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]]))
     if edge * image.size > image.sum() / 3:
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"{path}: the edge of the star's image stands at {edge:g}, so that a third or more of its sum is "
-            "background; subtract it."
+            "background; subtract it.",
         )
     return image

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jitterkit.errors import ConfigurationError, did_you_mean
+from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
 __all__ = ["Section", "refuse_unknown"]
 
@@ -20,7 +20,8 @@ def refuse_unknown(file: Path, what: str, names: Collection[str], allowed: Colle
         if name not in allowed:
             hint = did_you_mean(name, allowed)
             raise ConfigurationError(
-                f"{file}: the {what} {name!r} is unknown; {hint}use {', '.join(allowed)}."
+                ErrorCode.UNKNOWN_NAME,
+                f"{file}: the {what} {name!r} is unknown; {hint}use {', '.join(allowed)}.",
             )
 
 
@@ -48,7 +49,8 @@ class Section:
         self.file, self.name = file, name
         if not isinstance(values, Mapping):
             raise ConfigurationError(
-                f"{file}: {name} = {values!r} is not a table; begin a line with [{name}]."
+                ErrorCode.WRONG_TYPE,
+                f"{file}: {name} = {values!r} is not a table; begin a line with [{name}].",
             )
         self.values = dict(values)
         refuse_unknown(file, f"key of [{name}]", self.values, allowed)
@@ -60,34 +62,36 @@ class Section:
         """Where a value comes from, in words."""
         return f"instrument file {self.file.name} [{self.name}] {key}"
 
-    def refuse(self, key: str, remedy: str) -> NoReturn:
+    def refuse(self, code: ErrorCode, key: str, remedy: str) -> NoReturn:
         """Raise for the value of a key."""
-        raise ConfigurationError(f"{self.file}: [{self.name}] {key} = {self.values[key]!r}; {remedy}.")
+        raise ConfigurationError(code, f"{self.file}: [{self.name}] {key} = {self.values[key]!r}; {remedy}.")
 
     def require(self, key: str, remedy: str) -> None:
         """Raise if a key is missing."""
         if key not in self.values:
-            raise ConfigurationError(f"{self.file}: [{self.name}] has no {key}; {remedy}.")
+            raise ConfigurationError(
+                ErrorCode.MISSING_VALUE, f"{self.file}: [{self.name}] has no {key}; {remedy}."
+            )
 
     def number(self, key: str, unit: str, default: Any = None) -> Any:
         """Return a number as float; a truth value is none."""
         value = self.values.get(key, default)
         if key in self.values and (isinstance(value, bool) or not isinstance(value, int | float)):
-            self.refuse(key, f"give a number, in {unit}")
+            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {unit}")
         return None if value is None else float(value)
 
     def integer(self, key: str, default: Any = None) -> Any:
         """Return a whole number."""
         value = self.values.get(key, default)
         if key in self.values and (isinstance(value, bool) or not isinstance(value, int)):
-            self.refuse(key, "give a whole number")
+            self.refuse(ErrorCode.WRONG_TYPE, key, "give a whole number")
         return value
 
     def text(self, key: str, default: Any = None) -> Any:
         """Return a text."""
         value = self.values.get(key, default)
         if key in self.values and not isinstance(value, str):
-            self.refuse(key, "give a text in quotation marks")
+            self.refuse(ErrorCode.WRONG_TYPE, key, "give a text in quotation marks")
         return value
 
     def numbers(self, key: str, count: int | None, unit: str) -> list[float]:
@@ -97,7 +101,8 @@ class Section:
             isinstance(v, int | float) and not isinstance(v, bool) for v in value
         )
         if not is_list or not value or (count is not None and len(value) != count):
-            self.refuse(key, f"give {'a list of' if count is None else f'[{count}]'} numbers, in {unit}")
+            wanted = "a list of" if count is None else f"[{count}]"
+            self.refuse(_of_list(is_list), key, f"give {wanted} numbers, in {unit}")
         return [float(v) for v in value]
 
     def number_or_path(self, key: str, unit: str, what: str) -> float | Path:
@@ -106,7 +111,7 @@ class Section:
         if isinstance(value, str):
             return self.path(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.refuse(key, f"give a number, in {unit}, or the name of {what}")
+            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {unit}, or the name of {what}")
         return float(value)
 
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:
@@ -116,12 +121,19 @@ class Section:
             isinstance(v, int) and not isinstance(v, bool) for v in value
         )
         if not is_list or (count is not None and len(value) != count):
-            self.refuse(key, f"give {what}")
+            self.refuse(_of_list(is_list), key, f"give {what}")
         return value
 
     def path(self, key: str) -> Path:
         """Return the path of a file that exists, relative to the TOML's directory."""
         path = self.file.parent / str(self.text(key))
         if not path.is_file():
-            self.refuse(key, f"there is no file {path}: give a path relative to {self.file.name}")
+            self.refuse(
+                ErrorCode.NOT_FOUND, key, f"there is no file {path}: give a path relative to {self.file.name}"
+            )
         return path
+
+
+def _of_list(is_list: bool) -> ErrorCode:
+    """What is wrong with a list of numbers: its length, or that it is none."""
+    return ErrorCode.WRONG_SHAPE if is_list else ErrorCode.WRONG_TYPE

@@ -46,7 +46,7 @@ from pathlib import Path
 from typing import Any
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.instruments import pupils
 from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
@@ -108,7 +108,9 @@ def read_instrument(path: str | Path) -> Instrument:
         return _assemble(path, fields, base)
     except ConfigurationError as error:
         text = str(error)
-        raise ConfigurationError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+        raise ConfigurationError(
+            error.code, text if text.startswith(str(path)) else f"{path}: {text}"
+        ) from None
 
 
 def _sections(path: Path) -> dict[str, Section]:
@@ -116,15 +118,21 @@ def _sections(path: Path) -> dict[str, Section]:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         problem = f"{path}: cannot be read ({error.strerror}); give a preset's name or an instrument file."
-        raise ConfigurationError(problem) from None
+        missing = isinstance(error, FileNotFoundError)
+        raise ConfigurationError(
+            ErrorCode.NOT_FOUND if missing else ErrorCode.NOT_READABLE, problem
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: is not readable as TOML ({error}); correct it.") from None
+        raise ConfigurationError(
+            ErrorCode.MALFORMED, f"{path}: is not readable as TOML ({error}); correct it."
+        ) from None
     refuse_unknown(path, "table", content, SECTIONS)
     content.setdefault("instrument", {})
     sections = {name: Section(path, name, values, SECTIONS[name]) for name, values in content.items()}
     if "psf" in sections and not {"telescope", "spectrum"}.isdisjoint(sections):
         raise ConfigurationError(
-            f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one."
+            ErrorCode.CONFLICT,
+            f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one.",
         )
     return sections
 
@@ -134,11 +142,17 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         fields["sources"] = {**base.sources, **fields["sources"]}
         return replace(base, **fields)
     if "plate_scale" not in fields:
-        raise ConfigurationError(f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
+        )
     if "pupil_from" not in fields:
-        raise ConfigurationError(f"{path}: there is neither a [telescope] nor a [psf]; add one of them.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"{path}: there is neither a [telescope] nor a [psf]; add one of them."
+        )
     if fields["pupil_from"] is not None and "spectrum" not in fields:
-        raise ConfigurationError(f"{path}: there is no [spectrum]; add one, such as band = [530, 640].")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
+        )
     return Instrument(**{"shape": (128, 128), **fields})
 
 
@@ -158,10 +172,10 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
 def _telescope(section: Section) -> dict[str, Any]:
     diameter = section.number("diameter", "m")
     if diameter is not None and not diameter > 0:
-        section.refuse("diameter", "give a positive one, in m")
+        section.refuse(ErrorCode.OUT_OF_RANGE, "diameter", "give a positive one, in m")
     if "pupil" in section:
         for key in (key for key in section.values if key not in ("pupil", "diameter")):
-            section.refuse(key, "leave it out: the pupil file says it")
+            section.refuse(ErrorCode.CONFLICT, key, "leave it out: the pupil file says it")
         return {"pupil_from": partial(pupils.from_file, section.path("pupil"), diameter), "psf_from": None}
     section.require("diameter", "give it, in m, or a pupil file")
     return {
@@ -178,16 +192,25 @@ def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
         "samples": section.integer("samples", 256),
     }
     if not 0 <= options["obscuration"] < diameter:
-        section.refuse("obscuration", f"give its diameter in m, less than the aperture's {diameter:g}")
+        section.refuse(
+            ErrorCode.OUT_OF_RANGE,
+            "obscuration",
+            f"give its diameter in m, less than the aperture's {diameter:g}",
+        )
     for key, least in (("struts", 0), ("strut_width", 0.0), ("samples", 16)):
         if options[key] < least:
-            section.refuse(key, f"give at least {least}")
+            section.refuse(ErrorCode.OUT_OF_RANGE, key, f"give at least {least}")
     if options["struts"] and not options["strut_width"]:
-        raise ConfigurationError(f"{section.file}: [telescope] has struts but no strut_width; give it, in m.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"{section.file}: [telescope] has struts but no strut_width; give it, in m.",
+        )
     if "noll" in section:
         options["noll"] = section.whole_numbers("noll", None, "a list of Noll's indices, from 2")
-        if any(j < 2 for j in options["noll"]) or len(set(options["noll"])) < len(options["noll"]):
-            section.refuse("noll", "give each of Noll's indices once, from 2")
+        too_low = any(j < 2 for j in options["noll"])
+        if too_low or len(set(options["noll"])) < len(options["noll"]):
+            code = ErrorCode.OUT_OF_RANGE if too_low else ErrorCode.DUPLICATE
+            section.refuse(code, "noll", "give each of Noll's indices once, from 2")
     return options
 
 
@@ -202,18 +225,19 @@ def _spectrum(section: Section) -> dict[str, Any]:
     if len(kinds) != 1:
         said = " and ".join(kinds) if kinds else "neither band nor lines nor file"
         raise ConfigurationError(
-            f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file."
+            ErrorCode.CONFLICT if kinds else ErrorCode.MISSING_VALUE,
+            f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file.",
         )
     for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
         if key in section and kinds[0] not in wanted:
-            section.refuse(key, f"leave it out: it does not go with {kinds[0]}")
+            section.refuse(ErrorCode.CONFLICT, key, f"leave it out: it does not go with {kinds[0]}")
     return {"spectrum": _spectrum_of_kind(section, kinds[0])}
 
 
 def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
     samples = section.integer("samples", 13)
     if samples < 1:
-        section.refuse("samples", "give at least 1; 13 suit TOLIMAN")
+        section.refuse(ErrorCode.OUT_OF_RANGE, "samples", "give at least 1; 13 suit TOLIMAN")
     if kind == "file":
         return read_spectrum(section.path("file"), samples)
     if kind == "lines":
@@ -222,5 +246,5 @@ def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
         return Spectrum(tuple(wavelengths), tuple(weights or [1.0] * len(wavelengths)))
     low, high = section.numbers("band", 2, "nm")
     if not 0 < low < high:
-        section.refuse("band", "give [shortest, longest], in nm")
+        section.refuse(ErrorCode.OUT_OF_RANGE, "band", "give [shortest, longest], in nm")
     return flat_band(low, high, samples)

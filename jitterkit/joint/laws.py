@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["Constant", "Free", "Law", "Polynomial", "Wander", "parse_law"]
 
@@ -72,7 +72,8 @@ class Polynomial(Law):
     def __post_init__(self) -> None:
         if not 0 <= self.degree <= _MOST:
             raise ConfigurationError(
-                f"A polynomial of degree {self.degree} is not offered; give 0 to {_MOST}, or 'wander'."
+                ErrorCode.OUT_OF_RANGE,
+                f"A polynomial of degree {self.degree} is not offered; give 0 to {_MOST}, or 'wander'.",
             )
 
     @property
@@ -101,7 +102,9 @@ class Wander(Law):
     def __post_init__(self) -> None:
         for name in ("rms", "timescale"):
             if not 0 < getattr(self, name) < math.inf:
-                raise ConfigurationError(f"A wander's {name} = {getattr(self, name)} must be positive.")
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE, f"A wander's {name} = {getattr(self, name)} must be positive."
+                )
 
     @property
     def states(self) -> int:
@@ -158,5 +161,6 @@ def parse_law(text: str) -> Law | None:
         case "wander", 2:
             return Wander(*numbers)
     raise ConfigurationError(
-        f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander, or wander:RMS:SECONDS."
+        ErrorCode.MALFORMED,
+        f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander, or wander:RMS:SECONDS.",
     )

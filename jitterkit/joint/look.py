@@ -15,7 +15,7 @@ from functools import cached_property
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, free_parameters, parameter_names, to_vector
 from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
@@ -101,8 +101,9 @@ class Looker:
         locus_class(self.locus)
         if self.diffusion and self.locus not in _STRAIGHT and self.priors.moments is None:
             raise ConfigurationError(
+                ErrorCode.NOT_CONSTRAINED,
                 f"Jitter of the kind {self.locus!r} blurs all ways, as diffusion does, and no number of "
-                f"frames tells them apart. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter."
+                f"frames tells them apart. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter.",
             )
 
     @cached_property

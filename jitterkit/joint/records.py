@@ -39,6 +39,8 @@ class FrameRecord:
         Of the image during the exposure, arcsec/s; NaN where nothing says.
     told : bool
         Whether it has a message about what is shared.
+    reason : str
+        Value of the error code of a frame that is not ok; empty for one that is.
     """
 
     name: str
@@ -54,12 +56,13 @@ class FrameRecord:
     place: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     velocity: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     told: bool = False
+    reason: str = ""
 
     @classmethod
     def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
         """The record of a fit of a frame's own parameters."""
         if fit.parameters is None:
-            return cls(name, time, fit.status, fit.message, fit.flags)
+            return cls(name, time, fit.status, fit.message, fit.flags, reason=fit.reason)
         scene, locus = fit.parameters.scene, fit.parameters.locus
         known = {n: float(getattr(scene, n)) for n in ("x", "y", "flux")}
         known |= dict(zip(locus.names, np.asarray(locus.coords), strict=True))
@@ -77,6 +80,7 @@ class FrameRecord:
                 np.asarray(moments),
                 np.sqrt(np.diag(covariance)),
                 fit.chi2_dof,
+                reason=fit.reason,
                 **more,
             )
 
@@ -94,7 +98,7 @@ class Records:
         self.own = own
         self._numbers = Spool(14 + 2 * len(own))
         self._names: list[str] = []
-        self._words: dict[int, tuple[str, tuple[str, ...]]] = {}
+        self._words: dict[int, tuple[str, tuple[str, ...], str]] = {}
 
     def __len__(self) -> int:
         return len(self._numbers)
@@ -113,7 +117,7 @@ class Records:
             record.velocity,
         )
         if record.status is not Status.OK or record.flags:
-            self._words[len(self)] = (record.message, record.flags)
+            self._words[len(self)] = (record.message, record.flags, record.reason)
         self._numbers.append(*parts)
         self._names.append(record.name)
 
@@ -122,8 +126,8 @@ class Records:
         for index, numbers in enumerate(self._numbers):
             status = _STATUS[int(numbers[1])]
             chi2_dof = float(numbers[9 + 2 * m])
-            plain = (f"{Status.OK.value}: chi²/dof is {chi2_dof:.4g}.", ())
-            message, flags = self._words.get(index, plain)
+            plain = (f"{Status.OK.value}: chi²/dof is {chi2_dof:.4g}.", (), "")
+            message, flags, reason = self._words.get(index, plain)
             yield FrameRecord(
                 self._names[index],
                 float(numbers[0]),
@@ -138,4 +142,5 @@ class Records:
                 numbers[10 + 2 * m : 12 + 2 * m],
                 numbers[12 + 2 * m :],
                 bool(numbers[2]),
+                reason,
             )

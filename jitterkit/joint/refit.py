@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.joint.combine import Combined, combine
@@ -132,8 +132,9 @@ class _Run:
         unknown = [name for name in options.laws if name not in (*looker.shared, "aberrations")]
         if unknown:
             raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME,
                 f"{unknown[0]!r} is not shared by the frames; there are {', '.join(looker.shared)}, and "
-                "'aberrations' for all of those."
+                "'aberrations' for all of those.",
             )
 
     def fit(self) -> SequenceFit:
@@ -228,8 +229,9 @@ class _Run:
             if exposure.frame is not None:
                 if not exposure.time > last:
                     raise ConfigurationError(
+                        ErrorCode.OUT_OF_RANGE,
                         f"{exposure.name} was taken at {exposure.time:g} s, not after the frame before it "
-                        f"({last:g} s); give the frames in the order of time, each once, or their cadence."
+                        f"({last:g} s); give the frames in the order of time, each once, or their cadence.",
                     )
                 last = exposure.time
             yield exposure
@@ -239,10 +241,15 @@ class _Run:
 def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
     """Both, if any frame has told anything."""
     if not len(messages):
-        why = next((f": {record.message}" for record in records), ".")
+        first = next(iter(records), None)
+        why = "." if first is None else f": {first.message}"
+        code = ErrorCode.NO_DATA
+        if first is not None:  # one that was fitted tells nothing where its covariance has no end
+            code = ErrorCode(first.reason or ErrorCode.NOT_CONSTRAINED)
         raise JitterkitError(
+            code,
             f"No frame of the sequence can be fitted{why} If they are of another telescope, give its "
-            "instrument."
+            "instrument.",
         )
     return messages, records
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import Frame
 from jitterkit.joint.records import Records
 from jitterkit.joint.result import Rows
@@ -81,8 +81,9 @@ class Shutters:
         if np.mean(doubted) > 0.5:
             speed = float(np.median(np.hypot(*velocities[doubted].T)))
             raise ConfigurationError(
+                ErrorCode.IMPLAUSIBLE,
                 f"The telemetry moves the image by {speed:.3g} arcsec/s, for which the blur of "
-                f"{doubted.sum()} of {len(doubted)} frames has no room; check its clock, unit and axes."
+                f"{doubted.sum()} of {len(doubted)} frames has no room; check its clock, unit and axes.",
             )
 
     def rows(self, records: Records, separation: float) -> Rows | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["motion_unknown", "smear_allowed", "velocity_between_frames", "velocity_from_trace"]
 
@@ -118,16 +118,20 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
         If the trace does not cover the exposures, or these have no length.
     """
     if not exposure > 0:
-        raise ConfigurationError("The frames do not say how long they were exposed; give --exposure, in s.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            "The frames do not say how long they were exposed; give --exposure, in s.",
+        )
     t, x, y = (np.asarray(v, float) for v in trace)
     times = np.asarray(times, float)
     begin, end = times - exposure / 2, times + exposure / 2
     slack = 1e-6 * exposure
     if np.nanmin(begin) < t[0] - slack or np.nanmax(end) > t[-1] + slack:
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"The telemetry runs from {t[0]:g} to {t[-1]:g} s, but the frames are exposed from "
             f"{np.nanmin(begin):g} to {np.nanmax(end):g} s after the first one began; give a longer record, "
-            "on that clock."
+            "on that clock.",
         )
     ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
     return np.nan_to_num(np.stack(ends, axis=1) / exposure)

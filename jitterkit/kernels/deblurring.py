@@ -15,7 +15,7 @@ from scipy.ndimage import convolve, distance_transform_edt
 from scipy.signal import fftconvolve
 from skimage import restoration
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["METHODS", "deblur", "fill_masked"]
 
@@ -84,11 +84,18 @@ def deblur(
     image, kernel = np.asarray(image, float), _checked(kernel, method, rng)
     for name, given in (("variance", variance), ("mask", mask)):
         if isinstance(given, np.ndarray) and given.shape not in ((), image.shape):
-            raise ConfigurationError(f"The {name} has shape {given.shape} and the image {image.shape}.")
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE, f"The {name} has shape {given.shape} and the image {image.shape}."
+            )
     usable = np.isfinite(image) & ~(np.zeros(image.shape, bool) if mask is None else np.asarray(mask, bool))
-    if image.ndim != 2 or not usable.any():
+    if image.ndim != 2:
         raise ConfigurationError(
-            f"An image of shape {image.shape} without a usable pixel cannot be deblurred."
+            ErrorCode.WRONG_SHAPE, f"An image to deblur has two axes, (ny, nx); got shape {image.shape}."
+        )
+    if not usable.any():
+        raise ConfigurationError(
+            ErrorCode.NO_DATA,
+            f"None of the {image.size} pixels of the image is usable; mask fewer, or give finite values.",
         )
     filled = fill_masked(image, usable)
     noise = _noise(filled) ** 2 if variance is None else variance
@@ -114,14 +121,20 @@ def _checked(kernel, method: str, rng) -> np.ndarray:
     kernel = np.asarray(kernel, float)
     if method not in METHODS:
         raise ConfigurationError(
-            f"There is no deblurring method {method!r}; choose from {', '.join(METHODS)}."
+            ErrorCode.UNKNOWN_NAME,
+            f"There is no deblurring method {method!r}; choose from {', '.join(METHODS)}.",
         )
-    if kernel.ndim != 2 or kernel.shape[0] % 2 == 0 or kernel.shape[1] % 2 == 0 or not kernel.sum() > 0:
+    odd = kernel.ndim == 2 and kernel.shape[0] % 2 == 1 and kernel.shape[1] % 2 == 1
+    if not odd or not kernel.sum() > 0:
         raise ConfigurationError(
-            f"A kernel has odd sides and a positive sum, got shape {kernel.shape} and {kernel.sum():.3g}."
+            ErrorCode.OUT_OF_RANGE if odd else ErrorCode.WRONG_SHAPE,
+            f"A kernel has odd sides and a positive sum, got shape {kernel.shape} and {kernel.sum():.3g}.",
         )
     if method == "unsupervised-wiener" and rng is None:
-        raise ConfigurationError("The unsupervised Wiener filter draws samples: give it a generator as rng.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            "The unsupervised Wiener filter draws samples: give it a generator as rng.",
+        )
     return kernel / kernel.sum()
 
 

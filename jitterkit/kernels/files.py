@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, FrameError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, UndeterminedError
 from jitterkit.frames import write_fits
 from jitterkit.frames.fits import read_image
 from jitterkit.kernel_estimate import KernelEstimate
@@ -127,9 +127,12 @@ def write_kernel(
         If the file exists and ``overwrite`` is False, or cannot be written.
     """
     kernel = np.asarray(kernel, float)
-    problem = _fault(kernel)
-    if problem:
-        raise ConfigurationError(f"This is no kernel: it {problem}; give odd sides and a positive sum.")
+    fault = _fault(kernel)
+    if fault:
+        code, problem = fault
+        raise ConfigurationError(
+            code, f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
+        )
     cards = kernel_cards(kernel, plate_scale=plate_scale, estimate=estimate, oversample=oversample)
     cards |= {"COMMENT": (remark, "")} if remark else {}
     return write_fits(path, kernel / kernel.sum(), header=cards, overwrite=overwrite)
@@ -154,23 +157,25 @@ def read_kernel(path: str | Path) -> StoredKernel:
         If the file cannot be read, or holds no kernel.
     """
     kernel, header = read_image(Path(path))
-    problem = _fault(kernel)
-    if problem:
-        raise FrameError(path, problem, "a kernel has odd sides, finite values and a positive sum")
+    fault = _fault(kernel)
+    if fault:
+        code, problem = fault
+        raise FrameError(code, path, problem, "a kernel has odd sides, finite values and a positive sum")
     named = [header.get(name) for name in ("PIXELSCL", "GS_SCALE", "PIXSCALE")]
     scales = [float(s) for s in named if isinstance(s, int | float) and math.isfinite(s) and s > 0]
     return StoredKernel(kernel / kernel.sum(), scales[0] if scales else None, header)
 
 
-def _fault(kernel: np.ndarray) -> str:
-    """Why an array is no kernel, or nothing."""
+def _fault(kernel: np.ndarray) -> tuple[ErrorCode, str] | None:
+    """Why an array is no kernel, or None."""
     if kernel.ndim != 2 or 0 in kernel.shape:
-        return f"has shape {kernel.shape}, not (ny, nx)"
+        return ErrorCode.WRONG_SHAPE, f"has shape {kernel.shape}, not (ny, nx)"
     if kernel.shape[0] % 2 == 0 or kernel.shape[1] % 2 == 0:
-        return f"has an even side in {kernel.shape}, so that no pixel is its centre"
+        return ErrorCode.WRONG_SHAPE, f"has an even side in {kernel.shape}, so that no pixel is its centre"
     if not np.all(np.isfinite(kernel)):
-        return f"holds {int(np.sum(~np.isfinite(kernel)))} values that are not finite"
-    return "" if kernel.sum() > 0 else f"sums to {kernel.sum():.3g}"
+        bad = int(np.sum(~np.isfinite(kernel)))
+        return ErrorCode.OUT_OF_RANGE, f"is not finite in {bad} of its {kernel.size} pixels"
+    return None if kernel.sum() > 0 else (ErrorCode.OUT_OF_RANGE, f"sums to {kernel.sum():.3g}")
 
 
 def _is_on_pixels(estimate: KernelEstimate | Locus) -> bool:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from scipy.fft import next_fast_len
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus, Mvn, principal_axes
 
@@ -69,11 +69,15 @@ def kernel_image(
     """
     if not (math.isfinite(plate_scale) and plate_scale > 0 and oversample >= 1):
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"A kernel needs a positive plate scale and an oversampling of 1 or more; "
-            f"got {plate_scale} and {oversample}."
+            f"got {plate_scale} and {oversample}.",
         )
     if shape is not None and (len(shape) != 2 or min(shape) < 1 or shape[0] % 2 == 0 or shape[1] % 2 == 0):
-        raise ConfigurationError(f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}.",
+        )
     if isinstance(blur, KernelEstimate) and blur.locus is None and blur.kernel is not None:
         return _as_it_is(blur.kernel, oversample, shape)
     locus = blur if isinstance(blur, Locus) else locus_of(blur)[0]
@@ -105,8 +109,9 @@ def locus_of(estimate: KernelEstimate) -> tuple[Locus, str]:
     major, minor, angle = principal_axes(estimate.moments)
     if not major > 0:
         raise UndeterminedError(
+            ErrorCode.NO_SIGNAL,
             f"The moments ({sxx:.3g}, {sxy:.3g}, {syy:.3g}) arcsec² have no positive variance along any "
-            "axis: the image shows no blur, and there is no kernel to draw."
+            "axis: the image shows no blur, and there is no kernel to draw.",
         )
     clipped = sxx * syy < sxy**2
     remark = "the variance along the minor axis was negative and is set to zero" if clipped else ""
@@ -124,31 +129,41 @@ def kernel_moments(kernel: np.ndarray, pixel: float = 1.0) -> np.ndarray:
 def _as_it_is(kernel: np.ndarray, oversample: int, shape: tuple[int, int] | None) -> np.ndarray:
     if oversample != 1:
         raise ConfigurationError(
+            ErrorCode.UNSUPPORTED,
             f"This kernel is known on the detector's pixels only and cannot be oversampled by {oversample}; "
-            "use 1."
+            "use 1.",
         )
     kernel = np.asarray(kernel, float)
     if not (np.all(np.isfinite(kernel)) and kernel.sum() > 0):
         raise ConfigurationError(
-            f"The estimate's kernel sums to {kernel.sum():.3g}; a kernel is finite with a positive sum."
+            ErrorCode.OUT_OF_RANGE,
+            f"The estimate's kernel sums to {kernel.sum():.3g}; a kernel is finite with a positive sum.",
         )
     shape = kernel.shape if shape is None else shape
     spare = [(n - m) // 2 for n, m in zip(shape, kernel.shape, strict=True)]
     if min(spare) < 0:
-        raise ConfigurationError(f"The kernel of {kernel.shape} does not fit into {shape}.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE, f"The kernel of {kernel.shape} does not fit into {shape}."
+        )
     return np.pad(kernel / kernel.sum(), [(n, n) for n in spare])
 
 
 def _drawn(locus: Locus, pixel: float, shape: tuple[int, int] | None) -> np.ndarray:
     reach = np.ceil(np.abs(locus.points(_POINTS)).max(0) / pixel - 1e-9).astype(int)[::-1]
     if not np.all(np.isfinite(np.asarray(locus.moments()))):
-        raise ConfigurationError("The locus has sizes that are not finite numbers; there is nothing to draw.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"The locus has the second moments {np.asarray(locus.moments()).tolist()} arcsec², which are not "
+            "all finite; there is nothing to draw.",
+        )
     if shape is None:
         side = 2 * int(reach.max() + _MARGIN) + 1
         shape = (side, side)
     needs = tuple(int(n) for n in 2 * np.maximum(reach, 1) + 1)
     if shape[0] < needs[0] or shape[1] < needs[1]:
-        raise ConfigurationError(f"The locus does not fit into {shape}; it needs {needs} at least.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE, f"The locus does not fit into {shape}; it needs {needs} at least."
+        )
     return _exact(_band_limited(locus, pixel, shape), np.asarray(locus.moments()) / pixel**2)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import fft
 from scipy.signal.windows import hann
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 
 __all__ = ["TransferRatio", "transfer_ratio"]
 
@@ -98,9 +98,15 @@ def transfer_ratio(
     tied too: what they share goes into the common level, and the errors are then up to twice too large.
     """
     image, template = np.asarray(image, float), np.asarray(template, float)
-    if image.shape != template.shape or not np.all(np.isfinite(image) & np.isfinite(template)):
+    if image.shape != template.shape:
         raise ConfigurationError(
-            f"Image and template must be finite and of one shape; got {image.shape} and {template.shape}."
+            ErrorCode.WRONG_SHAPE,
+            f"Image and template must be of one shape; got {image.shape} and {template.shape}.",
+        )
+    if bad := np.count_nonzero(~(np.isfinite(image) & np.isfinite(template))):
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"Image or template is not finite in {bad} of {image.size} pixels; cut them away or fill them.",
         )
     window = np.outer(*(hann(n, sym=False) for n in image.shape))
     windowed = np.broadcast_to(variance, image.shape) * window**2
@@ -115,7 +121,11 @@ def transfer_ratio(
     signal = summed(np.abs(transform) ** 2) - noise * number
     shown = expected > np.maximum(_LEAST_SNR * noise * number, 1e-12 * expected.max(initial=0.0))
     if not shown.any():
-        raise UndeterminedError("No frequency along this axis rises above the noise.")
+        raise UndeterminedError(
+            ErrorCode.NO_SIGNAL,
+            f"No frequency along the axis at {angle:g} degrees rises above the noise; expose longer or "
+            "stack frames.",
+        )
     spread = np.array([_spread(np.where(bin_of == b, transform, 0), windowed) for b in np.flatnonzero(shown)])
     signal, expected = np.maximum(signal[shown], 0), expected[shown]
     measured = np.sqrt(signal / expected)
@@ -127,7 +137,11 @@ def transfer_ratio(
     fitted = np.sqrt(summed(reference * model)[shown] / expected)
     level = np.sum(expected * fitted * measured) / np.sum(expected * fitted**2)
     if not level > 0:
-        raise UndeterminedError("The image holds no more power along this axis than its noise.")
+        raise UndeterminedError(
+            ErrorCode.NO_SIGNAL,
+            f"The image holds no more power along the axis at {angle:g} degrees than its noise; "
+            "expose longer or stack frames.",
+        )
     return TransferRatio(angle, middle, measured / level, error / level, fitted)
 
 

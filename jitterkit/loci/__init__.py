@@ -1,6 +1,6 @@
 """Jitter loci: the paths a pointing draws on the detector, as exact transfer functions."""
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import (
     Locus,
     axis_variances,
@@ -81,7 +81,7 @@ def locus_class(name: str) -> type[Locus]:
         return LOCI[name]
     except KeyError:
         raise ConfigurationError(
-            f"There is no jitter locus {name!r}; choose from {', '.join(LOCI)}."
+            ErrorCode.UNKNOWN_NAME, f"There is no jitter locus {name!r}; choose from {', '.join(LOCI)}."
         ) from None
 
 

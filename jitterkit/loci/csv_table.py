@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["CsvRow", "csv_rows", "row_numbers"]
 
@@ -28,12 +28,13 @@ def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
     Raises
     ------
     ConfigurationError
+        If the file does not exist, cannot be opened, or is not text.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as handle:
             lines = [(n, line) for n, line in enumerate(handle, 1) if line.strip() and line[0] != "#"]
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: cannot be read ({error}); {remedy}.") from None
+        raise ConfigurationError(_code(error), f"{path}: cannot be read ({error}); {remedy}.") from None
     return [(n, [cell.strip() for cell in next(csv.reader([line]))]) for n, line in lines]
 
 
@@ -47,14 +48,23 @@ def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:
     """
     number, cells = row
     if len(cells) != len(header):
-        raise ConfigurationError(f"line {number} has {len(cells)} columns; give {','.join(header)}.")
+        raise ConfigurationError(
+            ErrorCode.MALFORMED, f"line {number} has {len(cells)} columns; give {','.join(header)}."
+        )
     values = []
     for name, cell in zip(header, cells, strict=True):
+        code = ErrorCode.OUT_OF_RANGE
         try:
             value = float(cell)
         except ValueError:
-            value = np.nan
+            value, code = np.nan, ErrorCode.MALFORMED
         if not np.isfinite(value):
-            raise ConfigurationError(f"line {number}, column {name} is {cell!r}; give a finite number.")
+            raise ConfigurationError(code, f"line {number}, column {name} is {cell!r}; give a finite number.")
         values.append(value)
     return values
+
+
+def _code(error: OSError | UnicodeDecodeError) -> ErrorCode:
+    if isinstance(error, FileNotFoundError):
+        return ErrorCode.NOT_FOUND
+    return ErrorCode.NOT_READABLE if isinstance(error, OSError) else ErrorCode.MALFORMED

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import principal_axes, whole_cycles
 from jitterkit.loci.elliptic import Elliptic, covariance
 from jitterkit.loci.special import j0_of_square
@@ -33,7 +33,8 @@ class Ellipse(Elliptic):
         """Build from the semi-axes [arcsec] and the angle of the major one [deg]."""
         if not (semi_major >= 0 and semi_minor >= 0):
             raise ConfigurationError(
-                f"Semi-axes must not be negative, in arcsec; got {semi_major} and {semi_minor}."
+                ErrorCode.OUT_OF_RANGE,
+                f"Semi-axes must not be negative, in arcsec; got {semi_major} and {semi_minor}.",
             )
         return cls(covariance(semi_major / np.sqrt(2), semi_minor / np.sqrt(2), angle))
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, moments_on_axis, principal_axes, turned
 
 __all__ = ["Elliptic", "covariance"]
@@ -29,7 +29,8 @@ def covariance(sigma_major: float, sigma_minor: float, angle: float) -> Float[Ar
     """
     if not (sigma_major >= 0 and sigma_minor >= 0):
         raise ConfigurationError(
-            f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}."
+            ErrorCode.OUT_OF_RANGE,
+            f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}.",
         )
     return jnp.asarray(moments_on_axis([sigma_major**2, 0.0, sigma_minor**2], -angle))
 

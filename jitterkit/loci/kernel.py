@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
 __all__ = ["rasterise"]
@@ -38,7 +39,7 @@ def rasterise(
 
     Raises
     ------
-    ValueError
+    ConfigurationError
         If a side is even, or the locus does not fit; the message gives the size it needs.
 
     Notes
@@ -51,10 +52,16 @@ def rasterise(
         shape = (2 * reach + 1, 2 * reach + 1)
     ny, nx = shape
     if ny % 2 == 0 or nx % 2 == 0:
-        raise ValueError(f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}.",
+        )
     columns = np.floor(x + nx / 2).astype(int)
     rows = np.floor(y + ny / 2).astype(int)
     if columns.min() < 0 or rows.min() < 0 or columns.max() >= nx or rows.max() >= ny:
-        raise ValueError(f"The locus does not fit into {shape}; it needs {(2 * reach + 1, 2 * reach + 1)}.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"The locus does not fit into {shape}; it needs {(2 * reach + 1, 2 * reach + 1)}.",
+        )
     counts = np.bincount(rows * nx + columns, minlength=ny * nx).reshape(ny, nx)
     return counts / counts.sum()

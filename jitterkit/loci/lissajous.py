@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.ellipse import Ellipse
 
 __all__ = ["Lissajous"]
@@ -31,7 +31,8 @@ class Lissajous(Ellipse):
         """Build from the amplitudes [arcsec], zero to peak, and the phase between the axes [deg]."""
         if not (amplitude_x >= 0 and amplitude_y >= 0):
             raise ConfigurationError(
-                f"Amplitudes must not be negative, in arcsec; got {amplitude_x} and {amplitude_y}."
+                ErrorCode.OUT_OF_RANGE,
+                f"Amplitudes must not be negative, in arcsec; got {amplitude_x} and {amplitude_y}.",
             )
         sxy = amplitude_x * amplitude_y * np.cos(np.radians(phase))
         return cls(jnp.asarray([amplitude_x**2, sxy, amplitude_y**2]) / 2)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
 
@@ -37,7 +37,9 @@ class Mvn(Elliptic):
     def sheared(cls, sigma_major: float, shear: float, angle: float = 0.0) -> Self:
         """Build from the shear ``1 - sigma_minor/sigma_major`` in [0, 1], as the paper has it."""
         if not 0 <= shear <= 1:
-            raise ConfigurationError(f"A shear lies between 0 (round) and 1 (a line); got {shear}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"A shear lies between 0 (round) and 1 (a line); got {shear}."
+            )
         return cls.of(sigma_major, sigma_major * (1 - shear), angle)
 
     def transfer(self, fx, fy):

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.conventions import axis_angle
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 from jitterkit.loci.special import sinc_of_square
@@ -86,11 +86,14 @@ class PartialShm(Locus):
             At mid-exposure, degrees; zero where the motion is fastest.
         """
         if not length >= 0:
-            raise ConfigurationError(f"A streak's length must not be negative, in arcsec; got {length}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"A streak's length must not be negative, in arcsec; got {length}."
+            )
         if not _LEAST <= cycles <= _MOST:
             raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
                 f"A partial vibration has {_LEAST:g} to {_MOST:g} cycles an exposure, got {cycles:g}; "
-                "with fewer it is a linear streak, with more an shm."
+                "with fewer it is a linear streak, with more an shm.",
             )
         odd, even = _amplitudes(cycles)
         psi, phi = math.radians(phase), math.radians(angle)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 
@@ -77,12 +77,14 @@ class Path(Locus):
         knots : (K, 2) array
             Offsets x and y in arcsec, at equal times from the start of the exposure to its end, K at
             least 2; their common offset does not matter.
+
+        Raises
+        ------
+        ConfigurationError
+            If there are fewer, or one is not finite.
         """
         knots = np.asarray(knots, float)
-        if knots.ndim != 2 or len(knots) < 2 or knots.shape[1] != 2 or not np.all(np.isfinite(knots)):
-            raise ConfigurationError(
-                f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
-            )
+        _check(knots)
         return cls(np.diff(knots, axis=0).T.ravel())
 
     @classmethod
@@ -135,6 +137,20 @@ class Path(Locus):
         places, weights = gauss_legendre(self.nodes, self._knots - 1)
         mean = weights @ _spline(self._knots, places)
         return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
+
+
+def _check(knots: np.ndarray) -> None:
+    if knots.ndim != 2 or knots.shape[1] != 2:
+        code = ErrorCode.WRONG_SHAPE
+    elif len(knots) < 2:
+        code = ErrorCode.TOO_FEW
+    elif not np.all(np.isfinite(knots)):
+        code = ErrorCode.OUT_OF_RANGE
+    else:
+        return
+    raise ConfigurationError(
+        code, f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
+    )
 
 
 @functools.cache

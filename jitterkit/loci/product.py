@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
 __all__ = ["Product"]
@@ -61,7 +61,8 @@ class Product(Locus):
     @classmethod
     def near(cls, moments) -> Self:
         raise ConfigurationError(
-            "A product of loci does not follow from second moments; build it from its parts."
+            ErrorCode.UNSUPPORTED,
+            "A product of loci does not follow from second moments; build it from its parts.",
         )
 
     def transfer(self, fx, fy):

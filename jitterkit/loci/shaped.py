@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import gammaincinv
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
 from jitterkit.loci.special import elementwise, log1p_over
@@ -69,7 +69,9 @@ class Shaped(Elliptic):
     ) -> Self:
         """Build from the 1 sigma sizes [arcsec], the angle of the major one [deg] and the excess kurtosis."""
         if not -2 <= kurtosis < np.inf:
-            raise ConfigurationError(f"No density has an excess kurtosis below -2; got {kurtosis}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"No density has an excess kurtosis below -2; got {kurtosis}."
+            )
         moments = covariance(sigma_major, sigma_major if sigma_minor is None else sigma_minor, angle)
         return cls(jnp.append(moments, kurtosis))
 

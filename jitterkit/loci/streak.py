@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.conventions import axis_angle
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 
 __all__ = ["Streak"]
@@ -35,7 +35,9 @@ class Streak(Locus):
     def of(cls, length: float, angle: float = 0.0) -> Self:
         """Build from the length [arcsec], full or peak to peak, and the angle of the axis [deg]."""
         if not length >= 0:
-            raise ConfigurationError(f"A streak's length must not be negative, in arcsec; got {length}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"A streak's length must not be negative, in arcsec; got {length}."
+            )
         twice = np.radians(2 * angle)
         return cls(jnp.asarray([length**2 * np.cos(twice), length**2 * np.sin(twice)]))
 

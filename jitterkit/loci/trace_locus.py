@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.csv_table import csv_rows, row_numbers
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
@@ -77,14 +77,16 @@ class Trace(Locus):
         inside = (t > begin) & (t < end)
         if np.count_nonzero((t >= begin) & (t <= end)) < 2:
             raise ConfigurationError(
+                ErrorCode.TOO_FEW,
                 f"Fewer than two samples of the trace lie in the exposure from {begin:g} to {end:g} s; "
-                f"the trace runs from {t[0]:g} to {t[-1]:g} s."
+                f"the trace runs from {t[0]:g} to {t[-1]:g} s. Give an exposure within it, or a finer trace.",
             )
         slack = 1e-9 * (end - begin)  # an exposure may end with the record, to rounding
         if begin < t[0] - slack or end > t[-1] + slack:
             raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
                 f"The trace runs from {t[0]:g} to {t[-1]:g} s and does not cover the exposure from {begin:g} "
-                f"to {end:g} s; shorten the exposure or give a longer trace."
+                f"to {end:g} s; shorten the exposure or give a longer trace.",
             )
         begin, end = max(begin, t[0]), min(end, t[-1])
         times = np.concatenate([[begin], t[inside], [end]])
@@ -95,7 +97,9 @@ class Trace(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError("A trace does not follow from second moments; build it from its samples.")
+        raise ConfigurationError(
+            ErrorCode.UNSUPPORTED, "A trace does not follow from second moments; build it from its samples."
+        )
 
     def transfer(self, fx, fy):
         places, weights = self._nodes()
@@ -163,13 +167,14 @@ def read_trace(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray, np.nda
     if not cells or cells[0][1] != list(_COLUMNS):
         found = ",".join(cells[0][1]) if cells else "nothing"
         raise ConfigurationError(
-            f"{path}: begins with {found!r}; its first line must be t,x,y (s, arcsec, arcsec)."
+            ErrorCode.MALFORMED,
+            f"{path}: begins with {found!r}; its first line must be t,x,y (s, arcsec, arcsec).",
         )
     try:
         table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
         _check(*table.T)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        raise ConfigurationError(error.code, f"{path}: {error}") from None
     t, x, y = table.T
     return t, x, y
 
@@ -178,20 +183,24 @@ _COLUMNS = ("t", "x", "y")
 
 
 def _check(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-    if not (t.ndim == 1 and t.shape == x.shape == y.shape and len(t) >= 2):
+    alike = t.ndim == 1 and t.shape == x.shape == y.shape
+    if not alike or len(t) < 2:
         raise ConfigurationError(
-            f"A trace needs two samples or more of t, x and y; got {t.shape}, {x.shape} and {y.shape}."
+            ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE,
+            f"A trace needs two samples or more of t, x and y; got {t.shape}, {x.shape} and {y.shape}.",
         )
     for name, values in zip(_COLUMNS, (t, x, y), strict=True):
         if not np.all(np.isfinite(values)):
             raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
                 f"The trace's {name} is {values[~np.isfinite(values)][0]} at sample "
-                f"{np.flatnonzero(~np.isfinite(values))[0]}; give finite numbers."
+                f"{np.flatnonzero(~np.isfinite(values))[0]}; give finite numbers.",
             )
     falls = np.flatnonzero(np.diff(t) <= 0)
     if falls.size:
         k = int(falls[0])
         raise ConfigurationError(
+            ErrorCode.MALFORMED,
             f"The trace's times must ascend, but sample {k + 1} is at {t[k + 1]:g} s after {t[k]:g} s; "
-            "sort it, and keep one sample a time."
+            "sort it, and keep one sample a time.",
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["arcsine_density", "arcsine_shares"]
 
@@ -59,5 +59,7 @@ def arcsine_shares(edges, amplitude: float) -> np.ndarray:
 
 def _checked(amplitude: float) -> float:
     if not 0 < amplitude < np.inf:
-        raise ConfigurationError(f"An amplitude of {amplitude:g} has no density; give a positive one.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"An amplitude of {amplitude:g} has no density; give a positive one."
+        )
     return amplitude

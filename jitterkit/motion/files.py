@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import read_trace
 from jitterkit.loci.csv_table import CsvRow, csv_rows, row_numbers
 from jitterkit.motion.record import Record
@@ -53,7 +53,7 @@ def read_motion(path: str | Path) -> PowerSpectrum | Record:
     try:
         return _spectrum(rows)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        raise ConfigurationError(error.code, f"{path}: {error}") from None
 
 
 def _spectrum(rows: list[CsvRow]) -> PowerSpectrum:
@@ -64,21 +64,24 @@ def _spectrum(rows: list[CsvRow]) -> PowerSpectrum:
         if kind is not None:
             if tables.keys() & set(kind):
                 raise ConfigurationError(
-                    f"line {n} begins a second table of one kind; put all its rows into one."
+                    ErrorCode.DUPLICATE,
+                    f"line {n} begins a second table of one kind; put all its rows into one.",
                 )
             header = tuple(cells)
             tables[header] = []
         elif not header:
-            raise ConfigurationError(f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
+            raise ConfigurationError(ErrorCode.MALFORMED, f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
         else:
             tables[header].append((n, row_numbers((n, cells), header)))
     densities, lines = (
         [row for header in kind for row in tables.get(header, [])] for kind in (_DENSITIES, _LINES)
     )
     if not (densities or lines):
-        raise ConfigurationError(f"holds no motion; {_FORMATS}.")
+        raise ConfigurationError(ErrorCode.MALFORMED, f"holds no motion; {_FORMATS}.")
     if len(densities) == 1:
-        raise ConfigurationError(f"line {densities[0][0]} is the only density; give two or more.")
+        raise ConfigurationError(
+            ErrorCode.TOO_FEW, f"line {densities[0][0]} is the only density; give two or more."
+        )
     table = np.array([[*row, 0.0][:4] for _, row in densities]).reshape(-1, 4)
     return PowerSpectrum(table[:, 0], table[:, [1, 3, 2]], tuple(_line(n, row) for n, row in lines))
 
@@ -87,4 +90,4 @@ def _line(n: int, row: list[float]) -> Line:
     try:
         return Line(*row)
     except ConfigurationError as error:
-        raise ConfigurationError(f"line {n}: {error}") from None
+        raise ConfigurationError(error.code, f"line {n}: {error}") from None

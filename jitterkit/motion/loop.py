@@ -10,7 +10,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
 __all__ = ["close_loop", "follow", "loop_rejection"]
@@ -47,7 +47,8 @@ def loop_rejection(frequencies, bandwidth: float) -> np.ndarray:
     """
     if not 0 < bandwidth < np.inf:
         raise ConfigurationError(
-            f"A loop's bandwidth of {bandwidth:g} Hz is impossible; give a positive one."
+            ErrorCode.OUT_OF_RANGE,
+            f"A loop's bandwidth of {bandwidth:g} Hz is impossible; give a positive one.",
         )
     f = np.asarray(frequencies, float)
     return f**2 / (f**2 + bandwidth**2)

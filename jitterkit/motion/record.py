@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.motion.spectrum import PowerSpectrum
 from jitterkit.motion.split import Split, check_cadence
 
@@ -101,8 +101,9 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
     count = int(np.floor((t[-1] - exposure) / cadence * (1 + 1e-12) + 1e-9)) + 1
     if count < 1:
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s; give a longer trace or a "
-            "shorter exposure."
+            "shorter exposure.",
         )
     starts = cadence * np.arange(count)
     middle = places.mean(axis=0)

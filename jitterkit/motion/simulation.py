@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.fft import irfft, next_fast_len
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Ellipse, Locus, Mvn, Product, Shm, Trace
 from jitterkit.loci.base import turned
 from jitterkit.motion.integrals import panel_integrals
@@ -59,8 +59,9 @@ def simulate_pointing(
     for line in spectrum.lines:
         if line.frequency * step > 0.5:
             raise ConfigurationError(
+                ErrorCode.SAMPLING,
                 f"A line at {line.frequency:g} Hz does not show at a step of {step:g} s; give one below "
-                f"{0.5 / line.frequency:g} s."
+                f"{0.5 / line.frequency:g} s.",
             )
     t = step * np.arange(n + 1)
     places = _random(spectrum, n, step, rng)

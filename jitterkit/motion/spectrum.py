@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import moments_on_axis
 
 __all__ = ["Line", "PowerSpectrum"]
@@ -50,8 +50,9 @@ class Line:
         for name, value in (("angle", self.angle), *((name, getattr(self, name)) for name in rules)):
             if not (np.isfinite(value) and rules.get(name, True)):
                 raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE,
                     f"A line's {name} is {value:g}; give a positive frequency in Hz, amplitudes in arcsec "
-                    "that are not negative, and an angle in degrees."
+                    "that are not negative, and an angle in degrees.",
                 )
 
     def moments(self) -> np.ndarray:
@@ -148,24 +149,29 @@ def _check(frequencies: np.ndarray, density: np.ndarray) -> None:
     n = len(frequencies)
     if n == 1 or frequencies.shape != (n,) or density.shape != (n, 3):
         raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
             f"A spectrum has densities (n, 3) at two frequencies or more, or none; got {density.shape} at "
-            f"{frequencies.shape}."
+            f"{frequencies.shape}.",
         )
     for row in np.flatnonzero(
         ~np.isfinite(frequencies) | (frequencies < 0) | (np.diff(frequencies, prepend=-1) <= 0)
     ):
+        in_range = 0 <= frequencies[row] < np.inf
         raise ConfigurationError(
-            f"The frequency of row {row + 1} is {frequencies[row]:g} Hz; give them ascending, none negative."
+            ErrorCode.MALFORMED if in_range else ErrorCode.OUT_OF_RANGE,
+            f"The frequency of row {row + 1} is {frequencies[row]:g} Hz; give them ascending, none negative.",
         )
     bad = ~np.isfinite(density).all(axis=1) | (density[:, [0, 2]] < 0).any(axis=1)
     for row in np.flatnonzero(bad):
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"At {frequencies[row]:g} Hz the densities x, y are {density[row, 0]:g}, {density[row, 2]:g}; "
-            "give arcsec²/Hz, finite and not negative."
+            "give arcsec²/Hz, finite and not negative.",
         )
     most = np.sqrt(density[:, 0] * density[:, 2])
     for row in np.flatnonzero(np.abs(density[:, 1]) > most * (1 + _SLACK)):
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"At {frequencies[row]:g} Hz the cross spectrum is {density[row, 1]:g}, more than the root of "
-            f"the product of x and y, {most[row]:g}; give its real part in arcsec²/Hz."
+            f"the product of x and y, {most[row]:g}; give its real part in arcsec²/Hz.",
         )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.motion.integrals import panel_integrals
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.weights import PARTS, difference_weight, part_weights
@@ -125,7 +125,8 @@ def check_exposure(exposure: float) -> float:
     """Refuse what is no length of time."""
     if not 0 < exposure < np.inf:
         raise ConfigurationError(
-            f"An exposure of {exposure:g} s is impossible; give a positive number of seconds."
+            ErrorCode.OUT_OF_RANGE,
+            f"An exposure of {exposure:g} s is impossible; give a positive number of seconds.",
         )
     return exposure
 
@@ -134,7 +135,8 @@ def check_cadence(exposure: float, cadence: float) -> float:
     """Refuse exposures that overlap."""
     if not check_exposure(exposure) <= cadence < np.inf:
         raise ConfigurationError(
-            f"Exposures of {exposure:g} s cannot follow every {cadence:g} s; give a longer cadence."
+            ErrorCode.OUT_OF_RANGE,
+            f"Exposures of {exposure:g} s cannot follow every {cadence:g} s; give a longer cadence.",
         )
     return cadence
 

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.pupil import Pupil
 
 __all__ = ["pupil_from_dlux"]
@@ -58,8 +58,9 @@ def pupil_from_dlux(system: Any, names: Sequence[str] | None = None) -> Pupil:
     """
     if not (getattr(system, "layers", None) and hasattr(system, "initialise_wavefront")):
         raise ConfigurationError(
+            ErrorCode.WRONG_TYPE,
             f"Expected a dLux optical system made of layers, got {type(system).__name__}; "
-            "pass an AngularOpticalSystem or a LayeredOpticalSystem."
+            "pass an AngularOpticalSystem or a LayeredOpticalSystem.",
         )
     with jax.enable_x64(True):
         field = _field(system, _LONG)
@@ -79,8 +80,9 @@ def _field(system, wavelength):
         wavefront = layer(wavefront)
         if wavefront.npixels != samples or not np.isclose(float(wavefront.pixel_scale), pitch):
             raise ConfigurationError(
+                ErrorCode.UNSUPPORTED,
                 f"The dLux layer {name!r} changes the wavefront's sampling; only systems whose layers "
-                "all lie in one pupil can be used."
+                "all lie in one pupil can be used.",
             )
     return np.asarray(wavefront.phasor)
 
@@ -109,9 +111,10 @@ def _verify(system, pupil, modes) -> None:
         difference = np.abs(field / np.abs(field).max() - expected).max()
         if not difference < _TOLERANCE:
             raise ConfigurationError(
+                ErrorCode.UNSUPPORTED,
                 f"The dLux system is more than transmission, path difference and aberrations: at "
                 f"{wavelength * 1e9:.0f} nm its wavefront differs from such a pupil's by {difference:.2g} of "
-                "the largest amplitude; remove layers whose phase does not scale with wavelength."
+                "the largest amplitude; remove layers whose phase does not scale with wavelength.",
             )
 
 

@@ -11,7 +11,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
 from jitterkit.optics.otf import OTF
 
@@ -65,7 +65,9 @@ def empirical_otf(
     x, y = _centroid(stamp) if centre is None else centre
     if not (-0.5 <= x <= stamp.shape[1] - 0.5 and -0.5 <= y <= stamp.shape[0] - 0.5):
         raise ConfigurationError(
-            f"The star's centre ({x:.6g}, {y:.6g}) lies outside the stamp of {stamp.shape}."
+            ErrorCode.OUT_OF_RANGE,
+            f"The star's centre ({x:.6g}, {y:.6g}) lies outside the stamp of {stamp.shape}; "
+            "give (x, y) in pixels inside it, or leave it out.",
         )
     reach = max(math.ceil((s - n) / 2) for s, n in zip(stamp.shape, shape, strict=True))
     grid = Grid((shape[0], shape[1]), plate_scale, max(pad, reach))
@@ -81,16 +83,20 @@ def _checked(psf) -> np.ndarray:
     stamp = np.asarray(psf, dtype=float)
     if stamp.ndim != 2 or stamp.size == 0:
         raise ConfigurationError(
-            f"An empirical PSF is one image (ny, nx), got an array of shape {stamp.shape}."
+            ErrorCode.WRONG_SHAPE,
+            f"An empirical PSF is one image (ny, nx), got an array of shape {stamp.shape}.",
         )
-    if not np.all(np.isfinite(stamp)):
+    missing = np.count_nonzero(~np.isfinite(stamp))
+    if missing:
         raise ConfigurationError(
-            "The empirical PSF holds NaN or infinite pixels; interpolate over them first."
+            ErrorCode.OUT_OF_RANGE,
+            f"The empirical PSF holds {missing} NaN or infinite pixels; interpolate over them first.",
         )
     if not stamp.sum() > 0:
         raise ConfigurationError(
+            ErrorCode.NO_STAR,
             f"The empirical PSF sums to {stamp.sum():.4g}, so there is no star in it; "
-            "subtract the background level, not more."
+            "subtract the background level, not more.",
         )
     return stamp
 

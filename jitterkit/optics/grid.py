@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import next_fast_len
 
+from jitterkit.errors import ConfigurationError, ErrorCode
+
 __all__ = ["DEFAULT_PAD", "Grid"]
 
 DEFAULT_PAD = 64
@@ -32,6 +34,11 @@ class Grid:
         Pixels added on each side, at least.
     refine : int
         Fine samples per pixel along each axis.
+
+    Raises
+    ------
+    ConfigurationError
+        If one of them is impossible.
     """
 
     shape: tuple[int, int]
@@ -41,13 +48,19 @@ class Grid:
 
     def __post_init__(self) -> None:
         if len(self.shape) != 2 or min(self.shape) < 1:
-            raise ValueError(f"A grid needs a frame shape (ny, nx) of at least one pixel, got {self.shape}.")
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE,
+                f"A grid needs a frame shape (ny, nx) of at least one pixel, got {self.shape}.",
+            )
         if not (math.isfinite(self.plate_scale) and self.plate_scale > 0):
-            raise ValueError(
-                f"The plate scale must be positive, in arcsec per pixel; got {self.plate_scale}."
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The plate scale must be positive, in arcsec per pixel; got {self.plate_scale}.",
             )
         if self.pad < 0 or self.refine < 1:
-            raise ValueError(f"Need pad >= 0 and refine >= 1, got {self.pad} and {self.refine}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"Need pad >= 0 and refine >= 1, got {self.pad} and {self.refine}."
+            )
 
     @property
     def pitch(self) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jitterkit.conventions import ARCSEC
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
@@ -129,9 +129,10 @@ def grid_for(
     width = max(grid.fine_shape) * grid.pitch
     if width > period:
         raise ConfigurationError(
+            ErrorCode.SAMPLING,
             f"The padded frame is {width:.4g} arcsec wide but the image of a pupil sampled "
             f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; sample the pupil more finely, "
-            "or use less padding."
+            "or use less padding.",
         )
     return grid
 
@@ -164,7 +165,9 @@ def expand(
     """
     state = jnp.zeros(len(pupil.names)) if aberrations is None else jnp.asarray(aberrations, float)
     if state.shape != (len(pupil.names),):
-        raise ConfigurationError(f"Expected {len(pupil.names)} aberrations, got shape {state.shape}.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE, f"Expected {len(pupil.names)} aberrations, got shape {state.shape}."
+        )
     spectra = derivatives_at(pupil, spectrum, grid, state, order=1 if derivatives else 0)
     names = pupil.names if derivatives else ()
     return OTF(spectra[0], spectra[1:], state if derivatives else state[:0], grid, names)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["PUBLIC_LINES", "PUBLIC_SHAPE", "public_image"]
 
@@ -40,7 +40,9 @@ def public_image(images: int = 5, samples: int = 4) -> Callable:
     try:
         from dLuxToliman import AlphaCen, JitteredToliman, TolimanOpticalSystem
     except ImportError:
-        raise ConfigurationError("dLuxToliman is not installed; install jitterkit[toliman].") from None
+        raise ConfigurationError(
+            ErrorCode.MISSING_PACKAGE, "dLuxToliman is not installed; install jitterkit[toliman]."
+        ) from None
     optics = TolimanOpticalSystem(noll_indices=list(range(4, 11)), oversample=samples)
     source = AlphaCen(n_wavels=len(PUBLIC_LINES))
     telescope = JitteredToliman(optics, source, 0.1, 0.0, n_psfs=images, jitter_shape="linear")

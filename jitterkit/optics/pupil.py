@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.conventions import offsets
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.zernike import zernike
 
 __all__ = ["Pupil", "obstructed_circle"]
@@ -57,21 +57,37 @@ class Pupil(eqx.Module):
         opd = np.zeros_like(transmission) if opd is None else np.asarray(opd, dtype=float)
         basis = np.zeros((0, *transmission.shape)) if basis is None else np.asarray(basis, dtype=float)
         if transmission.ndim != 2 or transmission.shape[0] != transmission.shape[1]:
-            raise ConfigurationError(f"A pupil must be square, got a transmission of {transmission.shape}.")
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE, f"A pupil must be square, got a transmission of {transmission.shape}."
+            )
         if opd.shape != transmission.shape or basis.ndim != 3 or basis.shape[1:] != transmission.shape:
             raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE,
                 f"The pupil's arrays differ in shape: transmission {transmission.shape}, opd {opd.shape}, "
-                f"basis {basis.shape}; expected (n, n), (n, n) and (k, n, n)."
+                f"basis {basis.shape}; expected (n, n), (n, n) and (k, n, n).",
             )
-        if not all(np.all(np.isfinite(a)) for a in (transmission, opd, basis)):
-            raise ConfigurationError("The pupil holds NaN or infinite values; set them to zero first.")
+        missing = sum(np.count_nonzero(~np.isfinite(a)) for a in (transmission, opd, basis))
+        if missing:
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The pupil holds {missing} NaN or infinite values; set them to zero first.",
+            )
         if not np.any(transmission):
-            raise ConfigurationError("The pupil passes no light: its transmission is zero everywhere.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The pupil passes no light: its transmission of {transmission.shape} is zero everywhere; "
+                "give 1 where it is clear.",
+            )
         if not diameter > 0:
-            raise ConfigurationError(f"The pupil's diameter must be positive, in m; got {diameter}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"The pupil's diameter must be positive, in m; got {diameter}."
+            )
         names = tuple(f"mode{k}" for k in range(len(basis))) if names is None else tuple(names)
         if len(names) != len(basis):
-            raise ConfigurationError(f"The pupil has {len(basis)} modes but {len(names)} names.")
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE,
+                f"The pupil has {len(basis)} modes but {len(names)} names; give each mode one.",
+            )
         self.transmission, self.opd, self.basis = transmission, opd, basis
         self.names, self.diameter = names, float(diameter)
 
@@ -99,7 +115,10 @@ class Pupil(eqx.Module):
         """
         n = self.transmission.shape[0]
         if factor < 1 or n % factor:
-            raise ConfigurationError(f"A pupil of {n} samples cannot be binned by {factor}; give a divisor.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"A pupil of {n} samples cannot be binned by {factor}; give a divisor.",
+            )
         if factor == 1:
             return self
 
@@ -144,7 +163,8 @@ def obstructed_circle(
     """
     if not 0 <= obscuration < diameter:
         raise ConfigurationError(
-            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m."
+            ErrorCode.OUT_OF_RANGE,
+            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m.",
         )
     oversample = 8
     fine = offsets(samples * oversample, diameter / (samples * oversample))

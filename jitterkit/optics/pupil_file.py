@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.optics.pupil import Pupil
 
 __all__ = ["read_pupil", "write_pupil"]
@@ -43,13 +43,20 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     """
     path = Path(path)
     if not path.is_file():
-        raise ConfigurationError(f"There is no pupil file {path}; give its path relative to where you are.")
+        raise ConfigurationError(
+            ErrorCode.NOT_FOUND, f"There is no pupil file {path}; give its path relative to where you are."
+        )
     content = _read_npz(path) if path.suffix.lower() == ".npz" else _read_fits(path)
     if "transmission" not in content:
-        raise ConfigurationError(f"The pupil file {path} holds no transmission, only {sorted(content)}.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"The pupil file {path} holds no transmission, only {sorted(content)}; add it.",
+        )
     diameter = content.get("diameter") if diameter is None else diameter
     if diameter is None:
-        raise ConfigurationError(f"The pupil file {path} does not say its diameter; give one, in m.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, f"The pupil file {path} does not say its diameter; give one, in m."
+        )
     try:
         return Pupil(
             content["transmission"],
@@ -58,8 +65,12 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
             content.get("basis"),
             content.get("names"),
         )
+    except ConfigurationError as problem:
+        raise ConfigurationError(problem.code, f"{path}: {problem}") from None
     except (TypeError, ValueError) as problem:
-        raise ConfigurationError(f"{path}: {problem}") from None
+        raise ConfigurationError(
+            ErrorCode.WRONG_TYPE, f"{path}: {problem}; a pupil is made of numbers."
+        ) from None
 
 
 def write_pupil(path: str | Path, pupil: Pupil) -> None:
@@ -76,7 +87,7 @@ def write_pupil(path: str | Path, pupil: Pupil) -> None:
     """
     path = Path(path)
     if path.suffix.lower() != ".npz":
-        raise ConfigurationError(f"A pupil is written as .npz; rename {path}.")
+        raise ConfigurationError(ErrorCode.WRONG_SUFFIX, f"A pupil is written as .npz; rename {path}.")
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
         try:
             np.savez(
@@ -101,7 +112,8 @@ def _read_npz(path: Path) -> dict[str, Any]:
             content: dict[str, Any] = dict(archive)
     except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as problem:
         raise ConfigurationError(
-            f"The pupil file {path} cannot be read ({problem}); make it again."
+            ErrorCode.NOT_READABLE if isinstance(problem, OSError) else ErrorCode.DAMAGED,
+            f"The pupil file {path} cannot be read ({problem}); make it again.",
         ) from None
     if "names" in content:
         content["names"] = [str(name) for name in content["names"]]
@@ -114,7 +126,7 @@ def _read_fits(path: Path) -> dict[str, Any]:
     try:
         images, header = fits.read_extensions(path)
     except FrameError as problem:
-        raise ConfigurationError(f"The pupil file cannot be read: {problem}") from None
+        raise ConfigurationError(problem.code, f"The pupil file cannot be read: {problem}") from None
     content: dict[str, Any] = {name.lower(): image for name, image in images.items()}
     content["diameter"] = header.get("DIAMETER")
     names = _mode_names(header, len(content.get("basis", ())))

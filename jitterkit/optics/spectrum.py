@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["Spectrum", "flat_band", "lines"]
 
@@ -47,14 +47,18 @@ class Spectrum:
         weights = np.atleast_1d(np.asarray(self.weights, dtype=float))
         if wavelengths.shape != weights.shape or wavelengths.ndim != 1 or wavelengths.size == 0:
             raise ConfigurationError(
-                f"A spectrum needs as many weights as wavelengths, got {weights.size} weights for "
-                f"{wavelengths.size} wavelengths."
+                ErrorCode.WRONG_SHAPE,
+                f"A spectrum needs as many weights as wavelengths, one at least; got {weights.size} weights "
+                f"for {wavelengths.size} wavelengths.",
             )
         if not (np.all(np.isfinite(wavelengths)) and np.all(wavelengths > 0)):
-            raise ConfigurationError(f"Wavelengths must be positive, in nm; got {wavelengths.tolist()}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"Wavelengths must be positive, in nm; got {wavelengths.tolist()}."
+            )
         if not (np.all(np.isfinite(weights)) and np.all(weights >= 0) and weights.sum() > 0):
             raise ConfigurationError(
-                f"Spectral weights must not be negative, nor all zero; got {weights.tolist()}."
+                ErrorCode.OUT_OF_RANGE,
+                f"Spectral weights must not be negative, nor all zero; got {weights.tolist()}.",
             )
         object.__setattr__(self, "wavelengths", tuple(wavelengths.tolist()))
         object.__setattr__(self, "weights", tuple((weights / weights.sum()).tolist()))
@@ -84,7 +88,9 @@ class Spectrum:
         Lanczos's method (Gautschi, Orthogonal Polynomials, 2004, section 2.2).
         """
         if samples < 1:
-            raise ConfigurationError(f"A spectrum needs at least one sample; got {samples}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"A spectrum needs at least one sample; got {samples}."
+            )
         if self.band is not None:
             return flat_band(*self.band, samples)
         if samples >= len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}):
@@ -133,9 +139,13 @@ def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
         If the edges are out of order or there are no samples.
     """
     if not 0 < low < high:
-        raise ConfigurationError(f"A band needs 0 < low < high in nm; got {low} to {high}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A band needs 0 < low < high in nm; got {low} to {high}."
+        )
     if samples < 1:
-        raise ConfigurationError(f"A spectrum needs at least one sample; got {samples}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A spectrum needs at least one sample; got {samples}."
+        )
     nodes, weights = np.polynomial.legendre.leggauss(samples)
     return Spectrum(tuple((low + high) / 2 + nodes * (high - low) / 2), tuple(weights), (low, high))
 

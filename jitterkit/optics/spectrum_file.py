@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.spectrum import Spectrum
 
 __all__ = ["band_from_table", "read_curve", "read_spectrum"]
@@ -44,7 +44,7 @@ def read_spectrum(path: str | Path, samples: int = 13) -> Spectrum:
     try:
         return band_from_table(wavelengths, photons, samples)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        raise ConfigurationError(error.code, f"{path}: {error}") from None
 
 
 def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
         wavelengths, read = np.array(_rows(Path(path), values), dtype=float).reshape(-1, 2).T
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(
-            f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
+            _unreadable(error), f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
         ) from None
     return wavelengths, read
 
@@ -100,18 +100,31 @@ def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int =
     """
     if len(wavelengths) < 2 or samples < 1:
         raise ConfigurationError(
-            f"A spectrum of {len(wavelengths)} rows in {samples} samples; give 2 and 1 at least."
+            ErrorCode.TOO_FEW if len(wavelengths) < 2 else ErrorCode.OUT_OF_RANGE,
+            f"A spectrum of {len(wavelengths)} rows cannot be modelled with {samples} samples; "
+            "give 2 rows and 1 sample at least.",
         )
     if not (np.all(np.isfinite(photons)) and np.all(photons >= 0) and np.any(photons > 0)):
         raise ConfigurationError(
-            "A spectrum's photons must not be negative, nor all zero; correct the table."
+            ErrorCode.OUT_OF_RANGE,
+            "A spectrum's photons must not be negative, nor all zero, and they reach from "
+            f"{np.min(photons):g} to {np.max(photons):g}; correct the table.",
         )
-    if not (wavelengths[0] > 0 and np.all(np.diff(wavelengths) > 0)):
+    in_place = wavelengths > np.append(0.0, wavelengths[:-1])
+    if not in_place.all():
         raise ConfigurationError(
-            "A spectrum's wavelengths must be positive and ascend, in nm; sort the table."
+            ErrorCode.MALFORMED,
+            "A spectrum's wavelengths must be positive and ascend, in nm, and "
+            f"{wavelengths[~in_place][0]:g} is out of place; sort the table.",
         )
     at, weight = _fine(wavelengths, photons, samples + 1)
     return Spectrum(tuple(at), tuple(weight)).sampled(samples)
+
+
+def _unreadable(error: OSError | UnicodeDecodeError) -> ErrorCode:
+    if isinstance(error, UnicodeDecodeError):
+        return ErrorCode.MALFORMED
+    return ErrorCode.NOT_FOUND if isinstance(error, FileNotFoundError) else ErrorCode.NOT_READABLE
 
 
 def _fine(wavelengths: np.ndarray, photons: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -136,7 +149,8 @@ def _rows(path: Path, values: str) -> list[tuple[float, float]]:
                 if number == 1:
                     continue  # the columns' names
                 raise ConfigurationError(
-                    f"{path}: line {number} is {','.join(cells)!r}; give wavelength_nm, {values}."
+                    ErrorCode.MALFORMED,
+                    f"{path}: line {number} is {','.join(cells)!r}; give wavelength_nm, {values}.",
                 ) from None
             rows.append((wavelength, value))
     return rows

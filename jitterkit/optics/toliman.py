@@ -14,7 +14,7 @@ from pathlib import Path
 
 import jax
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.dlux import pupil_from_dlux
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.pupil_file import read_pupil, write_pupil
@@ -87,8 +87,9 @@ def _build() -> Pupil:
         from dLuxToliman import TolimanOpticalSystem
     except ImportError:
         raise ConfigurationError(
+            ErrorCode.MISSING_PACKAGE,
             "The TOLIMAN pupil comes from dLuxToliman, which is not installed; "
-            'run: pip install "jitterkit[toliman]"'
+            'run: pip install "jitterkit[toliman]"',
         ) from None
     with jax.enable_x64(True):  # the same pupil whatever precision the caller works in
         system = TolimanOpticalSystem(noll_indices=list(_NOLL))

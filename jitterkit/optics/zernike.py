@@ -9,6 +9,8 @@ import math
 
 import numpy as np
 
+from jitterkit.errors import ConfigurationError, ErrorCode
+
 __all__ = ["noll_to_nm", "zernike"]
 
 
@@ -19,7 +21,7 @@ def noll_to_nm(index: int) -> tuple[int, int]:
     [(0, 0), (2, 0), (3, -1), (3, 3)]
     """
     if index < 1:
-        raise ValueError(f"Noll's indices start at 1, got {index}.")
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"Noll's indices start at 1, got {index}.")
     n = int((math.sqrt(8 * index - 7) - 1) / 2)
     rank = index - n * (n + 1) // 2 - 1
     m = 2 * ((rank + 1) // 2) if n % 2 == 0 else 2 * (rank // 2) + 1

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.pupil import Pupil
 
 __all__ = ["annulus_area", "collecting_area"]
@@ -57,6 +57,7 @@ def annulus_area(diameter: float, obscuration: float = 0.0) -> float:
     """
     if not 0 <= obscuration < diameter:
         raise ConfigurationError(
-            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m."
+            ErrorCode.OUT_OF_RANGE,
+            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m.",
         )
     return math.pi / 4 * (diameter**2 - obscuration**2) * _CM2

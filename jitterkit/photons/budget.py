@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.optics.spectrum_file import band_from_table
 from jitterkit.photons.curve import Curve
@@ -124,15 +124,18 @@ def count_photons(
     """
     for name, value, unit in (("area", area, "cm²"), ("exposure", exposure, "s")):
         if not 0 < value < np.inf:
-            raise ConfigurationError(f"{name} = {value} is not positive; give it in {unit}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"{name} = {value} is not positive; give it in {unit}."
+            )
     wavelengths = throughput.grid()
     low, high = wavelengths[[0, -1]]
     for letter, star in zip("AB", stars, strict=True):
         first, last = star.wavelengths[[0, -1]]
         if first > low or last < high:
             raise ConfigurationError(
+                ErrorCode.SAMPLING,
                 f"The spectrum of {letter} covers {first:g} to {last:g} nm, but light passes from {low:g} to "
-                f"{high:g} nm; give a longer spectrum or a narrower filter."
+                f"{high:g} nm; give a longer spectrum or a narrower filter.",
             )
     wavelengths = np.unique(np.concatenate([wavelengths, *(_within(star, wavelengths) for star in stars)]))
     share = throughput(wavelengths)

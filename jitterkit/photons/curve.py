@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics import spectrum_file
 from jitterkit.optics.spectrum import Spectrum, flat_band
 
@@ -39,17 +39,26 @@ class Curve:
 
     def __post_init__(self) -> None:
         wavelengths, values = (np.asarray(a, dtype=float) for a in (self.wavelengths, self.values))
-        if wavelengths.ndim != 1 or wavelengths.shape != values.shape or len(wavelengths) < 2:
+        alike = wavelengths.ndim == 1 and wavelengths.shape == values.shape
+        if not alike or len(wavelengths) < 2:
             raise ConfigurationError(
-                f"A curve of {wavelengths.size} wavelengths and {values.size} values is none; give two of "
-                "each at least."
+                ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE,
+                f"A curve of {wavelengths.size} wavelengths and {values.size} values is none; give as many "
+                "of both, two at least.",
             )
-        if not (np.all(np.isfinite(wavelengths)) and wavelengths[0] > 0 and np.all(np.diff(wavelengths) > 0)):
+        in_place = np.isfinite(wavelengths) & (wavelengths > np.append(0.0, wavelengths[:-1]))
+        if not in_place.all():
             raise ConfigurationError(
-                "A curve's wavelengths must be positive and ascend, in nm; sort the table."
+                ErrorCode.MALFORMED,
+                "A curve's wavelengths must be positive and ascend, in nm, and "
+                f"{wavelengths[~in_place][0]:g} is out of place; sort the table.",
             )
         if not (np.all(np.isfinite(values)) and np.all(values >= 0) and np.any(values > 0)):
-            raise ConfigurationError("A curve must not be negative, nor zero everywhere; correct the table.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                "A curve must not be negative, nor zero everywhere, and this one reaches from "
+                f"{values.min():g} to {values.max():g}; correct the table.",
+            )
         object.__setattr__(self, "wavelengths", wavelengths)
         object.__setattr__(self, "values", values)
 
@@ -77,7 +86,9 @@ def flat_curve(low: float, high: float, value: float = 1.0) -> Curve:
         If the wavelengths are out of order or the value is not positive.
     """
     if not 0 < low < high:
-        raise ConfigurationError(f"A band needs 0 < low < high in nm; got {low} to {high}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A band needs 0 < low < high in nm; got {low} to {high}."
+        )
     return Curve(np.array([low, high]), np.array([value, value]))
 
 
@@ -97,7 +108,11 @@ def band_of(spectrum: Spectrum) -> Curve:
         band = flat_band(middle - half, middle + half, nodes.size)
         if np.allclose(band.wavelengths, nodes) and np.allclose(band.weights, spectrum.weights):
             return flat_curve(middle - half, middle + half)
-    raise ConfigurationError("The instrument's spectrum is no flat band, and so no filter; give the filter.")
+    raise ConfigurationError(
+        ErrorCode.UNSUPPORTED,
+        f"The instrument's spectrum, {nodes.size} wavelengths from {nodes.min():g} to {nodes.max():g} nm, is "
+        "no flat band, and so no filter; give the filter.",
+    )
 
 
 def read_curve(path: str | Path) -> Curve:
@@ -112,4 +127,4 @@ def read_curve(path: str | Path) -> Curve:
     try:
         return Curve(*columns)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        raise ConfigurationError(error.code, f"{path}: {error}") from None

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.photons.curve import Curve
 
 if TYPE_CHECKING:
@@ -76,7 +76,9 @@ def blackbody(temperature: float, magnitude: float) -> Curve:
         If a value is outside its range, or synphot is not installed.
     """
     if not 1e3 <= temperature <= 1e5:
-        raise ConfigurationError(f"A star of {temperature} K is none; give 1000 to 100000 K.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A star of {temperature} K is none; give 1000 to 100000 K."
+        )
     source_of, _, models, _ = _synphot()
     wavelengths = np.arange(_GRID[0], _GRID[1] + _GRID[2], _GRID[2])
     return _sampled(source_of(models.BlackBodyNorm1D, temperature=temperature), wavelengths, magnitude)
@@ -105,8 +107,9 @@ def tabulated(spectrum: Curve, magnitude: float) -> Curve:
     low, high = spectrum.wavelengths[[0, -1]]
     if low > _V_START or high < _V_END:
         raise ConfigurationError(
+            ErrorCode.SAMPLING,
             f"A spectrum of {low:g} to {high:g} nm has no V magnitude; give one that covers "
-            f"{_V_START:g} to {_V_END:g} nm."
+            f"{_V_START:g} to {_V_END:g} nm.",
         )
     source_of, _, models, units = _synphot()
     table = spectrum.values * units.PHOTLAM
@@ -117,7 +120,9 @@ def tabulated(spectrum: Curve, magnitude: float) -> Curve:
 def _sampled(source: SourceSpectrum, wavelengths: np.ndarray, magnitude: float) -> Curve:
     """Photons/s/cm²/nm at wavelengths [nm], once the source has its magnitude."""
     if not np.isfinite(magnitude):
-        raise ConfigurationError(f"V = {magnitude} is no magnitude; give a finite number.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"V = {magnitude} is no magnitude; give a finite number."
+        )
     _, element_of, models, units = _synphot()
     fine = np.arange(_V_START, _V_END + 0.5)
     # a throughput is per photon: Bessell's weight of energy over the wavelength
@@ -134,6 +139,7 @@ def _synphot():
         from synphot import SourceSpectrum, SpectralElement, models, units
     except ImportError:
         raise ConfigurationError(
-            'Photon counts need synphot, which is not installed; run: pip install "jitterkit[spectra]"'
+            ErrorCode.MISSING_PACKAGE,
+            'Photon counts need synphot, which is not installed; run: pip install "jitterkit[spectra]"',
         ) from None
     return SourceSpectrum, SpectralElement, models, units

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.photons.curve import Curve
 
 __all__ = ["GLASS", "IMX183_QE", "PLATES", "Throughput"]
@@ -56,16 +56,22 @@ class Throughput:
         for name, curve in (("filter", self.filter), ("quantum efficiency", self.qe)):
             if curve.values.max() > 1:
                 raise ConfigurationError(
-                    f"The {name} reaches {curve.values.max():g}; give shares of 1, not per cent."
+                    ErrorCode.OUT_OF_RANGE,
+                    f"The {name} reaches {curve.values.max():g}; give shares of 1, not per cent.",
                 )
         if not 0 < self.glass <= 1:
-            raise ConfigurationError(f"glass = {self.glass} is no transmission; give 0 to 1.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"glass = {self.glass} is no transmission; give 0 to 1."
+            )
         if self.plates < 0:
-            raise ConfigurationError(f"plates = {self.plates} is no number of plates; give 0 or more.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"plates = {self.plates} is no number of plates; give 0 or more."
+            )
         if not np.any(self(self.grid())):
             raise ConfigurationError(
+                ErrorCode.CONFLICT,
                 f"Filter ({_range(self.filter)}) and quantum efficiency ({_range(self.qe)}) have no "
-                "wavelength in common; give curves that overlap."
+                "wavelength in common; give curves that overlap.",
             )
 
     @property

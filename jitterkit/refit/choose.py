@@ -190,7 +190,7 @@ def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF) -> tuple[FitResu
     try:
         return _fit(frame, name, normal.parameters, normal.moments()[0], otf)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-        return FitResult(Status.FAILED, str(error), locus=name), otf
+        return replace(FitResult.from_error(Status.FAILED, error), locus=name), otf
 
 
 def shows_no_jitter(moments: np.ndarray, covariance: np.ndarray) -> bool:

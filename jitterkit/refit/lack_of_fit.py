@@ -15,7 +15,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import parameter_names
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Locus
@@ -71,7 +71,9 @@ class WithCumulants(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError("Cumulants do not follow from second moments; put them on a locus.")
+        raise ConfigurationError(
+            ErrorCode.UNSUPPORTED, "Cumulants do not follow from second moments; put them on a locus."
+        )
 
     def transfer(self, fx, fy):
         x, y, c = 2 * jnp.pi * fx, 2 * jnp.pi * fy, self.coords[-len(_CUMULANTS) :]

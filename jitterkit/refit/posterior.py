@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["Posterior"]
 
@@ -56,7 +56,10 @@ class Posterior:
     def slot(self, name: str) -> int:
         """Column of a parameter."""
         if name not in self.names:
-            raise ConfigurationError(f"There are no draws of {name!r}; there are of {', '.join(self.names)}.")
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME,
+                f"There are no draws of {name!r}; there are of {', '.join(self.names)}.",
+            )
         return self.names.index(name)
 
     def of(self, name: str) -> np.ndarray:

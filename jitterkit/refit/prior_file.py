@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from astropy.table import QTable
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import read_trace
 from jitterkit.refit.priors import OTHERS, Priors, kernel_prior, sequence_prior, trace_prior, whole_exposures
@@ -107,11 +107,14 @@ def read_kernel_prior(
     estimates = [_estimate(row) for row in table if row["status"] == "ok"]
     good = tuple(filter(_is_sound, estimates))
     if not good:
-        raise ConfigurationError(f"{path} holds no kernel estimate; none of its {len(table)} frames is ok.")
+        raise ConfigurationError(
+            ErrorCode.NO_DATA, f"{path} holds no kernel estimate; none of its {len(table)} frames is ok."
+        )
     if 1 < len(good) <= OTHERS:  # of each frame its own is left out
         raise ConfigurationError(
+            ErrorCode.TOO_FEW,
             f"{path} holds estimates of {len(good)} frames; give one, or {OTHERS + 1} or more: fewer do not "
-            "show how jitter scatters."
+            "show how jitter scatters.",
         )
     return KernelPrior(str(path), good)
 
@@ -134,18 +137,23 @@ def _read(path: Path) -> QTable:
     try:
         table = QTable.read(path, format="ascii.ecsv")
     except (OSError, ValueError) as error:
+        code = ErrorCode.NOT_READABLE if isinstance(error, OSError) else ErrorCode.MALFORMED
         raise ConfigurationError(
+            ErrorCode.NOT_FOUND if isinstance(error, FileNotFoundError) else code,
             f"{path} cannot be read as a table ({_first_line(error)}); give what 'jitterkit estimate -o' "
-            "wrote, or a trace as .csv."
+            "wrote, or a trace as .csv.",
         ) from None
     missing = [name for name in wanted if name not in table.colnames]
     if missing:
         raise ConfigurationError(
-            f"{path} has no column {missing[0]!r}; give a table that 'jitterkit estimate -o' wrote."
+            ErrorCode.MISSING_VALUE,
+            f"{path} has no column {missing[0]!r}; give a table that 'jitterkit estimate -o' wrote.",
         )
     for name in wanted[4:]:
         if getattr(table[name], "unit", None) != "arcsec2":
-            raise ConfigurationError(f"{path}: the column {name!r} is not in arcsec2; estimate it anew.")
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_UNIT, f"{path}: the column {name!r} is not in arcsec2; estimate it anew."
+            )
     return table
 
 

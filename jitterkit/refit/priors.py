@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import LOCI, Locus, Trace
 from jitterkit.refit.leashes import leashes
@@ -54,7 +54,8 @@ class Priors:
         for name, (mean, sigma) in {**self.if_free, **self.terms}.items():
             if not (np.isfinite(mean) and sigma > 0):
                 raise ConfigurationError(
-                    f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}."
+                    ErrorCode.OUT_OF_RANGE,
+                    f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}.",
                 )
 
     @classmethod
@@ -109,7 +110,8 @@ class Priors:
         for name, (centre, sigma) in known.items():
             if name not in names:
                 raise ConfigurationError(
-                    f"There is no free parameter {name!r} to put a prior on; there are {', '.join(names)}."
+                    ErrorCode.UNKNOWN_NAME,
+                    f"There is no free parameter {name!r} to put a prior on; there are {', '.join(names)}.",
                 )
             i = names.index(name)
             mean[i], precision[i, i] = centre, sigma**-2
@@ -137,8 +139,9 @@ def moments_prior(mean, covariance) -> Priors:
     finite = bool(np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance)))
     if not (finite and np.linalg.eigvalsh(covariance)[0] > 0):
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"A prior on the jitter needs finite moments and a positive definite covariance; got "
-            f"{mean.tolist()} and {covariance.tolist()}."
+            f"{mean.tolist()} and {covariance.tolist()}.",
         )
     return Priors(moments=(mean, covariance))
 
@@ -211,8 +214,9 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str, digest: str 
     n = len(others)
     if n < OTHERS:
         raise ConfigurationError(
+            ErrorCode.TOO_FEW,
             f"A prior from a sequence needs the estimates of {OTHERS} other frames or more, got {n}; "
-            "fit without."
+            "fit without.",
         )
     weights = np.array([np.linalg.inv(estimate.covariance) for estimate in others])
     moments = np.array([estimate.moments for estimate in others])
@@ -248,7 +252,9 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     that a straight trace does not forbid a round blur.
     """
     if not uncertainty > 0:
-        raise ConfigurationError(f"The uncertainty of a trace must be positive, got {uncertainty}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"The uncertainty of a trace must be positive, got {uncertainty}."
+        )
     t = np.asarray(t, float)
     pieces = 1 if exposure is None else whole_exposures(t[-1] - t[0], exposure)
     starts = [t[0] + k * (exposure or 0.0) for k in range(pieces)]
@@ -256,8 +262,9 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     mean = every.mean(axis=0)
     if mean[0] + mean[2] <= (_ROUNDING * max(np.abs(x).max(), np.abs(y).max())) ** 2:
         raise ConfigurationError(
+            ErrorCode.NO_SIGNAL,
             "The trace does not move during the exposure, and so says nothing of the jitter; give one that "
-            "does, or fit without."
+            "does, or fit without.",
         )
     width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
     return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))
@@ -271,8 +278,9 @@ def whole_exposures(duration: float, exposure: float) -> int:
 def _say_source(estimate: KernelEstimate) -> None:
     if not estimate.source:
         raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
             "This kernel estimate does not say which data it was made from; set its source before using it "
-            "as a prior, or the frame's photons may be counted twice."
+            "as a prior, or the frame's photons may be counted twice.",
         )
 
 

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jitterkit.errors import ErrorCode, code_of
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus
@@ -30,12 +31,27 @@ class Status(enum.Enum):
     NO_DATA = "no usable pixel"
     UNREADABLE = "the file cannot be read"
     MISMATCH = "the frame does not suit this instrument"
+    UNDETERMINED = "the image does not constrain the blur"
+    REFERENCE = "the frame is the reference that others are compared with"
     FAILED = "the fit broke down"
 
     @property
     def usable(self) -> bool:
-        """Whether the numbers mean anything."""
+        """True if the numbers mean anything."""
         return self is Status.OK
+
+
+_CODES = {
+    Status.NOT_CONVERGED: ErrorCode.NOT_CONVERGED,
+    Status.POOR_FIT: ErrorCode.MODEL_MISMATCH,
+    Status.NO_STAR: ErrorCode.NO_STAR,
+    Status.NO_PAIR: ErrorCode.NO_PAIR,
+    Status.NO_DATA: ErrorCode.NO_DATA,
+    Status.MISMATCH: ErrorCode.WRONG_INSTRUMENT,
+    Status.UNDETERMINED: ErrorCode.NOT_CONSTRAINED,
+    Status.REFERENCE: ErrorCode.IS_REFERENCE,
+}
+"""Code of a status for which no error was raised; any other status without one is internal."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +119,8 @@ class FitResult:
         where no jitter was detected or the locus was not to be chosen.
     iterations : int
     seconds : float
+    code : ErrorCode or None
+        Why the frame is not usable, where the status alone does not say; :attr:`reason` is always known.
     """
 
     status: Status
@@ -124,6 +142,28 @@ class FitResult:
     shape_err: float = float("nan")
     iterations: int = 0
     seconds: float = 0.0
+    code: ErrorCode | None = None
+
+    @classmethod
+    def from_error(cls, status: Status, error: Exception, message: str | None = None) -> FitResult:
+        """Make the result of a frame that an error stopped.
+
+        Parameters
+        ----------
+        status : Status
+        error : Exception
+            Its code becomes that of the result.
+        message : str, optional
+            In place of the error's own.
+        """
+        return cls(status, str(error) if message is None else message, code=code_of(error))
+
+    @property
+    def reason(self) -> str:
+        """Value of the error code that says why the frame is not usable; empty for a usable one."""
+        if self.status.usable:
+            return ""
+        return (self.code or _CODES.get(self.status, ErrorCode.INTERNAL)).value
 
     def error(self, name: str) -> float:
         """Standard error of a parameter; NaN where it was not fitted."""

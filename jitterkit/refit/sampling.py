@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.likelihood import Data, deviance
 from jitterkit.optics.otf import OTF
@@ -159,13 +159,15 @@ class _Target(eqx.Module):
 def _target(data, optics, fit: FitResult, priors: Priors) -> _Target:
     if fit.parameters is None or not fit.names:
         raise ConfigurationError(
+            ErrorCode.TOO_FEW,
             f"This fit has no free parameters to draw ({fit.message.rstrip('.')}); fit the frame first, with "
-            "some of them free."
+            "some of them free.",
         )
     if not np.all(np.isfinite(fit.covariance)):
         raise UndeterminedError(
+            ErrorCode.NOT_CONSTRAINED,
             "The frame does not determine all its parameters, so their posterior has no end; hold some of "
-            "them or give priors in the fit."
+            "them or give priors in the fit.",
         )
     otf = optics.otf(np.asarray(fit.parameters.aberrations))
     every = parameter_names(fit.parameters, otf.names)
@@ -229,8 +231,9 @@ def _blackjax() -> ModuleType:
         import blackjax.diagnostics
     except ImportError:
         raise ConfigurationError(
+            ErrorCode.MISSING_PACKAGE,
             "Draws from the posterior need blackjax, which is not installed; "
-            'run: pip install "jitterkit[sampling]"'
+            'run: pip install "jitterkit[sampling]"',
         ) from None
     return blackjax
 
@@ -239,4 +242,6 @@ def _check(draws: int, chains: int, warmup: int) -> None:
     _blackjax()  # says how to install it
     for what, given, least in (("draws", draws, _LEAST_DRAWS), ("chains", chains, 1), ("warmup", warmup, 1)):
         if given < least:
-            raise ConfigurationError(f"Sampling needs at least {least} for {what}, got {given}.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"Sampling needs at least {least} for {what}, got {given}."
+            )

@@ -44,6 +44,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("time", "time of the exposure, ISO 8601, UTC", kind=str),
     Column("exposure", "exposure time", "s"),
     Column("status", "how the frame ended: ok, or why its numbers are not to be used", kind=str),
+    Column("reason", "code of what is wrong with a frame that is not ok; empty for one that is", kind=str),
     Column("message", "the status in a sentence", kind=str),
     Column("flags", "sum of the remarks whose values the table's metadata explains", kind=int),
     Column("locus", "jitter locus that was fitted", kind=str),

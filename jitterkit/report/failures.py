@@ -1,28 +1,17 @@
-"""Why frames failed, by kind: of thousands of failures a person reads the reasons, not the frames.
+"""Failed frames counted by kind: of thousands of failures a person reads the kinds, not the frames.
 
 Reach for :func:`group_failures`.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from jitterkit.errors import ErrorCode
 from jitterkit.report.row import Row
 
-__all__ = ["FailureKind", "group_failures", "reason"]
-
-_BLANK, _NUMBER = "…", "#"
-
-_NAMES = re.compile(r"\S+\.(?:fits?|fts|tiff?|toml|fz|gz)\b(?:\[\d+\])?", re.IGNORECASE)
-"""Files; a path with a space in it is known only where it is the frame's own."""
-
-_QUOTED = re.compile(r"'[^']*'|\"[^\"]*\"")
-"""What a header said."""
-
-_NUMBERS = re.compile(r"(?<![\w.…])[-+−]?\d+(?:[.,]\d+)*(?:[eE][-+]?\d+)?(?![\w])(?: × 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
-"""Numbers that stand alone: the 3 of ``NAXIS3`` and the 2 of ``noll2`` are names."""
+__all__ = ["FailureKind", "group_failures"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +22,7 @@ class FailureKind:
     ----------
     status : str
     reason : str
-        Their sentence with a # for each number and an ellipsis for each name that is a frame's own.
+        Value of their :class:`~jitterkit.errors.ErrorCode`; empty in a table of version 0.1.9 or earlier.
     count : int
     example : dict
         Row of the first of them.
@@ -44,19 +33,13 @@ class FailureKind:
     count: int
     example: Row
 
-
-def reason(row: Row) -> str:
-    """The sentence of a failed frame without what is its own.
-
-    >>> reason({"file": "a.fits", "path": "/n/a.fits", "message": "/n/a.fits: holds 12 bytes of 2880."})
-    'holds # bytes of #.'
-    """
-    text = row["message"]
-    for name in (row["path"], row["file"]):
-        text = text.replace(name, _BLANK) if name else text
-    text = _QUOTED.sub(f"'{_BLANK}'", _NAMES.sub(_BLANK, text))
-    text = _NUMBERS.sub(_NUMBER, text)
-    return re.sub(rf"^{_BLANK}(?:\[{_NUMBER}\])?: ", "", text)
+    @property
+    def meaning(self) -> str:
+        """The reason in words."""
+        try:
+            return ErrorCode(self.reason).meaning
+        except ValueError:  # a table of another version
+            return self.reason.replace("_", " ")
 
 
 def group_failures(rows: Iterable[Row]) -> list[FailureKind]:
@@ -65,7 +48,7 @@ def group_failures(rows: Iterable[Row]) -> list[FailureKind]:
     Parameters
     ----------
     rows : iterable of dict
-        With ``status``, ``message``, ``path`` and ``file``, of frames that failed.
+        With ``status`` and ``reason``, of frames that failed.
 
     Returns
     -------
@@ -74,7 +57,7 @@ def group_failures(rows: Iterable[Row]) -> list[FailureKind]:
     """
     found: dict[tuple[str, str], tuple[int, Row]] = {}
     for row in rows:
-        key = (row["status"], reason(row))
+        key = (row["status"], row.get("reason", ""))
         count, example = found.get(key, (0, row))
         found[key] = (count + 1, example)
     kinds = [FailureKind(*key, *held) for key, held in found.items()]

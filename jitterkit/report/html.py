@@ -43,7 +43,7 @@ MAX_FAILURES = 300
 _FEW, _KINDS = 12, 30
 """Failures that a list shows as well as a count of kinds does, and kinds that the page has room for."""
 
-_TOLD = ("file", "frame", "path", "status", "message")
+_TOLD = ("file", "frame", "path", "status", "reason", "message")
 _LONGEST = 600
 """Characters of one sentence or name: a command line may hold 60,000 names, a header a page of text."""
 

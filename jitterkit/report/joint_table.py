@@ -65,6 +65,7 @@ def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTab
         put("frame", printable(record.name))
         put("time", record.time)
         put("status", status.name.lower())
+        put("reason", record.reason)
         put("message", printable(record.message))
         put("flags", encode_flags(flags))
         put("counted", frame.kept)
@@ -115,7 +116,7 @@ def _direction(angle: float, velocity: np.ndarray) -> float:
 def _unit(column: str) -> str:
     name = column.removesuffix("_err").removeprefix("shared_")
     own = {"time": "s", "velocity_x": "arcsec/s", "velocity_y": "arcsec/s", "smear_direction": "deg"}
-    if name in ("frame", "status", "message", "flags", "counted", "chi2_dof", "surprise"):
+    if name in ("frame", "status", "reason", "message", "flags", "counted", "chi2_dof", "surprise"):
         return ""
     if name in ("sxx", "sxy", "syy"):
         return "arcsec2"

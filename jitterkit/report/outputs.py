@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = [
     "CONFIGURATION",
@@ -51,7 +51,7 @@ def check_directory(directory: Path, patterns: Iterable[str], overwrite: bool) -
     present = [path for pattern in patterns for path in sorted(directory.glob(pattern))]
     if present and not overwrite:
         raise ConfigurationError(
-            f"{present[0]} exists; give --overwrite to replace it, or another directory."
+            ErrorCode.EXISTS, f"{present[0]} exists; give --overwrite to replace it, or another directory."
         )
     nearest = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     if not nearest.is_dir():
@@ -86,14 +86,18 @@ def check_file(path: Path, overwrite: bool, ending: str = "") -> None:
     ConfigurationError
     """
     if not path.name.lower().endswith(ending):
-        raise ConfigurationError(f"{path} does not end in {ending}; name it so.")
+        raise ConfigurationError(ErrorCode.WRONG_SUFFIX, f"{path} does not end in {ending}; name it so.")
     if not path.parent.is_dir():
         raise ConfigurationError(
-            f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
+            ErrorCode.NOT_FOUND, f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
         )
     if path.exists() and not overwrite:
-        raise ConfigurationError(f"{path} exists; give --overwrite to replace it, or another name.")
+        raise ConfigurationError(
+            ErrorCode.EXISTS, f"{path} exists; give --overwrite to replace it, or another name."
+        )
 
 
 def _unwritable(directory: Path, problem: str) -> ConfigurationError:
-    return ConfigurationError(f"{directory} cannot be written ({problem}); give a directory that can.")
+    return ConfigurationError(
+        ErrorCode.NOT_WRITABLE, f"{directory} cannot be written ({problem}); give a directory that can."
+    )

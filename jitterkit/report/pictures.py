@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.frame import Frame
 from jitterkit.refit.result import FitResult
 from jitterkit.report.kernel_plots import plot_kernel
@@ -115,7 +116,9 @@ class Gallery:
 
     def __init__(self, limit: int = MOST_PICTURES) -> None:
         if limit < 0:
-            raise ValueError(f"A gallery cannot show {limit} pictures; give zero or more.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"A gallery cannot show {limit} pictures; give zero or more."
+            )
         self.limit = limit
         self._heaps: dict[bool, list[tuple[float, int, FrameReport]]] = {True: [], False: []}
         self._count = 0

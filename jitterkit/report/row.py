@@ -81,6 +81,7 @@ def make_row(
         "time": printable(metadata.value("time", "")) if metadata else "",
         "exposure": float(metadata.value("exposure", math.nan)) if metadata else math.nan,
         "status": result.status.name.lower(),
+        "reason": result.reason,
         "message": _message(result, words),
         "flags": encode_flags(words),
         "locus": result.locus,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.laws import degrees_of_freedom
 from jitterkit.series.series import Series
 
@@ -181,7 +181,7 @@ def block_scatter(series: Series, *, per_octave: int = 2) -> BlockScatter:
     Raises
     ------
     ConfigurationError
-        If there are fewer than five measurements.
+        If fewer than five steps of the cadence have measurements.
 
     Notes
     -----
@@ -201,7 +201,11 @@ def block_scatter(series: Series, *, per_octave: int = 2) -> BlockScatter:
             chi = float(weight @ (mean - np.average(mean, weights=weight)) ** 2)
             rows.append((length, variance * chi / (blocks - 1), variance, blocks))
     if not rows:
-        raise ConfigurationError(f"Five measurements have a scatter; got {int(series.good.sum())}.")
+        raise ConfigurationError(
+            ErrorCode.TOO_FEW,
+            f"{int(series.good.sum())} measurements in {np.count_nonzero(weights)} steps of the cadence have "
+            f"no scatter of blocks; give measurements in {_FEWEST} steps or more.",
+        )
     lengths, square, variance, count = (np.array(column) for column in zip(*rows, strict=True))
     scatter = np.sqrt(square)
     expected = np.sqrt(variance) if series.stated else np.full(len(rows), np.nan)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.components import Components, State, fit_components
 from jitterkit.series.haar import haar_coefficients
 from jitterkit.series.series import Series
@@ -137,10 +137,14 @@ def fit_floor(
     slow noise is neither flat nor a walk, as a period is.
     """
     if known_errors and not series.stated:
-        raise ConfigurationError("No errors are stated that could be known; give errors, or fit them.")
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, "No errors are stated that could be known; give errors, or fit them."
+        )
     model = _Model(series, degree, known_errors)
     if (n := len(model.haar.values) + 1) < _FEWEST:
-        raise ConfigurationError(f"{n} measurements do not show a floor; give {_FEWEST} or more.")
+        raise ConfigurationError(
+            ErrorCode.TOO_FEW, f"{n} measurements do not show a floor; give {_FEWEST} or more."
+        )
     white, flicker, both = (model.fit(*red) for red in ((False, False), (True, False), (True, True)))
     chosen, unit = both if walk else flicker, model.unit
     ratio = max(0.0, 2 * (flicker.log_likelihood - white.log_likelihood))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import matmul_toeplitz
 from scipy.special import xlogy
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = [
     "NOISES",
@@ -33,7 +33,9 @@ _FAR = 1000.0
 
 def _check(noise: str) -> None:
     if noise not in NOISES:
-        raise ConfigurationError(f"{noise!r} is no noise known here; give one of {', '.join(NOISES)}.")
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME, f"{noise!r} is no noise known here; give one of {', '.join(NOISES)}."
+        )
 
 
 def _generalised(t: np.ndarray, noise: str) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.laws import difference_correlation
 
 __all__ = ["simulate_flicker"]
@@ -45,8 +45,9 @@ def simulate_flicker(n: int, level: float, rng: np.random.Generator) -> np.ndarr
     """
     if n < 2 or not (np.isfinite(level) and level >= 0):
         raise ConfigurationError(
-            f"{n} values of flicker at a level of {level:g}; give two or more, and a level that is not "
-            "negative."
+            ErrorCode.OUT_OF_RANGE,
+            f"Flicker of {n} values at a level of {level:g} cannot be drawn; give two values or more, and a "
+            "finite level that is not negative.",
         )
     half = 2 * level**2 * difference_correlation(np.arange(n), "flicker")
     half[_FAR:] = level**2 * _TAIL * np.arange(n)[_FAR:] ** -2.0

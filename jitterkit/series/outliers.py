@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.series import Series
 
 __all__ = ["Outliers", "find_outliers"]
@@ -94,7 +94,7 @@ def find_outliers(series: Series, *, degree: int = 1, expected: float = 0.01, mo
     n = len(y)
     if n < _FEWEST:
         raise ConfigurationError(
-            f"{n} measurements do not tell which does not belong; give {_FEWEST} or more."
+            ErrorCode.TOO_FEW, f"{n} measurements do not tell which does not belong; give {_FEWEST} or more."
         )
     trend = _robust_trend(y, e, t, degree)
     z = (y - trend) / e

@@ -9,7 +9,7 @@ import numpy as np
 from astropy.timeseries import LombScargle
 from scipy.optimize import minimize_scalar
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.series import Series
 from jitterkit.series.trend import fit_trend
 
@@ -75,8 +75,9 @@ def find_period(series: Series, *, degree: int = 1, shortest: float | None = Non
     shortest = 2 * series.cadence if shortest is None else shortest
     if len(y) < _FEWEST or not 0 < shortest < span:
         raise ConfigurationError(
+            ErrorCode.TOO_FEW if len(y) < _FEWEST else ErrorCode.OUT_OF_RANGE,
             f"{len(y)} measurements over {span:g} show no period down to {shortest:g}; give {_FEWEST} or "
-            "more, and a period within them."
+            "more, and a period within them.",
         )
     lag = t - t.min()
     search = LombScargle(lag, y - fit_trend(series, degree).at(t), e, fit_mean=True)

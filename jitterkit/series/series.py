@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["Series"]
 
@@ -67,26 +67,37 @@ class Series:
         e = np.full(y.shape, float(e)) if e.ndim == 0 else e
         if y.ndim != 1 or e.shape != y.shape or t.shape != y.shape:
             raise ConfigurationError(
-                f"A series has as many values as errors and times; got {y.shape}, {e.shape} and {t.shape}."
+                ErrorCode.WRONG_SHAPE,
+                f"A series has as many values as errors and times; got {y.shape}, {e.shape} and {t.shape}.",
             )
         good = np.isfinite(y) & np.isfinite(e) & (e > 0)
         if good.sum() < 3:
-            raise ConfigurationError(f"{good.sum()} measurements are no series; give three or more.")
+            raise ConfigurationError(
+                ErrorCode.TOO_FEW, f"{good.sum()} measurements are no series; give three or more."
+            )
         if np.ptp(y[good]) == 0:
-            raise ConfigurationError(f"All values are {y[good][0]:g}; a series of one value has no scatter.")
-        if not np.all(np.isfinite(t[good])):
-            raise ConfigurationError("A measurement has no time; give a time to each, or to none.")
+            raise ConfigurationError(
+                ErrorCode.UNSUPPORTED, f"All values are {y[good][0]:g}; a series of one value has no scatter."
+            )
+        for row in np.flatnonzero(good & ~np.isfinite(t)):
+            raise ConfigurationError(
+                ErrorCode.MISSING_VALUE,
+                f"The time of measurement {row + 1} is {t[row]:g}; give a time to each, or to none.",
+            )
         step = _cadence(np.sort(t[good])) if times is not None and cadence is None else step
         if not (np.isfinite(step) and step > 0):
-            raise ConfigurationError(f"The cadence is {step:g}; give a positive one.")
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"The cadence is {step:g}; give a positive one.")
         if np.ptp(t[good]) < 2 * step:
             raise ConfigurationError(
-                f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a shorter."
+                ErrorCode.OUT_OF_RANGE,
+                f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a shorter "
+                "cadence.",
             )
         if np.ptp(t[good]) > (_SLOTS - 1) * step:
             raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
                 f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a cadence "
-                f"of {np.ptp(t[good]) / _SLOTS:.2g} or more."
+                f"of {np.ptp(t[good]) / _SLOTS:.2g} or more.",
             )
         return cls(np.where(good, y, np.nan), np.where(good, e, np.nan), t, step, errors is not None)
 
@@ -130,6 +141,8 @@ def _cadence(times: np.ndarray) -> float:
     steps = np.diff(times)
     steps = steps[steps > 0]
     if not len(steps):
-        raise ConfigurationError("All times are the same; give the time of each measurement.")
+        raise ConfigurationError(
+            ErrorCode.TOO_FEW, f"All times are {times[0]:g}; give the time of each measurement."
+        )
     step = float(steps.sum() / np.rint(steps / np.median(steps)).sum())
     return max(step, float(times[-1] - times[0]) / _FINE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary
@@ -28,11 +28,13 @@ def check_scene(scene: Binary, locus: Locus, background: float = 0.0) -> None:
     }
     for name, (value, least, rule) in rules.items():
         if not least <= value < np.inf:
-            raise ConfigurationError(f"{name} = {value:g} {rule}.")
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} {rule}.")
     others = {"theta": scene.theta, "x": scene.x, "y": scene.y, "jitter": locus.coords.sum()}
     for name, other in others.items():
         if not np.isfinite(float(other)):
-            raise ConfigurationError(f"{name} = {float(other):g} is not a finite number; give one.")
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"{name} = {float(other):g} is not a finite number; give one."
+            )
 
 
 def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
@@ -51,16 +53,18 @@ def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
         limit = (n / 2 + grid.pad) * grid.plate_scale
         if star.max() + 2 * major > limit:
             raise ConfigurationError(
+                ErrorCode.SAMPLING,
                 f"A star {star.max():g} arcsec from the centre along {axis}, with a blur of {major:g} arcsec "
                 f"rms, leaves the modelled field of {limit:g} arcsec on each side; move it in, or give more "
-                "padding."
+                "padding.",
             )
     finest = _finest(otf)
     if locus.exact_to() < finest:
         raise ConfigurationError(
+            ErrorCode.SAMPLING,
             f"A {locus_name(locus)} jitter of {major:.3g} arcsec rms is exact to {locus.exact_to():.3g} "
             f"cycles/arcsec only, and the telescope shows {finest:.3g}; take a smaller one, a trace of more "
-            "samples, or a locus that has a formula: linear, shm, mvn or ellipse."
+            "samples, or a locus that has a formula: linear, shm, mvn or ellipse.",
         )
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.detectors.detector import ASSUMED
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
@@ -109,7 +109,9 @@ def simulate_frame(
         padded grid and come back on its other side.
     """
     if velocity is not None and shutter is not None:
-        raise ConfigurationError("Give a velocity or a shutter, not both: a shutter holds its own motion.")
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "Give a velocity or a shutter, not both: a shutter holds its own motion."
+        )
     check_scene(scene, locus, background)
     state = np.zeros(len(instrument.aberrations)) if aberrations is None else np.asarray(aberrations, float)
     if otf is None:
@@ -174,22 +176,29 @@ def simulate_sequence(
 
     Raises
     ------
-    ValueError
+    ConfigurationError
         If an array has another length; the message gives it.
     """
     changes = {"separation": separation, "theta": theta, "x": x, "y": y, "flux": flux}
     changes = {name: values for name, values in changes.items() if values is not None}
     for name, values in changes.items():
         if np.shape(values) != (frames,):
-            raise ValueError(
-                f"{name} has shape {np.shape(values)}; give one value for each of {frames} frames."
+            raise ConfigurationError(
+                ErrorCode.WRONG_SHAPE,
+                f"{name} has shape {np.shape(values)}; give one value for each of {frames} frames.",
             )
     loci = [locus] * frames if isinstance(locus, Locus) else locus
     if len(loci) != frames:
-        raise ValueError(f"locus has {len(loci)} loci; give one, or one for each of {frames} frames.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"locus has {len(loci)} loci; give one, or one for each of {frames} frames.",
+        )
     shutters = shutter if isinstance(shutter, Sequence) else [shutter] * frames
     if len(shutters) != frames:
-        raise ValueError(f"shutter has {len(shutters)}; give one, or one for each of {frames} frames.")
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"shutter has {len(shutters)}; give one, or one for each of {frames} frames.",
+        )
     velocities = [None] * frames if velocity is None else _each("velocity", velocity, 2, frames, "arcsec/s")
     states = _each("aberrations", aberrations, len(instrument.aberrations), frames, "nm")
     otf = None
@@ -217,8 +226,9 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
     """Values (frames, width), zero if not given, from one row for all frames or one for each."""
     given = np.zeros(width) if values is None else np.asarray(values, float)
     if given.shape not in ((width,), (frames, width)):
-        raise ValueError(
-            f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}.",
         )
     return np.broadcast_to(given, (frames, width))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.shutter import Drifting
 
 __all__ = ["drifting_shutter", "line_time_of"]
@@ -39,7 +39,8 @@ def drifting_shutter(detector: Detector, velocity, row_order: int = 1) -> Drifti
     """
     if velocity is None:
         return None
-    if np.shape(velocity) != (2,) or not np.all(np.isfinite(velocity)):
-        raise ConfigurationError(f"velocity = {velocity} is not a drift; give (vx, vy) in arcsec/s.")
+    if (shape := np.shape(velocity)) != (2,) or not np.all(np.isfinite(velocity)):
+        code = ErrorCode.OUT_OF_RANGE if shape == (2,) else ErrorCode.WRONG_SHAPE
+        raise ConfigurationError(code, f"velocity = {velocity} is not a drift; give (vx, vy) in arcsec/s.")
     line_time = line_time_of(detector, row_order)
     return Drifting(line_time, velocity) if line_time and np.any(velocity) else None

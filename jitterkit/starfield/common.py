@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.starfield.moments import Moments
 
 __all__ = ["Common", "common_moments"]
@@ -67,7 +67,8 @@ def common_moments(moments: Moments) -> Common:
     values, noise, used = moments.moments, moments.covariance, moments.sound.copy()
     if not used.any():
         raise UndeterminedError(
-            "No isolated star has a measurable shape; expose longer or give a larger frame."
+            ErrorCode.TOO_FEW_STARS,
+            "No isolated star has a measurable shape; expose longer or give a larger frame.",
         )
     mean, scatter = np.median(values[used], axis=0), np.zeros((3, 3))
     several = used.sum() >= _LEAST

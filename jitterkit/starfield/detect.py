@@ -17,7 +17,7 @@ from photutils.segmentation import SourceCatalog, deblend_sources, detect_source
 from photutils.utils.exceptions import NoDetectionsWarning
 from scipy import ndimage
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.vision import median_filter
 
@@ -148,7 +148,9 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
     bright &= np.isfinite(x + y + long)
     if not bright.any():
-        raise UndeterminedError("No star rises above the noise of the frame; expose longer or stack frames.")
+        raise UndeterminedError(
+            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
+        )
     typical = float(np.median(long[bright]))
     good = bright & ~_blended(regions.data, whole) & (long < _LONGER * typical)
     half = _half_width(typical) if half is None else half
@@ -159,8 +161,9 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     alone = _alone(stars, _CORE * typical)
     if not alone.any():
         raise UndeterminedError(
+            ErrorCode.TOO_FEW_STARS,
             "No star of the frame stands alone, clear of bad pixels and of the edge; "
-            "choose a less crowded part of it."
+            "choose a less crowded part of it.",
         )
     return stars.chosen(alone)
 
@@ -168,7 +171,7 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
 def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Image without background, noise of each pixel, and bad pixels, which are filled."""
     if frame.mask.all():
-        raise UndeterminedError(f"{frame.name} has no usable pixel.")
+        raise UndeterminedError(ErrorCode.NO_DATA, f"{frame.name} has no usable pixel; mask less of it.")
     box = tuple(min(_BOX, n) for n in frame.shape)
     background = Background2D(
         frame.electrons,
@@ -194,7 +197,9 @@ def _regions(image: np.ndarray, noise: np.ndarray):
         warnings.simplefilter("ignore", NoDetectionsWarning)
         whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
     if whole is None:
-        raise UndeterminedError("No star rises above the noise of the frame; expose longer or stack frames.")
+        raise UndeterminedError(
+            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
+        )
     split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
     return split, whole.data
 

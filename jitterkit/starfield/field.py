@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.conventions import axis_angle
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
@@ -121,7 +121,9 @@ def estimate_field(
     """
     scale = plate_scale if plate_scale is not None else (frame.plate_scale or 1.0)
     if not (np.isfinite(scale) and scale > 0):
-        raise ConfigurationError(f"The plate scale must be positive, in arcsec per pixel; got {scale}.")
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"The plate scale must be positive, in arcsec per pixel; got {scale}."
+        )
     stars = find_stars(frame)
     moments = adaptive_moments(stars)
     common = common_moments(moments)
@@ -136,8 +138,9 @@ def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
         raise ConfigurationError(
+            ErrorCode.REFERENCE,
             f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}; "
-            "give a reference on the same pixels."
+            "give a reference on the same pixels.",
         )
     return field_psf(reference, half=stars.electrons.shape[-1] // 2)
 
@@ -167,7 +170,10 @@ def roundest(frames: Sequence[Frame]) -> int:
         except UndeterminedError:
             sizes.append(np.inf)
     if not sizes or not np.isfinite(min(sizes)):
-        raise UndeterminedError(f"None of {len(sizes)} frames shows an isolated star; give sharper ones.")
+        raise UndeterminedError(
+            ErrorCode.TOO_FEW_STARS,
+            f"No isolated star is seen in any frame of {len(sizes)}; give sharper ones.",
+        )
     return int(np.argmin(sizes))
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.loci import Locus
 from jitterkit.optics import OTF
@@ -91,8 +91,9 @@ def doubt_of(misfit: Misfit, model: str, length: float, elongation: float) -> tu
     """
     if misfit.chi2_dof > _NONSENSE and misfit.share > _AMISS:
         raise UndeterminedError(
+            ErrorCode.MODEL_MISMATCH,
             f"{model} leaves chi²/dof {misfit.chi2_dof:.3g} and {misfit.share:.0%} of the mean star; its "
-            "shape is not a trail's."
+            "shape is not a trail's.",
         )
     if misfit.chi2_dof < _POOR:
         return 0.0, ()

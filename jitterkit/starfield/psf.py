@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.starfield.common import common_moments
 from jitterkit.starfield.detect import Stars, find_stars
@@ -112,7 +112,8 @@ def stack_psf(stars: Stars, moments: Moments) -> Psf:
     whole = float(mean.sum())
     if not whole > 0:
         raise UndeterminedError(
-            "The stacked stars hold no light above their surroundings; they are no stars."
+            ErrorCode.NO_SIGNAL,
+            f"The stacked stars ({len(stars)}) hold no light above their surroundings; they are no stars.",
         )
     error = np.sqrt(np.tensordot(weight**2, np.where(stars.used, variance, 0.0), 1)) / total
     return Psf(mean / whole, error / whole, common.moments, common.covariance, len(stars))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.loci import axis_variances, covariance_on_axis
 from jitterkit.starfield.psf import Psf
@@ -48,13 +48,18 @@ def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray) -> None:
         return
     if major > _BLURRIER * np.sqrt(own[0, 0]):
         raise UndeterminedError(
+            ErrorCode.REFERENCE,
             f"The reference is blurrier than the frame along {across:.0f} degrees (by {-minor:.3g} pixel² of "
-            f"variance) and sharper along {axis:.0f} degrees; give one that is sharper all round."
+            f"variance) and sharper along {axis:.0f} degrees; give one that is sharper all round.",
         )
     # a trail widens adaptive moments a little across it too: some deficit there is not all round
     all_round = major < -_BLURRIER * np.sqrt(own[0, 0]) and minor > 2 * major
     where = "all round" if all_round else f"along {across:.0f} degrees"
-    raise UndeterminedError(f"The reference is blurrier than the frame, {where}; exchange them?")
+    raise UndeterminedError(
+        ErrorCode.REFERENCE,
+        f"The reference is blurrier than the frame, {where} (by {-minor:.3g} pixel² of variance); "
+        "exchange them?",
+    )
 
 
 def is_blurred(excess: np.ndarray, covariance: np.ndarray) -> bool:

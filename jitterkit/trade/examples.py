@@ -10,7 +10,7 @@ import numpy as np
 from jitterkit.batch import Processor
 from jitterkit.batch.plan import count_frames
 from jitterkit.batch.survey import read_items
-from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.trade.predict import Example
 
 __all__ = ["examples_of"]
@@ -59,7 +59,8 @@ def examples_of(
             break
     if not examples:
         raise ConfigurationError(
+            ErrorCode.TOO_FEW,
             f"None of {len(spread)} frames that were looked at can be fitted, so there is nothing to "
-            "plan for; see what 'jitterkit process' without --tolerance and --budget says about them."
+            "plan for; see what 'jitterkit process' without --tolerance and --budget says about them.",
         )
     return examples, round(len(files) * float(np.mean(list(counts.values()))))

@@ -23,7 +23,7 @@ import numpy as np
 
 from jitterkit.batch import Processor
 from jitterkit.batch.finder import Estimated
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
 from jitterkit.likelihood import Data
@@ -118,8 +118,13 @@ def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
     locus = "mvn" if processor.locus == "auto" else processor.locus  # to which it comes where little is seen
     looker = Looker(optics, locus, hold, processor.options.priors, censored=processor.censored)
     fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
-    if not fit.combined.kept.all() or len(fit.messages) < len(frames):
-        raise JitterkitError("Not all frames go together.")
+    together = int(fit.combined.kept.sum())
+    if together < len(frames):
+        raise JitterkitError(
+            ErrorCode.WRONG_INSTRUMENT,
+            f"Only {together} of {len(frames)} frames can be fitted together; give frames of one pair and "
+            "telescope, or fit each by itself.",
+        )
     error = fit.separation[1] * math.sqrt(len(frames))
     return np.array([(one.separation, error) for one in fit.frames()])
 
@@ -127,11 +132,11 @@ def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
 def _estimated(processor: Processor, frame: Frame) -> Estimated:
     estimated = processor.estimate(frame)
     if isinstance(estimated, FitResult):
-        raise JitterkitError(estimated.message)
+        raise JitterkitError(ErrorCode(estimated.reason), estimated.message)
     return estimated
 
 
 def _told(fit: FitResult) -> tuple[float, float]:
     if fit.parameters is None or not fit.status.usable:
-        raise JitterkitError(fit.message)
+        raise JitterkitError(ErrorCode(fit.reason), fit.message)
     return fit.of_scene("separation"), fit.error("separation")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from jitterkit.batch.plan import FEWEST
-from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.trade.cost import work
 from jitterkit.trade.fitting import TOGETHER, Fitting
 from jitterkit.trade.ladder import RUNGS, can_be_had
@@ -91,8 +91,9 @@ class Planner:
         unfinished = outlook.unfinished(min(RUNGS["tolerance"]))
         least = max(outlook.loss(min(every, key=outlook.rough_loss)) / _MARGIN, unfinished / _UNFINISHED)
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "
-            f"allow {_rounded_up(1e6 * least)} uas or more."
+            f"allow {_rounded_up(1e6 * least)} uas or more.",
         )
 
     def within(self, seconds: float) -> Plan:
@@ -118,8 +119,9 @@ class Planner:
                     return Plan(settings, self.outlook.loss(settings), spent)
             share *= min(_SHORTER * seconds / spent, _SHORTER)
         raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
             f"No settings that describe these frames fit one in {1e3 * seconds:.3g} ms on this machine; give "
-            "more, or ask for the fastest by --preset fast."
+            "more, or ask for the fastest by --preset fast.",
         )
 
     def as_they_are(self) -> Plan:

@@ -20,7 +20,7 @@ from jaxtyping import Array
 
 from jitterkit.batch import Processor
 from jitterkit.batch.finder import SCORE
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data, NormalEquations, equations_of
@@ -135,7 +135,7 @@ class Example:
         ------
         ConfigurationError
             If the instrument cannot be modelled so, or the frame does not determine its parameters then.
-        NoStarError
+        FrameError
             If so small a region shows nothing.
 
         Notes
@@ -146,7 +146,10 @@ class Example:
         names, equations, known, pixels = self._equations(settings.applied(self.processor))
         covariance, sound = invert_information(equations.information + known)
         if not sound:
-            raise ConfigurationError(f"{self.raw.name} does not determine its parameters with {settings}.")
+            raise ConfigurationError(
+                ErrorCode.NOT_CONSTRAINED,
+                f"{self.raw.name} does not determine its parameters with {settings}.",
+            )
         slot = names.index("separation")
         step = covariance @ equations.score
         scatter = math.sqrt(2 * pixels)

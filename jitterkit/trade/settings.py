@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from jitterkit.batch import Processor
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
@@ -80,15 +80,19 @@ class Settings:
         for name, choices in known.items():
             if (value := getattr(self, name)) not in choices:
                 listed = ", ".join(map(str, choices))
-                raise ConfigurationError(f"{name} = {value!r} is unknown; choose one of {listed}.")
+                code = ErrorCode.OUT_OF_RANGE if name == "bits" else ErrorCode.UNKNOWN_NAME
+                raise ConfigurationError(code, f"{name} = {value!r} is unknown; choose one of {listed}.")
         if not self.tolerance > 0:
             raise ConfigurationError(
-                f"tolerance = {self.tolerance} is not positive; give a part of an error."
+                ErrorCode.OUT_OF_RANGE,
+                f"tolerance = {self.tolerance} is not positive; give a part of an error.",
             )
         for name, least in (("pad", 0), ("samples", 1), ("binning", 1), ("region", 1), ("nodes", 3)):
             value = getattr(self, name)
             if value is not None and value < least:
-                raise ConfigurationError(f"{name} = {value} is impossible; give at least {least}.")
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE, f"{name} = {value} is impossible; give at least {least}."
+                )
 
     def instrument(self, instrument: Instrument) -> Instrument:
         """The instrument as it is modelled.
@@ -170,7 +174,9 @@ def preset(name: str, instrument: Instrument) -> Settings:
         If there is none of that name.
     """
     if name not in PRESETS:
-        raise ConfigurationError(f"There is no preset {name!r}; choose one of {', '.join(PRESETS)}.")
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME, f"There is no preset {name!r}; choose one of {', '.join(PRESETS)}."
+        )
     settings, pad = PRESETS[name], own_pad(instrument)
     if name == "fast" and settings.pad is not None:
         return replace(settings, pad=min(settings.pad, pad))

@@ -1,4 +1,4 @@
-"""A telescope and its frames of a pair; star fields and views whose smear is known."""
+"""Frames of a pair by the one telescope; star fields and views whose smear is known."""
 
 import functools
 
@@ -10,17 +10,11 @@ from scipy.special import erf
 
 from jitterkit.batch import Processor
 from jitterkit.frames import RawFrame, open_frames, write_fits
-from jitterkit.instruments import load_instrument
 from jitterkit.loci import Mvn
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame
 
 LENGTH, SIGMA = 5.0, 1.5
-
-
-@pytest.fixture(scope="session")
-def telescope():
-    return load_instrument("smallsat")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +24,7 @@ def processor(telescope):
 
 @pytest.fixture(scope="session")
 def drawn(drawn_by, telescope):
-    """A pair at 10 arcsec under a little jitter; what is named is changed."""
+    """A pair at 8 arcsec under a little jitter; what is named is changed."""
     return functools.partial(drawn_by, telescope)
 
 
@@ -40,7 +34,7 @@ def drawn_by():
 
     def draw(telescope, rng, aberrations=None, **changes):
         values = {
-            "separation": 10.0,
+            "separation": 8.0,
             "theta": 30.0,
             "x": 1.0,
             "y": -2.0,

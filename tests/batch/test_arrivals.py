@@ -83,7 +83,7 @@ def test_a_directory_that_is_lost_for_a_while_is_waited_for(small, tmp_path, cap
     assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
     where.rename(tmp_path / "elsewhere")
     assert [told(arrivals) for _ in range(2)] == [[], []]
-    assert [record.getMessage().split(" (")[0] for record in caplog.records] == [f"{where} cannot be listed"]
+    assert [record.args[0] for record in caplog.records] == [where]
     (tmp_path / "elsewhere").rename(where)
     assert [told(arrivals) for _ in range(3)] == [[], [], []]
 
@@ -116,7 +116,7 @@ def test_a_frame_that_could_not_be_read_is_told_again_when_its_file_has_changed(
     arrivals, path = taken
     path.write_bytes(small[:2900])
     arrivals.again(path, 0)
-    assert caplog.messages == [f"{path} cannot be read after all; it is looked at again when it changes."]
+    assert [record.args for record in caplog.records] == [(str(path),)]
     assert [told(arrivals) for _ in range(9)] == [[]] * 9
     assert list(arrivals.unfinished()) == [(path, 0)]
     path.write_bytes(small)

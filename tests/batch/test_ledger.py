@@ -8,9 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from jitterkit.batch.ledger import LEDGER, Ledger
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.report.pictures import FrameReport
 
 CONFIGURATION = {"--locus": "auto"}
@@ -89,7 +90,7 @@ def test_a_batch_without_rows_is_done(ledger):
 
 def test_a_batch_is_entered_once(ledger):
     ledger.add(0, [row(frame=1)])
-    with pytest.raises(ValueError, match="Batch 0 has been entered"):
+    with refused(ErrorCode.DUPLICATE, " 0 ", ledger.path):
         ledger.add(0, [row(frame=2)])
     assert [one["frame"] for one in ledger.rows()] == [1]
 
@@ -146,7 +147,7 @@ def test_a_run_is_not_begun_twice_unless_it_may_be_forgotten(ledger, tmp_path):
     ledger.add(0, [row()], {0: FrameReport("a", row(), b"png")})
     list(ledger.frame_counts([Path("a")], lambda path: 3))
     ledger.close()
-    with pytest.raises(ConfigurationError, match=r"holds a run already; give --resume .* --overwrite"):
+    with refused(ErrorCode.EXISTS, tmp_path, "--resume", "--overwrite"):
         Ledger.create(tmp_path, CONFIGURATION)
     with Ledger.create(tmp_path, {"--locus": "mvn"}, overwrite=True) as again:
         assert (list(again.rows()), again.pictures()) == ([], [])

@@ -3,10 +3,11 @@
 import math
 
 import pytest
+from refusals import refused
 
 from jitterkit.batch.ledger import Ledger
 from jitterkit.batch.ledger_match import refuse_difference
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 
 CONFIGURATION = {
     "--locus": "auto",
@@ -33,40 +34,30 @@ def test_what_is_not_made_of_a_new_setting_is_no_difference(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "sentence"),
+    ("changes", "values"),
     [
-        ({"--locus": "mvn"}, r"was begun with --locus auto, not mvn; give the same, or another directory\."),
-        ({"priors": [1.0, 2.0]}, r"with priors\[1\] NaN, not 2\.0; give"),
-        ({"priors": [1.0]}, r"with priors\[1\] NaN, not without; give"),
+        ({"--locus": "mvn"}, ["--locus auto", "mvn"]),
+        ({"priors": [1.0, 2.0]}, ["priors[1]", "NaN", "2.0"]),
+        ({"priors": [1.0]}, ["priors[1]", "NaN"]),
         (
             {"files": ["a.fits", "\x1b[2J", "b.fits"]},
-            r"was begun without 1 of these files \(\\x1b\[2J\); process .* another directory, give "
-            "--overwrite instead of --resume .* or let 'jitterkit watch' follow",
+            [" 1 ", r"(\x1b[2J)", "--overwrite", "--resume", "'jitterkit watch'"],
         ),
-        (
-            {"files": ["0", "a.fits", "1", "2", "b.fits"]},
-            r"without 3 of these files \(0 for one\); process what",
-        ),
-        (
-            {"files": ["b.fits"]},
-            r"was begun with 1 file more than these \(a\.fits\); put back what is missing",
-        ),
-        ({"files": []}, r"was begun with 2 files more than these \(a\.fits for one\); put back"),
-        ({"files": ["x" * 200, "b.fits"]}, r"files\[0\] a\.fits, not x{77}\.\.\.;"),
-        ({"files": ["b.fits", "a.fits"]}, r"files\[0\] a\.fits, not b\.fits;"),
-        ({"--rays": True}, "was begun without --rays, not with --rays true;"),
-        (
-            {"versions": {"jax": "0.11"}},
-            r"with versions\.jax 0\.10, not 0\.11, .* the same versions; install",
-        ),
-        ({"versions": {}}, r"with versions\.jax 0\.10, not without, and .* the same versions"),
+        ({"files": ["0", "a.fits", "1", "2", "b.fits"]}, [" 3 ", "(0 ", "--overwrite"]),
+        ({"files": ["b.fits"]}, [" 1 ", "(a.fits)"]),
+        ({"files": []}, [" 2 ", "(a.fits "]),
+        ({"files": ["x" * 200, "b.fits"]}, ["files[0]", "a.fits", f" {'x' * 77}..."]),
+        ({"files": ["b.fits", "a.fits"]}, ["files[0]", "a.fits", "b.fits"]),
+        ({"--rays": True}, ["--rays true"]),
+        ({"versions": {"jax": "0.11"}}, ["versions.jax", "0.10", "0.11"]),
+        ({"versions": {}}, ["versions.jax", "0.10"]),
     ],
     ids=["value", "nan", "shorter", "come", "more", "went", "all", "long", "order", "new", "version", "gone"],
 )
-def test_another_configuration_is_refused_by_its_first_difference(tmp_path, changes, sentence):
+def test_another_configuration_is_refused_by_its_first_difference(tmp_path, changes, values):
     with Ledger.create(tmp_path, CONFIGURATION) as ledger:
         ledger.add(0, [{"frame": 1}])
-    with pytest.raises(ConfigurationError, match=sentence):
+    with refused(ErrorCode.CONFLICT, tmp_path, *values):
         Ledger.resume(tmp_path, CONFIGURATION | changes)
     with Ledger.resume(tmp_path, CONFIGURATION) as again:  # which the refusal left alone
         assert again.done() == {0}

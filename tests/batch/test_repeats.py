@@ -26,6 +26,7 @@ FRAMES, OTHER = 12, 7
 
 @pytest.fixture(scope="module")
 def telescope():
+    """One of its own: frames are compared in a cut-out, which is smaller only of a large frame."""
     pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
     return replace(load_instrument("smallsat"), pupil_from=pupil)
 

@@ -14,8 +14,9 @@ from jitterkit.batch import Processor
 from jitterkit.batch.binary import BinaryMeasurer
 from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.plan import Batch, plan_batches
-from jitterkit.batch.room import Room, out_of_memory
+from jitterkit.batch.room import Room
 from jitterkit.batch.stream import process_batches
+from jitterkit.errors import ErrorCode, code_of, out_of_memory
 from jitterkit.frames import RawFrame, write_fits
 
 FRAMES, GREEDY = 8, 3
@@ -31,7 +32,9 @@ def test_what_jax_and_numpy_say_is_understood():
         with pytest.raises(kind) as caught:
             ask()
         assert out_of_memory(caught.value)
+        assert code_of(caught.value) is ErrorCode.OUT_OF_MEMORY
     assert not out_of_memory(ValueError("no"))
+    assert code_of(ValueError("no")) is ErrorCode.INTERNAL
 
 
 @pytest.fixture
@@ -77,7 +80,7 @@ def test_fewer_work_at_a_time_after_memory_has_run_out(crowd, fits, caplog):
         done = list(pool.map(room.do, map(task, range(30))))
     assert done == list(range(30))
     assert max(crowd.most[-20:]) <= fits
-    assert f"no more than {fits} threads work at a time" in caplog.text
+    assert caplog.records[-1].args == (fits,)
 
 
 def test_one_that_has_no_memory_even_alone_takes_no_place_from_the_others(crowd):
@@ -132,8 +135,7 @@ def test_a_frame_without_memory_is_a_row_and_the_others_are_fitted_as_ever(files
     (sound,) = process_batches(plan, Processor(telescope, locus="mvn"), threads=3)
     for place, (row, expected) in enumerate(zip(done.rows, sound.rows, strict=True)):
         if place == GREEDY:
-            assert row["status"] == "failed"
-            assert "Out of memory" in row["message"]
+            assert (row["status"], row["reason"]) == ("failed", "out_of_memory")
         else:
             assert repr({**row, "seconds": 0}) == repr({**expected, "seconds": 0})
 
@@ -141,7 +143,7 @@ def test_a_frame_without_memory_is_a_row_and_the_others_are_fitted_as_ever(files
 def test_an_estimate_without_memory_is_a_row_too(files, greedy):
     table = estimate_files(files[:5], BinaryMeasurer(greedy))
     assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
-    assert "Out of memory" in table["message"][GREEDY]
+    assert list(table["reason"]) == [""] * GREEDY + ["out_of_memory"] + [""] * (4 - GREEDY)
 
 
 def test_a_frame_for_which_there_was_no_memory_as_it_was_read_is_calibrated_again(files, telescope):
@@ -158,6 +160,7 @@ def test_a_frame_for_which_there_was_no_memory_as_it_was_read_is_calibrated_agai
     expected = ["ok"] * FRAMES
     expected[GREEDY] = "failed"
     assert [row["status"] for row in done.rows] == expected
+    assert done.rows[GREEDY]["reason"] == "out_of_memory"
 
 
 def test_an_estimate_for_which_there_was_no_memory_as_its_frame_was_read_is_made_again(
@@ -183,5 +186,5 @@ def test_an_estimate_for_which_there_was_no_memory_as_its_frame_was_read_is_made
     monkeypatch.setattr(RawFrame, "digest", property(late_digest))
     table = estimate_files(files[:5], BinaryMeasurer(Late(telescope)))
     assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
-    assert "Out of memory" in table["message"][GREEDY]
+    assert list(table["reason"]) == [""] * GREEDY + ["out_of_memory"] + [""] * (4 - GREEDY)
     assert len(asked) == 9  # of the one there is no digest either

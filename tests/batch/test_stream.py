@@ -1,7 +1,6 @@
 """Batches worked through by threads, against frames processed one by one."""
 
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,26 +9,19 @@ from jitterkit.batch import Processor
 from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.batch.stream import in_threads, process_batches
 from jitterkit.frames import open_frames, write_fits, write_tiff
-from jitterkit.optics import OpticalSystem, obstructed_circle
+from jitterkit.optics import OpticalSystem
 
 SIZE = 10
 
 
 @pytest.fixture(scope="module")
-def bent(telescope):
-    """A small telescope of which coma and trefoil are to be fitted too."""
-    pupil = obstructed_circle(0.09, 0.03, noll=(7, 9), samples=64)
-    return replace(telescope, pupil_from=pupil, shape=(40, 40))
-
-
-@pytest.fixture(scope="module")
-def night(bent, drawn_by, tmp_path_factory):
+def night(telescope, drawn_by, tmp_path_factory):
     """Twenty-three frames: the wavefront steps by 8 nm in the middle; one is damaged, one shows nothing."""
     directory, rng = tmp_path_factory.mktemp("night"), np.random.default_rng(7)
     for number in range(23):
         step = 8.0 * (number >= SIZE)
-        image = drawn_by(bent, rng, aberrations=[15.0 + step, -6.0]).raw.data
-        image = rng.normal(bent.detector.bias, 1, image.shape) if number == 4 else image
+        image = drawn_by(telescope, rng, aberrations=[15.0 + step, -6.0]).raw.data
+        image = rng.normal(telescope.detector.bias, 1, image.shape) if number == 4 else image
         path = write_fits(directory / f"{number:02d}.fits", image.astype(np.float32))
         if number == 5:
             path.write_bytes(path.read_bytes()[:-3000])
@@ -37,8 +29,8 @@ def night(bent, drawn_by, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def processor(bent):
-    return Processor(bent, locus="mvn")
+def processor(telescope):
+    return Processor(telescope, locus="mvn")
 
 
 def done(paths, processor, **options):
@@ -61,6 +53,7 @@ def test_every_frame_has_a_row_in_order(night, rows):
     assert [row["path"] for row in rows] == [str(path) for path in night]
     statuses = [row["status"] for row in rows]
     assert [statuses[4], statuses[5]] == ["no_star", "unreadable"]
+    assert [rows[4]["reason"], rows[5]["reason"]] == ["no_star", "truncated"]
     assert statuses.count("ok") == 21
 
 
@@ -101,7 +94,9 @@ def test_a_file_that_has_lost_frames_since_they_were_counted_says_so(night, proc
     batch = Batch(0, tuple((night[0], index) for index in range(3)))
     (part,) = process_batches([batch], processor)
     assert [row["status"] for row in part.rows] == ["ok", "unreadable", "unreadable"]
-    assert "has 1 frames, fewer than before" in part.rows[2]["message"]
+    assert [row["reason"] for row in part.rows] == ["", "changed", "changed"]
+    assert str(night[0]) in part.rows[2]["message"]
+    assert " 1 " in part.rows[2]["message"]
 
 
 def test_a_bad_toml_beside_an_image_is_a_row_like_any_other_fault(night, processor, tmp_path):
@@ -111,7 +106,8 @@ def test_a_bad_toml_beside_an_image_is_a_row_like_any_other_fault(night, process
     batch = Batch(0, ((tmp_path / "a.tif", 0), (night[0], 0)))
     (part,) = process_batches([batch], processor)
     assert [row["status"] for row in part.rows] == ["unreadable", "ok"]
-    assert "a.toml" in part.rows[0]["message"]
+    assert part.rows[0]["reason"] == "wrong_type"
+    assert all(value in part.rows[0]["message"] for value in ("a.toml", "gain", "'much'"))
 
 
 def test_what_is_not_worth_a_picture_is_not_drawn(night, processor):
@@ -180,3 +176,4 @@ def test_a_frame_in_the_lead_whose_scale_no_pupil_carries_is_a_row(night, proces
     assert batch.lead
     (done,) = process_batches([batch], processor)
     assert [row["status"] for row in done.rows] == ["mismatch"] + ["ok"] * 7
+    assert done.rows[0]["reason"] == "sampling"

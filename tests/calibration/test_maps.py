@@ -1,5 +1,7 @@
 """Maps of bias, read noise, dark current and response, and the pixels that are bad."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -47,8 +49,12 @@ def test_a_map_serves_once_its_pixels_differ_by_more_than_its_error(a_camera):
     few, many = (calibrate(camera.biases(n), gain=3.7).bias for n in (3, 30))
     assert not few.serves
     assert many.serves
-    assert "one number serves better" in few.sentence()
-    assert many.sentence().endswith("the map serves.")
+    short, long = (
+        [float(number) for number in re.findall(r"\d+(?:\.\d+)?", found.sentence())] for found in (few, many)
+    )
+    assert long == pytest.approx([30, many.true_spread, many.error], rel=0.005)
+    assert short[:3] == pytest.approx([3, few.true_spread, few.error], rel=0.005)
+    assert short[3:] == [pytest.approx(2 * (0.71 / 0.3) ** 2, abs=1.5)]  # frames from which it would serve
 
 
 @pytest.mark.parametrize("seconds", [(20.0,), (10.0, 40.0), (5.0, 20.0, 60.0)])

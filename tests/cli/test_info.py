@@ -4,6 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
+from jitterkit.errors import ErrorCode
 
 runner = CliRunner()
 
@@ -31,7 +32,5 @@ def test_info_tells_an_instrument_file(tmp_path):
     assert "preset smallsat" in told["plate_scale"]
 
 
-def test_info_of_nothing_says_so():
-    done = runner.invoke(app, ["info", "imx138"])
-    assert done.exit_code == 2
-    assert "imx138: does not exist" in done.stderr
+def test_info_of_nothing_says_so(told):
+    told(runner.invoke(app, ["info", "imx138"]), ErrorCode.NOT_FOUND, "imx138")

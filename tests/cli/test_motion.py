@@ -1,5 +1,6 @@
 """``jitterkit motion``, and ``simulate`` shaken by a spectrum."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from jitterkit.cli.motion import motion
 from jitterkit.cli.runtime import tells_errors
 from jitterkit.cli.simulate import simulate
+from jitterkit.errors import ErrorCode
 from jitterkit.motion import Line, PowerSpectrum, split_spectrum
 from jitterkit.report.table import read_table
 
@@ -42,11 +44,13 @@ def test_hst_is_a_worked_example_in_tables_on_stdout_and_talk_on_stderr(tmp_path
         ("61", "high", "shm"),
         ("300", "high", "shm"),
     }
-    assert "critical frequency is 10 Hz" in done.stderr
-    assert "61 Hz, 0.020 arcsec: high (6.1 cycles an exposure); shm." in done.stderr
+    assert re.search(r"\b10 Hz", done.stderr)  # the critical frequency, one over the exposure
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("61 Hz")]
+    for value in ("0.020 arcsec", "high", "6.1", "shm"):
+        assert value in line
 
 
-def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path):
+def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path, told):
     table, picture = tmp_path / "budget.ecsv", tmp_path / "motion.png"
     done = assess(lines, "-o", table, "--plot", picture, "--cadence", "0.5")
     assert done.exit_code == 0, done.output
@@ -62,9 +66,7 @@ def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path):
     ratio = np.divide(loss["error_with"], loss["error_without"]) ** 2 - 1
     np.testing.assert_allclose(ratio, [along, across])
     assert "more_time" in done.stdout
-    again = assess(lines, "-o", table)
-    assert again.exit_code == 2
-    assert "--overwrite" in again.stderr
+    told(assess(lines, "-o", table), ErrorCode.EXISTS, table, "--overwrite")
 
 
 def test_no_motion_costs_what_free_moments_cost(tmp_path):
@@ -85,7 +87,7 @@ def test_without_a_flux_it_is_said_that_no_cost_is_forecast(lines, tmp_path):
     )
     done = runner.invoke(app, ["motion", str(lines), "-i", str(plain)])
     assert done.exit_code == 0, done.output
-    assert "is not forecast: the instrument 'plain' has no flux; give it" in " ".join(done.stderr.split())
+    assert any("'plain'" in line and "flux" in line for line in done.stderr.splitlines())
     assert "more_time" not in done.stdout
     unasked = runner.invoke(app, ["motion", str(lines), "-i", str(plain), "--no-loss"])
     assert "flux" not in unasked.stderr
@@ -107,10 +109,11 @@ def test_a_trace_is_split_and_a_loop_takes_its_slow_part(tmp_path):
     free, held = assess(path, "--no-loss"), assess(path, "--no-loss", "--bandwidth", "10")
     for done in (free, held):
         assert done.exit_code == 0, done.output
-        assert "50 exposures in the trace." in done.stderr
+        assert "50 exposures" in done.stderr
     smear = [float(done.stdout.split()[-4]) for done in (free, held)]
     assert smear[1] < 0.2 * smear[0]
-    assert "A loop of 10 Hz leaves" in held.stderr
+    of_loop = set(held.stderr.splitlines()) - set(free.stderr.splitlines())
+    assert any("10 Hz" in line for line in of_loop)
 
 
 def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path):
@@ -142,29 +145,29 @@ def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "code", "values"),
     [
-        (["motion", "none.csv"], "none.csv: cannot be read"),
-        (["motion", "short.csv"], "holds no exposure of 0.1 s"),
-        (["motion", "lines.csv", "--exposure", "-1"], "An exposure of -1 s is impossible"),
-        (["motion", "lines.csv", "--cadence", "0.05"], "Exposures of 0.1 s cannot follow every 0.05 s"),
-        (["motion", "lines.csv", "--bandwidth", "0"], "bandwidth of 0 Hz is impossible"),
-        (["motion", "none.csv", "--plot", "a.pdf"], "a.pdf does not end in .png; name it so."),
-        (["motion", "none.csv", "-o", "a.txt"], "a.txt does not end in .ecsv; name it so."),
-        (["motion", "lines.csv", "--plot", "nowhere/a.png"], "nowhere is not a directory"),
-        (["simulate", "a.fits", "--spectrum", "short.csv"], "short.csv is a trace; give it by --trace."),
-        (["simulate", "a.fits", "--spectrum", "lines.csv", "--trace", "short.csv"], "leave out --trace"),
-        (["simulate", "a.fits", "--spectrum", "lines.csv", "--locus", "shm"], "leave out --locus"),
+        ("motion none.csv", ErrorCode.NOT_FOUND, ["none.csv"]),
+        ("motion short.csv", ErrorCode.OUT_OF_RANGE, ["0.01 s", "0.1 s"]),
+        ("motion lines.csv --exposure -1", ErrorCode.OUT_OF_RANGE, ["-1 s"]),
+        ("motion lines.csv --cadence 0.05", ErrorCode.OUT_OF_RANGE, ["0.1 s", "0.05 s"]),
+        ("motion lines.csv --bandwidth 0", ErrorCode.OUT_OF_RANGE, ["0 Hz"]),
+        ("motion none.csv --plot a.pdf", ErrorCode.WRONG_SUFFIX, ["a.pdf", ".png"]),
+        ("motion none.csv -o a.txt", ErrorCode.WRONG_SUFFIX, ["a.txt", ".ecsv"]),
+        ("motion lines.csv --plot nowhere/a.png", ErrorCode.NOT_FOUND, ["nowhere", "a.png"]),
+        ("simulate a.fits --spectrum short.csv", ErrorCode.UNSUPPORTED, ["short.csv", "--trace"]),
         (
-            ["simulate", "a.fits", "--spectrum", "lines.csv", "--length", "1"],
-            "leave out the sizes of a locus",
+            "simulate a.fits --spectrum lines.csv --trace short.csv",
+            ErrorCode.CONFLICT,
+            ["--spectrum", "--trace"],
         ),
+        ("simulate a.fits --spectrum lines.csv --locus shm", ErrorCode.CONFLICT, ["--spectrum", "--locus"]),
+        ("simulate a.fits --spectrum lines.csv --length 1", ErrorCode.CONFLICT, ["--spectrum", "--length"]),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence_and_exit_status_two(arguments, sentence, lines, monkeypatch):
+def test_what_cannot_be_done_is_one_sentence_and_exit_status_two(
+    arguments, code, values, lines, monkeypatch, told
+):
     monkeypatch.chdir(lines.parent)
     Path("short.csv").write_text("t,x,y\n0,0,0\n0.01,0,0\n")
-    done = runner.invoke(app, [*arguments, "-i", "smallsat"])
-    assert done.exit_code == 2
-    assert sentence in done.stderr
-    assert "Traceback" not in done.stderr
+    told(runner.invoke(app, [*arguments.split(), "-i", "smallsat"]), code, *values)

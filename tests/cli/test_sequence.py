@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
+from jitterkit.errors import ErrorCode
 from jitterkit.report.table import read_table
 
 TELESCOPE = """
@@ -74,7 +75,7 @@ def test_separation_and_sense_of_the_motion(fitted):
 
 
 def test_no_header_says_when_is_told(fitted):
-    assert "No header says when its frame was taken" in fitted[0].stderr
+    assert any("header" in line for line in fitted[0].stderr.splitlines())
 
 
 def test_pictures_are_there(fitted):
@@ -82,24 +83,25 @@ def test_pictures_are_there(fitted):
         assert (fitted[1] / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_results_are_not_replaced_unasked(night, fitted):
-    again = run(night, "-o", str(night / "out"))
-    assert again.exit_code == 2
-    assert "--overwrite" in again.stderr
+def test_results_are_not_replaced_unasked(night, fitted, told):
+    told(run(night, "-o", str(night / "out")), ErrorCode.EXISTS, night / "out", "--overwrite")
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "code", "values"),
     [
-        (["--law", "separation"], "is not NAME=LAW"),
-        (["--law", "separation=never"], "'never' is no law of change"),
-        (["--law", "flux=constant"], "'flux' is not shared by the frames"),
-        (["--diffusion"], "'mvn' blurs all ways"),
-        (["--telemetry", "nothing.csv"], "nothing.csv"),
+        (["--law", "separation"], ErrorCode.MALFORMED, ["--law", "'separation'"]),
+        (["--law", "separation=never"], ErrorCode.MALFORMED, ["'never'", "constant", "wander"]),
+        (["--law", "flux=constant"], ErrorCode.UNKNOWN_NAME, ["'flux'", "separation"]),
+        (["--diffusion"], ErrorCode.NOT_CONSTRAINED, ["'mvn'", "linear"]),
+        (["--telemetry", "nothing.csv"], ErrorCode.NOT_FOUND, ["nothing.csv"]),
+        (
+            ["--telemetry", "nothing.csv", "--global-shutter"],
+            ErrorCode.CONFLICT,
+            ["--telemetry", "--global-shutter"],
+        ),
     ],
 )
-def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(night, words, told):
-    result = run(night, "-o", str(night / "other"), *words)
-    assert result.exit_code == 2
-    assert told in result.stderr
+def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(night, words, code, values, told):
+    told(run(night, "-o", str(night / "other"), *words), code, *values)
     assert not (night / "other").exists() or not any((night / "other").iterdir())

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from jitterkit.detectors import Detector
 from jitterkit.detectors.cosmic_rays import CHARGE, DEPTH, cosmic_rays
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 
 
 class OneHit(np.random.Generator):
@@ -73,7 +74,5 @@ def test_a_detector_is_hit_only_where_noise_is_drawn_and_only_if_it_is_asked_to_
     assert detector.expose(dark, np.random.default_rng(6), exposure=1.0).max() >= 50
     clipped = Detector(gain=1.0, cosmic_rays=1e-2, full_well=60.0)
     assert clipped.expose(dark, np.random.default_rng(6), exposure=1.0).max() == 60
-    with pytest.raises(
-        ConfigurationError, match="cosmic_rays needs the exposure of the frame; give exposure, in s"
-    ):
+    with refused(ErrorCode.MISSING_VALUE, "cosmic_rays", "exposure"):
         detector.expose(dark, np.random.default_rng(6))

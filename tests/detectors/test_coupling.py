@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.ndimage import convolve
 
 from jitterkit.detectors import Detector
 from jitterkit.detectors.coupling import beside, couple, decouple, decoupled_variance
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.frames import RawFrame
 
 SHARE = 0.02
@@ -122,7 +123,5 @@ def test_beside_holds_a_mask_and_its_four_neighbours():
 
 @pytest.mark.parametrize("share", [-0.01, 0.125, 0.3])
 def test_a_share_that_cannot_be_undone_is_refused(share):
-    with pytest.raises(
-        ConfigurationError, match=rf"coupling = {share} is outside 0 to 0.125 of a pixel's charge"
-    ):
+    with refused(ErrorCode.OUT_OF_RANGE, f"coupling = {share} ", "0 to 0.125 "):
         Detector(coupling=share)

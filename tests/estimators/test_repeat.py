@@ -23,7 +23,7 @@ FLUX = 1e7
 
 @pytest.fixture(scope="module")
 def telescope():
-    """A small one with coma, and a detector that nothing fills."""
+    """One of its own: a large frame, of which a cut-out is enough, and a detector that nothing fills."""
     pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
     small = load_instrument("smallsat")
     deep = replace(small.detector, full_well=1e7, bits=22)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy import fft
 from skimage.registration import phase_cross_correlation
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import drifts, register
 
 
@@ -61,12 +62,24 @@ def test_a_sequence_is_measured_against_its_first(gravel):
 
 def test_frames_without_a_common_scene_are_refused(gravel):
     rng = np.random.default_rng(0)
-    with pytest.raises(UndeterminedError, match="too little"):
+    with refused(ErrorCode.MODEL_MISMATCH, "-0.05", 0.3, error=UndeterminedError):  # the correlation
         register(rng.normal(size=(128, 128)), rng.normal(size=(128, 128)))
-    with pytest.raises(UndeterminedError, match="constant"):
+    with refused(ErrorCode.NO_SIGNAL, "image", 1, error=UndeterminedError):
         register(gravel, np.ones_like(gravel))
 
 
 def test_frames_of_two_shapes_are_refused(gravel):
-    with pytest.raises(ConfigurationError, match="one shape"):
+    with refused(ErrorCode.WRONG_SHAPE, (300, 300), (299, 300), error=ConfigurationError):
         register(gravel, gravel[1:])
+
+
+def test_frames_with_holes_are_refused(gravel):
+    holed = gravel.copy()
+    holed[3, 4:7] = np.nan
+    with refused(ErrorCode.OUT_OF_RANGE, "image", "3 of 90000", error=ConfigurationError):
+        register(gravel, holed)
+
+
+def test_frames_that_share_too_few_pixels_are_refused(gravel):
+    with refused(ErrorCode.TOO_FEW, "12 pixels", 16, error=UndeterminedError):
+        register(gravel[:12, :40], gravel[:12, :40])

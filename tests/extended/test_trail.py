@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy import fft
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import estimate_trail, find_trails
 
 SIDE = 240
@@ -57,19 +58,28 @@ def test_places_are_columns_and_rows():
 
 
 @pytest.mark.parametrize(
-    ("streaks", "message"),
+    ("streaks", "code", "values"),
     [
-        ([], "no trail of 8 pixels"),
-        (sky(2.0, 30.0), "no trail of 8 pixels"),
-        ([(60, 60, 2e4, 20, 0.0), (170, 170, 2e4, 20, 70.0)], "2 trails disagree"),
+        ([], ErrorCode.NOT_CONSTRAINED, ["8 pixels"]),
+        (sky(2.0, 30.0), ErrorCode.NOT_CONSTRAINED, ["8 pixels"]),
+        ([(60, 60, 2e4, 20, 0.0), (170, 170, 2e4, 20, 70.0)], ErrorCode.AMBIGUOUS, ["2 trails", "1 at most"]),
     ],
     ids=["noise", "points", "two"],
 )
-def test_without_a_majority_of_trails_the_frame_is_refused(streaks, message):
-    with pytest.raises(UndeterminedError, match=message):
+def test_without_a_majority_of_trails_the_frame_is_refused(streaks, code, values):
+    with refused(code, *values, error=UndeterminedError):
         estimate_trail(trails(streaks))
 
 
-def test_what_is_no_image_is_refused():
-    with pytest.raises(ConfigurationError, match="finite numbers"):
-        estimate_trail(np.full((50, 50), np.nan))
+@pytest.mark.parametrize(
+    ("image", "code", "values"),
+    [
+        (np.where(np.eye(50), np.nan, 1.0), ErrorCode.OUT_OF_RANGE, ["50 of 2500"]),
+        (np.zeros((3, 50, 40)), ErrorCode.WRONG_SHAPE, [(3, 50, 40), "float64"]),
+        (np.full((50, 40), "a"), ErrorCode.WRONG_TYPE, [(50, 40), "<U1"]),
+    ],
+    ids=["nan", "colour", "text"],
+)
+def test_what_is_no_image_is_refused(image, code, values):
+    with refused(code, *values, error=ConfigurationError):
+        estimate_trail(image)

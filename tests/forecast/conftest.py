@@ -1,4 +1,4 @@
-"""A plain telescope with coma, small enough for many forecasts, and the paper's scene."""
+"""Scenes of the one telescope, and the paper's."""
 
 import equinox as eqx
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from jitterkit.forward import Parameters
 from jitterkit.loci import Stable
-from jitterkit.optics import flat_band, grid_for, lines, obstructed_circle
+from jitterkit.optics import grid_for, lines
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.scene import Binary
 
@@ -29,10 +29,7 @@ class Bench(eqx.Module):
 
 
 @pytest.fixture(scope="session")
-def bench():
-    pupil = obstructed_circle(0.125, 0.04, noll=(7, 8), samples=64)
-    spectrum = flat_band(530.0, 640.0, 5)
-    optics = OpticalSystem(pupil, spectrum, grid_for(pupil, spectrum, (48, 48), 0.375, 24))
+def bench(optics):
     return Bench(optics, Binary(5.0, 150.0, 0.3, -0.2, 3e6, 3.0))
 
 

@@ -20,13 +20,13 @@ SIGMA = 0.225 / FWHM_PER_SIGMA
     ("truth", "fitted", "expected"),
     [
         (Mvn.sheared(SIGMA, 0.1, 0), "stable", -591),
-        (Mvn.sheared(SIGMA, 0.7, 45), "linear", -79),
         (Linear.of(0.375), "mvn", 7.4),
-        (Shm.of(0.75), "mvn", 386),
-        (Linear.of(0.75), "shm", -32),
         *(
             pytest.param(*more, marks=pytest.mark.slow)
             for more in (
+                (Mvn.sheared(SIGMA, 0.7, 45), "linear", -79),
+                (Shm.of(0.75), "mvn", 386),
+                (Linear.of(0.75), "shm", -32),
                 (Mvn.sheared(SIGMA, 0.1, 45), "stable", -394),
                 (Mvn.sheared(SIGMA, 0.1, 90), "stable", -439),
                 (Mvn.sheared(SIGMA, 0.7, 0), "linear", 16),
@@ -98,10 +98,11 @@ def test_the_same_generator_draws_the_same_frames_for_both_ways_of_fitting(fits,
     # a step leaves out a few hundredths of an error; another draw would be off by one
     assert np.all(np.abs(off) < 0.2 * fits[0].error)
     assert np.std(off[0]) < 0.05 * fits[0].error
-    # so do differences of evidence, to a nat of forty: cubic terms of the likelihood, where mvn is wrong
+    # so do differences of evidence of forty nats, which scatter by five to ten from frame to frame, but for
+    # cubic terms of the likelihood, where mvn is wrong: 0.3 to 1.5 nats rms over two telescopes and two seeds
     known = [d.evidence[0] - d.evidence[1] for d in (quick, full)]
-    np.testing.assert_allclose(*known, rtol=0, atol=1.0)
-    assert np.std(known[0]) > 2  # they do differ from frame to frame
+    assert np.sqrt(np.mean((known[0] - known[1]) ** 2)) < 0.05 * np.mean(known[1])
+    assert np.corrcoef(*known)[0, 1] > 0.95
     assert np.all(np.isfinite(full.separations[2]))
     again = linearised_draws(fits[:2], 12, np.random.default_rng(9))
     np.testing.assert_array_equal(quick.separations, again.separations)
@@ -138,9 +139,9 @@ def test_a_stable_telescope_fitted_with_a_normal_is_unbiased(bench):
 
 
 @pytest.fixture(scope="module")
-def uneven():
+def uneven(otf):
     """A detector whose response is a quarter under the stars of what it is about them."""
-    y, x = np.indices((48, 48)) - 23.5
+    y, x = np.indices(otf.grid.shape) - 0.5 * (np.array(otf.grid.shape)[:, None, None] - 1)
     flat = np.where(np.hypot(x, y) < 14, 0.4, 1.6)
     return Detector(gain=1.0, bias=100.0, read_noise=3.0, flat=flat / flat.mean())
 

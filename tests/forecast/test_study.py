@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.forecast import KINDS, cross_fit, jitter_of_kind
 from jitterkit.loci import principal_axes
 
@@ -71,14 +72,14 @@ def test_a_kind_is_shaped_by_name():
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
+    ("kind", "code", "values"),
     [
-        ("wobble", "no kind of jitter 'wobble'; choose from linear"),
-        ("mvn,shear", "'mvn,shear' is not understood"),
-        ("mvn,cycles=1", "The kind mvn has no cycles; it may have shear"),
-        ("linear,shear=1", "it has a size and an angle only"),
+        ("wobble", ErrorCode.UNKNOWN_NAME, ["'wobble'", *KINDS]),
+        ("mvn,shear", ErrorCode.MALFORMED, ["'mvn,shear'"]),
+        ("mvn,cycles=1", ErrorCode.UNKNOWN_NAME, ["mvn", "cycles", "shear"]),
+        ("linear,shear=1", ErrorCode.UNKNOWN_NAME, ["linear", "shear"]),
     ],
 )
-def test_what_is_no_kind_is_told_in_a_sentence(kind, words):
-    with pytest.raises(ConfigurationError, match=words):
+def test_what_is_no_kind_is_told_in_a_sentence(kind, code, values):
+    with refused(code, *values):
         jitter_of_kind(kind, 0.1, 0.0)

@@ -12,8 +12,9 @@ import zlib
 import numpy as np
 import pytest
 from astropy.io import fits
+from refusals import refused
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
 from jitterkit.frames.fits import read_extensions, read_image
 
@@ -30,61 +31,65 @@ def hdu(cards, data=b""):
     )
 
 
-def refused(path, content, match, reader=lambda path: list(read_frames(path))):
-    """Check that a file is refused with words, at once, and without much memory."""
+def refused_at_once(path, content, code, *values, reader=lambda path: list(read_frames(path))):
+    """Check that a file is refused by name, at once, and without much memory."""
     path.write_bytes(content)
     start = time.perf_counter()
     tracemalloc.start()
     try:
-        with pytest.raises(FrameError, match=match):
+        with refused(code, path, *values, error=FrameError) as caught:
             reader(path)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert peak < 20e6
     assert time.perf_counter() - start < 5  # milliseconds; counting to 2^31 takes minutes
+    return caught.value
 
 
 @pytest.mark.parametrize(
-    ("cards", "words"),
+    ("cards", "code", "values"),
     [
-        ({"NAXIS": 2147483647}, "HDU 0 declares NAXIS = 2147483647 axes"),
-        ({"NAXIS": -1}, "HDU 0 declares NAXIS = -1 axes"),
-        ({"NAXIS": 3}, "HDU 0 has no NAXIS3"),
-        ({"NAXIS1": -8}, "HDU 0 declares -8 x 6 pixels"),
-        ({"NAXIS1": "8.5"}, "HDU 0 has NAXIS1 = '8.5' where a whole number belongs"),
-        ({"NAXIS1": "nan"}, "NAXIS1 = 'nan' where a whole number belongs"),
-        ({"NAXIS1": "\xff\xfe"}, r"NAXIS1 = '\?\?' where a whole number belongs"),
-        ({"BITPIX": 17}, "HDU 0 has BITPIX = 17, which FITS does not know"),
-        ({"BITPIX": ""}, "HDU 0 has BITPIX = '' where a whole number belongs"),
-        ({"NAXIS1": 10**24, "NAXIS2": 10**24}, r"declares more than 10\^18 bytes of pixels.*truncated"),
-        ({"NAXIS": 3, "NAXIS3": 10**9}, "declares 96000000000 bytes of pixels and the file of 5760 bytes"),
-        ({"BSCALE": "'abc'"}, "depend on BSCALE, which is 'abc', not a number"),
-        ({"BSCALE": "'unclosed"}, "depend on BSCALE, which cannot be read"),
-        ({"BZERO": "(1, 2)"}, "depend on BZERO, which is .*, not a number"),
-        ({"BSCALE": 0}, "has BSCALE = 0 and BZERO = 0, of which no pixel value follows"),
-        ({"BZERO": "T"}, "depend on BZERO, which is 'True', not a number"),
-        ({"BZERO": ""}, "depend on BZERO, which has no value; mend its header"),
-        ({"BSCALE": "/ unknown"}, "depend on BSCALE, which has no value; mend its header"),
-        ({"BZERO": "1E400"}, "has BSCALE = 1 and BZERO = inf"),
-        ({"SIMPLE": "F"}, "damaged primary header"),
-        ({"TFIELDS": 2147483647}, "declares TFIELDS = 2147483647 columns"),
+        ({"NAXIS": 2147483647}, ErrorCode.DAMAGED, ["HDU 0", "NAXIS = 2147483647"]),
+        ({"NAXIS": -1}, ErrorCode.DAMAGED, ["HDU 0", "NAXIS = -1"]),
+        ({"NAXIS": 3}, ErrorCode.DAMAGED, ["HDU 0", "NAXIS3"]),
+        ({"NAXIS1": -8}, ErrorCode.DAMAGED, ["HDU 0", "-8 x 6"]),
+        ({"NAXIS1": "8.5"}, ErrorCode.DAMAGED, ["HDU 0", "NAXIS1 = '8.5'"]),
+        ({"NAXIS1": "nan"}, ErrorCode.DAMAGED, ["HDU 0", "NAXIS1 = 'nan'"]),
+        ({"NAXIS1": "\xff\xfe"}, ErrorCode.DAMAGED, ["HDU 0", "NAXIS1 = '??'"]),
+        ({"BITPIX": 17}, ErrorCode.DAMAGED, ["HDU 0", "BITPIX = 17"]),
+        ({"BITPIX": ""}, ErrorCode.DAMAGED, ["HDU 0", "BITPIX = ''"]),
+        ({"NAXIS1": 10**24, "NAXIS2": 10**24}, ErrorCode.TRUNCATED, ["HDU 0", "10^18", 5760]),
+        ({"NAXIS": 3, "NAXIS3": 10**9}, ErrorCode.TRUNCATED, ["HDU 0", 96000000000, 5760]),
+        ({"BSCALE": "'abc'"}, ErrorCode.DAMAGED, ["BSCALE", "'abc'"]),
+        ({"BSCALE": "'unclosed"}, ErrorCode.DAMAGED, ["BSCALE"]),
+        ({"BZERO": "(1, 2)"}, ErrorCode.DAMAGED, ["BZERO"]),
+        ({"BSCALE": 0}, ErrorCode.DAMAGED, ["BSCALE = 0", "BZERO = 0"]),
+        ({"BZERO": "T"}, ErrorCode.DAMAGED, ["BZERO", "'True'"]),
+        ({"BZERO": ""}, ErrorCode.DAMAGED, ["BZERO"]),
+        ({"BSCALE": "/ unknown"}, ErrorCode.DAMAGED, ["BSCALE"]),
+        ({"BZERO": "1E400"}, ErrorCode.DAMAGED, ["BSCALE = 1", "BZERO = inf"]),
+        ({"SIMPLE": "F"}, ErrorCode.DAMAGED, ["SIMPLE"]),
+        ({"TFIELDS": 2147483647}, ErrorCode.DAMAGED, ["HDU 0", "TFIELDS = 2147483647"]),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
 )
-def test_an_absurd_card_is_refused_by_name(tmp_path, cards, words):
-    refused(tmp_path / "a.fits", hdu(HEADER | cards, PIXELS), words)
+def test_an_absurd_card_is_refused_by_name(tmp_path, cards, code, values):
+    refused_at_once(tmp_path / "a.fits", hdu(HEADER | cards, PIXELS), code, *values)
 
 
 def test_a_keyword_that_says_two_things_is_not_believed(tmp_path):
     content = hdu(HEADER | {"NAXIS1 ": 8, "NAXIS2 ": 7}, PIXELS)  # NAXIS1 agrees with itself
-    refused(tmp_path / "a.fits", content, "says NAXIS2 twice, '6' and '7'")
+    refused_at_once(tmp_path / "a.fits", content, ErrorCode.DAMAGED, "HDU 0", "NAXIS2", "'6'", "'7'")
 
 
 def test_an_array_of_a_thousand_axes_is_described_in_few_words(tmp_path):
     sides = {f"NAXIS{n}": 1 for n in range(1, 1000)} | {"NAXIS998": 48, "NAXIS999": 60}
     content = hdu({"SIMPLE": "T", "BITPIX": 8, "NAXIS": 999} | sides, bytes(2880))
-    refused(tmp_path / "a.fits", content, r"an array of 1 x 1 x 1 x 1 x 1 x \.\.\.")
+    error = refused_at_once(
+        tmp_path / "a.fits", content, ErrorCode.NO_IMAGE, "HDU 0", "1 x 1 x 1 x 1 x 1 x ..."
+    )
+    assert len(error.problem) < 100
 
 
 def test_a_damaged_table_before_the_image_is_refused_by_name(tmp_path):
@@ -97,8 +102,10 @@ def test_a_damaged_table_before_the_image_is_refused_by_name(tmp_path):
         "TFIELDS": 1,
     }
     content = hdu({"SIMPLE": "T", "BITPIX": 8, "NAXIS": 0}) + hdu(table) + hdu(HEADER, PIXELS)
-    refused(tmp_path / "a.fits", content, "HDU 1 declares NAXIS = 2147483647 axes")
-    refused(tmp_path / "a.fits", content, "HDU 1 declares NAXIS", reader=read_extensions)
+    for reader in (open_frames, read_extensions):
+        refused_at_once(
+            tmp_path / "a.fits", content, ErrorCode.DAMAGED, "HDU 1", "NAXIS = 2147483647", reader=reader
+        )
 
 
 def packed(path, **cards):
@@ -111,37 +118,40 @@ def packed(path, **cards):
 
 
 @pytest.mark.parametrize(
-    ("cards", "words"),
+    ("cards", "code", "value"),
     [
-        ({"TFIELDS": 2147483647}, "HDU 1 declares TFIELDS = 2147483647 columns"),
-        ({"ZNAXIS": 2147483647}, "HDU 1 declares ZNAXIS = 2147483647 axes"),
-        ({"ZNAXIS2": 10**12}, "HDU 1 declares 16000000000000 bytes of pixels"),
-        ({"ZNAXIS2": 1000}, "HDU 1 declares 16000 bytes of pixels"),  # a tile to a row, and there are six
-        ({"ZTILE1": 2147483647}, "HDU 1 declares tiles of 2147483647 x 1 pixels"),
-        ({"ZTILE1": 0}, "HDU 1 declares tiles of 0 x 1 pixels"),
-        ({"PCOUNT": 10**9}, "the file of .* bytes lacks them"),
+        ({"TFIELDS": 2147483647}, ErrorCode.DAMAGED, "TFIELDS = 2147483647"),
+        ({"ZNAXIS": 2147483647}, ErrorCode.DAMAGED, "ZNAXIS = 2147483647"),
+        ({"ZNAXIS2": 10**12}, ErrorCode.DAMAGED, 16000000000000),
+        ({"ZNAXIS2": 1000}, ErrorCode.DAMAGED, 16000),  # a tile to a row, and there are six
+        ({"ZTILE1": 2147483647}, ErrorCode.DAMAGED, "2147483647 x 1"),
+        ({"ZTILE1": 0}, ErrorCode.DAMAGED, "0 x 1"),
+        (
+            {"PCOUNT": 10**9},
+            ErrorCode.TRUNCATED,
+            96,
+        ),  # as many bytes of pixels, packed in more than there are
+        ({"ZCMPTYPE": "'JPEG2000'"}, ErrorCode.UNSUPPORTED_ENCODING, "'JPEG2000'"),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
 )
-def test_an_absurd_table_of_tiles_is_refused_by_name(tmp_path, cards, words):
+def test_an_absurd_table_of_tiles_is_refused_by_name(tmp_path, cards, code, value):
     content = packed(tmp_path / "a.fits.fz", **cards)
-    refused(tmp_path / "a.fits.fz", content, words)
-    refused(tmp_path / "a.fits.fz", content, words, reader=read_image)
+    for reader in (open_frames, read_image):
+        refused_at_once(tmp_path / "a.fits.fz", content, code, "HDU 1", value, reader=reader)
 
 
 def test_a_million_frames_in_a_few_bytes_are_not_believed(tmp_path):
     cards = {"SIMPLE": "T", "BITPIX": 8, "NAXIS": 3, "NAXIS1": 1, "NAXIS2": 1, "NAXIS3": 1 << 20}
-    refused(
-        tmp_path / "a.fits.gz", gzip.compress(hdu(cards, bytes(1 << 20))), "declares 1048576 bytes of pixels"
-    )
+    content = gzip.compress(hdu(cards, bytes(1 << 20)))
+    refused_at_once(tmp_path / "a.fits.gz", content, ErrorCode.TRUNCATED, "HDU 0", 1048576, len(content))
 
 
 def test_a_zipped_cube_that_ends_early_is_refused_when_it_is_opened(tmp_path):
     noise = np.random.default_rng(0).bytes(48 * 30)
     cards = {"SIMPLE": "T", "BITPIX": 8, "NAXIS": 3, "NAXIS1": 8, "NAXIS2": 6, "NAXIS3": 100}
-    refused(
-        tmp_path / "a.fits.gz", gzip.compress(hdu(cards, noise)), "declares 4800 bytes", reader=open_frames
-    )
+    content = gzip.compress(hdu(cards, noise))
+    refused_at_once(tmp_path / "a.fits.gz", content, ErrorCode.TRUNCATED, "HDU 0", 4800, reader=open_frames)
 
 
 def test_a_frame_larger_than_any_detectors_is_refused_by_its_size(tmp_path):
@@ -149,9 +159,7 @@ def test_a_frame_larger_than_any_detectors_is_refused_by_its_size(tmp_path):
     path.write_bytes(hdu(HEADER | {"BITPIX": 8, "NAXIS1": 1 << 16, "NAXIS2": 1 << 16}))
     with path.open("r+b") as handle:
         handle.truncate(2880 + (1 << 32))  # sparse: all the pixels are there
-    with pytest.raises(
-        FrameError, match="declares a frame of 65536 x 65536 pixels, more than any detector has"
-    ):
+    with refused(ErrorCode.TOO_LARGE, path, "HDU 0", "65536 x 65536", error=FrameError):
         open_frames(path)
 
 
@@ -159,7 +167,7 @@ def test_what_follows_the_last_hdu_is_of_no_matter(tmp_path):
     (tmp_path / "a.fits").write_bytes(hdu(HEADER, PIXELS) + b"junk" * 2000)
     (frame,) = read_frames(tmp_path / "a.fits")
     np.testing.assert_array_equal(frame.data, IMAGE)
-    with pytest.raises(FrameError, match="has no HDU 1; choose one from 0 to 0"):
+    with refused(ErrorCode.NO_IMAGE, tmp_path / "a.fits", "HDU 1", "0 to 0", error=FrameError):
         open_frames(tmp_path / "a.fits", hdu=1)
 
 
@@ -168,7 +176,8 @@ def test_bytes_that_are_no_text_in_a_comment_are_a_warning(tmp_path):
     (tmp_path / "a.fits").write_bytes(hdu(cards, PIXELS))
     (frame,) = read_frames(tmp_path / "a.fits")
     assert frame.metadata.exposure.value == 2.0
-    assert frame.metadata.warnings == ("the header holds bytes that are no text; read as '?'",)
+    assert len(frame.metadata.warnings) == 1
+    assert "'?'" in frame.metadata.warnings[0]
 
 
 def test_a_value_over_several_cards_is_read_whole(tmp_path):
@@ -237,27 +246,27 @@ def tiff(entries, pixels=bytes(96), extra=b""):
 
 
 @pytest.mark.parametrize(
-    ("entries", "words"),
+    ("entries", "code", "values"),
     [
-        ({256: 1 << 31}, "declares 25769803776 bytes and the file of 496 bytes lacks them"),
-        ({259: 8, 256: 1 << 14, 257: 1 << 14, 258: 8}, "declares 268435456 bytes and the file"),  # deflated
-        ({259: 8, 322: 1 << 20, 323: 1 << 20, 324: 400, 325: 96}, "declares tiles of 1048576 x 1048576 in"),
+        ({256: 1 << 31}, ErrorCode.DAMAGED, [25769803776, 496]),
+        ({259: 8, 256: 1 << 14, 257: 1 << 14, 258: 8}, ErrorCode.DAMAGED, [268435456, 496]),  # deflated
+        ({259: 8, 322: 1 << 20, 323: 1 << 20, 324: 400, 325: 96}, ErrorCode.DAMAGED, ["1048576 x 1048576"]),
+        ({279: 97}, ErrorCode.TRUNCATED, [96, 496]),
+        ({279: 0}, ErrorCode.TRUNCATED, [96, 496]),  # nothing was written yet
     ],
-    ids=["width", "packed", "tile"],
+    ids=["width", "packed", "tile", "beyond", "none"],
 )
-def test_an_absurd_tag_is_refused_by_name(tmp_path, entries, words):
-    refused(tmp_path / "a.tif", tiff(entries, zlib.compress(bytes(96)).ljust(96)), words)
+def test_an_absurd_tag_is_refused_by_name(tmp_path, entries, code, values):
+    content = tiff(entries, zlib.compress(bytes(96)).ljust(96))
+    refused_at_once(tmp_path / "a.tif", content, code, "page 0", *values)
 
 
 def test_a_width_of_a_hundred_numbers_is_refused_in_few_words(tmp_path):
     content = bytearray(tiff({}, extra=struct.pack("<100I", *range(100))))
     content[14:18] = struct.pack("<I", 100)  # the count of the first tag, ImageWidth ...
     content[18:22] = struct.pack("<I", 400 + 96)  # ... and where its values stand
-    refused(
-        tmp_path / "a.tif",
-        bytes(content),
-        r"a\.tif: has imagewidth = .0, 1, 2, .{0,40} is not a whole number",
-    )
+    error = refused_at_once(tmp_path / "a.tif", bytes(content), ErrorCode.DAMAGED, "imagewidth = (0, 1, 2, ")
+    assert len(error.problem) < 100
 
 
 def test_directories_that_overlap_are_refused_at_once(tmp_path):
@@ -271,4 +280,4 @@ def test_directories_that_overlap_are_refused_at_once(tmp_path):
         link = at + 2 + entries * 12
         if link + 4 <= size:
             struct.pack_into("<I", content, link, at + step)
-    refused(tmp_path / "a.tif", bytes(content), "page 1 has a directory that overlaps others")
+    refused_at_once(tmp_path / "a.tif", bytes(content), ErrorCode.DAMAGED, "page 1")

@@ -64,10 +64,10 @@ def test_of_two_cards_pixels_and_exposure_depend_on_the_first(tmp_path, name):
     np.testing.assert_array_equal(frame.mask, stored == header["BLANK"])
     assert frame.metadata.value("exposure") == header["EXPTIME"]
     assert frame.data[0, 1] == 1
-    assert sorted(frame.metadata.warnings) == [
-        f"the header says {key} more than once; the first counts"
-        for key in ("BLANK", "BSCALE", "BZERO", "EXPTIME")
-    ]
+    doubled = ("BLANK", "BSCALE", "BZERO", "EXPTIME")
+    assert len(frame.metadata.warnings) == len(doubled)
+    for key, text in zip(doubled, sorted(frame.metadata.warnings), strict=True):
+        assert key in text
 
 
 def test_of_two_cards_of_coordinates_the_one_counts_that_counts_with_astropy(tmp_path):

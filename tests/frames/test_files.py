@@ -1,5 +1,6 @@
 """Which files are frames, and what the others are called."""
 
+import errno
 import gzip
 import os
 import subprocess
@@ -7,9 +8,11 @@ import sys
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import find_files, open_frames, write_fits, write_tiff
+from jitterkit.frames.files import code_of
 
 IMAGE = np.ones((4, 5), np.uint16)
 
@@ -30,17 +33,24 @@ def test_a_named_file_is_taken_whatever_its_name_and_once(tmp_path):
 
 
 def test_what_does_not_exist_is_said_to_be_missing(tmp_path):
-    with pytest.raises(FrameError, match=r"no.fits: does not exist; check the name"):
+    with refused(ErrorCode.NOT_FOUND, tmp_path / "no.fits", error=FrameError):
         find_files([tmp_path / "no.fits"])
-    with pytest.raises(FrameError, match=r"no.fits: does not exist"):
+    with refused(ErrorCode.NOT_FOUND, tmp_path / "no.fits", error=FrameError):
         open_frames(tmp_path / "no.fits")
 
 
 def test_a_directory_without_frames_is_said_to_be_so(tmp_path):
-    with pytest.raises(FrameError, match="is a directory without FITS or TIFF files"):
+    with refused(ErrorCode.NO_IMAGE, tmp_path, error=FrameError):
         find_files([tmp_path])
-    with pytest.raises(FrameError, match="is a directory; name a file in it"):
+    with refused(ErrorCode.NOT_READABLE, tmp_path, error=FrameError):
         open_frames(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.fits")
+    with refused(ErrorCode.NOT_READABLE, tmp_path / "a.fits", error=FrameError):
+        open_frames(tmp_path / "a.fits")
 
 
 def test_content_decides_and_not_the_name(tmp_path):
@@ -51,33 +61,74 @@ def test_content_decides_and_not_the_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "code", "value"),
     [
-        (b"", r"is empty \(0 bytes\); copy it again"),
-        (b"exposure = 3\n" * 50, r"is a text file \(it begins 'exposure = 3'\), not a FITS or TIFF file"),
-        ("größe".encode() * 60, "is a text file"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(300), "is a PNG image"),
-        (b"\xff\xd8\xff\xe0" + bytes(300), "is a JPEG image"),
-        (b"\x89HDF\r\n" + bytes(300), "is an HDF5 file"),
-        (b"<!DOCTYPE html><html>", "is a web page"),
-        (b"BZh91AY&SY", "is a bzip2 archive"),
-        (bytes(4096), "is of unknown kind"),
-        (gzip.compress(b"hello there", mtime=0), "is a text file"),  # no time: its bytes name the test
-        (b"\x1f\x8b\x08\x00\x00", "cannot be read"),
+        (b"", ErrorCode.TRUNCATED, "0 bytes"),
+        (b"exposure = 3\n" * 50, ErrorCode.UNKNOWN_FORMAT, "'exposure = 3'"),
+        ("größe".encode() * 60, ErrorCode.UNKNOWN_FORMAT, "größe"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(300), ErrorCode.UNKNOWN_FORMAT, "PNG"),
+        (b"\xff\xd8\xff\xe0" + bytes(300), ErrorCode.UNKNOWN_FORMAT, "JPEG"),
+        (b"\x89HDF\r\n" + bytes(300), ErrorCode.UNKNOWN_FORMAT, "HDF5"),
+        (b"<!DOCTYPE html><html>", ErrorCode.UNKNOWN_FORMAT, "web page"),
+        (b"BZh91AY&SY", ErrorCode.UNKNOWN_FORMAT, "bzip2"),
+        (bytes(4096), ErrorCode.UNKNOWN_FORMAT, "00 00 00 00 00 00 00 00"),
+        # no time: its bytes name the test
+        (gzip.compress(b"hello there", mtime=0), ErrorCode.UNKNOWN_FORMAT, "'hello there'"),
+        (b"\x1f\x8b\x08\x00\x00", ErrorCode.TRUNCATED, ""),
+        (b"\x1f\x8b\x08\x00" + bytes(60), ErrorCode.DAMAGED, ""),
     ],
 )
-def test_a_file_that_is_no_frame_is_called_by_its_name(tmp_path, content, words):
+def test_a_file_that_is_no_frame_is_called_by_its_name(tmp_path, content, code, value):
     path = tmp_path / "frame.fits"
     path.write_bytes(content)
-    with pytest.raises(FrameError, match=words):
+    with refused(code, path, value, error=FrameError):
         open_frames(path)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (FileNotFoundError(errno.ENOENT, "No such file or directory"), ErrorCode.NOT_FOUND),
+        (NotADirectoryError(errno.ENOTDIR, "Not a directory"), ErrorCode.NOT_FOUND),
+        (PermissionError(errno.EACCES, "Permission denied"), ErrorCode.NOT_READABLE),
+        (OSError(errno.EIO, "Input/output error"), ErrorCode.NOT_READABLE),
+        (OSError(errno.EINVAL, "Invalid argument"), ErrorCode.DAMAGED),  # a place before the file's beginning
+        (OSError("No SIMPLE card found"), ErrorCode.DAMAGED),  # astropy's
+        (gzip.BadGzipFile("CRC check failed"), ErrorCode.DAMAGED),
+        (EOFError("ended before the end-of-stream marker"), ErrorCode.DAMAGED),
+        (NotImplementedError("of float24"), ErrorCode.UNSUPPORTED_ENCODING),
+        (KeyError("a tag"), ErrorCode.DAMAGED),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_an_exception_of_a_library_has_the_code_of_its_cause(tmp_path, error, code):
+    path = write_fits(tmp_path / "a.fits", IMAGE)
+    assert code_of(error, path) is code
+
+
+def test_a_stream_that_ends_is_the_end_of_a_gzipped_file_and_of_no_other(tmp_path):
+    error = EOFError("ended before the end-of-stream marker")
+    assert code_of(error, write_fits(tmp_path / "a.fits.gz", IMAGE)) is ErrorCode.TRUNCATED
+    assert code_of(error, write_fits(tmp_path / "a.fits.fz", IMAGE)) is ErrorCode.DAMAGED
+    assert code_of(error, tmp_path / "gone.fits.gz") is ErrorCode.DAMAGED
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="the superuser may read everything")
 def test_a_file_that_may_not_be_read_is_said_to_be_so(tmp_path):
     path = write_fits(tmp_path / "a.fits", IMAGE)
     path.chmod(0)
-    with pytest.raises(FrameError, match=r"cannot be read .Permission denied."):
+    with refused(ErrorCode.NOT_READABLE, path, error=FrameError):
+        open_frames(path)
+
+
+def test_a_file_whose_disk_fails_is_said_to_be_unreadable(tmp_path, monkeypatch):
+    path = write_fits(tmp_path / "a.fits", IMAGE)
+
+    def fail(*_, **__):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(type(path), "open", fail)
+    with refused(ErrorCode.NOT_READABLE, path, "Input/output error", error=FrameError):
         open_frames(path)
 
 

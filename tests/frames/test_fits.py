@@ -6,9 +6,11 @@ import tracemalloc
 import numpy as np
 import pytest
 from astropy.io import fits
+from refusals import refused
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
+from jitterkit.frames.fits import read_extensions, read_image
 
 IMAGE = np.arange(20).reshape(4, 5)
 
@@ -77,9 +79,9 @@ def test_an_hdu_may_be_chosen(tmp_path):
     assert only(path).data[0, 0] == 0
     assert only(path, hdu=1).data[0, 0] == 1
     assert only(path, hdu=1).hdu == 1
-    with pytest.raises(FrameError, match="has no HDU 7; choose one from 0 to 2"):
+    with refused(ErrorCode.NO_IMAGE, path, "HDU 7", "0 to 2", error=FrameError):
         open_frames(path, hdu=7)
-    with pytest.raises(FrameError, match="HDU 2 is not a two- or three-dimensional image but an array of 5"):
+    with refused(ErrorCode.NO_IMAGE, path, "HDU 2", "an array of 5", error=FrameError):
         open_frames(path, hdu=2)
 
 
@@ -96,13 +98,14 @@ def test_an_empty_primary_and_a_table_are_passed_over(tmp_path):
 def test_a_file_without_an_image_says_what_it_holds(tmp_path):
     table = fits.BinTableHDU.from_columns([fits.Column("x", "E", array=np.ones(3))])
     fits.HDUList([fits.PrimaryHDU(), table]).writeto(tmp_path / "a.fits")
-    with pytest.raises(FrameError, match=r"holds no image .HDU 0: empty, HDU 1: a table."):
+    contents = "HDU 0: empty, HDU 1: a table"
+    with refused(ErrorCode.NO_IMAGE, tmp_path / "a.fits", contents, error=FrameError):
         open_frames(tmp_path / "a.fits")
 
 
 def test_a_data_set_with_two_stacking_axes_is_no_frame(tmp_path):
     fits.writeto(tmp_path / "a.fits", np.zeros((2, 3, 4, 5)))
-    with pytest.raises(FrameError, match=r"holds no image .HDU 0: an array of 5 x 4 x 3 x 2."):
+    with refused(ErrorCode.NO_IMAGE, tmp_path / "a.fits", "HDU 0", "5 x 4 x 3 x 2", error=FrameError):
         open_frames(tmp_path / "a.fits")
 
 
@@ -113,7 +116,7 @@ def test_a_truncated_file_is_refused(tmp_path, ending, keep):
     path = write_fits(tmp_path / f"a{ending}", noise)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(keep * len(whole))])
-    with pytest.raises(FrameError, match=r"a.fits"):
+    with refused(ErrorCode.TRUNCATED, path, error=FrameError):
         list(read_frames(path))
 
 
@@ -130,7 +133,7 @@ def test_a_header_that_declares_more_than_there_is_allocates_nothing(tmp_path, e
         path.with_suffix(ending).write_bytes(gzip.compress(path.read_bytes()))
         path = path.with_suffix(ending)
     tracemalloc.start()
-    with pytest.raises(FrameError, match=r"HDU 0 declares 8000000000000 bytes of pixels.*truncated"):
+    with refused(ErrorCode.TRUNCATED, path, "HDU 0", 8000000000000, path.stat().st_size, error=FrameError):
         open_frames(path)
     assert tracemalloc.get_traced_memory()[1] < 10e6
     tracemalloc.stop()
@@ -141,14 +144,14 @@ def test_a_header_without_end_is_refused_without_reading_on(tmp_path):
     with path.open("wb") as handle:
         handle.write(b"SIMPLE  =                    T".ljust(80))
         handle.truncate(1 << 33)  # a sparse file of 8 GiB
-    with pytest.raises(FrameError, match="without an END card"):
+    with refused(ErrorCode.DAMAGED, path, "END", error=FrameError):
         open_frames(path)
 
 
 def test_junk_after_simple_is_refused(tmp_path):
     path = tmp_path / "a.fits"
     path.write_bytes(b"SIMPLE" + np.random.default_rng(1).bytes(9000))
-    with pytest.raises(FrameError, match=r"a.fits"):
+    with refused(ErrorCode.DAMAGED, path, "END", error=FrameError):
         open_frames(path)
 
 
@@ -156,7 +159,7 @@ def test_a_header_that_contradicts_itself_is_refused(tmp_path):
     path = raw_fits(
         tmp_path / "a.fits", {"SIMPLE": "T", "BITPIX": 17, "NAXIS": 2, "NAXIS1": 5, "NAXIS2": 4}, bytes(2880)
     )
-    with pytest.raises(FrameError, match=r"a.fits"):
+    with refused(ErrorCode.DAMAGED, path, "BITPIX = 17", error=FrameError):
         list(read_frames(path))
 
 
@@ -168,13 +171,13 @@ def test_a_card_that_cannot_be_read_is_a_warning(tmp_path):
     metadata = only(path).metadata
     assert metadata.exposure.value == 2.0
     assert metadata.gain is None
-    assert metadata.warnings
+    assert any("'unclosed" in text for text in metadata.warnings)
 
 
 def test_lossy_compression_is_a_warning_and_lossless_is_not(tmp_path):
     noise = np.random.default_rng(1).normal(size=(64, 64)).astype(np.float32)
     fits.CompImageHDU(noise, compression_type="RICE_1", quantize_level=16).writeto(tmp_path / "a.fits.fz")
-    assert any("it is lossy" in text for text in only(tmp_path / "a.fits.fz").metadata.warnings)
+    assert any("ZQUANTIZ = NO_DITHER" in text for text in only(tmp_path / "a.fits.fz").metadata.warnings)
     write_fits(tmp_path / "b.fits.fz", noise)
     frame = only(tmp_path / "b.fits.fz")
     assert frame.metadata.warnings == ()
@@ -202,6 +205,13 @@ def test_large_unsigned_integers_keep_their_last_digits(tmp_path):
     fits.PrimaryHDU(image).writeto(tmp_path / "a.fits")
     with open_frames(tmp_path / "a.fits") as file:
         assert np.array_equal(file[0].data, image.astype(float))
+
+
+def test_what_is_no_fits_is_said_to_be_of_another_format(tmp_path):
+    (tmp_path / "a.fits").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(3000))
+    for read in (read_image, read_extensions):
+        with refused(ErrorCode.UNKNOWN_FORMAT, tmp_path / "a.fits", error=FrameError):
+            read(tmp_path / "a.fits")
 
 
 def test_a_keyword_in_small_letters_is_read(tmp_path):

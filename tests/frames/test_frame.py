@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from astropy import units
 from astropy.nddata import CCDData, StdDevUncertainty
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError, JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import Frame, RawFrame, open_frames, write_fits
 
 IMAGE = np.arange(12.0).reshape(3, 4)
@@ -35,9 +36,7 @@ def test_the_array_given_is_not_changed_or_shared():
 
 
 def test_an_unknown_word_about_an_array_is_refused():
-    with pytest.raises(
-        ConfigurationError, match="'gian' is not known about a frame; use one of exposure, gain"
-    ):
+    with refused(ErrorCode.UNKNOWN_NAME, "'gian'", "exposure, gain", error=ConfigurationError):
         RawFrame.from_array(IMAGE, gian=3.7)
 
 
@@ -74,17 +73,17 @@ def test_a_digest_is_of_the_pixels_and_of_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("image", [IMAGE[0], IMAGE[None], np.zeros((0, 4))])
 def test_only_two_dimensions_make_a_frame(image):
-    with pytest.raises(JitterkitError, match="a frame is two-dimensional"):
+    with refused(ErrorCode.WRONG_SHAPE, "data", image.shape):
         RawFrame.from_array(image)
 
 
 def test_complex_numbers_are_refused():
-    with pytest.raises(JitterkitError, match="complex"):
+    with refused(ErrorCode.WRONG_TYPE):
         RawFrame.from_array(IMAGE * 1j)
 
 
 def test_a_mask_of_another_shape_is_refused():
-    with pytest.raises(JitterkitError, match=r"mask has shape \(4, 3\), the image \(3, 4\)"):
+    with refused(ErrorCode.WRONG_SHAPE, "mask", (4, 3), (3, 4)):
         RawFrame.from_array(IMAGE, mask=np.zeros((4, 3), bool))
 
 
@@ -99,7 +98,8 @@ def test_a_region_keeps_the_place_it_came_from_however_often_it_is_cut():
 
 @pytest.mark.parametrize("box", [(-1, 0, 2, 2), (0, 0, 5, 1), (0, 2, 1, 2), (0, 0, 0, 1)])
 def test_a_region_must_lie_inside(box):
-    with pytest.raises(JitterkitError, match="does not lie inside a frame of 4 x 3 pixels"):
+    x0, y0, nx, ny = box
+    with refused(ErrorCode.OUT_OF_RANGE, f"{x0} to {x0 + nx - 1}", f"{y0} to {y0 + ny - 1}", "4 x 3"):
         RawFrame.from_array(IMAGE).region(*box)
 
 
@@ -111,7 +111,7 @@ def test_what_is_told_of_a_frame_changes_neither_its_pixels_nor_their_digest():
     assert told.data is raw.data
     assert vars(told)["digest"] == digest  # not found again
     for word in ("data", "gain"):
-        with pytest.raises(TypeError, match=f"'{word}' is not among what can be told of a RawFrame's pixels"):
+        with pytest.raises(TypeError, match=f"'{word}'.* RawFrame"):
             raw.told(**{word: IMAGE})
 
 
@@ -138,23 +138,23 @@ def test_a_frame_is_cut_with_everything_in_it():
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("given", "code", "values"),
     [
-        ({"read_variance": -1.0}, "negative or non-finite"),
-        ({"read_variance": None}, "negative or non-finite"),
-        ({"read_variance": np.ones((2, 2))}, r"read_variance has shape \(2, 2\)"),
-        ({"plate_scale": 0.0}, "plate_scale = 0.0 arcsec/pixel is not positive"),
-        ({"exposure": np.nan}, "exposure = nan s is not positive"),
-        ({"response": 0.0}, "response has values that are not positive; mask a dead pixel and give it 1"),
-        ({"response": np.full((3, 4), np.nan)}, "response has values that are not positive"),
-        ({"response": np.ones((2, 2))}, r"response has shape \(2, 2\), the image \(3, 4\)"),
-        ({"ceiling": np.ones((2, 2))}, r"ceiling has shape \(2, 2\), the image \(3, 4\)"),
-        ({"full": np.ones((2, 2), bool)}, r"full has shape \(2, 2\), the image \(3, 4\)"),
+        ({"read_variance": -1.0}, ErrorCode.OUT_OF_RANGE, ["read_variance"]),
+        ({"read_variance": None}, ErrorCode.OUT_OF_RANGE, ["read_variance"]),
+        ({"read_variance": np.ones((2, 2))}, ErrorCode.WRONG_SHAPE, ["read_variance", (2, 2), (3, 4)]),
+        ({"plate_scale": 0.0}, ErrorCode.OUT_OF_RANGE, ["plate_scale = 0.0 arcsec/pixel"]),
+        ({"exposure": np.nan}, ErrorCode.OUT_OF_RANGE, ["exposure = nan s"]),
+        ({"response": 0.0}, ErrorCode.OUT_OF_RANGE, ["response"]),
+        ({"response": np.full((3, 4), np.nan)}, ErrorCode.OUT_OF_RANGE, ["response"]),
+        ({"response": np.ones((2, 2))}, ErrorCode.WRONG_SHAPE, ["response", (2, 2), (3, 4)]),
+        ({"ceiling": np.ones((2, 2))}, ErrorCode.WRONG_SHAPE, ["ceiling", (2, 2), (3, 4)]),
+        ({"full": np.ones((2, 2), bool)}, ErrorCode.WRONG_SHAPE, ["full", (2, 2), (3, 4)]),
     ],
 )
-def test_a_frame_that_cannot_be_is_refused(values, message):
-    with pytest.raises(JitterkitError, match=message):
-        Frame(**{"electrons": IMAGE, "read_variance": 1.0, **values})
+def test_a_frame_that_cannot_be_is_refused(given, code, values):
+    with refused(code, *values):
+        Frame(**{"electrons": IMAGE, "read_variance": 1.0, **given})
 
 
 def test_an_uneven_response_divides_photon_noise_once_and_the_rest_twice():
@@ -196,10 +196,10 @@ def test_a_ccddata_in_electrons_with_an_uncertainty_is_read_with_a_warning():
     ccd = CCDData(IMAGE, unit=units.electron, uncertainty=StdDevUncertainty(np.ones((3, 4))))
     raw = RawFrame.from_ccddata(ccd)
     assert raw.unit == "electron"
-    assert any("uncertainty is not used" in text for text in raw.metadata.warnings)
+    assert any("uncertainty" in text for text in raw.metadata.warnings)
 
 
 def test_a_ccddata_in_other_units_is_taken_as_adu_with_a_warning():
     raw = RawFrame.from_ccddata(CCDData(IMAGE, unit="Jy"))
     assert raw.unit == "adu"
-    assert "Jy is neither ADU nor electrons" in raw.metadata.warnings[0]
+    assert "Jy" in raw.metadata.warnings[0]

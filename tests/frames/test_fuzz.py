@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from fuzz_mutations import bomb, mutated
+from fuzz_reading import REFUSALS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -39,9 +40,10 @@ def outcome(path):
                     assert np.isfinite(frame.data).all()
                     assert all(text.isprintable() for text in frame.metadata.warnings)
         except FrameError as error:
-            sentence = str(error)
+            code, sentence = error.code, str(error)
         else:
             return None
+    assert code in REFUSALS
     assert re.fullmatch(rf"{re.escape(str(path))}: \S.*; .+\.", sentence)
     assert sentence.isprintable()
     assert not is_whole(path)

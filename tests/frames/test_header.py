@@ -15,6 +15,11 @@ def header(**cards):
     return made
 
 
+def named(warnings, *values):
+    """Tell whether one of the warnings names all of the values."""
+    return any(all(value in text for value in values) for text in warnings)
+
+
 @pytest.mark.parametrize(
     ("cards", "name", "value", "source"),
     [
@@ -56,23 +61,23 @@ def test_aliases_precedence_and_units(cards, name, value, source):
 
 
 @pytest.mark.parametrize(
-    ("cards", "words"),
+    ("cards", "values"),
     [
-        ({"GAIN": 2, "EGAIN": 0}, "GAIN = 2 stands beside an EGAIN, so it is a camera setting"),
-        ({"GAIN": 1, "SWCREATE": "N.I.N.A. 3.1"}, "was written by N.I.N.A. 3.1"),
-        ({"GAIN": 10, "CREATOR": "ZWO ASIAIR Plus"}, "was written by ZWO ASIAIR Plus"),
-        ({"GAIN": 300}, "is not plausible as e-/ADU"),
-        ({"GAIN": 0}, "GAIN = 0 is zero"),
-        ({"GAIN": -3}, "GAIN = -3 is outside"),
-        ({"GAIN": (0.5, "ADU/e-")}, "is in ADU per electron"),
-        ({"GAIN": "high"}, "GAIN = 'high' is not a number"),
-        ({"GAIN": True}, "GAIN = True is not a number"),
+        ({"GAIN": 2, "EGAIN": 0}, ["GAIN = 2", "EGAIN"]),
+        ({"GAIN": 1, "SWCREATE": "N.I.N.A. 3.1"}, ["GAIN = 1", "N.I.N.A. 3.1"]),
+        ({"GAIN": 10, "CREATOR": "ZWO ASIAIR Plus"}, ["GAIN = 10", "ZWO ASIAIR Plus"]),
+        ({"GAIN": 300}, ["GAIN = 300", "e-/ADU"]),
+        ({"GAIN": 0}, ["GAIN = 0"]),
+        ({"GAIN": -3}, ["GAIN = -3", "0 to 100000 e-/ADU"]),
+        ({"GAIN": (0.5, "ADU/e-")}, ["GAIN = 0.5", "'ADU/e-'"]),
+        ({"GAIN": "high"}, ["GAIN = 'high'"]),
+        ({"GAIN": True}, ["GAIN = True"]),
     ],
 )
-def test_a_gain_that_is_a_camera_setting_or_nonsense_is_not_believed(cards, words):
+def test_a_gain_that_is_a_camera_setting_or_nonsense_is_not_believed(cards, values):
     metadata = resolve_header(header(**cards))
     assert metadata.gain is None
-    assert any(words in text and "ignored" in text for text in metadata.warnings)
+    assert named(metadata.warnings, *values)
 
 
 def test_an_egain_of_zero_means_unknown_without_a_word():
@@ -86,28 +91,28 @@ def test_an_observatory_in_india_is_not_taken_for_indi():
 
 
 @pytest.mark.parametrize(
-    ("cards", "name", "words"),
+    ("cards", "name", "values"),
     [
-        ({"EXPTIME": -5}, "exposure", "EXPTIME = -5 is outside"),
-        ({"EXPTIME": "1e400"}, "exposure", "EXPTIME = inf is not a finite number"),
-        ({"EXPTIME": "n/a"}, "exposure", "EXPTIME = 'n/a' is not a number"),
-        ({"RDNOISE": 1e9}, "read_noise", "RDNOISE = 1e+09 is outside"),
-        ({"RDNOISE": (3, "in ADU")}, "read_noise", "is in ADU and the gain is unknown"),
-        ({"SATURATE": 0}, "saturation", "SATURATE = 0 is zero"),
-        ({"DATAMAX": 1037.89}, "saturation", "DATAMAX = 1037.89 is the data's maximum"),
-        ({"PIXSCALE": 1e9}, "plate_scale", "PIXSCALE = 1e+09 is outside"),
+        ({"EXPTIME": -5}, "exposure", ["EXPTIME = -5", "0 to 1e+07 s"]),
+        ({"EXPTIME": "1e400"}, "exposure", ["EXPTIME = inf"]),
+        ({"EXPTIME": "n/a"}, "exposure", ["EXPTIME = 'n/a'"]),
+        ({"RDNOISE": 1e9}, "read_noise", ["RDNOISE = 1e+09", "0 to 100000 e-"]),
+        ({"RDNOISE": (3, "in ADU")}, "read_noise", ["RDNOISE = 3", "ADU"]),
+        ({"SATURATE": 0}, "saturation", ["SATURATE = 0"]),
+        ({"DATAMAX": 1037.89}, "saturation", ["DATAMAX = 1037.89"]),
+        ({"PIXSCALE": 1e9}, "plate_scale", ["PIXSCALE = 1e+09", "0 to 100000 arcsec/pixel"]),
     ],
 )
-def test_malformed_negative_and_absurd_values_are_ignored_with_a_warning(cards, name, words):
+def test_malformed_negative_and_absurd_values_are_ignored_with_a_warning(cards, name, values):
     metadata = resolve_header(header(**cards))
     assert getattr(metadata, name) is None
-    assert any(words in text for text in metadata.warnings)
+    assert named(metadata.warnings, *values)
 
 
 def test_a_whole_datamax_is_believed_with_a_warning():
     metadata = resolve_header(header(DATAMAX=65535))
     assert metadata.saturation.value == 65535
-    assert "may be the data's maximum" in metadata.warnings[0]
+    assert "DATAMAX = 65535" in metadata.warnings[0]
 
 
 def test_an_odd_unit_is_adu_with_a_warning():
@@ -127,7 +132,7 @@ def test_xpixsz_includes_the_binning_and_pixsize1_does_not():
     included = resolve_header(header(FOCALLEN=1000, XPIXSZ=4.8, XBINNING=2))
     multiplied = resolve_header(header(FOCALLEN=1000, PIXSIZE1=2.4, XBINNING=2))
     assert included.plate_scale.value == pytest.approx(multiplied.plate_scale.value, rel=1e-12)
-    assert "taken to include the binning" in included.warnings[0]
+    assert named(included.warnings, "XPIXSZ = 4.8", "binning of 2")
 
 
 def test_a_focal_length_of_zero_is_unknown():
@@ -165,16 +170,22 @@ def test_the_time_is_found_in_every_spelling(cards, time):
     assert (known.value, known.unit) == (time, "UTC")
 
 
-BEYOND_TIME = {"DATE_OBS": "9999-12-31T23:59:00-23:59"}  # in UTC in the year 10000
+BEYOND_TIME = "9999-12-31T23:59:00-23:59"  # in UTC in the year 10000
 
 
 @pytest.mark.parametrize(
-    "cards", [{"DATE_OBS": "26/07/102"}, {"DATE_OBS": ""}, {"MJD_OBS": 2457640.5}, BEYOND_TIME]
+    ("cards", "value"),
+    [
+        ({"DATE_OBS": "26/07/102"}, "DATE-OBS = '26/07/102'"),
+        ({"DATE_OBS": ""}, "DATE-OBS = ''"),
+        ({"MJD_OBS": 2457640.5}, "MJD-OBS = 2.45764e+06"),
+        ({"DATE_OBS": BEYOND_TIME}, f"DATE-OBS = {BEYOND_TIME!r}"),
+    ],
 )
-def test_a_malformed_time_is_a_warning(cards):
+def test_a_malformed_time_is_a_warning(cards, value):
     metadata = resolve_header(header(**cards))
     assert metadata.time is None
-    assert "is not a date and is ignored" in metadata.warnings[0]
+    assert value in metadata.warnings[0]
 
 
 def test_another_time_system_is_a_warning():

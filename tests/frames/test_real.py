@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import tifffile
 from astropy.io import fits
+from refusals import refused
 
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames
 
 REAL = Path(__file__).parents[2].parent / "shared" / "real"
@@ -38,29 +39,29 @@ TIFF_IMAGES = {
     "16bit.MM.cropped.tif": "uint16", "16bit.cropped.tif": "uint16", "16bit.s.tif": "int16",
     "chessboard_GRAY_U16.tif": "uint16", "chessboard_GRAY_U16B.tif": "uint16", "uint16_1_4660.tif": "uint16",
 }  # fmt: skip
-REFUSED = {
-    "fits/compressed_float_bzero.fits": "holds no image .HDU 0: empty, HDU 1: an array of 3.",
-    "fits/group.fits": "holds no image .HDU 0: random groups.",
-    "fits/random_groups.fits": "random groups",
-    "fits/history_header.fits": "holds no image .HDU 0: empty.",
-    "fits/stddata.fits": "HDU 1: a table, HDU 2: a table",
-    "malformed/group_invalid.fits": "random groups",
-    "malformed/hopper_naxis_zero.fits": "holds no image .HDU 0: empty.",
-    "malformed/theap-gap.fits": "HDU 1: a table",
-    "malformed/verify.fits": "holds no image",
-    "malformed/multipage_multiple_frame_loop.tiff": "page 2 points back to an earlier page",
-    "malformed/multipage_out_of_order.tiff": "palette",
-    "malformed/tiff_wrong_bits_per_sample.tiff": r"4 channels \(red, green, blue, alpha\)",
-    "malformed/tiff_wrong_bits_per_sample_2.tiff": r"3 channels \(red, green, blue\)",
-    "tiff/hopper_bigtiff.tif": r"3 channels \(red, green, blue\)",
-    "tiff/hopper_lzma.tif": "3 channels",
-    "tiff/hopper_lzw.tif": "3 channels",
-    "tiff/multipage-mmap.tiff": "palette",
-    "tiff/multipage.tiff": "palette",
-    "tiff/multipage_rgb.tif": "3 channels",
-    "tiff/tiff_16bit_RGB.tiff": "3 channels",
-    "tiff/tiff_16bit_RGBa.tiff": "4 channels",
-    "tiff/tiff_strip_planar_16bit_RGB.tiff": "3 channels",
+REFUSED = {  # file: (code, what the sentence names)
+    "fits/compressed_float_bzero.fits": (ErrorCode.NO_IMAGE, "(HDU 0: empty, HDU 1: an array of 3)"),
+    "fits/group.fits": (ErrorCode.NO_IMAGE, "(HDU 0: random groups)"),
+    "fits/random_groups.fits": (ErrorCode.NO_IMAGE, "HDU 0: random groups"),
+    "fits/history_header.fits": (ErrorCode.NO_IMAGE, "(HDU 0: empty)"),
+    "fits/stddata.fits": (ErrorCode.NO_IMAGE, "HDU 1: a table, HDU 2: a table"),
+    "malformed/group_invalid.fits": (ErrorCode.NO_IMAGE, "HDU 0: random groups"),
+    "malformed/hopper_naxis_zero.fits": (ErrorCode.NO_IMAGE, "(HDU 0: empty)"),
+    "malformed/theap-gap.fits": (ErrorCode.NO_IMAGE, "HDU 1: a table"),
+    "malformed/verify.fits": (ErrorCode.NO_IMAGE, "HDU 0"),
+    "malformed/multipage_multiple_frame_loop.tiff": (ErrorCode.DAMAGED, "page 2"),
+    "malformed/multipage_out_of_order.tiff": (ErrorCode.COLOUR, "palette"),
+    "malformed/tiff_wrong_bits_per_sample.tiff": (ErrorCode.COLOUR, "4 channels (red, green, blue, alpha)"),
+    "malformed/tiff_wrong_bits_per_sample_2.tiff": (ErrorCode.COLOUR, "3 channels (red, green, blue)"),
+    "tiff/hopper_bigtiff.tif": (ErrorCode.COLOUR, "3 channels (red, green, blue)"),
+    "tiff/hopper_lzma.tif": (ErrorCode.COLOUR, "3 channels"),
+    "tiff/hopper_lzw.tif": (ErrorCode.COLOUR, "3 channels"),
+    "tiff/multipage-mmap.tiff": (ErrorCode.COLOUR, "palette"),
+    "tiff/multipage.tiff": (ErrorCode.COLOUR, "palette"),
+    "tiff/multipage_rgb.tif": (ErrorCode.COLOUR, "3 channels"),
+    "tiff/tiff_16bit_RGB.tiff": (ErrorCode.COLOUR, "3 channels"),
+    "tiff/tiff_16bit_RGBa.tiff": (ErrorCode.COLOUR, "4 channels"),
+    "tiff/tiff_strip_planar_16bit_RGB.tiff": (ErrorCode.COLOUR, "3 channels"),
 }
 
 
@@ -105,7 +106,8 @@ def test_packed_and_unpacked_twelve_bits_give_the_same_frame():
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_frame_is_refused_with_a_sentence_and_at_once(name):
     start = time.perf_counter()
-    with pytest.raises(FrameError, match=rf"{Path(name).name}: .*{REFUSED[name]}.*; .*\.$"):
+    code, value = REFUSED[name]
+    with refused(code, REAL / name, value, error=FrameError):
         list(read_frames(REAL / name))
     assert time.perf_counter() - start < 5
 
@@ -120,7 +122,7 @@ def test_negative_integers_and_a_malformed_date_are_read_with_a_warning():
     assert (frame.data.min(), frame.data.max()) == (-401, 4954)
     assert frame.metadata.exposure.value == 60
     assert frame.metadata.time is None
-    assert "DATE-OBS = '26/07/102' is not a date and is ignored" in frame.metadata.warnings
+    assert any("DATE-OBS = '26/07/102'" in text for text in frame.metadata.warnings)
 
 
 def test_an_observatorys_header_is_understood():
@@ -157,4 +159,4 @@ def test_a_blank_pixel_is_masked():
 def test_a_nan_in_a_lossily_compressed_image_is_masked_with_a_warning():
     frame = only("fits/compressed_with_nan.fits")
     assert frame.mask.sum() == 1
-    assert "it is lossy" in frame.metadata.warnings[0]
+    assert "ZQUANTIZ" in frame.metadata.warnings[0]

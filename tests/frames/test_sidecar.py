@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames, write_tiff
 from jitterkit.frames.sidecar import read_sidecars, sidecar_text
 
@@ -49,23 +50,36 @@ def test_without_any_nothing_is_known(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "code", "values"),
     [
-        ("gian = 2", "a.toml: the key 'gian' is unknown; use exposure, gain, read_noise"),
-        ("[frame]\ncolour = 2", "the key 'colour' is unknown"),
-        ("frame = 3", "the key 'frame' is unknown"),
-        ("gain = -2", "a.toml: gain = -2 is outside"),
-        ("gain = 'high'", "gain = 'high' is not a finite number"),
-        ("gain = = 2", "a.toml: is not readable as TOML"),
+        ("gian = 2", ErrorCode.UNKNOWN_NAME, ["'gian'", "exposure, gain, read_noise"]),
+        ("[frame]\ncolour = 2", ErrorCode.UNKNOWN_NAME, ["'colour'"]),
+        ("frame = 3", ErrorCode.UNKNOWN_NAME, ["'frame'"]),
+        ("gain = -2", ErrorCode.OUT_OF_RANGE, ["gain = -2", "0 to 100000 e-/ADU"]),
+        ("gain = 'high'", ErrorCode.WRONG_TYPE, ["gain = 'high'"]),
+        ("unit = 'Jy'", ErrorCode.UNKNOWN_UNIT, ["unit = 'Jy'"]),
+        ("gain = = 2", ErrorCode.MALFORMED, ["line 1"]),
+        ("gain = '\udcff'", ErrorCode.MALFORMED, ["0xff"]),  # no UTF-8
     ],
 )
-def test_a_mistake_in_it_is_said_with_the_file_and_the_key(tmp_path, text, words):
-    (tmp_path / "a.toml").write_text(text)
-    with pytest.raises(ConfigurationError, match=words):
+def test_a_mistake_in_it_is_said_with_the_file_and_the_key(tmp_path, text, code, values):
+    (tmp_path / "a.toml").write_bytes(text.encode(errors="surrogateescape"))
+    with refused(code, tmp_path / "a.toml", *values, error=ConfigurationError):
         read_sidecars(tmp_path / "a.tif")
     write_tiff(tmp_path / "a.tif", IMAGE)
-    with pytest.raises(ConfigurationError, match=words):
+    with refused(code, tmp_path / "a.toml", *values, error=ConfigurationError):
         open_frames(tmp_path / "a.tif")
+
+
+def test_one_that_may_not_be_read_is_said_to_be_so(tmp_path, monkeypatch):
+    (tmp_path / "a.toml").write_text("gain = 2.0\n")
+
+    def forbid(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(tmp_path), "read_text", forbid)
+    with refused(ErrorCode.NOT_READABLE, tmp_path / "a.toml", error=ConfigurationError):
+        read_sidecars(tmp_path / "a.tif")
 
 
 def test_the_text_survives_quotes_numpy_numbers_and_what_is_not_finite(tmp_path):
@@ -81,6 +95,6 @@ def test_the_text_survives_quotes_numpy_numbers_and_what_is_not_finite(tmp_path)
 
 
 def test_an_unknown_key_is_refused_before_anything_is_written(tmp_path):
-    with pytest.raises(ConfigurationError, match="the metadata: the key 'gian' is unknown"):
+    with refused(ErrorCode.UNKNOWN_NAME, "'gian'", error=ConfigurationError):
         write_tiff(tmp_path / "a.tif", IMAGE, metadata={"gian": 2})
     assert list(tmp_path.iterdir()) == []

@@ -65,14 +65,16 @@ def test_the_scale_is_the_root_of_the_pixels_area():
 def test_pixels_that_are_not_square_are_a_warning():
     scale, warning = plate_scale(tangent(up=1.21))
     assert scale == pytest.approx(SCALE * 1.1, rel=1e-12)
-    assert "not square" in warning
+    assert "0.375 x 0.45375 arcsec" in warning
+    assert "0.4125 arcsec" in warning
 
 
 def test_the_wcs_beats_pixscale_and_a_disagreement_is_a_warning():
     metadata = resolve_header(fits.Header({"PIXSCALE": 0.5}), wcs=tangent())
     assert metadata.plate_scale.value == pytest.approx(SCALE)
     assert "WCS" in metadata.plate_scale.source
-    assert "header PIXSCALE (HDU 0) = 0.5 differs from the WCS's 0.375" in metadata.warnings[0]
+    assert "header PIXSCALE (HDU 0) = 0.5" in metadata.warnings[0]
+    assert "0.375 arcsec/pixel" in metadata.warnings[0]
 
 
 def plain(header):
@@ -95,18 +97,18 @@ def test_headers_without_celestial_axes_make_none():
 def test_a_wcs_without_a_scale_is_not_believed():
     wcs, warnings = celestial_wcs(plain(fits.Header({"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN"})))
     assert wcs is None
-    assert "no scale" in warnings[0]
+    assert "CD, PC or CDELT" in warnings[0]
 
 
-@pytest.mark.parametrize(
-    ("number", "words"), [(0.0, "has no scale"), (1e-4, "cannot be inverted"), (1e200, "cannot be inverted")]
-)
-def test_a_wcs_that_cannot_be_inverted_is_not_believed(number, words):
+@pytest.mark.parametrize(("number", "has_scale"), [(0.0, False), (1e-4, True), (1e200, True)])
+def test_a_wcs_that_cannot_be_inverted_is_not_believed(number, has_scale):
     cards = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN"}
     cards |= dict.fromkeys(("CD1_1", "CD1_2", "CD2_1", "CD2_2"), number)
     wcs, warnings = celestial_wcs(plain(fits.Header(cards)))
     assert wcs is None
-    assert words in warnings[0]
+    assert len(warnings) == 1
+    assert "WCS" in warnings[0]
+    assert ("CD, PC or CDELT" not in warnings[0]) == has_scale
 
 
 def test_the_sides_compared_are_the_pixels_and_not_the_skys():
@@ -118,6 +120,4 @@ def test_the_sides_compared_are_the_pixels_and_not_the_skys():
 def test_a_wcs_of_an_absurd_scale_gives_none():
     metadata = resolve_header(fits.Header({"PIXSCALE": 0.5}), wcs=tangent(up=1e40))
     assert metadata.plate_scale.source == "header PIXSCALE (HDU 0)"
-    assert (
-        "the WCS's scale = 3.75e+19 is outside 0 to 100000 arcsec/pixel and is ignored" in metadata.warnings
-    )
+    assert any("3.75e+19" in text and "0 to 100000 arcsec/pixel" in text for text in metadata.warnings)

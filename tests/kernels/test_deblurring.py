@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.signal import fftconvolve
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.kernels import METHODS, deblur, kernel_image
 from jitterkit.loci import Linear, Mvn, Product
 
@@ -124,19 +125,25 @@ def test_negative_pixels_are_lifted_for_richardson_and_lucy(streak, rng):
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "code", "values"),
     [
-        ({"method": "magic"}, "choose from richardson-lucy, wiener, unsupervised-wiener"),
-        ({"method": "unsupervised-wiener"}, "give it a generator"),
-        ({"kernel": np.ones((2, 3))}, r"odd sides .*\(2, 3\)"),
-        ({"kernel": np.zeros((3, 3))}, "positive sum"),
-        ({"image": np.full((9, 9), np.nan)}, "without a usable pixel"),
-        ({"image": np.ones(9)}, r"image of shape \(9,\)"),
-        ({"variance": np.ones((9, 8))}, r"variance has shape \(9, 8\)"),
-        ({"mask": np.zeros((8, 9), bool)}, r"mask has shape \(8, 9\)"),
+        (
+            {"method": "magic"},
+            ErrorCode.UNKNOWN_NAME,
+            ["'magic'", "richardson-lucy, wiener, unsupervised-wiener"],
+        ),
+        ({"method": "unsupervised-wiener"}, ErrorCode.MISSING_VALUE, ["rng"]),
+        ({"kernel": np.ones((2, 3))}, ErrorCode.WRONG_SHAPE, [(2, 3), 6]),
+        ({"kernel": np.ones(3)}, ErrorCode.WRONG_SHAPE, [(3,)]),
+        ({"kernel": np.zeros((3, 3))}, ErrorCode.OUT_OF_RANGE, [(3, 3), 0]),
+        ({"image": np.full((9, 9), np.nan)}, ErrorCode.NO_DATA, [81]),
+        ({"mask": np.ones((9, 9), bool)}, ErrorCode.NO_DATA, [81]),
+        ({"image": np.ones(9)}, ErrorCode.WRONG_SHAPE, [(9,)]),
+        ({"variance": np.ones((9, 8))}, ErrorCode.WRONG_SHAPE, ["variance", (9, 8), (9, 9)]),
+        ({"mask": np.zeros((8, 9), bool)}, ErrorCode.WRONG_SHAPE, ["mask", (8, 9), (9, 9)]),
     ],
 )
-def test_what_cannot_be_deblurred_is_refused_in_words(more, words):
+def test_what_cannot_be_deblurred_is_refused(more, code, values):
     given = {"image": np.ones((9, 9)), "kernel": np.ones((3, 3)), **more}
-    with pytest.raises(ConfigurationError, match=words):
+    with refused(code, *values, error=ConfigurationError):
         deblur(**given)

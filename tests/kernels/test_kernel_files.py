@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from astropy.convolution import CustomKernel, convolve_fft
 from astropy.io import fits
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.kernels import kernel_cards, kernel_image, read_kernel, write_kernel
+from jitterkit.kernels import kernel_cards, kernel_image, locus_of, read_kernel, write_kernel
 from jitterkit.loci import Linear, Mvn
 
 P = 0.375
@@ -63,7 +64,7 @@ def test_only_a_round_normal_is_what_poppy_calls_gaussian():
 def test_a_clipped_axis_is_remarked_and_the_moments_keep_their_signs():
     found = estimate([0.04, 0.0, -0.002])
     cards = kernel_cards(kernel_image(found, P), plate_scale=P, estimate=found)
-    assert "negative" in cards["REMARK"][0]
+    assert cards["REMARK"][0] == locus_of(found)[1] != ""
     assert (cards["SYY"][0], cards["JITTER_MINOR"][0]) == (-0.002, 0.0)
 
 
@@ -120,27 +121,28 @@ def test_photutils_finds_the_kernel_between_a_sharp_star_and_a_blurred_one(hop):
 def test_another_file_is_not_replaced_unasked(tmp_path):
     kernel = kernel_image(Mvn.of(0.2), P)
     path = write_kernel(tmp_path / "k.fits", kernel, plate_scale=P)
-    with pytest.raises(FrameError, match=r"k.fits: exists already"):
+    with refused(ErrorCode.EXISTS, path, error=FrameError):
         write_kernel(path, kernel, plate_scale=P)
     assert write_kernel(path, kernel, plate_scale=2 * P, overwrite=True) == path
     assert read_kernel(path).plate_scale == 2 * P
 
 
-BAD = {
-    r"even side in \(4, 5\)": np.ones((4, 5)),
-    r"has shape \(3, 3, 3\)": np.ones((3, 3, 3)),
-    "holds 1 values that are not finite": np.array([[1, np.nan, 1]]),
-    "sums to 0": np.zeros((3, 3)),
-    "sums to -9": -np.ones((3, 3)),
-}
-
-
-@pytest.mark.parametrize("problem", BAD)
-def test_what_is_no_kernel_is_neither_written_nor_read(tmp_path, problem):
-    with pytest.raises(ConfigurationError, match=problem):
-        write_kernel(tmp_path / "a.fits", BAD[problem], plate_scale=P)
-    fits.writeto(tmp_path / "b.fits", BAD[problem])
-    with pytest.raises(FrameError, match=rf"b.fits: .*{problem}"):
+@pytest.mark.parametrize(
+    ("kernel", "code", "value"),
+    [
+        (np.ones((4, 5)), ErrorCode.WRONG_SHAPE, (4, 5)),
+        (np.ones((3, 3, 3)), ErrorCode.WRONG_SHAPE, (3, 3, 3)),
+        (np.array([[1, np.nan, 1]]), ErrorCode.OUT_OF_RANGE, "1 of its 3"),
+        (np.zeros((3, 3)), ErrorCode.OUT_OF_RANGE, "sums to 0"),
+        (-np.ones((3, 3)), ErrorCode.OUT_OF_RANGE, "sums to -9"),
+    ],
+    ids=["even", "cube", "nan", "zero", "negative"],
+)
+def test_what_is_no_kernel_is_neither_written_nor_read(tmp_path, kernel, code, value):
+    with refused(code, value, error=ConfigurationError):
+        write_kernel(tmp_path / "a.fits", kernel, plate_scale=P)
+    fits.writeto(tmp_path / "b.fits", kernel)
+    with refused(code, tmp_path / "b.fits", value, error=FrameError):
         read_kernel(tmp_path / "b.fits")
     assert not (tmp_path / "a.fits").exists()
 
@@ -156,14 +158,14 @@ def test_kernels_of_other_tools_are_scaled_and_keep_what_they_say(tmp_path):
     assert read_kernel(tmp_path / "b.fits").plate_scale is None
 
 
-def test_files_that_hold_no_image_are_refused_in_words(tmp_path):
+def test_files_that_hold_no_image_are_refused(tmp_path):
     (tmp_path / "a.fits").write_bytes(b"nothing")
-    with pytest.raises(FrameError, match=r"a.fits"):
+    with refused(ErrorCode.UNKNOWN_FORMAT, tmp_path / "a.fits", error=FrameError):
         read_kernel(tmp_path / "a.fits")
     fits.HDUList([fits.PrimaryHDU()]).writeto(tmp_path / "b.fits")
-    with pytest.raises(FrameError, match="holds no image"):
+    with refused(ErrorCode.NO_IMAGE, tmp_path / "b.fits", error=FrameError):
         read_kernel(tmp_path / "b.fits")
     path = write_kernel(tmp_path / "c.fits", np.ones((31, 31)), plate_scale=P)
     path.write_bytes(path.read_bytes()[:4000])
-    with pytest.raises(FrameError, match="truncated"):
+    with refused(ErrorCode.TRUNCATED, path, error=FrameError):
         read_kernel(path)

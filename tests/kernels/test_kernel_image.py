@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.signal import convolve
 from scipy.stats import multivariate_normal
 
-from jitterkit.errors import ConfigurationError, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import kernel_image, kernel_moments, kernel_quality, locus_of
@@ -69,6 +70,7 @@ def test_an_asymmetric_path_of_whole_pixels_is_drawn_where_it_goes(hop):
 
 @pytest.mark.parametrize("name", ["small", "linear", "shm", "wide", "both"])
 def test_convolving_a_sharp_frame_gives_the_frame_of_the_forward_model(name):
+    # a pupil of its own: the OTF of a full circle is nowhere negative, which the bound below needs
     pupil, band = obstructed_circle(0.125, 0.0, samples=64, noll=()), flat_band(530, 640, 3)
     otf = expand(pupil, band, grid_for(pupil, band, (48, 48), P, pad=16))
     sharp, blurred = (
@@ -98,7 +100,7 @@ def test_an_estimate_of_moments_is_drawn_as_a_normal():
 
 def test_a_negative_variance_is_clipped_and_said_to_be():
     locus, remark = locus_of(estimate([0.04, 0.0, -0.002]))
-    assert "minor axis was negative" in remark
+    assert "minor axis" in remark
     np.testing.assert_allclose(locus.moments(), [0.04, 0, 0], atol=1e-15)
     np.testing.assert_allclose(
         kernel_moments(kernel_image(estimate([0.04, 0, -0.002]), P), P), [0.04, 0, 0], atol=1e-13
@@ -106,7 +108,7 @@ def test_a_negative_variance_is_clipped_and_said_to_be():
 
 
 def test_noise_about_no_jitter_gives_no_kernel():
-    with pytest.raises(UndeterminedError, match=r"no positive variance along any axis"):
+    with refused(ErrorCode.NO_SIGNAL, "(-0.01, 0.001, -0.02)", error=UndeterminedError):
         kernel_image(estimate([-0.01, 0.001, -0.02]), P)
 
 
@@ -121,23 +123,23 @@ def test_a_kernel_of_pixels_is_given_out_as_it_is_in_a_frame_of_the_size_asked_f
     found = estimate([0.1, 0, 0.1], kernel=pixels)
     np.testing.assert_allclose(kernel_image(found, P), pixels / 105)
     np.testing.assert_allclose(kernel_image(found, P, shape=(7, 5))[2:5], pixels / 105)
-    with pytest.raises(ConfigurationError, match="cannot be oversampled by 2"):
+    with refused(ErrorCode.UNSUPPORTED, 2, error=ConfigurationError):
         kernel_image(found, P, 2)
-    with pytest.raises(ConfigurationError, match=r"does not fit into \(3, 3\)"):
+    with refused(ErrorCode.WRONG_SHAPE, (3, 5), (3, 3), error=ConfigurationError):
         kernel_image(found, P, shape=(3, 3))
-    with pytest.raises(ConfigurationError, match="sums to 0"):
+    with refused(ErrorCode.OUT_OF_RANGE, 0, error=ConfigurationError):
         kernel_image(estimate([0.1, 0, 0.1], kernel=np.zeros((3, 3))), P)
 
 
 def test_a_shape_is_kept_or_refused():
     assert kernel_image(LOCI["linear"], P, shape=(7, 11)).shape == (7, 11)
-    with pytest.raises(ConfigurationError, match=r"must be odd.*\(8, 9\)"):
+    with refused(ErrorCode.WRONG_SHAPE, (8, 9), error=ConfigurationError):
         kernel_image(LOCI["linear"], P, shape=(8, 9))
-    with pytest.raises(ConfigurationError, match=r"needs \(5, 9\) at least"):
+    with refused(ErrorCode.WRONG_SHAPE, (5, 7), (5, 9), error=ConfigurationError):
         kernel_image(LOCI["long"], P, shape=(5, 7))
 
 
 @pytest.mark.parametrize(("scale", "oversample"), [(0.0, 1), (np.nan, 1), (P, 0)])
 def test_impossible_scales_are_refused(scale, oversample):
-    with pytest.raises(ConfigurationError, match="positive plate scale"):
+    with refused(ErrorCode.OUT_OF_RANGE, scale, oversample, error=ConfigurationError):
         kernel_image(LOCI["linear"], scale, oversample)

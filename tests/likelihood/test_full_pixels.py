@@ -19,12 +19,6 @@ LEVEL = 2000.0
 
 
 @pytest.fixture(scope="module")
-def otf():
-    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
-    return expand(pupil, band, grid_for(pupil, band, (24, 20), 0.375, pad=8))
-
-
-@pytest.fixture(scope="module")
 def truth():
     return Parameters(Binary(3.0, 40.0, 0.2, -0.1, 2e4, 2.0), Mvn.of(0.1, 0.05, 30.0), [3.0, -2.0], 5.0)
 
@@ -36,7 +30,7 @@ def free(truth, otf):
 
 def clipped(truth, otf, rng, level=600.0):
     """A frame whose brightest pixels are full, with a flat of 5 % and read noise."""
-    flat = 1 + 0.05 * rng.standard_normal((24, 20))
+    flat = 1 + 0.05 * rng.standard_normal(otf.grid.shape)
     counts = rng.poisson(np.asarray(expected_image(truth, otf)) * flat) + rng.normal(0, 3, flat.shape)
     full = counts / flat >= level
     electrons = np.where(full, level, counts / flat)
@@ -44,7 +38,7 @@ def clipped(truth, otf, rng, level=600.0):
 
 
 def test_dividing_by_a_flat_changes_nothing(truth, otf, rng):
-    flat = 1 + 0.2 * rng.uniform(-1, 1, (24, 20))
+    flat = 1 + 0.2 * rng.uniform(-1, 1, otf.grid.shape)
     image = np.asarray(expected_image(truth, otf))
     counts = rng.poisson(image * flat)
     saturated = np.where(counts > 0, stats.poisson.logpmf(counts, np.maximum(counts, 1)), 0.0)

@@ -8,14 +8,7 @@ from scipy import stats
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.likelihood import Data, deviance, normal_equations, pearson
 from jitterkit.loci import Mvn
-from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
-
-
-@pytest.fixture(scope="module")
-def otf():
-    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
-    return expand(pupil, band, grid_for(pupil, band, (24, 20), 0.375, pad=8))
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.special
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Ellipse, Linear, Lissajous, Mvn, Shaped, Shm
 from jitterkit.loci.special import j0_of_square, log1p_over
 
@@ -168,14 +169,14 @@ def test_without_kurtosis_a_shaped_blur_is_normal_and_the_change_through_it_is_s
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    ("build", "values"),
     [
-        (lambda: Ellipse.of(0.3, -0.1), "Semi-axes must not be negative.*0.3 and -0.1"),
-        (lambda: Lissajous.of(-0.3, 0.1), "Amplitudes must not be negative.*-0.3 and 0.1"),
-        (lambda: Shaped.of(0.2, 0.1, 0.0, -2.5), "excess kurtosis below -2; got -2.5"),
-        (lambda: Shaped.of(-0.2), "Sigmas must not be negative.*-0.2"),
+        (lambda: Ellipse.of(0.3, -0.1), ["Semi-axes", "0.3 and -0.1"]),
+        (lambda: Lissajous.of(-0.3, 0.1), ["Amplitudes", "-0.3 and 0.1"]),
+        (lambda: Shaped.of(0.2, 0.1, 0.0, -2.5), ["kurtosis", "below -2", "got -2.5"]),
+        (lambda: Shaped.of(-0.2), ["Sigmas", "-0.2 and -0.2"]),
     ],
 )
-def test_impossible_sizes_are_refused(build, message):
-    with pytest.raises(ConfigurationError, match=message):
+def test_impossible_sizes_are_refused(build, values):
+    with refused(ErrorCode.OUT_OF_RANGE, *values, error=ConfigurationError):
         build()

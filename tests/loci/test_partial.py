@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.special
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Linear, PartialShm, Shm
 
 FX, FY = np.meshgrid(np.linspace(-1.2, 1.2, 13), np.linspace(-1.1, 1.1, 12))
@@ -134,18 +135,15 @@ def test_no_derivative_is_lost_where_the_motion_is_its_own_reversal():
 
 
 @pytest.mark.parametrize(
-    ("sizes", "message"),
+    ("sizes", "values"),
     [
-        ({"length": -1.0}, "length must not be negative.*-1"),
-        (
-            {"length": 1.0, "cycles": 0.01},
-            "0.05 to 3 cycles an exposure, got 0.01; with fewer it is a linear",
-        ),
-        ({"length": 1.0, "cycles": 20.0}, "0.05 to 3 cycles an exposure, got 20;.*with more an shm"),
+        ({"length": -1.0}, ["length", "-1.0"]),
+        ({"length": 1.0, "cycles": 0.01}, ["0.05 to 3 cycles", "got 0.01", "linear"]),
+        ({"length": 1.0, "cycles": 20.0}, ["0.05 to 3 cycles", "got 20", "shm"]),
     ],
 )
-def test_impossible_sizes_are_refused(sizes, message):
-    with pytest.raises(ConfigurationError, match=message):
+def test_impossible_sizes_are_refused(sizes, values):
+    with refused(ErrorCode.OUT_OF_RANGE, *values, error=ConfigurationError):
         PartialShm.of(**sizes)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.interpolate
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Linear, Path, Trace, read_trace
 
 FX, FY = np.meshgrid(np.linspace(-1.2, 1.2, 9), np.linspace(-1.1, 1.1, 8))
@@ -118,19 +119,31 @@ def test_when_the_samples_come_does_not_matter_where_they_lie_on_one_line():
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    ("build", "code", "values"),
     [
-        (lambda: Trace.of([0, 1], [0, 1], [0]), r"two samples or more of t, x and y; got \(2,\), \(2,\) and"),
-        (lambda: Trace.of([0, 1, 1], [0] * 3, [0] * 3), "must ascend, but sample 2 is at 1 s after 1 s"),
-        (lambda: Trace.of([0, 1], [0, np.nan], [0, 0]), "trace's x is nan at sample 1"),
-        (lambda: Trace.of([0, 1, 2], [0] * 3, [0] * 3, 0.2, 0.5), "Fewer than two samples.*from 0.2 to 0.7"),
-        (lambda: Trace.of([0, 1, 2], [0] * 3, [0] * 3, 1.0, 5.0), "does not cover the exposure from 1 to 6"),
-        (lambda: Path.of([[0.0, 0.0]]), "two knots or more"),
-        (lambda: Path.of([[0.0, 0.0], [np.inf, 0.0]]), "each a finite x and y.*inf"),
+        (lambda: Trace.of([0, 1], [0, 1], [0]), ErrorCode.WRONG_SHAPE, ["(2,), (2,) and (1,)"]),
+        (lambda: Trace.of([0], [0], [0]), ErrorCode.TOO_FEW, ["(1,), (1,) and (1,)"]),
+        (lambda: Trace.of([0, 1, 1], [0] * 3, [0] * 3), ErrorCode.MALFORMED, ["sample 2", "1 s after 1 s"]),
+        (lambda: Trace.of([0, 3, 1], [0] * 3, [0] * 3), ErrorCode.MALFORMED, ["sample 2", "1 s after 3 s"]),
+        (lambda: Trace.of([0, 1], [0, np.nan], [0, 0]), ErrorCode.OUT_OF_RANGE, ["x is nan", "sample 1"]),
+        (
+            lambda: Trace.of([0, 1, 2], [0] * 3, [0] * 3, 0.2, 0.5),
+            ErrorCode.TOO_FEW,
+            ["0.2 to 0.7 s", "0 to 2 s"],
+        ),
+        (
+            lambda: Trace.of([0, 1, 2], [0] * 3, [0] * 3, 1.0, 5.0),
+            ErrorCode.OUT_OF_RANGE,
+            ["0 to 2 s", "1 to 6 s"],
+        ),
+        (lambda: Path.of([[0.0, 0.0]]), ErrorCode.TOO_FEW, ["[[0.0, 0.0]]"]),
+        (lambda: Path.of([1.5, 2.0]), ErrorCode.WRONG_SHAPE, ["[1.5, 2.0]"]),
+        (lambda: Path.of([[1.5], [2.0]]), ErrorCode.WRONG_SHAPE, ["[[1.5], [2.0]]"]),
+        (lambda: Path.of([[0.0, 0.0], [np.inf, 0.0]]), ErrorCode.OUT_OF_RANGE, ["[inf, 0.0]"]),
     ],
 )
-def test_impossible_paths_are_refused(build, message):
-    with pytest.raises(ConfigurationError, match=message):
+def test_impossible_paths_are_refused(build, code, values):
+    with refused(code, *values, error=ConfigurationError):
         build()
 
 
@@ -142,21 +155,30 @@ def test_a_trace_is_read_from_a_table(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "code", "values"),
     [
-        ("", "gyro.csv: begins with 'nothing'; its first line must be t,x,y"),
-        ("0,1,2\n1,2,3\n", "gyro.csv: begins with '0,1,2'"),
-        ("t,x,y\n0,0,0\n1,oops,0\n", "gyro.csv: line 3, column x is 'oops'"),
-        ("t,x,y\n0,0,0\n1,0,nan\n", "gyro.csv: line 3, column y is 'nan'"),
-        ("t,x,y\n0,0\n", "gyro.csv: line 2 has 2 columns"),
-        ("t,x,y\n0,0,0\n", "gyro.csv: A trace needs two samples or more"),
-        ("t,x,y\n1,0,0\n0,0,0\n", "gyro.csv: The trace's times must ascend"),
+        ("", ErrorCode.MALFORMED, ["'nothing'", "t,x,y"]),
+        ("0,1,2\n1,2,3\n", ErrorCode.MALFORMED, ["'0,1,2'", "t,x,y"]),
+        ("t,x,y\n0,0,0\n1,oops,0\n", ErrorCode.MALFORMED, ["line 3", "column x", "'oops'"]),
+        ("t,x,y\n0,0,0\n1,0,nan\n", ErrorCode.OUT_OF_RANGE, ["line 3", "column y", "'nan'"]),
+        ("t,x,y\n0,0\n", ErrorCode.MALFORMED, ["line 2", "2 columns", "t,x,y"]),
+        ("t,x,y\n0,0,0\n", ErrorCode.TOO_FEW, ["(1,), (1,) and (1,)"]),
+        ("t,x,y\n1,0,0\n0,0,0\n", ErrorCode.MALFORMED, ["sample 1", "0 s after 1 s"]),
     ],
 )
-def test_a_table_that_is_no_trace_is_refused_with_its_place(text, message, tmp_path):
+def test_a_table_that_is_no_trace_is_refused_with_its_place(text, code, values, tmp_path):
     path = tmp_path / "gyro.csv"
     path.write_text(text)
-    with pytest.raises(ConfigurationError, match=message):
+    with refused(code, path, *values, error=ConfigurationError):
         read_trace(path)
-    with pytest.raises(ConfigurationError, match="cannot be read"):
+
+
+def test_a_table_that_cannot_be_read_is_refused_by_its_name(tmp_path):
+    with refused(ErrorCode.NOT_FOUND, tmp_path / "none.csv", "t,x,y", error=ConfigurationError):
         read_trace(tmp_path / "none.csv")
+    with refused(ErrorCode.NOT_READABLE, tmp_path, "t,x,y", error=ConfigurationError):
+        read_trace(tmp_path)
+    path = tmp_path / "gyro.csv"
+    path.write_bytes(b"t,x,y\n\xff\xfe,0,0\n")
+    with refused(ErrorCode.MALFORMED, path, "t,x,y", error=ConfigurationError):
+        read_trace(path)

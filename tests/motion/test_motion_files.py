@@ -2,8 +2,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.motion import Line, PowerSpectrum, Record, read_motion
 
 
@@ -45,27 +46,27 @@ def test_hst_s_frequencies_are_read():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "values"),
     [
-        ("", "motion.csv: holds no motion; give a table of densities f,x,y"),
-        ("f,x,y\n", "holds no motion"),
-        ("f,x,y\n1,2,3\n", "line 2 is the only density; give two or more"),
-        ("freq,psd\n1,2\n", "line 1 is 'freq,psd'; give a table"),
-        ("f,x,y\n1,2\n", "line 2 has 2 columns; give f,x,y"),
-        ("#\nf,x,y\n1,2,three\n", "line 3, column y is 'three'; give a finite number"),
-        ("f,x,y\n1,2,nan\n", "line 2, column y is 'nan'"),
-        ("f,x,y\n2,1,1\n1,1,1\n", "row 2 is 1 Hz; give them ascending"),
-        ("f,x,y\n1,1,1\n2,1,1\nf,x,y,xy\n", "line 4 begins a second table of one kind"),
-        ("frequency,amplitude,angle\n-1,1,0\n", "line 2: A line's frequency is -1"),
-        ("t,x,y\n0,0,0\n0,0,0\n", "times must ascend"),
+        ("", ErrorCode.MALFORMED, ["f,x,y"]),
+        ("f,x,y\n", ErrorCode.MALFORMED, ["f,x,y"]),
+        ("f,x,y\n1,2,3\n", ErrorCode.TOO_FEW, ["line 2"]),
+        ("freq,psd\n1,2\n", ErrorCode.MALFORMED, ["line 1", "'freq,psd'"]),
+        ("f,x,y\n1,2\n", ErrorCode.MALFORMED, ["line 2", "2 columns", "f,x,y"]),
+        ("#\nf,x,y\n1,2,three\n", ErrorCode.MALFORMED, ["line 3", "column y", "'three'"]),
+        ("f,x,y\n1,2,nan\n", ErrorCode.OUT_OF_RANGE, ["line 2", "column y", "'nan'"]),
+        ("f,x,y\n2,1,1\n1,1,1\n", ErrorCode.MALFORMED, ["row 2", "1 Hz"]),
+        ("f,x,y\n1,1,1\n2,1,1\nf,x,y,xy\n", ErrorCode.DUPLICATE, ["line 4"]),
+        ("frequency,amplitude,angle\n-1,1,0\n", ErrorCode.OUT_OF_RANGE, ["line 2", "frequency", -1]),
+        ("t,x,y\n0,0,0\n0,0,0\n", ErrorCode.MALFORMED, ["sample 1", "0 s"]),
     ],
 )
-def test_what_is_no_motion_is_one_sentence_with_its_place(text, sentence, table):
-    with pytest.raises(ConfigurationError, match=sentence) as refused:
+def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, table):
+    with refused(code, *values) as caught:
         read_motion(table(text))
-    assert str(refused.value).startswith(str(table("")))
+    assert str(caught.value).startswith(str(table("")))
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(ConfigurationError, match=r"none\.csv: cannot be read .* give a table"):
+    with refused(ErrorCode.NOT_FOUND, tmp_path / "none.csv", "f,x,y"):
         read_motion(tmp_path / "none.csv")

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.loci import Trace
 from jitterkit.motion import Line, Record, measure_exposures, split_line, trace_spectrum
 
@@ -87,7 +88,7 @@ def test_a_record_of_a_few_samples_has_an_empty_spectrum_and_a_split(samples, ro
 
 def test_records_that_hold_no_exposure_are_refused():
     record = Record(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2))
-    with pytest.raises(ConfigurationError, match=r"lasts 1 s and holds no exposure of 2 s"):
+    with refused(ErrorCode.OUT_OF_RANGE, "1 s", "2 s"):
         measure_exposures(record, 2.0)
-    with pytest.raises(ConfigurationError, match=r"cannot follow every 0\.1 s"):
+    with refused(ErrorCode.OUT_OF_RANGE, "0.5 s", "0.1 s"):
         measure_exposures(record, 0.5, 0.1)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.loci import Linear, Stable
 from jitterkit.optics import Grid, empirical_otf, expand, lines, obstructed_circle
@@ -97,17 +98,17 @@ def test_an_empirical_psf_has_no_aberrations_and_holds_the_pixel():
 
 
 @pytest.mark.parametrize(
-    ("psf", "centre", "message"),
+    ("psf", "centre", "code", "values"),
     [
-        (np.ones(5), None, r"one image \(ny, nx\), got an array of shape \(5,\)"),
-        (np.ones((0, 3)), None, r"got an array of shape \(0, 3\)"),
-        (np.full((3, 3), np.nan), None, "NaN or infinite pixels; interpolate"),
-        (np.zeros((3, 3)), None, "sums to 0, so there is no star"),
-        (-np.ones((3, 3)), None, "sums to -9, so there is no star"),
-        (np.ones((3, 3)), (1.0, 2.6), r"centre \(1, 2.6\) lies outside the stamp of \(3, 3\)"),
-        (np.ones((3, 3)), (np.nan, 1.0), r"centre \(nan, 1\) lies outside"),
+        (np.ones(5), None, ErrorCode.WRONG_SHAPE, ((5,),)),
+        (np.ones((0, 3)), None, ErrorCode.WRONG_SHAPE, ((0, 3),)),
+        (np.full((3, 3), np.nan), None, ErrorCode.OUT_OF_RANGE, ("9 NaN",)),
+        (np.zeros((3, 3)), None, ErrorCode.NO_STAR, ("to 0,",)),
+        (-np.ones((3, 3)), None, ErrorCode.NO_STAR, ("to -9,",)),
+        (np.ones((3, 3)), (1.0, 2.6), ErrorCode.OUT_OF_RANGE, ("(1, 2.6)", (3, 3))),
+        (np.ones((3, 3)), (np.nan, 1.0), ErrorCode.OUT_OF_RANGE, ("(nan, 1)", (3, 3))),
     ],
 )
-def test_images_that_are_no_star_are_refused(psf, centre, message):
-    with pytest.raises(ConfigurationError, match=message):
+def test_images_that_are_no_star_are_refused(psf, centre, code, values):
+    with refused(code, *values):
         empirical_otf(psf, SCALE, (8, 8), centre=centre)

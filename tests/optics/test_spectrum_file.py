@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.optics import flat_band
 from jitterkit.optics.spectrum_file import band_from_table, read_spectrum
 
@@ -39,18 +40,34 @@ def test_a_csv_with_names_comments_and_blank_lines_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "values"),
     [
-        ("w,p\n530,1\n540;2\n", r"s\.csv: line 3 is 540;2; give wavelength_nm, photons|line 3 is '540;2'"),
-        ("530,1\n", r"s\.csv: A spectrum of 1 rows"),
-        ("", r"s\.csv: A spectrum of 0 rows"),
-        ("540,1\n530,1\n", r"must be positive and ascend, in nm; sort the table"),
-        ("530,1\n540,-1\n", r"photons must not be negative, nor all zero"),
-        ("530,0\n540,0\n", r"photons must not be negative, nor all zero"),
+        ("w,p\n530,1\n540;2\n", ErrorCode.MALFORMED, ("line 3", "540;2")),
+        ("530,1\n", ErrorCode.TOO_FEW, ("1 rows", "13 samples")),
+        ("", ErrorCode.TOO_FEW, ("0 rows", "13 samples")),
+        ("540,1\n530,1\n", ErrorCode.MALFORMED, (" 530 ",)),
+        ("530,1\n530,1\n", ErrorCode.MALFORMED, (" 530 ",)),
+        ("-5,1\n530,1\n", ErrorCode.MALFORMED, (" -5 ",)),
+        ("530,1\n540,-2\n", ErrorCode.OUT_OF_RANGE, ("-2 to 1",)),
+        ("530,0\n540,0\n", ErrorCode.OUT_OF_RANGE, ("0 to 0",)),
+        ("530,1\n540,nan\n", ErrorCode.OUT_OF_RANGE, ("nan to nan",)),
+        ("530,1\n540,\xff\n", ErrorCode.MALFORMED, ("0xff",)),
     ],
 )
-def test_a_table_that_is_no_spectrum_is_refused(tmp_path, text, sentence):
+def test_a_table_that_is_no_spectrum_is_refused(tmp_path, text, code, values):
     path = tmp_path / "s.csv"
-    path.write_text(text)
-    with pytest.raises(ConfigurationError, match=sentence):
+    path.write_text(text, encoding="latin-1")
+    with refused(code, path, *values):
         read_spectrum(path)
+
+
+def test_a_spectrum_is_not_modelled_with_no_wavelengths():
+    with refused(ErrorCode.OUT_OF_RANGE, "2 rows", "0 samples"):
+        band_from_table(np.array([530.0, 640.0]), np.ones(2), 0)
+
+
+def test_a_file_that_cannot_be_read_is_told_from_one_that_is_not_there(tmp_path):
+    with refused(ErrorCode.NOT_FOUND, tmp_path / "none.csv"):
+        read_spectrum(tmp_path / "none.csv")
+    with refused(ErrorCode.NOT_READABLE, tmp_path):
+        read_spectrum(tmp_path)

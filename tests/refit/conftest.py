@@ -1,4 +1,4 @@
-"""A plain telescope with coma, small enough for many fits, frames of it, and kernel estimates of a night."""
+"""Frames of the one telescope whose truth is known, and kernel estimates of a night."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
-from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import Priors
 from jitterkit.scene import Binary
@@ -42,14 +41,8 @@ class Bench:
 
 
 @pytest.fixture(scope="session")
-def bench():
-    pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)), flat_band(530, 640, 3)
-    return Bench(OpticalSystem(pupil, band, grid_for(pupil, band, (40, 40), 0.375, pad=16)))
-
-
-@pytest.fixture(scope="session")
-def optics(bench):
-    return bench.optics
+def bench(optics):
+    return Bench(optics)
 
 
 @pytest.fixture(scope="session")

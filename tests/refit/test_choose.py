@@ -33,7 +33,7 @@ def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, bench, rng):
     assert result.locus == chosen
     assert result.locus_weight > 0.95
     assert sum(c.weight for c in result.candidates) == pytest.approx(1.0)
-    assert "Undecided" not in result.message
+    assert "µas" not in result.message  # of a separation that hangs on the choice
     # a fit on a leash stops within 0.03 errors of its end, and the leash pulls
     off = float(result.parameters.binary.separation) - 5.0
     assert abs(off) < 0.05 * result.error("separation")
@@ -99,9 +99,7 @@ def test_a_frame_between_two_loci_says_which_and_what_hangs_on_it(bench):
     streak = Shm.of(0.4, 30.0)
     data = Data(bench.image(bench.truth(streak)), 1.0)
     result = choose_for(bench, data, streak.moments())
-    found = re.search(
-        r"Undecided between shm and linear; the separation differs by ([\d.]+) µas\.", result.message
-    )
+    found = re.search(r" shm and linear\b.* ([\d.]+) µas", result.message)
     assert found, result.message
     by_name = {c.locus: c for c in result.candidates}
     difference = abs(by_name["shm"].separation - by_name["linear"].separation)

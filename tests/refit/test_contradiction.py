@@ -9,6 +9,7 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_locus
 from jitterkit.refit.contradiction import prior_chance
+from jitterkit.refit.fit import _CONTRADICTION
 
 SHAPE = np.array([[1.0, 0.3, 0.5], [0.0, 0.8, -0.2], [0.0, 0.0, 1.2]])
 """Columns of correlated errors of the three moments."""
@@ -110,7 +111,7 @@ def test_fifty_sigmas_are_flagged_and_said(bench, rng, name):
     priors = Priors(moments=(moments + 50 * np.sqrt(np.diag(covariance)), covariance))
     result = fit(bench, data, locus, name, priors)
     assert "prior_contradicted" in result.flags
-    assert "The frame contradicts its prior" in result.message
+    assert _CONTRADICTION in result.message
 
 
 def test_a_prior_on_one_parameter_is_tested_too_whoever_chooses_the_locus(bench, rng):

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn, Shm, Stable
@@ -117,24 +118,24 @@ def test_a_prior_can_be_put_on_anything(bench, optics, rng):
 def test_a_prior_on_nothing_is_refused(bench, optics, rng):
     truth = Parameters(SCENE, Stable.of(), [0.0, 0.0])
     data = bench.draw(truth, rng)
-    with pytest.raises(ConfigurationError, match="no free parameter 'jitter' to put a prior on"):
+    with refused(ErrorCode.UNKNOWN_NAME, "'jitter'"):
         fit_frame(data, optics, truth, options=FitOptions(priors=Priors({"jitter": (0.0, 1.0)})))
-    with pytest.raises(ConfigurationError, match=r"positive sigma, got 0\.0 and -1\.0"):
+    with refused(ErrorCode.OUT_OF_RANGE, " x ", 0.0, -1.0):
         Priors({"x": (0.0, -1.0)})
 
 
 def test_a_frame_without_pixels_is_a_status(bench, optics):
-    empty = Data(np.zeros((40, 40)), 1.0, np.zeros((40, 40), bool))
+    empty = Data(np.zeros((48, 44)), 1.0, np.zeros((48, 44), bool))
     result = fit_frame(empty, optics, bench.near(Stable.of()))
-    assert result.status is Status.NO_DATA
+    assert (result.status, result.reason) == (Status.NO_DATA, "no_data")
     assert np.isnan(result.chi2_dof)
 
 
 def test_a_wrong_model_is_called_poor(bench, optics, rng):
     truth = Parameters(SCENE, Mvn.of(0.3), [0.0, 0.0])
     result = fit_locus("stable", bench.draw(truth, rng), optics, bench.near(Stable.of()), np.zeros(3))
-    assert result.status is Status.POOR_FIT
-    assert "chi²/dof" in result.message
+    assert (result.status, result.reason) == (Status.POOR_FIT, "model_mismatch")
+    assert f"{result.chi2_dof:.4g}" in result.message
 
 
 def test_sky_is_fitted_when_it_is_let_free(bench, optics, rng):
@@ -159,18 +160,21 @@ def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(bench, optic
 
 @pytest.mark.parametrize("name", ["linear", "shm"])
 def test_a_streak_fitted_to_a_still_frame_ends_at_the_tip_of_its_cone(bench, name, optics, rng):
+    unsettled = 0
     for _ in range(12):
         data = bench.draw(Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
         result = fit_locus(name, data, optics, bench.near(Stable.of()), np.array([1e-3, 0.0, 1e-4]))
-        assert result.status is Status.OK, result.message
+        unsettled += result.status is Status.NOT_CONVERGED
+        assert result.status in (Status.OK, Status.NOT_CONVERGED), result.message
         assert abs(float(result.parameters.scene.separation) - 5.0) < 5 * result.error("separation")
+    assert unsettled <= 3  # 5 % do not settle in 50 steps (7 of 150): more than 3 of 12 once in 500 times
 
 
 def test_weakly_visible_aberrations_settle_too(bench, rng):
     # three struts make defocus and astigmatism show, but to second order first
     pupil = obstructed_circle(0.125, 0.04, strut_width=0.002, struts=3, samples=64)
     band = flat_band(530, 640, 3)
-    system = OpticalSystem(pupil, band, grid_for(pupil, band, (40, 40), 0.375, pad=16))
+    system = OpticalSystem(pupil, band, grid_for(pupil, band, (48, 44), 0.375, pad=16))
     scene = Binary(5.0, 140.0, 0.3, -0.2, 1.2e5, 3.0)
     truth = Parameters(scene, Mvn.of(0.1, 0.05, 20.0), np.zeros(7))
     for _ in range(4):
@@ -196,8 +200,9 @@ def climbs(monkeypatch):
 
 def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, climbs):
     """Ten climbs of fifty steps took twenty seconds to the same verdict."""
-    image = np.rot90(bench.image(Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])))
-    result = fit_frame(Data(image + 3e4 * np.eye(40)[::-1], 4.0), optics, bench.near())
+    image = np.array(bench.image(Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])))
+    image[:44] = np.rot90(image[:44])
+    result = fit_frame(Data(image + 3e4 * np.eye(48, 44)[::-1], 4.0), optics, bench.near())
     assert result.status is Status.POOR_FIT
     assert min(climbs) > 30
     assert len(climbs) <= 6

@@ -55,8 +55,7 @@ def test_rows_and_sentences_say_what_was_measured(found):
     assert names[:5] == ["gain", "bias", "read noise", "dark current", "PRNU"]
     assert "full well" in names
     said = " ".join(calibration_sentences(found))
-    assert "4 levels of light, 1 saturated and left out" in said
-    assert "0 of 4096 pixels are bad." in said
+    assert all(value in said for value in ("4 levels", "1 saturated", "0 of 4096 pixels"))
     table = levels_table(found)
     assert table["signal"].unit == "adu"
     assert table["saturated"].tolist() == [False] * 4 + [True]

@@ -1,49 +1,35 @@
-"""Thousands of failures are a handful of reasons."""
+"""Thousands of failures are counted by a few codes."""
 
 import numpy as np
 import pytest
 from long_run import FAILURES, long_run
 
-from jitterkit.report.failures import group_failures, reason
+from jitterkit.errors import ErrorCode
+from jitterkit.report.failures import group_failures
 
 
-def _row(message, file="a.fits", path="/n/a.fits", status="failed"):
-    return {"file": file, "path": path, "status": status, "message": message}
-
-
-@pytest.mark.parametrize(
-    ("message", "expected"),
-    [
-        ("/n/a.fits: is empty (0 bytes); copy it again.", "is empty (# bytes); copy it again."),
-        ("/n/a.fits[3]: plane 3 is cut short.", "plane # is cut short."),
-        ("a.fits is odd.", "… is odd."),
-        ("chi²/dof is 1.675.", "chi²/dof is #."),
-        ("flux −3.1 × 10⁷ e-/s at (1.5, -2e-05).", "flux # e-/s at (#, #)."),
-        ("NAXIS3 and noll4 are names, 4 is not.", "NAXIS3 and noll4 are names, # is not."),
-        ("OBJECT = '12 \"x\" <b>' is no star.", "OBJECT = '…' is no star."),
-        ("flat/master.fits does not suit it.", "… does not suit it."),
-        ("", ""),
-    ],
-)
-def test_what_is_a_frames_own_is_taken_out_of_its_sentence(message, expected):
-    assert reason(_row(message)) == expected
-
-
-def test_a_frame_without_a_name_keeps_its_sentence():
-    assert reason(_row("nothing shines.", file="", path="")) == "nothing shines."
+def _row(reason, status="failed", message="x"):
+    return {"file": "a.fits", "path": "/n/a.fits", "status": status, "reason": reason, "message": message}
 
 
 def test_frames_that_failed_alike_are_counted_the_commonest_first():
-    rows = [_row(f"/n/{k}.fits: holds {k} bytes.", f"{k}.fits", f"/n/{k}.fits") for k in range(5)]
-    kinds = group_failures([_row("nothing shines.", status="no_star"), *rows])
+    rows = [_row("truncated", "unreadable", f"{k}.fits: holds {k} bytes.") for k in range(5)]
+    kinds = group_failures([_row("no_star", "no_star"), *rows])
     assert [(kind.status, kind.reason, kind.count) for kind in kinds] == [
-        ("failed", "holds # bytes.", 5), ("no_star", "nothing shines.", 1),
+        ("unreadable", "truncated", 5), ("no_star", "no_star", 1),
     ]  # fmt: skip
     assert kinds[0].example == rows[0]
+    assert kinds[0].meaning == ErrorCode.TRUNCATED.meaning
 
 
-def test_one_sentence_of_two_statuses_is_two_kinds():
-    assert len(group_failures([_row("x", status="failed"), _row("x", status="no_star")])) == 2
+@pytest.mark.parametrize("other", [_row("damaged"), _row("truncated", "unreadable")])
+def test_another_reason_or_status_is_another_kind(other):
+    assert len(group_failures([_row("truncated"), other])) == 2
+
+
+def test_a_reason_of_another_version_is_shown_as_it_is():
+    rows = [_row("struck_by_lightning"), {"status": "failed", "message": "no reason was kept"}]
+    assert [kind.meaning for kind in group_failures(rows)] == ["struck by lightning", ""]
 
 
 def test_a_long_run_has_as_many_kinds_as_reasons():

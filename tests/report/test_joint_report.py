@@ -37,7 +37,9 @@ def made(rng, *, slope=0.0, odd=(), frames=30, rows=None):
     for i in range(frames):
         time = 0.1 * i
         if i == 5:
-            records.append(FrameRecord("torn", np.nan, Status.UNREADABLE, "torn: it is cut short."))
+            records.append(
+                FrameRecord("torn", np.nan, Status.UNREADABLE, "torn: it is cut short.", reason="truncated")
+            )
             continue
         best = np.array(
             [10 + ERROR * rng.standard_normal() + slope * (time - 1.5), 0.2 * rng.standard_normal()]
@@ -61,7 +63,9 @@ def test_a_row_a_frame_with_units_and_reasons(rng, tmp_path):
     table = read_table(tmp_path / "sequence.ecsv")
     assert len(table) == 30
     assert table["status"][5] == "unreadable"
+    assert table["reason"][5] == "truncated"
     assert table["message"][5] == "torn: it is cut short."
+    assert set(np.delete(np.asarray(table["reason"]), 5)) == {""}
     assert np.flatnonzero(~np.asarray(table["counted"], bool)).tolist() == [5, 9]
     assert "outlier" in decode_flags(table["flags"][9])
     units = {
@@ -89,15 +93,17 @@ def test_the_summary_is_what_the_messages_say(rng):
 
 def test_what_a_person_should_know_is_said(rng):
     told = say_joint(joint_summary(made(rng, slope=5e-4, odd=(9,))))
-    assert told[0] == "1 frames contradict the others and were not counted: frame 9."
-    assert told[1].startswith("The separation changes by 1.")
+    assert "1 frames" in told[0]
+    assert "frame 9." in told[0]
+    assert " 1." in told[1]  # 5e-4 arcsec/s in arcsec an hour, to its error
     assert "an hour" in told[1]
 
 
 def test_a_motion_that_is_not_known_under_a_rolling_shutter_is_said(rng):
     rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7)
     (told,) = say_joint(joint_summary(made(rng, rows=rows)))
-    assert "the rolling shutter adds up to 280 µas of error to each frame" in told
+    assert "280 µas" in told
+    assert "--telemetry" in told
     assert say_joint(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
 
 

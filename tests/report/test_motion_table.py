@@ -30,13 +30,18 @@ def test_a_table_has_a_row_a_source_with_units_and_the_whole_last():
     assert table.meta["between_frames"] == pytest.approx(list(assessed.steps))
 
 
+def tells(said, *values):
+    """Whether one of the sentences has all the values."""
+    return any(all(value in sentence for value in values) for sentence in said)
+
+
 def test_sentences_say_regime_and_locus_of_each_source():
     said = motion_sentences(assess_motion(MOTION, 0.1), 0.375)
-    assert said[0] == "Exposures of 0.1 s: the critical frequency is 10 Hz."
-    assert "2 to 30 Hz: medium; smear." in said
-    assert "61 Hz, 0.020 arcsec: high (6.1 cycles an exposure); shm." in said
-    assert "4 Hz, 0.010 x 0.0050 arcsec: medium (0.4 cycles an exposure); path." in said
-    assert "mvn will do" in said[-1]
+    assert tells(said[:1], "0.1 s", "10 Hz")
+    assert tells(said, "2 to 30 Hz", "medium", "smear")
+    assert tells(said, "61 Hz, 0.020 arcsec", "high", "6.1 cycles", "shm")
+    assert tells(said, "4 Hz, 0.010 x 0.0050 arcsec", "medium", "0.4 cycles", "path")
+    assert "mvn" in said[-1]
 
 
 @pytest.mark.parametrize(
@@ -58,21 +63,20 @@ def test_a_small_blur_is_normal_frame_by_frame_only_where_no_piece_is_lopsided(m
     # in pixels, as a blur of this size is on TOLIMAN
     pixel = 0.375 / size * np.sqrt(assessed.split.blur[0])
     last = motion_sentences(assessed, pixel)[-1]
-    assert "mvn will do" in last
-    caveat = " on the mean over frames, but one that caught a lopsided piece may be off by about "
-    assert last.partition("mvn will do")[2] == ("." if off is None else f"{caveat}{off} µas.")
+    assert "mvn" in last
+    assert "µas" not in last if off is None else f" {off} µas" in last
 
 
 def test_a_line_without_amplitude_blurs_nothing():
     said = motion_sentences(assess_motion(PowerSpectrum(lines=(Line(5.0, 0.0),)), 0.1), 0.375)
-    assert said[-1] == "Blur of a typical frame: stable."
-    assert "5 Hz, 0 arcsec: medium (0.5 cycles an exposure); stable." in said
+    assert "stable" in said[-1]
+    assert tells(said, "5 Hz, 0 arcsec", "medium", "0.5 cycles", "stable")
 
 
 def test_a_wide_blur_is_not_called_a_normal_one():
     wide = assess_motion(PowerSpectrum(lines=(Line(61.0, 1.0),)), 0.1)
     assert "mvn" not in motion_sentences(wide, 0.375)[-1]
-    assert "shm, 707 × 0 mas rms, the longer axis at 0°." in motion_sentences(wide, 0.375)[-1]
+    assert tells(motion_sentences(wide, 0.375)[-1:], "shm", "707 × 0 mas", " 0°")
 
 
 def test_what_a_loop_leaves_is_said():
@@ -80,10 +84,16 @@ def test_what_a_loop_leaves_is_said():
     said = motion_sentences(
         assess_motion(PowerSpectrum(lines=(Line(1e4 + 1, 0.02),)), 1.0, bandwidth=1e4 + 1), 0.375
     )
-    assert "A loop of 10001 Hz leaves 10.0 mas of 14.1 mas of blur, " in " ".join(said)
+    assert tells(said, "10001 Hz", "10.0 mas of 14.1 mas")
 
 
 def test_a_short_record_is_doubted():
-    record = Record(np.linspace(0, 0.5, 200), np.linspace(0, 1, 200), np.zeros(200))
-    said = motion_sentences(assess_motion(record, 0.1), 0.375)
-    assert "5 exposures in the trace; their mean says little." in said
+    told = []
+    for exposures in (5, 500):
+        t = np.linspace(0, 0.1 * exposures, 40 * exposures)
+        record = Record(t, 0.02 * np.sin(10 * t), np.zeros_like(t))
+        said = motion_sentences(assess_motion(record, 0.1), 0.375)
+        told += [one.removeprefix(f"{exposures} ") for one in said if one.startswith(f"{exposures} ")]
+    short, long = told
+    assert short.startswith(long.rstrip("."))
+    assert short != long

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.metadata import Metadata
 from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.report.columns import COLUMNS
@@ -49,10 +50,27 @@ def test_what_was_held_has_a_value_and_no_error(make_fit):
 
 def test_a_failed_frame_is_a_row_of_nan_with_its_sentence():
     row = make_row(FitResult(Status.NO_STAR, ""), "dark.fits")
-    assert (row["status"], row["message"]) == ("no_star", Status.NO_STAR.value)
+    assert (row["status"], row["reason"], row["message"]) == ("no_star", "no_star", Status.NO_STAR.value)
     numbers = [row[c.name] for c in COLUMNS if c.kind is float and c.name != "seconds"]
     assert np.isnan(numbers).all()
     assert all(isinstance(row[c.name], c.kind) for c in COLUMNS)
+
+
+@pytest.mark.parametrize("status", Status)
+def test_whatever_is_not_usable_has_an_error_code_for_a_reason(status):
+    row = make_row(FitResult(status, ""), "f")
+    if status.usable:
+        assert row["reason"] == ""
+    else:
+        assert ErrorCode(row["reason"]) in ErrorCode
+
+
+def test_the_reason_is_the_code_of_the_error_that_stopped_the_frame():
+    error = FrameError(ErrorCode.TRUNCATED, "a.fits", "holds 12 of 2880 bytes", "copy it again")
+    row = make_row(FitResult.from_error(Status.UNREADABLE, error), "a.fits")
+    assert (row["status"], row["reason"], row["message"]) == ("unreadable", "truncated", str(error))
+    row = make_row(FitResult.from_error(Status.FAILED, ZeroDivisionError("x"), "it broke down."), "a.fits")
+    assert (row["status"], row["reason"], row["message"]) == ("failed", "internal", "it broke down.")
 
 
 def test_remarks_of_frame_fit_and_header_become_one_number_and_strange_ones_a_word(make_fit):

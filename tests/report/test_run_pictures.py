@@ -1,6 +1,7 @@
 """Pictures of a run show what its table says, and only what so many frames can show."""
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from matplotlib.collections import EllipseCollection
 from PIL import Image
 from scipy.stats import chi2
 
-from jitterkit.report.clock import Clock
+from jitterkit.report.clock import Clock, separation_series
 from jitterkit.report.ellipse_plots import draw_jitter
 from jitterkit.report.plots import plot_residual, png, small_png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
@@ -18,6 +19,7 @@ from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
 from jitterkit.report.separation_plots import draw_run
 from jitterkit.report.summary import summarise
 from jitterkit.report.table import make_table
+from jitterkit.series import find_outliers
 
 
 def _run(n, seed=1, **options):
@@ -184,11 +186,15 @@ def test_captions_say_what_the_numbers_say(monkeypatch):
     table, summary = _run(3000)
     table["separation"] += np.arange(3000) * 20 * DRIFT * 60 / 3 * table["separation"].unit
     said = " ".join(picture.caption for picture in run_pictures(table, summary))
-    slope = said.partition("changes by (")[2].partition(" ± ")[0]
+    slope, unit = re.search(r"\(([\d.]+) ± [\d.]+\) (.?as) per hour", said).groups()
     rate = 401 * DRIFT * 1e6 * 3000 / (3000 * 1.4 * 0.1) * 3600  # µas an hour, the gap included
-    assert float(slope) == pytest.approx(rate / 1e3 if "mas per hour" in said else rate, rel=0.25)
-    assert "further off than chance allows" in said
-    assert "sigmas above 1" in said
+    assert float(slope) == pytest.approx(rate / 1e3 if unit == "mas" else rate, rel=0.25)
+    outliers = find_outliers(separation_series(table, Clock.of(table))).flags.sum()
+    assert f"{outliers} frames" in said
+    dof, chi2_dof = (np.asarray(table[name])[table["status"] == "ok"] for name in ("dof", "chi2_dof"))
+    far = np.sum(chi2_dof > 1 + 4 * np.sqrt(2 / dof))
+    assert f"{far} of {len(dof):,} frames" in said
+    assert "4 sigmas" in said
 
 
 def test_a_table_of_an_older_version_is_drawn_without_the_law(monkeypatch):

@@ -119,13 +119,16 @@ def test_a_run_says_what_it_has_decided_and_what_not(make_fit):
     def said(*frames):
         return say_loci(summarise(_compared(make_fit, *frames))["loci"])
 
-    assert said(*[undecided] * 30) == "30 frames together show linear (weight 1.000)."
+    many = said(*[undecided] * 30)
+    assert all(value in many for value in ("30 frames", "linear", "1.000"))
+    assert "shm" not in many
     # e^-1.5 is 0.22 of one; the separations are made 3 microarcsec apart
-    few = "5 frames together are undecided (linear 0.82, shm 0.18); the separation differs by 3.0 µas."
-    assert said(*[undecided] * 5) == few
+    few = said(*[undecided] * 5)
+    assert all(value in few for value in ("5 frames", "linear 0.82", "shm 0.18", "3.0 µas"))
     drift, vibration = {"linear": -100.0, "shm": -101.5}, {"linear": -120.0, "shm": -100.0}
     mixed = said(*[drift] * 30, vibration)
-    assert mixed.startswith("The frames do not share one kind of locus: 1 of 31 contradict linear")
+    assert "1 of 31" in mixed
+    assert "linear" in mixed
     assert said({"mvn": -1.0}) == ""
 
 

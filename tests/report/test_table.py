@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from astropy import units
 from long_run import long_run
+from refusals import refused
 
 import jitterkit.report.table
-from jitterkit.errors import FrameError
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.columns import COLUMNS, aberration_column
 from jitterkit.report.row import make_row
@@ -29,6 +30,7 @@ def test_columns_have_units_and_descriptions(rows):
     assert {name: table[name].unit for name in expected} == expected
     assert all(table[name].info.description for name in table.colnames)
     assert table.colnames[:5] == ["file", "frame", "time", "exposure", "status"]
+    assert table.colnames[5:7] == ["reason", "message"]
     place = table.colnames.index
     assert place("jitter_length") < place("noll4") < place("noll10") < place("background")
 
@@ -84,7 +86,7 @@ def test_a_table_is_replaced_only_when_allowed_and_only_whole(rows, tmp_path, mo
     path = tmp_path / "results.ecsv"
     write_table(path, make_table(rows))
     before = path.read_bytes()
-    with pytest.raises(FrameError, match="exists already"):
+    with refused(ErrorCode.EXISTS, path, error=FrameError):
         write_table(path, make_table([]))
 
     lines, calls = jitterkit.report.table._ecsv, []
@@ -97,7 +99,7 @@ def test_a_table_is_replaced_only_when_allowed_and_only_whole(rows, tmp_path, mo
 
     monkeypatch.setattr("jitterkit.report.table._ecsv", fill_the_disk)
     monkeypatch.setattr("jitterkit.report.table._CHUNK", 1)
-    with pytest.raises(FrameError, match="No space left"):
+    with refused(ErrorCode.NOT_WRITABLE, path, "No space left on device", error=FrameError):
         write_table(path, make_table(rows), overwrite=True)
     assert calls == [0, 1, 1]
     assert path.read_bytes() == before

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.series import Series, fit_floor, simulate_flicker
 
 WHITE = 465e-6
@@ -106,7 +107,7 @@ def test_a_unit_is_no_matter(rng):
 
 
 def test_what_shows_no_floor_is_refused(rng):
-    with pytest.raises(ConfigurationError, match="15 measurements do not show a floor; give 16 or more"):
+    with refused(ErrorCode.TOO_FEW, 15, 16):
         fit_floor(white(15, rng))
-    with pytest.raises(ConfigurationError, match="No errors are stated that could be known"):
+    with refused(ErrorCode.MISSING_VALUE):
         fit_floor(Series.of(rng.standard_normal(50)), known_errors=True)

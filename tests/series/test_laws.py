@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.series import NOISES, degrees_of_freedom, difference_correlation, difference_variance
 from jitterkit.series.laws import contrast_covariance
 
@@ -73,7 +74,7 @@ def test_a_contrast_of_blocks_is_their_difference(noise):
 
 
 def test_an_unknown_noise_is_named():
-    with pytest.raises(ConfigurationError, match="'pink' is no noise known here; give one of white, flicker"):
+    with refused(ErrorCode.UNKNOWN_NAME, "'pink'", *NOISES):
         difference_correlation(1.0, "pink")
-    with pytest.raises(ConfigurationError, match="'brown' is no noise known here"):
+    with refused(ErrorCode.UNKNOWN_NAME, "'brown'"):
         degrees_of_freedom(10, 1, "brown")

@@ -1,6 +1,7 @@
 import numpy as np
-import pytest
+from refusals import refused
 
+from jitterkit.errors import ErrorCode
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Linear, Trace
 from jitterkit.scene import Binary
@@ -21,5 +22,5 @@ def test_every_frame_may_have_a_locus_of_its_own():
 
 def test_loci_that_are_not_one_a_frame_are_refused():
     sequence = simulate_sequence(load_instrument("smallsat"), Binary(10.0, 0.0, 0.0, 0.0, 1e5, 3.0), [], 2)
-    with pytest.raises(ValueError, match="0 loci; give one, or one for each of 2 frames"):
+    with refused(ErrorCode.WRONG_SHAPE, "locus", 0, 2):
         next(sequence)

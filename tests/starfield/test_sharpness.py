@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
-from jitterkit.errors import UndeterminedError
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.starfield import estimate_field, field_psf
 from jitterkit.starfield.sharpness import elongation, refuse_blurrier
 
@@ -21,24 +22,21 @@ def wider(variance):
 
 
 def test_a_trailed_reference_is_refused_for_a_sharp_frame(sharp, trailed):
-    with pytest.raises(UndeterminedError, match=r"than the frame, along 30 degrees; exchange them\?"):
+    with refused(ErrorCode.REFERENCE, "along 30 degrees", error=UndeterminedError):
         estimate_field(sharp[0], reference=field_psf(trailed[0]))
 
 
 @pytest.mark.parametrize(
-    ("excess", "sentence"),
+    ("excess", "values"),
     [
-        (-line(4.0, 25.0), "blurrier than the frame, along 25 degrees; exchange them?"),
-        (-wider(0.2), "blurrier than the frame, all round; exchange them?"),
-        (
-            line(4.0, 25.0) - line(4.0, 115.0),
-            r"along 115 degrees \(by 1.33 pixel² .* sharper along 25 degrees",
-        ),
-        (line(4.0, 25.0) - wider(0.5), "along 115 degrees"),
+        (-line(4.0, 25.0), ["along 25 degrees", "1.33 pixel²"]),
+        (-wider(0.2), ["all round", "0.2 pixel²"]),
+        (line(4.0, 25.0) - line(4.0, 115.0), ["along 115 degrees", "1.33 pixel²", "along 25 degrees"]),
+        (line(4.0, 25.0) - wider(0.5), ["along 115 degrees", "0.5 pixel²", "along 25 degrees"]),
     ],
 )
-def test_where_the_reference_is_blurrier_is_said(excess, sentence):
-    with pytest.raises(UndeterminedError, match=sentence):
+def test_where_and_by_how_much_the_reference_is_blurrier_is_said(excess, values):
+    with refused(ErrorCode.REFERENCE, *values, error=UndeterminedError):
         refuse_blurrier(excess, NOISE)
 
 
@@ -56,7 +54,7 @@ def test_a_frame_as_sharp_as_its_reference_has_no_trail(field, trail, sharp, see
     assert np.isnan(estimate.length)
     assert np.isnan(estimate.length_err)
     assert estimate.verdict.kind == "sharp"
-    assert "as sharp as the reference" in estimate.verdict.sentence
+    assert estimate.verdict.sentence.startswith("sharp:")
     # 16 of three degrees of freedom, noise alone: one field in a thousand
     assert estimate.kernel.significance < 16
     assert not estimate.remarks
@@ -67,7 +65,7 @@ def test_frames_that_are_all_trailed_are_said_to_be(field, trail, trailed):
     estimate = estimate_field(frame, reference=field_psf(trailed[0]))
     assert estimate.verdict.kind == "sharp"
     # moments overstate a line of 4 pixels by 13 %
-    assert "own stars are elongated by 4.5 pixels along 30 degrees" in estimate.remarks[0]
+    assert "4.5 pixels along 30 degrees" in estimate.remarks[0]
 
 
 def test_round_stars_are_not_called_long(sharp):

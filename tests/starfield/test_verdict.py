@@ -43,7 +43,7 @@ def test_one_direction_everywhere_is_a_smear_with_its_angle(rng):
     assert 0.1 < verdict.angle_err < 0.4
     assert verdict.smear_share > 0.97
     assert verdict.pattern_share < 0.05
-    assert verdict.sentence.startswith(f"smear: one direction ({verdict.angle:.1f} ± ")
+    assert f"{verdict.angle:.1f} ± {verdict.angle_err:.1f}°" in verdict.sentence
 
 
 @pytest.mark.parametrize(("turn", "kind"), [(0.0, "radial"), (90.0, "tangential")])
@@ -52,7 +52,8 @@ def test_a_pattern_about_the_centre_is_optics(rng, turn, kind):
     assert verdict.kind == kind
     assert verdict.pattern_share > 0.95
     assert verdict.smear_share < 0.1
-    assert "the optics" in verdict.sentence
+    assert kind in verdict.sentence
+    assert f"{verdict.pattern_share:.0%}" in verdict.sentence
 
 
 @pytest.mark.parametrize("turn", [0.0, 90.0])
@@ -109,8 +110,9 @@ def test_scatter_that_noise_does_not_explain_widens_the_error(rng):
 def test_a_few_stars_say_nothing(rng):
     verdict = judged(rng, everywhere(3.0, 10.0), stars=7)
     assert verdict.kind == "undetermined"
-    assert "7 isolated stars are too few" in verdict.sentence
+    assert "7 isolated stars " in verdict.sentence
+    assert " 8 " in verdict.sentence  # are needed
 
 
 def test_one_star_is_counted_in_the_singular(rng):
-    assert "1 isolated star is too few" in judged(rng, everywhere(3.0, 10.0), stars=1).sentence
+    assert "1 isolated star " in judged(rng, everywhere(3.0, 10.0), stars=1).sentence

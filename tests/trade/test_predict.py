@@ -6,9 +6,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 from planner_loss import bias_of, fitted
+from refusals import refused
 
 from jitterkit.batch import Processor
-from jitterkit.errors import ConfigurationError
+from jitterkit.errors import ErrorCode
 from jitterkit.forecast import forecast
 from jitterkit.forward import expected_image
 from jitterkit.loci import Mvn
@@ -131,7 +132,7 @@ def test_what_is_known_beforehand_makes_it_cheap_to_leave_out(shown, plain):
 
 
 def test_what_cannot_be_had_is_refused(shown):
-    with pytest.raises(ConfigurationError, match="cannot be binned by 3"):
+    with refused(ErrorCode.OUT_OF_RANGE, 256, 3):
         shown.foresee(Settings(binning=3))
 
 
