@@ -1,14 +1,14 @@
-"""Errors that a user can mend, and the code that says which kind each one is.
+"""Define the errors that a user can correct, with a code for the kind of each error.
 
 Two rules hold everywhere in jitterkit:
 
 * A *bad argument* raises an exception.  Its message is one full sentence that names the value
   received and what would have been accepted.
-* A *bad frame* becomes a row with a status, and the frames beside it are unharmed.  The reader raises
-  :class:`FrameError`; only the batch catches it.
+* A *bad frame* becomes a row with a status, and the other frames are not affected.  The reader
+  raises :class:`FrameError`; only the batch catches it.
 
-Everything raised on purpose derives from :class:`JitterkitError` and carries an :class:`ErrorCode`.
-Programs should compare the code, because sentences may be improved at any time.
+Every exception that jitterkit raises deliberately derives from :class:`JitterkitError` and carries an
+:class:`ErrorCode`.  Programs should compare the code, because the wording of messages may change.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ __all__ = [
     "code_of",
     "did_you_mean",
     "out_of_memory",
+    "reading_code",
 ]
 
 
 class ErrorCode(enum.StrEnum):
-    """The kind of an error.
+    """Kind of an error.
 
-    The value is what a results table holds in its column ``reason``; ``meaning`` explains it in one line.
+    Results tables hold the value in their column ``reason``; ``meaning`` explains it in one line.
     """
 
     meaning: str
@@ -46,36 +47,37 @@ class ErrorCode(enum.StrEnum):
         return member
 
     # values, names and settings
-    WRONG_TYPE = "wrong_type", "a value is not of the kind that is needed"
+    WRONG_TYPE = "wrong_type", "a value does not have the required type"
     OUT_OF_RANGE = "out_of_range", "a number is outside its range, or not finite"
-    WRONG_SHAPE = "wrong_shape", "an array does not have the shape that is needed"
+    WRONG_SHAPE = "wrong_shape", "an array does not have the required shape"
     UNKNOWN_NAME = "unknown_name", "a name, key or option does not exist"
-    UNKNOWN_UNIT = "unknown_unit", "a unit is not known, or of another dimension"
-    MISSING_VALUE = "missing_value", "a value is needed and neither given nor known"
-    CONFLICT = "conflict", "two settings or inputs exclude each other"
+    UNKNOWN_UNIT = "unknown_unit", "a unit is unknown, or has the wrong dimension"
+    MISSING_VALUE = "missing_value", "a required value is neither given nor known"
+    CONFLICT = "conflict", "two settings or inputs cannot be combined"
     DUPLICATE = "duplicate", "something that must be unique is given twice"
     TOO_FEW = "too_few", "there are fewer data than the method needs"
-    TOO_MANY = "too_many", "there are more data than the method takes"
+    TOO_MANY = "too_many", "there are more data than the method accepts"
     UNSUPPORTED = "unsupported", "the method does not apply to this kind of input"
     SAMPLING = "sampling", "a sampling is too coarse, or an extent too small, for an exact computation"
     MALFORMED = "malformed", "a text, table or settings file does not follow its format"
     MISSING_PACKAGE = "missing_package", "an optional package is not installed"
     # files and directories
     NOT_FOUND = "not_found", "a file or directory does not exist"
-    EXISTS = "exists", "a file exists and may not be replaced"
+    EXISTS = "exists", "a file exists already and must not be replaced"
     NOT_READABLE = "not_readable", "a file or directory cannot be opened for reading"
     NOT_WRITABLE = "not_writable", "a file or directory cannot be written"
-    LOCKED = "locked", "another process holds a file"
+    LOCKED = "locked", "another process has locked a file"
+    UNREACHABLE = "unreachable", "a scheduler does not answer, or has no workers"
     WRONG_SUFFIX = "wrong_suffix", "a file's name does not end as its format requires"
     # contents of image files
     UNKNOWN_FORMAT = "unknown_format", "a file is neither FITS nor TIFF"
-    DAMAGED = "damaged", "the contents of a file contradict themselves"
+    DAMAGED = "damaged", "the contents of a file are inconsistent"
     TRUNCATED = "truncated", "a file ends before its data do"
-    CHANGED = "changed", "a file changed while it was read, or since"
-    NO_IMAGE = "no_image", "a file holds no image, or not the one that was asked for"
+    CHANGED = "changed", "a file changed while it was read, or afterwards"
+    NO_IMAGE = "no_image", "a file holds no image, or not the requested one"
     COLOUR = "colour", "an image has colour channels"
-    UNSUPPORTED_ENCODING = "unsupported_encoding", "pixels are stored in a way that is not read"
-    TOO_LARGE = "too_large", "an image declares more pixels than are read"
+    UNSUPPORTED_ENCODING = "unsupported_encoding", "pixels are stored in an encoding that is not supported"
+    TOO_LARGE = "too_large", "an image declares more pixels than jitterkit reads"
     # what an image shows
     NO_DATA = "no_data", "no usable pixel, or too few"
     NO_SIGNAL = "no_signal", "nothing rises above the noise"
@@ -83,13 +85,13 @@ class ErrorCode(enum.StrEnum):
     TOO_FEW_STARS = "too_few_stars", "fewer isolated stars than the method needs"
     NO_PAIR = "no_pair", "only one star is seen"
     NOT_CONSTRAINED = "not_constrained", "the image does not constrain the answer"
-    AMBIGUOUS = "ambiguous", "several answers explain the image alike"
+    AMBIGUOUS = "ambiguous", "several answers explain the image equally well"
     MODEL_MISMATCH = "model_mismatch", "the model does not describe the image"
     IMPLAUSIBLE = "implausible", "a fitted value is physically impossible"
-    NOT_CONVERGED = "not_converged", "an iteration did not settle"
+    NOT_CONVERGED = "not_converged", "an iteration did not converge"
     WRONG_INSTRUMENT = "wrong_instrument", "a frame does not suit the instrument or the other frames"
-    REFERENCE = "reference", "a reference frame cannot serve"
-    IS_REFERENCE = "is_reference", "the frame is the one that others are compared with"
+    BAD_REFERENCE = "bad_reference", "the reference is blurrier than the frame, or is the only frame"
+    IS_REFERENCE = "is_reference", "the frame is itself the reference"
     # the run
     OUT_OF_MEMORY = "out_of_memory", "memory ran out"
     WORKER_LOST = "worker_lost", "the process that worked on a frame was killed"
@@ -97,7 +99,7 @@ class ErrorCode(enum.StrEnum):
 
 
 class JitterkitError(ValueError):
-    """An error that the user can mend.
+    """Error that the user can correct.
 
     Parameters
     ----------
@@ -117,11 +119,11 @@ class JitterkitError(ValueError):
 
 
 class ConfigurationError(JitterkitError):
-    """An argument, an instrument file, a preset or an option that cannot be used as given."""
+    """Error about an argument, instrument file, preset or option that cannot be used as given."""
 
 
 class FrameError(JitterkitError):
-    """A file, or one frame of it, that cannot be used.
+    """Error about a file, or one frame of it, that cannot be used.
 
     Parameters
     ----------
@@ -135,35 +137,49 @@ class FrameError(JitterkitError):
     """
 
     def __init__(self, code: ErrorCode, path: str | Path, problem: str, remedy: str) -> None:
-        name = "".join(c if c.isprintable() else "?" for c in str(path))  # a terminal obeys what is not
+        name = "".join(c if c.isprintable() else "?" for c in str(path))  # others are unsafe in a terminal
         super().__init__(code, f"{name}: {problem}; {remedy}.")
-        self.args = (code, path, problem, remedy)  # so that a pickled error can be made again
+        self.args = (code, path, problem, remedy)  # unpickling calls the class with these
         self.path = Path(path)
         self.problem = problem
         self.remedy = remedy
 
 
 class UndeterminedError(JitterkitError):
-    """An image that does not hold the answer; the message says what is missing from it.
+    """Error about an image that does not determine the answer; the message says what is missing.
 
-    The batch reports such a frame as a row, like any other.
+    The batch reports such a frame as a row with a status.
     """
 
 
 def code_of(error: BaseException) -> ErrorCode:
-    """Return the code of any exception; ``INTERNAL`` for one that was not raised on purpose."""
+    """Return the code of any exception; ``INTERNAL`` if jitterkit did not raise it deliberately."""
     if isinstance(error, JitterkitError):
         return error.code
     return ErrorCode.OUT_OF_MEMORY if out_of_memory(error) else ErrorCode.INTERNAL
 
 
+def reading_code(error: Exception, contents: ErrorCode = ErrorCode.MALFORMED) -> ErrorCode:
+    """Return the code of an exception that occurred while a file was read.
+
+    Parameters
+    ----------
+    error : Exception
+    contents : ErrorCode
+        Code of any error that does not come from the operating system: the file's contents are at fault.
+    """
+    if isinstance(error, FileNotFoundError | NotADirectoryError):
+        return ErrorCode.NOT_FOUND
+    return ErrorCode.NOT_READABLE if isinstance(error, OSError) else contents
+
+
 def out_of_memory(error: BaseException) -> bool:
-    """Return whether memory ran out: Python's or a device's, for which JAX has no exception of its own."""
+    """Return whether an exception means that memory ran out; for a device, only JAX's message shows it."""
     return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
 
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
-    """Return the beginning of a remedy: the nearest of the allowed names, or nothing.
+    """Return a suggestion of the closest allowed name, to begin a remedy; empty if no name is close.
 
     >>> did_you_mean("tolimann", ["toliman", "smallsat"])
     "did you mean 'toliman'? "

@@ -1,4 +1,4 @@
-"""Compare two tables of one command, column by column: :func:`compare` gives a :class:`Comparison`.
+"""Compare two tables of one command, column by column: :func:`compare` returns a :class:`Comparison`.
 
 Rows are matched by their keys.  Numbers are compared only in rows that both versions fitted (status ``ok``)
 with the same locus; numbers of different loci differ legitimately.
@@ -18,13 +18,13 @@ PERIODS = {
     "jitter_angle": 180.0,
     "angle": 180.0,
 }
-"""deg after which a direction, or an axis, is the same."""
+"""Period in deg: 360 for directions, 180 for axes."""
 
 ABSOLUTE = frozenset({"locus_weight", "correlation", "x_pixel", "y_pixel"})
-"""Columns whose unit, 1 or a pixel, is a scale already; so is that of every ``_corr``."""
+"""Columns whose differences are absolute, in their own unit (1 or a pixel), like those of every ``_corr``."""
 
 AXES = frozenset({"jitter_major", "jitter_minor", "major", "minor"})
-"""Sizes along the axes of the blur; their squares have the errors of the second moments."""
+"""Sizes along the axes of the blur; their squares are compared in errors of the second moments."""
 
 LISTED_APART = frozenset({"status", "locus", "message", "evidences"})
 
@@ -36,13 +36,13 @@ class ColumnDifference:
     Attributes
     ----------
     name, unit : str
-        What a difference is counted in: ``error`` (OLD's standard error), ``ratio`` (of two errors, less 1),
+        Column, and unit of a difference: ``error`` (OLD's standard error), ``ratio`` (of two errors, less 1),
         ``relative`` or ``absolute``.
     rows : int
         Rows compared.
     rms, largest : float
     row : str
-        Where the largest is; ``old`` and ``new`` are the values there.
+        Row of the largest difference; ``old`` and ``new`` are the values in it.
     """
 
     name: str
@@ -69,7 +69,7 @@ class CellDifference:
 
 @dataclass(frozen=True)
 class LocusDifference:
-    """A frame that the versions fitted with different loci; ``shift`` is of the separation, in errors."""
+    """A frame that the versions fitted with different loci; ``shift`` is the separation's, in errors."""
 
     row: str
     old: str
@@ -100,10 +100,11 @@ class Comparison:
         return max(self.columns, key=lambda column: column.largest, default=None)
 
     def agrees(self, tolerance: float) -> bool:
-        """Tell whether nothing differs by more than ``tolerance``; NEW may have columns of its own."""
+        """Return whether nothing differs by more than ``tolerance``; NEW may have additional columns."""
         listed = (self.missing_rows, self.new_rows, self.missing_columns, self.statuses, self.loci)
         worst = self.worst()
-        return not any((*listed, self.texts, self.not_numbers)) and (
+        nothing = self.rows > 0 and self.compared == 0  # no row that both versions fitted
+        return not any((*listed, self.texts, self.not_numbers, nothing)) and (
             worst is None or worst.largest <= tolerance
         )
 
@@ -114,13 +115,17 @@ def compare(old: Values, new: Values) -> Comparison:
     Parameters
     ----------
     old, new : Values
-        With the same keys.
+        Tables with the same keys.
 
     Returns
     -------
     comparison : Comparison
-        Numbers are compared as new - old, in units of OLD's error where it has one.
+        Differences of numbers are new - old, in units of OLD's error if there is one.
     """
+    for name, table in (("OLD", old), ("NEW", new)):
+        if len(rows := table.rows()) != len(set(rows)):
+            twice = next(key for key in rows if rows.count(key) > 1)
+            raise ValueError(f"{name} has more than one row {_label(twice)!r}.")
     there, here = ({key: n for n, key in enumerate(table.rows())} for table in (old, new))
     shared = [key for key in there if key in here]
     first = {name: column[[there[key] for key in shared]] for name, column in old.columns.items()}
@@ -136,7 +141,7 @@ def compare(old: Values, new: Values) -> Comparison:
     added = [_label(key) for key in here if key not in there]
     missing_columns = [name for name in old.columns if name not in new.columns]
     new_columns = [name for name in new.columns if name not in old.columns]
-    if old.keys == NUMBERS:  # each row is a quantity, as a column is of other tables
+    if old.keys == NUMBERS:  # each row is a quantity, like a column of other tables
         missing_columns, new_columns, missing, added = missing, added, [], []
     return Comparison(
         rows=len(shared),
@@ -215,15 +220,17 @@ def _not_numbers(name, first, second, names):
 
 
 def _difference(name, first, second, names, single: bool) -> ColumnDifference:
-    """Compare the finite numbers of one column; ``single``: its rows are of different kinds."""
+    """Compare the finite numbers of one column; ``single`` if each row is another quantity."""
     old, new = first[name], second[name]
     finite = np.isfinite(old) & np.isfinite(new)
     if not finite.any():
         return ColumnDifference(name, "relative", 0, 0.0, 0.0, "", np.nan, np.nan)
     away = distance(name, old, new, names if single else None)
     scale, unit = scale_of(name, first)
-    beside = _fallback(old[finite], single)
-    usable = np.isfinite(scale[finite]) & (scale[finite] > 0) | np.isposinf(scale[finite])
+    beside = _fallback(old[finite] ** 2 if name in AXES else old[finite], single)  # as the distance
+    usable = np.isfinite(scale[finite]) & (scale[finite] > 0)
+    if name in PERIODS:
+        usable |= np.isposinf(scale[finite])  # of a round blur every axis is right
     scale = np.where(usable, scale[finite], beside)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(away[finite] == 0, 0.0, away[finite] / scale)
@@ -242,14 +249,14 @@ def _difference(name, first, second, names, single: bool) -> ColumnDifference:
 
 
 def _fallback(old: np.ndarray, single: bool) -> np.ndarray:
-    """Return the scale of relative differences: the value, but no less than is usual in its column."""
+    """Return the scale of relative differences: the value, or the column's median value if that is larger."""
     return np.abs(old) if single else np.maximum(np.abs(old), np.median(np.abs(old)))
 
 
 def distance(name: str, old: np.ndarray, new: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
-    """Return |new - old|, angles modulo 360 deg or 180 deg, axes of the blur as the change of their squares.
+    """Return |new - old|: of angles modulo 360 or 180 deg, of axes of the blur the change of their squares.
 
-    ``labels`` are the rows' names where each row is a number of its own (``theta.mean``).
+    ``labels`` are the names of the rows if each row is another quantity (``theta.mean``).
     """
     if name in AXES:
         return np.abs(new**2 - old**2)
@@ -266,7 +273,7 @@ def distance(name: str, old: np.ndarray, new: np.ndarray, labels: np.ndarray | N
 
 
 def scale_of(name: str, old: dict[str, np.ndarray]) -> tuple[np.ndarray, str]:
-    """Return what a column's differences are divided by, and its name; NaN: relative to the value."""
+    """Return the divisor of a column's differences, and its name; NaN means relative to the value."""
     blank = np.full(len(old[name]), np.nan)
     error = error_column(name, old)
     if error is not None and error.dtype.kind == "f":

@@ -1,7 +1,7 @@
 """Make the inputs of ``scripts/compare_versions`` from fixed seeds, and their digests.
 
 The night comes from ``make_night``; star fields and motions from numpy alone, so that no version of jitterkit
-changes them.  :func:`make_inputs` writes everything, :func:`digests` tells whether two runs had the same.
+changes them.  :func:`make_inputs` writes all inputs; :func:`digests` shows if those of two runs are equal.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ SETS = ("sample", "night", "stars", "motion")
 FRAMES = (".fits", ".gz", ".fz", ".tif", ".toml")
 
 SEED = 2040
-"""Of the star fields."""
+"""Seed of the star fields."""
 
 FWHM, BETA, HALF = 3.0, 3, 20
-"""Pixels: width of an untrailed star; Moffat's exponent; half the side of the square a star is drawn on."""
+"""Width of an untrailed star in pixels, Moffat's exponent, and half the side of a star's stamp in pixels."""
 
 TRAILS = ((2.0, 30.0), (4.0, 100.0), (1.0, 165.0), (6.0, 60.0))
 """Pixels, deg: length and angle of the trail in each star field."""
@@ -37,12 +37,12 @@ def make_inputs(
     Parameters
     ----------
     root : Path
-        The directory ``inputs``; made anew.
+        Directory of the inputs; deleted and written again.
     sizes : Sizes
     make_night : callable
-        Writes so many frames into a directory.
+        Function that writes a number of frames into a directory.
     wanted : container of str
-        Which of the sets to make.
+        Names of the sets to make.
     """
     shutil.rmtree(root, ignore_errors=True)
     makers = {
@@ -66,7 +66,7 @@ def copy_samples(directory: Path, sizes: Sizes) -> None:
 
 
 def write_night(directory: Path, sizes: Sizes, make_night: Callable[[Path, int], None]) -> None:
-    """Write a simulated night, and beside it copies of its first frames for two of the tasks."""
+    """Write a simulated night, and next to it copies of its first frames for two of the tasks."""
     make_night(directory, sizes.night)
     for name, frames in (("part", sizes.part), ("sequence", sizes.sequence)):
         copies = directory.with_name(f"night_{name}")
@@ -139,7 +139,7 @@ def _write_csv(path: Path, header: str, columns: tuple[np.ndarray, ...], form: s
 
 
 def digests(root: Path) -> dict[str, str]:
-    """Return a SHA-256 of each set of inputs: of names and pixels of FITS files, of all bytes of others."""
+    """Return the SHA-256 of each set: file names with the pixels of FITS files or the bytes of others."""
     found = {}
     for name in SETS:
         digest = hashlib.sha256()

@@ -1,7 +1,7 @@
-"""Compare a task with another environment or with reference values, and keep the latter in small files.
+"""Compare a task's results with another environment's or with reference values; read and write these.
 
-A directory of reference values holds ``full/`` and ``quick/``; each has a ``reference.json`` that says where
-the values come from, and a CSV file for each output of each task.
+A directory of reference values holds ``full/`` and ``quick/``; each has a ``reference.json`` with the origin
+of the values, and a CSV file for each output of each task.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +23,11 @@ from compare_values import Values, read_output, read_values, write_values
 
 RECORD = "reference.json"
 SEED, ABERRATIONS = "0", "3.0"
-"""Of the night: of its generator, and nm rms of each aberration."""
+"""Seed of the simulated night, and rms of each of its aberrations in nm."""
 
 
 def night_maker(environment: Environment, cache: Path) -> Callable[[Path, int], None]:
-    """Return a function that makes a night by an environment: by its own ``make_night``, if it has one."""
+    """Return a function that simulates a night with an environment, by its own ``make_night`` if present."""
     own = environment.package.parent / "scripts" / "make_night"
     script = own if own.is_file() else Path(__file__).resolve().parent / "make_night"
 
@@ -48,7 +48,7 @@ def night_maker(environment: Environment, cache: Path) -> Callable[[Path, int], 
 
 @dataclass(frozen=True)
 class Reference:
-    """Values that a version gave, and of which inputs (``record``: what ``reference.json`` says)."""
+    """Reference values of one version; ``record`` is the content of ``reference.json``."""
 
     directory: Path
     record: dict
@@ -68,12 +68,12 @@ def file_name(task: Task, output: Output) -> str:
 
 
 def is_reference(directory: Path) -> bool:
-    """Tell whether a directory holds reference values."""
+    """Return whether a directory holds reference values."""
     return any((directory / size / RECORD).is_file() for size in ("full", "quick"))
 
 
 def read_reference(directory: Path, size: str) -> Reference:
-    """Read where the values come from.
+    """Read the record of the reference values.
 
     Raises
     ------
@@ -82,19 +82,19 @@ def read_reference(directory: Path, size: str) -> Reference:
     """
     path = directory / size / RECORD
     if not path.is_file():
-        raise ValueError(f"There is no {path}; make it by --write-reference OLD.")
+        raise ValueError(f"There is no {path}; make it with --write-reference OLD.")
     return Reference(path.parent, json.loads(path.read_text(encoding="utf-8")))
 
 
 def write_reference(
     directory: Path, size: str, environment: Environment, tasks: list[Task], work: Path, inputs: dict
 ) -> int:
-    """Run all tasks in an environment and keep their values; the exit status.
+    """Run all tasks in an environment, write their values, and return the exit status.
 
     Raises
     ------
     ValueError
-        If a task does not write its tables; nothing is kept then.
+        If a task does not write its tables; then no values are written.
     """
     found, exits = {}, {}
     for task in tasks:
@@ -132,7 +132,7 @@ def against_reference(
     if task.inputs and inputs[task.inputs] != reference.record["inputs"].get(task.inputs):
         return TaskResult(
             task.name,
-            f"ITS INPUTS ({task.inputs}) DIFFER FROM THOSE OF THE REFERENCE, so that values cannot be "
+            f"ITS INPUTS ({task.inputs}) DIFFER FROM THOSE OF THE REFERENCE, so the values cannot be "
             "compared; compare with an environment of the old version: scripts/compare_versions OLD NEW",
         )
     done = run_task(task, new, work, work / "caches" / new.name / "shared", options["new"])
@@ -153,24 +153,32 @@ def against_environment(
         return TaskResult(task.name, said, times=times)
     old = [read_output(first / output.file, output.keys) for output in task.outputs]
     statuses = (times.first[0].status, times.first[1].status)
-    return _result(task, old, second, statuses, times.first[1], times)
+    result = _result(task, old, second, statuses, times.first[1], times)
+    later = {(before.status, after.status) for before, after in times.pairs} - {statuses}
+    if later:
+        problem = f"exit statuses of OLD and NEW are {statuses}, and {later.pop()} when run again"
+        return replace(result, problem=result.problem or problem)
+    return result
 
 
 def _result(task, old: list[Values], new: Path, statuses: tuple[int, int], done: Run, times=None):
-    """Compare the outputs of a task, given OLD's values, the directory of NEW's, and both exit statuses."""
+    """Compare the outputs of a task: OLD's values, the directory of NEW's values, and both exit statuses."""
     missing = [output.file for output in task.outputs if not (new / output.file).is_file()]
     if missing:
         problem = f"NEW wrote no {missing[0]} (exit status {done.status}): {done.said}"
         return TaskResult(task.name, problem, times=times)
-    comparisons = {
-        output.name: compare(values, read_output(new / output.file, output.keys))
-        for output, values in zip(task.outputs, old, strict=True)
-    }
+    try:
+        comparisons = {
+            output.name: compare(values, read_output(new / output.file, output.keys))
+            for output, values in zip(task.outputs, old, strict=True)
+        }
+    except ValueError as error:
+        return TaskResult(task.name, f"NEW's output cannot be read: {error}", times=times)
     if statuses[0] != statuses[1]:
         comparisons["exit"] = compare(*(_exit_status(status) for status in statuses))
     return TaskResult(task.name, "", comparisons, times)
 
 
 def _exit_status(status: int) -> Values:
-    """Return an exit status as a table of one text."""
+    """Return an exit status as a table with one text cell."""
     return Values((), {"exit_status": np.array([str(status)])})

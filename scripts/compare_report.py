@@ -1,4 +1,4 @@
-"""Say in Markdown and JSON how two versions of jitterkit differ: :func:`markdown` and :func:`as_json`."""
+"""Report the differences of two versions in Markdown and JSON: :func:`markdown` and :func:`as_json`."""
 
 from __future__ import annotations
 
@@ -10,24 +10,28 @@ from typing import Any
 
 from compare_columns import CellDifference, ColumnDifference, Comparison
 from compare_runs import Times
+from compare_values import SHARE_OF_ERROR
 
 SHOWN = 10
-"""Cells of one column that are listed in the Markdown; the JSON has all."""
+"""Largest number of cells of one column in the Markdown report; the JSON report has all."""
+
+NEARLY_EQUAL = SHARE_OF_ERROR
+"""Difference up to which a column has no row of its own: reference values are rounded to this."""
 
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What was found of one task.
+    """Comparison of the outputs of one task.
 
     Attributes
     ----------
     name : str
     problem : str
-        Why its outputs were not compared; empty where they were.
+        Reason why the outputs were not compared; empty if they were.
     comparisons : dict of str to Comparison
-        Of each output.
+        Comparison of each output.
     times : Times or None
-        None of a comparison with reference values.
+        None for a comparison with reference values.
     """
 
     name: str
@@ -36,12 +40,12 @@ class TaskResult:
     times: Times | None = None
 
     def agrees(self, tolerance: float) -> bool:
-        """Tell whether the outputs were compared and nothing differs by more than the tolerance."""
+        """Return whether the outputs were compared and nothing differs by more than the tolerance."""
         return not self.problem and all(c.agrees(tolerance) for c in self.comparisons.values())
 
 
 def agree(results: Sequence[TaskResult], tolerance: float) -> bool:
-    """Tell whether all tasks agree."""
+    """Return whether all tasks agree."""
     return all(result.agrees(tolerance) for result in results)
 
 
@@ -67,7 +71,7 @@ def markdown(results: Sequence[TaskResult], tolerance: float, about: Sequence[st
 
 
 def _rows(heads: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
-    """Return a table; all but its first columns are numbers."""
+    """Return a Markdown table; columns after the first ``text_columns`` are aligned as numbers."""
     rule = ["---"] * text_columns + ["---:"] * (len(heads) - text_columns)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
 
@@ -115,7 +119,7 @@ def _pair(values: Sequence[float], ratio: float, digits: int) -> list[str]:
 
 
 def _details(title: str, found: Comparison) -> str:
-    """Return the lists of one output; nothing where all is equal."""
+    """Return the section of one output; empty if nothing differs."""
     lists = [
         *_names("Rows missing in NEW", found.missing_rows),
         *_names("Rows in NEW only", found.new_rows),
@@ -130,15 +134,15 @@ def _details(title: str, found: Comparison) -> str:
         *_listed("differs", found.texts),
         *_listed("is a number in one version only", found.not_numbers),
     ]
-    differing = [column for column in found.columns if column.largest > 0]
-    equal = [column.name for column in found.columns if column.largest == 0]
+    differing = [column for column in found.columns if column.largest > NEARLY_EQUAL]
+    equal = [column.name for column in found.columns if column.largest <= NEARLY_EQUAL]
     heads = ("column", "unit", "rows", "rms", "largest", "at", "OLD", "NEW")
     rows = [_column_cells(column) for column in sorted(differing, key=lambda column: -column.largest)]
     tables = [_rows(heads, rows, 2)] if rows else []
-    tables += [f"Equal: {', '.join(equal)}."] if equal else []
+    tables += [f"Equal, or within {NEARLY_EQUAL:g}: {', '.join(equal)}."] if equal else []
     if not lists and not rows:
         return ""
-    head = f"## {title}\n\n{found.compared} of {found.rows} rows have their numbers compared."
+    head = f"## {title}\n\n{found.compared} of {found.rows} rows have comparable numbers."
     return "\n\n".join([head, *(["\n".join(lists)] if lists else []), *tables])
 
 
@@ -153,14 +157,14 @@ def _names(what: str, names: Sequence[str]) -> list[str]:
 
 
 def _cell(cell: CellDifference) -> str:
-    """Return a cell of both versions, with the messages of a status."""
+    """Return the values of a cell in both versions, with the messages if it is a status."""
     messages = (("OLD", cell.old_message), ("NEW", cell.new_message))
     said = "; ".join(f"{side}: {text}" for side, text in messages if text)
     return f"{cell.row}: {cell.old!r} -> {cell.new!r}" + (f" ({said})" if said else "")
 
 
 def _listed(what: str, cells: Sequence[CellDifference]) -> list[str]:
-    """Return lines for the cells of each column, the first few in full."""
+    """Return a line for each column, with the values of its first cells."""
     lines = []
     for name in dict.fromkeys(cell.column for cell in cells):
         those = [cell for cell in cells if cell.column == name]
@@ -171,7 +175,7 @@ def _listed(what: str, cells: Sequence[CellDifference]) -> list[str]:
 
 
 def as_json(results: Sequence[TaskResult], tolerance: float, about: dict[str, Any]) -> dict[str, Any]:
-    """Return everything as JSON knows it; what is no finite number is a text."""
+    """Return everything in types of JSON; NaN and infinity become text."""
     tasks = [dataclasses.asdict(result) | {"agrees": result.agrees(tolerance)} for result in results]
     for task, result in zip(tasks, results, strict=True):
         if result.times:

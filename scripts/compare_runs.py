@@ -1,6 +1,6 @@
 """Run the commands of two environments in turn, and measure their cpu time and peak memory.
 
-An :class:`Environment` knows where its jitterkit is; :func:`run_pairs` runs a task in both.
+An :class:`Environment` records where jitterkit is installed; :func:`run_pairs` runs a task in both.
 """
 
 from __future__ import annotations
@@ -23,15 +23,18 @@ _PROBE = (
     "print(json.dumps([m.version('jitterkit'), u.find_spec('jitterkit').origin]))"
 )
 
+_COMMAND = "from jitterkit.cli.main import run; run()"
+"""The command line by an environment's own Python: the first line of ``bin/jitterkit`` may name another."""
+
 
 @dataclass(frozen=True)
 class Environment:
-    """A virtual environment with a jitterkit in it.
+    """A virtual environment in which jitterkit is installed.
 
     Attributes
     ----------
     name : str
-        ``old`` or ``new``: of its directories.
+        ``old`` or ``new``; also the name of its directories.
     root : Path
     version, commit : str
         The commit is empty where the package is no git checkout, and ends with ``+changes`` where files
@@ -51,14 +54,14 @@ class Environment:
 
 
 def check_environment(root: Path) -> None:
-    """Refuse what is no environment with a jitterkit.
+    """Raise an error if a directory is not an environment with jitterkit.
 
     Raises
     ------
     ValueError
     """
     if not root.is_dir():
-        raise ValueError(f"There is no environment {root}.")
+        raise ValueError(f"There is no environment {root}; give the directory of one.")
     for program in ("jitterkit", "python"):
         if not (root / "bin" / program).is_file():
             raise ValueError(
@@ -67,19 +70,23 @@ def check_environment(root: Path) -> None:
 
 
 def find_environment(root: Path, name: str) -> Environment:
-    """Ask an environment which jitterkit it has.
+    """Return an environment with its version of jitterkit.
 
     Raises
     ------
     ValueError
-        If it is no environment, or its Python does not find a jitterkit.
+        If it is not an environment, or its Python does not find jitterkit.
     """
     check_environment(root)
     asked = subprocess.run(
-        [root / "bin" / "python", "-c", _PROBE], capture_output=True, text=True, env=clean(), check=False
+        [root / "bin" / "python", "-P", "-c", _PROBE],
+        capture_output=True,
+        text=True,
+        env=clean(),
+        check=False,
     )
     if asked.returncode:
-        reason = (asked.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        reason = (asked.stderr.strip().splitlines() or ["no error message"])[-1]
         raise ValueError(f"The Python of {root} does not find jitterkit: {reason}")
     version, origin = json.loads(asked.stdout)
     package = Path(origin).parent
@@ -98,16 +105,17 @@ def _commit(package: Path) -> str:
 
 
 def clean(cache: Path | None = None) -> dict[str, str]:
-    """Return the variables of a child: no coverage, no path of another Python, a cache of its own."""
+    """Return the variables of a child process: without coverage and PYTHONPATH, with its own cache."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("COVERAGE_", "PYTHONPATH"))}
     return kept | ({"JITTERKIT_CACHE": str(cache)} if cache else {})
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one command took: cpu time of all its processes and threads, and how it ended.
+    """Cpu time, memory and exit status of one command.
 
-    ``memory`` is the largest of any of its processes, in MB; ``said`` is the end of its stderr.
+    ``cpu`` is the time of all its processes and threads in s, ``memory`` the peak of its largest process in
+    MB, and ``said`` the last line of its stderr.
     """
 
     cpu: float
@@ -137,11 +145,11 @@ def run(command: Sequence[str | Path], directory: Path, cache: Path, log: Path) 
 def run_task(
     task: Task, environment: Environment, work: Path, cache: Path, options: Mapping[str, Sequence[str]]
 ) -> Run:
-    """Run a task in an environment; its outputs lie in ``work/ENVIRONMENT/TASK`` afterwards."""
+    """Run a task in an environment, with its outputs in ``work/ENVIRONMENT/TASK``."""
     out = Path(environment.name) / task.name
     shutil.rmtree(work / out, ignore_errors=True)
     (work / out).mkdir(parents=True)
-    command = [environment.root / "bin" / "jitterkit", *task.words(str(out), options)]
+    command = [environment.root / "bin" / "python", "-P", "-c", _COMMAND, *task.words(str(out), options)]
     done = run(command, work, cache, work / environment.name / f"{task.name}.log")
     print(f"{task.name}: {environment.name} {done.cpu:.1f} s cpu, {done.memory:.0f} MB", file=sys.stderr)
     return done
@@ -149,7 +157,7 @@ def run_task(
 
 @dataclass(frozen=True)
 class Times:
-    """Runs of a task in OLD and NEW: the first of each, from an empty cache, and pairs from a filled one."""
+    """Runs of a task in OLD and NEW: first runs with an empty cache, and pairs of runs with a filled one."""
 
     first: tuple[Run, Run]
     pairs: tuple[tuple[Run, Run], ...]
@@ -169,9 +177,9 @@ class Times:
 def run_pairs(
     task: Task, environments: tuple[Environment, Environment], work: Path, pairs: int, options
 ) -> Times:
-    """Run a task once from an empty cache and then in alternating pairs (AB, BA, AB ...).
+    """Run a task once with an empty cache and then in alternating pairs (AB, BA, AB ...).
 
-    The outputs of the first runs are kept beside, as ``work/ENVIRONMENT/TASK.first``.
+    The outputs of the first runs are kept in ``work/ENVIRONMENT/TASK.first``.
     """
     caches = {side.name: work / "caches" / side.name / task.name for side in environments}
     first = {}

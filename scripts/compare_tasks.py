@@ -1,6 +1,6 @@
-"""What ``scripts/compare_versions`` runs: each :class:`Task` is one command, with the tables that it writes.
+"""List what ``scripts/compare_versions`` runs: a :class:`Task` is one command with its output tables.
 
-:func:`make_tasks` lists them; :data:`FULL` and :data:`QUICK` say how many frames they take.
+:func:`make_tasks` returns the tasks; :data:`FULL` and :data:`QUICK` set their numbers of frames.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ FRAME = ("file", "frame")
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is run.
+    """Amounts of data for the tasks.
 
     Attributes
     ----------
     night, part, sequence : int
-        Frames of the simulated night, and how many of its first ones ``process`` with the locus auto and
-        ``sequence`` take.
+        Number of frames of the simulated night, and how many of its first frames are for ``process`` with
+        the locus auto and for ``sequence``.
     samples : tuple of str
-        Sample frames; all where empty.
+        Names of sample frames; empty for all of them.
     fields, stars, side : int
-        Trailed star fields, the stars of each, and pixels along its sides.
+        Number of trailed star fields, stars in each field, and pixels along its sides.
     draws : int
-        Noisy frames of a setting of ``crossfit``.
+        Noisy frames for each setting of ``crossfit``.
     """
 
     night: int = 300
@@ -47,7 +47,7 @@ QUICK = Sizes(10, 3, 6, ("stable.fits", "shm.tif", "shm.toml"), fields=1, stars=
 
 @dataclass(frozen=True)
 class Output:
-    """A table that a command writes: its name here, its file, and the columns that name a row."""
+    """A table that a command writes: its name here, its file, and the columns that identify a row."""
 
     name: str
     file: str
@@ -62,11 +62,11 @@ class Task:
     ----------
     name : str
     inputs : str
-        The set of inputs that it reads (:mod:`compare_inputs`), or an empty text.
+        The set of inputs that it reads (:mod:`compare_inputs`); empty if it reads none.
     command : str
-        Of jitterkit.
+        Name of the command of jitterkit.
     arguments : tuple of str
-        Run in the directory above ``inputs/``; ``{out}`` is the directory for the outputs, which exists.
+        Paths are relative to the directory above ``inputs/``; ``{out}`` is the existing output directory.
     outputs : tuple of Output
     """
 
@@ -77,8 +77,9 @@ class Task:
     outputs: tuple[Output, ...]
 
     def words(self, out: str, options: Mapping[str, Sequence[str]] | None = None) -> list[str]:
-        """Return the command line after ``jitterkit``, with the options of this command at its end."""
-        more = (options or {}).get(self.command, ())
+        """Return the words after ``jitterkit``, ending with the options of this command and task."""
+        names = dict.fromkeys((self.command, self.name))  # command and task may have one name
+        more = [word for name in names for word in (options or {}).get(name, ())]
         return ["-q", self.command, *(word.replace("{out}", out) for word in self.arguments), *more]
 
 
@@ -125,33 +126,33 @@ def _tabled(name: str, inputs: str, line: str, keys: tuple[str, ...]) -> Task:
 
 
 def _motion(name: str, file: str) -> Task:
-    """Compare the budget and what its metadata say of the separation's error."""
+    """Return a task whose outputs are the budget and the separation's error in its metadata."""
     outputs = (Output("budget", "table.ecsv", ()), Output("loss", "table.ecsv", NUMBERS))
     return Task(name, "motion", "motion", (f"inputs/motion/{file}", "-o", "{out}/table.ecsv"), outputs)
 
 
 def select(tasks: Sequence[Task], names: Sequence[str]) -> list[Task]:
-    """Return the tasks that are named, by their own names or by their commands; all where none is.
+    """Return the tasks with the given names or commands; all tasks if no name is given.
 
     Raises
     ------
     ValueError
-        If a name is neither; the message lists what there is.
+        If there is no such task or command; the message lists the known names.
     """
     known = {task.name for task in tasks} | {task.command for task in tasks}
     for name in names:
         if name not in known:
-            raise ValueError(f"There is no task {name!r}; there are {', '.join(sorted(known))}.")
+            raise ValueError(f"There is no task {name!r}; choose from {', '.join(sorted(known))}.")
     return [task for task in tasks if not names or task.name in names or task.command in names]
 
 
 def read_options(texts: Sequence[str], tasks: Sequence[Task]) -> dict[str, list[str]]:
-    """Read ``COMMAND=OPTIONS``.
+    """Read ``NAME=OPTIONS``, where the name is a command's or a task's.
 
     Raises
     ------
     ValueError
-        If no task runs the command, or there is no equals sign.
+        If there is no such command or task, or no equals sign.
 
     Examples
     --------
@@ -159,13 +160,13 @@ def read_options(texts: Sequence[str], tasks: Sequence[Task]) -> dict[str, list[
     {'process': ['--no-background', '--preset', 'exact']}
     """
     options: dict[str, list[str]] = {}
-    commands = {task.command for task in tasks}
+    known = {task.name for task in tasks} | {task.command for task in tasks}
     for text in texts:
-        command, equals, words = text.partition("=")
-        if not equals or command not in commands:
+        name, equals, words = text.partition("=")
+        if not equals or name not in known:
             raise ValueError(
-                f"--new-options takes COMMAND=OPTIONS, such as process=--background, not {text!r}; "
-                f"the commands are {', '.join(sorted(commands))}."
+                f"--new-options takes NAME=OPTIONS, such as process=--background, not {text!r}; "
+                f"the commands and tasks are {', '.join(sorted(known))}."
             )
-        options.setdefault(command, []).extend(shlex.split(words))
+        options.setdefault(name, []).extend(shlex.split(words))
     return options

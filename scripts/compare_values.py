@@ -1,7 +1,7 @@
 """Read the outputs of two versions of jitterkit as plain columns, and keep them as small reference files.
 
-:func:`read_output` is the way in: it gives a :class:`Values`, whatever file the command wrote.
-:func:`write_values` and :func:`read_values` keep one in a CSV file, rounded by :func:`rounded`.
+:func:`read_output` returns the :class:`Values` of any file that a command wrote.  :func:`write_values` writes
+them to a CSV file, rounded by :func:`rounded`, and :func:`read_values` reads that file.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ UNCOMPARED = frozenset({"digest", "path", "seconds", "iterations", "passes", "mo
 """Columns and numbers that may differ between two equally good versions."""
 
 AS_TEXT = frozenset({"flags", "counted"})
-"""Columns of whole numbers that are compared as they are: a flag has no error."""
+"""Columns of whole numbers that are compared as text, because a flag has no error."""
 
 SHARE_OF_ERROR = 1e-6
-"""Part of its standard error to which a value is kept in a reference file."""
+"""Precision of a value in a reference file, as a fraction of its standard error."""
 
-SIGNIFICANT = 7
-"""Digits of a value without an error, so that it is kept to a relative 5e-7 or better."""
+DIGITS_OF_ERRORS, DIGITS = 7, 10
+"""Significant digits of an error, and of a value without error.  A value from the moments of the blur, such
+as ``jitter_major``, is compared in errors of those moments and needs more digits than an error."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +41,16 @@ class Values:
     Attributes
     ----------
     keys : tuple of str
-        Columns that name a row; their cells are text.
+        Columns that identify a row; their cells are text.
     columns : dict of str to array
-        Each of float64 or of text, all of one length.
+        Arrays of float64 or of text, all of the same length.
     """
 
     keys: tuple[str, ...]
     columns: dict[str, np.ndarray]
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Return the key of each row; without keys, its number."""
+        """Return the key of each row, or its number if the table has no keys."""
         if not self.keys:
             length = len(next(iter(self.columns.values()), ()))
             return [(str(number),) for number in range(length)]
@@ -57,14 +58,14 @@ class Values:
 
 
 def read_output(path: Path, keys: tuple[str, ...]) -> Values:
-    """Read what a command wrote.
+    """Read an output of a command.
 
     Parameters
     ----------
     path : Path
         An ECSV table or a JSON file.
     keys : tuple of str
-        Columns that name a row; :data:`NUMBERS` takes the numbers of a JSON file, or of a table's metadata.
+        Columns that identify a row.  :data:`NUMBERS` reads the numbers of a JSON file or a table's metadata.
     """
     if keys == NUMBERS:
         is_json = path.suffix == ".json"
@@ -78,7 +79,15 @@ def from_table(table: Table, keys: tuple[str, ...]) -> Values:
 
     The candidates of a frame become ``evidences`` (``mvn:-8194.281 ellipse:-8262.506``); a message is kept
     only where the status is not ``ok``.
+
+    Raises
+    ------
+    ValueError
+        If a column that identifies the rows is missing.
     """
+    missing = [key for key in keys if key not in table.colnames]
+    if missing:
+        raise ValueError(f"The table has no column {missing[0]!r}; it has {', '.join(table.colnames)}.")
     columns = {name: _plain(table[name], name, keys) for name in table.colnames if name not in UNCOMPARED}
     if "candidates" in columns:
         columns["evidences"] = np.array([evidences(text) for text in columns.pop("candidates")], dtype=str)
@@ -106,7 +115,7 @@ def evidences(candidates: str) -> str:
 
 
 def numbers(tree: dict[str, Any]) -> Values:
-    """Return all numbers of nested records as a table of name, value and error (NaN: unknown).
+    """Return all numbers of nested records as a table of name, value and error (NaN if unknown).
 
     >>> numbers({"separation": {"mean": 9.1, "error": 0.2}}).columns["name"].tolist()
     ['separation.mean', 'separation.error']
@@ -141,7 +150,10 @@ def write_values(path: Path, values: Values) -> None:
     cells = [
         [str(cell) for cell in column]
         if column.dtype.kind == "U"
-        else [rounded(*pair) for pair in zip(column, _or_nan(errors[name], column), strict=True)]
+        else [
+            rounded(value, error, DIGITS_OF_ERRORS if name == "error" or name.endswith("_err") else DIGITS)
+            for value, error in zip(column, _or_nan(errors[name], column), strict=True)
+        ]
         for name, column in values.columns.items()
     ]
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -163,22 +175,22 @@ def error_column(name: str, columns: dict[str, np.ndarray]) -> np.ndarray | None
 _ERRED_BY_SEPARATION = ("separation_crlb", "separation_spread")
 
 
-def rounded(value: float, error: float) -> str:
-    """Write a number to a millionth of its error; without one, to seven digits or as a whole number.
+def rounded(value: float, error: float, digits: int) -> str:
+    """Return a number as text to a millionth of its error; without error, to ``digits`` digits.
 
-    >>> rounded(9.1231404695718, 0.00058557), rounded(0.000585576779, np.nan), rounded(16368.0, np.nan)
+    >>> rounded(9.1231404695718, 0.00058557, 7), rounded(0.000585576779, np.nan, 7), rounded(16368.0, 1, 7)
     ('9.1231404696', '0.0005855768', '16368')
     """
     if float(value).is_integer() and abs(value) < 1e15:
         return str(int(value))
-    digits = SIGNIFICANT
     if value and np.isfinite(value) and np.isfinite(error) and error > 0:
-        digits = 1 + math.ceil(math.log10(abs(value) / (SHARE_OF_ERROR * error)))
+        first = math.floor(math.log10(abs(value)))
+        digits = math.ceil(first + 1 - math.log10(SHARE_OF_ERROR * error))
     return f"{value:.{min(max(digits, 1), 17)}g}"
 
 
 def read_values(path: Path, keys: tuple[str, ...]) -> Values:
-    """Read a table that :func:`write_values` wrote; a column is of numbers if all of its cells are."""
+    """Read a table that :func:`write_values` wrote; a column is numeric if all of its cells are numbers."""
     with path.open(newline="", encoding="utf-8") as file:
         names, *rows = csv.reader(file)
     cells = zip(*rows, strict=True) if rows else [()] * len(names)

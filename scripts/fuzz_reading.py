@@ -17,7 +17,7 @@ from jitterkit.errors import ErrorCode, FrameError
 
 __all__ = ["REFUSALS", "FindingError", "ended", "examine"]
 
-#: Codes with which a file may be refused for what it holds.
+#: Codes that a file may be refused with because of its contents.
 REFUSALS = frozenset(
     {
         ErrorCode.UNKNOWN_FORMAT,
@@ -60,7 +60,7 @@ def examine(path: Path) -> str:
     Returns
     -------
     outcome : str
-        ``"read"``, or ``"refused: "``, the code and the sentence without what differs from file to file.
+        ``"read"``, or ``"refused: "`` with the code and the message, without the parts specific to a file.
     """
     from jitterkit.frames import is_whole
 
@@ -78,12 +78,12 @@ def examine(path: Path) -> str:
 
 
 def _refusal(read: Callable[[Path], Any], path: Path) -> str | None:
-    """The code and the kind of sentence with which a reader refuses a file, or None."""
+    """Return the code and the kind of message with which a reader refuses a file, or None."""
     try:
         read(path)
     except FrameError as error:
         if error.code not in REFUSALS:
-            raise FindingError(f"a code that is not of a file's contents: {error.code}, {error}") from error
+            raise FindingError(f"a code not about a file's contents: {error.code}, {error}") from error
         return f"{error.code}: {_kind(path, str(error))}"
     return None
 

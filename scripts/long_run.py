@@ -42,7 +42,7 @@ FAILURES = (
         "truncated",
         "{path}: holds {n} bytes of the 65536 declared; it is truncated: copy it again.",
     ),
-    ("unreadable", "no_image", "{path}: is empty (0 bytes); copy it again from where it came."),
+    ("unreadable", "unknown_format", "{path}: is text, not a FITS or TIFF file; give a frame."),
     ("unreadable", "damaged", "{path}: has a FITS header without an END card; copy it again."),
     (
         "mismatch",
@@ -51,7 +51,7 @@ FAILURES = (
     ),
     ("failed", "internal", "the fit broke down: the information is singular after {n} steps."),
 )
-"""Status, reason and sentence, with what differs from frame to frame."""
+"""Status, reason and message of each kind of failure; values in braces differ from frame to frame."""
 
 
 def long_run(n: int, rng: np.random.Generator, *, failing: float = 0.03) -> Iterator[dict]:

@@ -1,7 +1,8 @@
-"""Find where x may stand for y: names, attributes, pairs, the axes of a shape, cosine and sine.
+"""Find where x may be mistaken for y: names, attributes, pairs, the axes of a shape, cosine and sine.
 
-Reach for :func:`axes`.  A name counts where its mate, the same name with the other axis, is bound in the same
-scope by then, so that the mutant computes with a wrong number and does not die of an unknown name.
+Reach for :func:`axes`.  The mate of a name is the same name with the other axis.  A name is a site only if
+its mate is already bound in the same scope, so that the mutated program computes with a wrong number and does
+not stop at an unknown name.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ __all__ = ["axes", "mate"]
 _AXIS = re.compile(r"(?:^|(?<=_))([a-z]?)(xx|yy|x|y)(\d?)(?=_|$)")
 _OTHER = {"x": "y", "y": "x", "xx": "yy", "yy": "xx"}
 _SHAPE_INDEX = {"0": "1", "1": "0"}
-"""From the front only: counted from the back, mostly the two equal sides of a matrix."""
+"""Indices from the front only; those from the back mostly select equal sides of a square matrix."""
 
 _SYMMETRIC = {"hypot", "max", "min", "maximum", "minimum", "broadcast_arrays", "broadcast_shapes"}
-"""Functions of two axes that do not care which is which: the other order changes nothing."""
+"""Functions that are symmetric in two axes: exchanging the arguments changes nothing."""
 
 _COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 _SCOPES = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef | _COMPREHENSIONS
@@ -37,7 +38,7 @@ def mate(name: str) -> str:
 
 
 def axes(source: Source) -> Iterator[Edit]:
-    """Yield the edits that take one axis for the other."""
+    """Yield the edits that replace one axis by the other."""
     bound = _bindings(source)
     attributes = {node.attr for node in source.nodes if isinstance(node, ast.Attribute)}
     for node in source.nodes:
@@ -59,7 +60,7 @@ def axes(source: Source) -> Iterator[Edit]:
 
 
 def _is_area(source: Source, node: ast.Subscript) -> bool:
-    """Return whether a side is multiplied by the other: numbers of pixels, which set sizes of chunks."""
+    """Return whether one side is multiplied by the other, as for a number of pixels in a chunk size."""
     parent = source.parents[node]
     is_product = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult)
     return is_product and all(isinstance(side, ast.Subscript) for side in (parent.left, parent.right))
@@ -71,7 +72,7 @@ def _last_name(source: Source, node: ast.Attribute, new: str) -> Edit:
 
 
 def _swapped(source: Source, first: ast.expr, second: ast.expr) -> Iterator[Edit]:
-    """Exchange two neighbours if they are mates."""
+    """Yield an edit that exchanges two neighbours, if they are mates."""
     if name_of(second) and mate(name_of(first)) == name_of(second):
         (start, middle), (after, end) = source.span(first), source.span(second)
         between = source.content[middle:after].decode()
@@ -86,7 +87,7 @@ def _scope(source: Source, node: ast.AST) -> ast.AST:
 
 
 def _bindings(source: Source) -> dict[ast.AST, dict[str, int]]:
-    """Return, by scope, the line after which each name is bound; 0 for arguments and comprehensions."""
+    """Return, for each scope, the line after which each name is bound; 0 for arguments and comprehensions."""
     bound: dict[ast.AST, dict[str, int]] = {}
     for node in source.nodes:
         if isinstance(node, ast.arg):
@@ -100,7 +101,7 @@ def _bindings(source: Source) -> dict[ast.AST, dict[str, int]]:
 
 
 def _is_bound(source: Source, bound: dict[ast.AST, dict[str, int]], node: ast.Name, other: str) -> bool:
-    """Return whether the scope that binds a name binds the other too, on a line before the name."""
+    """Return whether the scope that binds a name also binds the other name, on an earlier line."""
     scope = _scope(source, node)
     while not isinstance(scope, ast.Module) and node.id not in bound.get(scope, {}):
         scope = _scope(source, scope)

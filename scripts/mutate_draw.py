@@ -1,7 +1,7 @@
-"""Draw mutations of the package: the same from the same tree and seed, of every kind alike.
+"""Draw mutations of the package, reproducibly from a tree and a seed, with equal numbers of each kind.
 
-Reach for :func:`find_sites` and :func:`draw`.  The shell, pictures and wording are left out: their slips show
-to the eye.
+Reach for :func:`find_sites` and :func:`draw`.  The command line, pictures and wording are excluded,
+because mistakes in them are visible.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ _LEFT_OUT = (
     "*/__main__.py",
 )
 _A_FILE = 2
-"""Mutations of one file at most, so that a long file does not stand for the package."""
+"""Largest number of mutations in one file, so that long files do not dominate the draw."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """A place where a mutation may happen.
+    """Position where a mutation can be made.
 
     Attributes
     ----------
     kind : str
         One of ``mutate_kinds.KINDS``.
     path : str
-        Of the module, from the root of the tree, with slashes.
+        Path of the module from the root of the tree, with slashes.
     line, start : int
-        Where it begins: the line, from 1, and the byte of the UTF-8 text.
+        Beginning of the site: the line, counted from 1, and the byte in the UTF-8 text.
     old : str
-        What stands there.
+        Text at the site.
     new : tuple of str
-        What may stand there instead.
+        Texts that can replace it.
     """
 
     kind: str
@@ -72,7 +72,7 @@ class Mutation:
     new: str
 
     def of(self, content: bytes) -> bytes:
-        """Return a module with this mutation."""
+        """Return the content of a module after this mutation."""
         end = self.start + len(self.old.encode())
         return content[: self.start] + self.new.encode() + content[end:]
 
@@ -84,7 +84,7 @@ class Mutation:
 
 
 def sites_of(content: bytes, path: str) -> Iterator[Site]:
-    """Yield the sites of a module, in the order of kinds and of the text."""
+    """Yield the sites of a module, sorted by kind and then by position."""
     source = read_source(content)
     for kind, edits in KINDS.items():
         for edit in sorted(edits(source), key=lambda edit: (edit.start, edit.end)):
@@ -93,34 +93,34 @@ def sites_of(content: bytes, path: str) -> Iterator[Site]:
 
 
 def find_sites(root: Path) -> list[Site]:
-    """Return the sites of all modules of the package, pictures and shell left out."""
+    """Return the sites of the package, except in the command line, pictures and wording."""
     paths = sorted(path.relative_to(root).as_posix() for path in (root / "jitterkit").rglob("*.py"))
     chosen = [path for path in paths if not any(fnmatch(path, pattern) for pattern in _LEFT_OUT)]
     return [site for path in chosen for site in sites_of((root / path).read_bytes(), path)]
 
 
 def draw(sites: Iterable[Site], number: int, seed: int) -> list[Mutation]:
-    """Draw sites, and of each what replaces it.
+    """Draw sites, and one replacement for each site.
 
     Parameters
     ----------
     sites : iterable of Site
     number : int
-        Shared equally among the kinds; the first kinds get what is left over.
+        Shared equally among the kinds; the first kinds get the remainder.
     seed : int
 
     Returns
     -------
     drawn : list of Mutation
-        Sorted by kind, path and line.  Within a kind every site has the same chance, but for the rules: two
-        mutations a file and one a line.  Fewer than ``number`` if there are no more sites.
+        Sorted by kind, path and line.  Within a kind every site has the same chance, except that a file has
+        at most two mutations and a line at most one.  Fewer than ``number`` if there are no more sites.
     """
     queues: dict[str, list[Site]] = {kind: [] for kind in KINDS}
     for site in sites:
         queues[site.kind].append(site)
     rngs = {
         kind: random.Random(f"{seed} {kind}") for kind in KINDS
-    }  # more sites of one do not change another
+    }  # more sites of one kind do not change the draw of another
     for kind, queue in queues.items():
         rngs[kind].shuffle(queue)
     drawn: list[Mutation] = []

@@ -1,7 +1,7 @@
-"""Find the sites of a module where a physicist's slip could sit, by kind of slip.
+"""Find the sites in a module where a physicist could make a mistake, by kind of mistake.
 
-Reach for :data:`KINDS`: each function yields edits of a source.  Sites where most mutants could not change
-what the program does are left out, with the reason beside the exclusion.
+Reach for :data:`KINDS`: each function yields edits of a source.  Sites where most mutations would not
+change a result are excluded; a comment or docstring at the exclusion gives the reason.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ _FREEDOM = re.compile(r"dof|freedom")
 
 
 def signs(source: Source) -> Iterator[Edit]:
-    """Yield plus for minus, minus for plus, and unary minus dropped."""
+    """Yield edits that exchange plus and minus, or remove a unary minus."""
     for node in source.nodes:
-        if source.is_index(node):  # an index off by one ends in an IndexError or not at all
+        if source.is_index(node):  # a wrong index raises IndexError or loops forever
             continue
         match node:
             case ast.BinOp(left=left, op=ast.Add(), right=right) if _is_number(left) and _is_number(right):
                 yield source.operator(left, right, r"\+", "-")
             case ast.BinOp(left=left, op=ast.Sub(), right=right) if _is_number(left) and _is_number(right):
                 yield source.operator(left, right, "-", "+")
-            case ast.AugAssign(value=ast.Constant()):  # a counter is an index too; loops wait for some
+            case ast.AugAssign(value=ast.Constant()):  # a counter is an index too; loops wait for its value
                 continue
             case ast.AugAssign(target=left, op=ast.Add(), value=right) if _is_number(right):
                 yield source.operator(left, right, r"\+=", "-=")
@@ -55,13 +55,13 @@ def signs(source: Source) -> Iterator[Edit]:
 
 
 def _is_number(node: ast.expr) -> bool:
-    """Return whether an operand may be a number of weight: no text, list, length or guard against zero."""
+    """Return whether an operand may be a number that matters, not a text, length or guard against zero."""
     match node:
         case ast.Constant(value=value):
             return isinstance(value, int | float | complex) and abs(value) > 1e-6
         case ast.BinOp(left=left, op=ast.Add(), right=right):
             return _is_number(left) and _is_number(right)
-        case ast.BinOp(op=ast.FloorDiv()):  # nx // 2 + 1: off by two, no array of that length fits
+        case ast.BinOp(op=ast.FloorDiv()):  # nx // 2 - 1 for nx // 2 + 1: no array has that length
             return False
         case ast.IfExp(body=body, orelse=other):
             return _is_number(body) and _is_number(other)
@@ -71,7 +71,7 @@ def _is_number(node: ast.expr) -> bool:
 
 
 def _is_signed(source: Source, node: ast.UnaryOp) -> bool:
-    """Return whether a minus matters: no index or marker such as -1, and not under an even function."""
+    """Return whether a minus matters: not in an index or marker such as -1, nor inside an even function."""
     parent = source.parents[node]
     if isinstance(node.operand, ast.Constant) and not isinstance(parent, ast.BinOp):
         return False
@@ -80,9 +80,9 @@ def _is_signed(source: Source, node: ast.UnaryOp) -> bool:
 
 
 def comparisons(source: Source) -> Iterator[Edit]:
-    """Yield comparisons turned round, ``and`` for ``or``, ``not`` dropped, least for largest.
+    """Yield edits that reverse comparisons, exchange ``and`` and ``or`` or min and max, or remove ``not``.
 
-    ``<=`` for ``<`` is no kind: between measured numbers the two are the same.
+    ``<`` is never replaced by ``<=``, because between measured numbers the two are equivalent.
     """
     for node in source.nodes:
         match node:
@@ -102,9 +102,10 @@ def comparisons(source: Source) -> Iterator[Edit]:
 
 
 def masks(source: Source) -> Iterator[Edit]:
-    """Yield masks dropped: half of an ``&``, ``where`` as what it selects, an index, ``~``.
+    """Yield edits that remove a mask: one side of ``&``, the condition of ``where``, an index, or ``~``.
 
-    ``where`` on anything else than a mask chooses between two forms of one number, or guards a division.
+    A ``where`` whose condition is not a mask is excluded: it chooses between two forms of one number, or
+    guards a division.
     """
     for node in source.nodes:
         match node:
@@ -116,7 +117,7 @@ def masks(source: Source) -> Iterator[Edit]:
                     selected = other if _is_filler(chosen) else chosen
                     yield source.replace(node, source.operand(selected))
             case ast.Subscript(value=value, slice=index, ctx=ast.Load()):
-                is_element = isinstance(index, ast.Subscript)  # a number out of a list, most likely
+                is_element = isinstance(index, ast.Subscript)  # most likely a number from a list
                 if isinstance(index, ast.Compare) or (_is_mask(index) and not is_element):
                     yield source.replace(node, source.operand(value))
             case ast.UnaryOp(op=ast.Invert()):
@@ -124,7 +125,7 @@ def masks(source: Source) -> Iterator[Edit]:
 
 
 def _is_no_mask(source: Source, side: ast.expr) -> bool:
-    """Return whether a side of ``&`` is a set, a number or the limit of a loop that ends before it."""
+    """Return whether a side of ``&`` is a set, a number or an iteration limit that is not reached."""
     if isinstance(side, ast.Set | ast.SetComp | ast.Constant) or called(side) in _SETS:
         return True
     return isinstance(side, ast.Compare) and bool(_LIMIT.search(source.text(side)))
@@ -144,7 +145,7 @@ def _is_filler(node: ast.expr) -> bool:
 
 
 def _is_guarded(source: Source, node: ast.expr, condition: ast.expr) -> bool:
-    """Return whether an outer ``where`` of the same condition throws away what the inner one changes."""
+    """Return whether an outer ``where`` with the same condition discards what the inner one changes."""
     return any(
         called(parent) == "where" and source.text(parent.args[0]) == source.text(condition)
         for _, parent in source.ancestors(node)
@@ -152,9 +153,10 @@ def _is_guarded(source: Source, node: ast.expr, condition: ast.expr) -> bool:
 
 
 def freedoms(source: Source) -> Iterator[Edit]:
-    """Yield degrees of freedom without what was fitted: ``n - 1`` under a division, ``ddof``, ``dof = ...``.
+    """Yield edits that ignore fitted parameters: ``n - 1`` in a denominator, ``ddof``, ``dof = ...``.
 
-    Other counts less one (the last index, the centre of a row of pixels, steps from -1 to 1) are none.
+    Other counts minus one (the last index, the centre of a row of pixels, steps from -1 to 1) are not
+    degrees of freedom.
     """
     for node in source.nodes:
         match node:
@@ -173,7 +175,7 @@ def _is_count(node: ast.expr) -> bool:
 
 
 def _is_freedom(source: Source, node: ast.expr) -> bool:
-    """Return whether a difference divides or bears the name of degrees of freedom."""
+    """Return whether a difference is a denominator, or is assigned to a name for degrees of freedom."""
     for child, parent in source.ancestors(node):
         match parent:
             case ast.BinOp(op=ast.Div(), right=right) if right is child:
@@ -189,7 +191,7 @@ def _is_freedom(source: Source, node: ast.expr) -> bool:
 
 
 def _is_shifted(source: Source, quotient: ast.expr) -> bool:
-    """Return whether a number is taken from a quotient, which makes it a coordinate."""
+    """Return whether a number is subtracted from a quotient, which is then a coordinate."""
     parent = source.parents[quotient]
     return isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Sub) and parent.left is quotient
 

@@ -1,4 +1,4 @@
-"""Find factors of 2π and units: the numbers by which a formula is off and still looks right.
+"""Find factors of 2π and of units, which can be wrong in a formula that looks right.
 
 Reach for :func:`pis` and :func:`units`.
 """
@@ -23,10 +23,10 @@ _GUARDS = {"max", "min", "maximum", "minimum", "clip", "isclose", "allclose"}
 
 
 def pis(source: Source) -> Iterator[Edit]:
-    """Yield 2π halved or dropped, and π halved.
+    """Yield edits that halve or remove 2π, or halve π.
 
-    Nothing is doubled: whole turns more change no angle that is spread over a circle.  A random phase that is
-    added and a limit between two forms of one number are left out: neither shows in a result.
+    No factor is doubled: additional whole turns do not change angles that are spread over a circle.  Added
+    random phases, and limits between two forms of one number, are excluded: they do not change a result.
     """
     for node in source.nodes:
         if name_of(node) != "pi" or _is_harmless(source, node):
@@ -50,9 +50,9 @@ def _is_harmless(source: Source, node: ast.AST) -> bool:
 
 
 def units(source: Source) -> Iterator[Edit]:
-    """Yield factors of conversion dropped or taken for another, and degrees for radians.
+    """Yield edits that remove or replace a conversion factor, or exchange degrees and radians.
 
-    A power of ten is a unit if it is written as one (``1e3``, not ``1000``) and no tolerance.
+    A power of ten is a conversion factor if it is written as ``1e3``, not ``1000``, and is not a tolerance.
     """
     for node in source.nodes:
         match node:
@@ -67,7 +67,7 @@ def units(source: Source) -> Iterator[Edit]:
 
 
 def _other_factors(source: Source, node: ast.Constant, value: float) -> tuple[str, ...]:
-    """Return what may stand in a number's place; nothing if it is no unit."""
+    """Return the replacements of a number; none if it is not a conversion factor."""
     parent = source.parents[node]
     scales = _scales(source, node) or _is_entry(parent, node)
     if value in _POWERS and isinstance(value, float) and scales and not _is_tolerance(source, node):
@@ -85,7 +85,7 @@ def _scales(source: Source, node: ast.AST) -> bool:
 
 
 def _is_entry(parent: ast.AST, node: ast.AST) -> bool:
-    """Return whether a number is what a table gives for a word."""
+    """Return whether a number is the value of a text key in a dictionary."""
     if not isinstance(parent, ast.Dict) or node not in parent.values:
         return False
     key = parent.keys[parent.values.index(node)]
@@ -93,7 +93,7 @@ def _is_entry(parent: ast.AST, node: ast.AST) -> bool:
 
 
 def _is_tolerance(source: Source, node: ast.Constant) -> bool:
-    """Return whether a small number guards against rounding: a thousandth of it would do the same."""
+    """Return whether a small number guards against rounding, so that a thousandth of it works as well."""
     for _, parent in source.ancestors(node):
         if isinstance(parent, ast.Compare) or called(parent) in _GUARDS:
             return True

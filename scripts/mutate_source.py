@@ -1,8 +1,8 @@
 """Read a module for mutation: its syntax tree, the nodes that hold code, and edits of its text.
 
 Reach for :func:`read_source`.  Docstrings and other strings, annotations, decorators, ``__all__``, assertions
-and messages (``raise``, warnings, f-strings) are no code: no mutation touches them.  An edit replaces the
-bytes of one expression or operator and leaves the rest of the file as it is.
+and messages (``raise``, warnings, f-strings) are not code and are never mutated.  An edit replaces the
+bytes of one expression or operator and does not change the rest of the file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Edit:
     start, end : int
         The span, in bytes of the UTF-8 text.
     new : tuple of str
-        Alternatives; a mutation takes one of them.
+        Alternative replacements; a mutation uses one of them.
     """
 
     start: int
@@ -39,16 +39,16 @@ class Edit:
 
 @dataclass(frozen=True)
 class Source:
-    """A module's text and tree.
+    """Text and syntax tree of a module.
 
     Attributes
     ----------
     content : bytes
-        UTF-8, as the positions of ``ast`` count it.
+        Text in UTF-8, whose bytes the positions of ``ast`` count.
     blank : bytes
         The same with comments overwritten by spaces.
     nodes : tuple of ast.AST
-        All that hold code, in the order of :func:`ast.walk` depth first.
+        All nodes that hold code, depth first.
     parents : dict
         Parent of each node.
     starts : tuple of int
@@ -90,7 +90,7 @@ class Source:
             node = self.parents[node]
 
     def is_index(self, node: ast.AST) -> bool:
-        """Return whether a node counts elements: inside ``[...]`` or the arguments of ``range``."""
+        """Return whether a node is part of an index, in ``[...]`` or the arguments of ``range``."""
         return any(
             (isinstance(parent, ast.Subscript) and child is parent.slice) or called(parent) == "range"
             for child, parent in self.ancestors(node)
@@ -120,7 +120,7 @@ def read_source(content: bytes) -> Source:
     Parameters
     ----------
     content : bytes
-        Python, UTF-8.
+        Python source in UTF-8.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def read_source(content: bytes) -> Source:
     Raises
     ------
     SyntaxError
-        If it is no Python.
+        If the content is not valid Python.
     """
     tree = ast.parse(content)
     lines = content.splitlines(keepends=True)
@@ -160,7 +160,7 @@ def _without_comments(content: bytes, lines: list[bytes], starts: tuple[int, ...
 
 
 def _code(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield a node and its descendants, leaving out what is no code."""
+    """Yield a node and its descendants, except those that are not code."""
     yield node
     fields = {"annotation", "returns", "decorator_list"}
     for name, value in ast.iter_fields(node):

@@ -23,22 +23,22 @@ _FOLDERS = {
     "scoring": ("likelihood", "refit", "estimators"),
     "kernel_estimate": ("estimators",),
 }
-"""Folders with the tests of the modules that have no folder of their name."""
+"""Test folders of the modules that have no test folder of their own name."""
 
 _REPORTED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 _NO_TESTS = 5
-"""Exit status of pytest that has found no tests."""
+"""Exit status of pytest if it finds no tests."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """How a run of tests ended.
+    """Result of a run of tests.
 
     Attributes
     ----------
     ended : {"passed", "failed", "import", "timeout", "crash"}
     by : str
-        The first test that did not pass, or the file that could not be imported; else empty.
+        The first test that did not pass, or the file that could not be imported; otherwise empty.
     seconds : float
     """
 
@@ -53,17 +53,18 @@ def stages(root: Path, module: str, wide: bool = False) -> list[tuple[str, ...]]
     Parameters
     ----------
     root : Path
-        Of the tree.
+        Root of the tree.
     module : str
-        Path of a module from there, with slashes.
+        Path of the module from the root, with slashes.
     wide : bool, optional
-        Add the two other folders of tests that import the module's subpackage most.
+        Add the two other test folders that import the module's subpackage most often.
 
     Returns
     -------
     stages : list of tuple of str
-        Paths for pytest.  First the module itself, for its doctests, with the test files named after it or
-        importing it by name, else those that mention what it exports; then the folder of its subpackage.
+        Paths for pytest.  The first set is the module itself, for its doctests, with the test files that are
+        named after it or import it by name; if there are none, with those that mention a name it exports.
+        The second set is the test folder of its subpackage.
     """
     path = PurePosixPath(module)
     room = path.parts[1].removesuffix(".py")
@@ -109,7 +110,7 @@ def _importing(root: Path, room: str) -> Counter[str]:
 
 
 def copy_tree(root: Path, target: Path) -> None:
-    """Copy what git tracks, as it stands, and what it neither tracks nor ignores."""
+    """Copy the tracked files in their current state, and the untracked files that git does not ignore."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=root, capture_output=True, check=True).stdout.decode()
     for name in filter(None, listed.split("\0")):
@@ -120,18 +121,19 @@ def copy_tree(root: Path, target: Path) -> None:
 
 
 def environment(copy: Path) -> dict[str, str]:
-    """Return the environment in which ``import jitterkit`` takes the copy, also in what tests start."""
+    """Return variables with which tests, and the processes they start, import jitterkit from the copy."""
     paths = [str(copy), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    programs = os.environ.get("JITTERKIT_TEST_CACHE", str(copy.parent / "programs"))
+    return os.environ | {"PYTHONPATH": os.pathsep.join(paths), "JITTERKIT_TEST_CACHE": programs}
 
 
 def check_import(copy: Path) -> None:
-    """Refuse to go on if Python would import another jitterkit than the copy's.
+    """Raise an error if Python would not import jitterkit from the copy.
 
     Raises
     ------
     SystemExit
-        With the file that would be imported.
+        If it would not; the message names the file that would be imported.
     """
     command = [sys.executable, "-c", "import jitterkit; print(jitterkit.__file__)"]
     done = subprocess.run(
@@ -143,16 +145,16 @@ def check_import(copy: Path) -> None:
 
 
 def run_tests(copy: Path, tests: tuple[str, ...], limit: float) -> Run:
-    """Run tests of a copy up to the first that fails.
+    """Run tests of a copy until one fails.
 
     Parameters
     ----------
     copy : Path
         Root of a copy of the tree.
     tests : tuple of str
-        Paths from there.
+        Paths from that root.
     limit : float
-        Seconds after which the run is killed with all that it has started.
+        Seconds after which the run, with all processes that it started, is killed.
 
     Returns
     -------

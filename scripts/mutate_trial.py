@@ -1,4 +1,4 @@
-"""Try mutations: each in a copy of the tree, against the tests that pass without it.
+"""Try mutations, each in a copy of the tree, with the tests that pass without it.
 
 Reach for :func:`try_all`.
 """
@@ -22,16 +22,16 @@ __all__ = ["Outcome", "try_all"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutation.
+    """Outcome of one mutation.
 
     Attributes
     ----------
     result : {"failed", "import", "timeout", "crash", "survived", "broken"}
-        ``broken``: tests of the module fail without the mutation, which says nothing of it.
+        ``broken``: tests of the module fail even without the mutation, so they cannot judge it.
     by : str
-        The test that caught it or is broken.
+        The test that caught the mutation, or that fails without it.
     seconds : float
-        Of the runs with the mutation.
+        Duration of the runs with the mutation.
     """
 
     result: str
@@ -44,7 +44,7 @@ class Outcome:
 
 
 class _Baseline:
-    """Runs without a mutation, each set of tests once."""
+    """Runs of the tests without a mutation; each set of tests runs once."""
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
@@ -66,25 +66,25 @@ class _Baseline:
 def try_all(
     root: Path, mutations: Mapping[int, Mutation], jobs: int, timeout: float, wide: bool
 ) -> Iterator[tuple[int, Outcome]]:
-    """Try mutations in copies of a tree, and yield (number, outcome) as they are done.
+    """Try mutations in copies of a tree, and yield (number, outcome) as each one ends.
 
     Parameters
     ----------
     root : Path
-        Of the tree, which stays as it is.
+        Root of the tree, which is not changed.
     mutations : mapping of int to Mutation
     jobs : int
-        Copies in which tests run at the same time.
+        Number of copies in which tests run at the same time.
     timeout : float
-        Seconds after which a run counts as caught, or three times what it takes without a mutation if that is
-        more.  Without a mutation a run may take four times as long.
+        Seconds after which a mutation counts as caught; three times the duration without it, if that is
+        longer.  A run without a mutation may take four times ``timeout``.
     wide : bool
-        Also run the tests of the packages that depend on the module's.
+        Also run the tests of the packages that depend on the module's package.
 
     Raises
     ------
     SystemExit
-        If a copy would not be what the tests import.
+        If the tests would not import jitterkit from a copy.
     """
     baseline, copies = _Baseline(4 * timeout), SimpleQueue[Path]()
 
@@ -124,7 +124,7 @@ def _try(copy: Path, mutation: Mutation, baseline: _Baseline, timeout: float, wi
 
 @contextmanager
 def _mutated(copy: Path, mutation: Mutation) -> Iterator[None]:
-    """Mutate a module of a copy for a while, and drop its compiled code, which may pass for current."""
+    """Mutate a module of a copy inside a block, and delete its bytecode, which could count as current."""
     path = copy / mutation.path
     content = path.read_bytes()
     try:

@@ -1,4 +1,4 @@
-"""What every test shares: double precision, compiled programs, and optics that are built once."""
+"""Set up what all tests share: double precision, compiled programs, and optics that are built once."""
 
 import functools
 import os
@@ -18,49 +18,52 @@ from jitterkit.optics import expand, flat_band, obstructed_circle
 from jitterkit.optics.toliman import cache_directory
 
 jax.config.update("jax_enable_x64", True)
-# Most of a run's time is XLA's, and a third of that its optimisations.  An empty XLA_FLAGS, which
-# scripts/check --all sets, tests programs as users compile them.
+# XLA takes most of a run's time to compile, a third of that for optimisation.  scripts/check --all sets
+# XLA_FLAGS to an empty text, and so tests programs as users compile them.
 os.environ.setdefault(
     "XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
 )
 
 _STORE_LIMIT = 1 << 30
-"""Bytes of compiled programs that are kept between runs; a run of all tests makes about 150 MB."""
+"""Bytes of compiled programs to keep between runs; a run of all tests writes about 150 MB."""
 
 _PROGRAM_MEMORY = 3 << 30
-"""Resident bytes of a test process beyond which it forgets its programs: all of them together fill 6 GB."""
+"""Resident bytes above which a test process clears its compiled programs; all of them would fill 6 GB."""
 
 _STORE = pytest.StashKey[compiled_programs.Store]()
 _OWN = pytest.StashKey[Path]()
 
 
 def pytest_configure(config):
-    """Keep what tests, and the commands they start, have made once out of the user's cache.
+    """Use a temporary cache for the tests and the commands they start, not the user's.
 
-    Each process of each session has a cache of its own; compiled programs are exchanged with a store that
-    outlives the session (:mod:`compiled_programs`).  ``JITTERKIT_TEST_CACHE`` chooses its folder.
+    Each process of each session has its own cache.  It exchanges compiled programs with a store that outlives
+    the session (:mod:`compiled_programs`).  ``JITTERKIT_TEST_CACHE`` sets the folder of that store.
     """
-    chosen = os.environ.get("JITTERKIT_TEST_CACHE")
-    folder = Path(chosen) if chosen else cache_directory().with_name("jitterkit-tests")
+    default = cache_directory().with_name("jitterkit-tests")
+    folder = os.environ.setdefault("JITTERKIT_TEST_CACHE", str(default))  # worker processes inherit it
     own = Path(tempfile.mkdtemp(prefix="jitterkit-"))
     config.add_cleanup(functools.partial(shutil.rmtree, own, ignore_errors=True))
     os.environ["JITTERKIT_CACHE"] = str(own)
-    config.stash[_STORE] = compiled_programs.Store(folder / compiled_programs.machine(), _STORE_LIMIT)
-    config.stash[_OWN] = own / "compiled"
+    store = compiled_programs.Store(Path(folder) / compiled_programs.machine(), _STORE_LIMIT)
+    config.stash[_STORE], config.stash[_OWN] = store, own / "compiled"
+    if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
+        store.exchange(config.stash[_OWN])  # before fixtures of the session compile anything
     jax.config.update("jax_compilation_cache_dir", str(config.stash[_OWN]))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def pytest_unconfigure(config):
-    """Keep the store small: the first process of a session does, when the others have ended."""
+    """Prune the store in the main process, after the worker processes have ended."""
     if not hasattr(config, "workerinput"):
-        config.stash[_STORE].prune()
+        store = config.stash.get(_STORE, None)  # none if the configuration failed
+        if store is not None:
+            store.prune()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _exchange_compiled_programs(pytestconfig):
-    """Share compiled programs with the other processes, and forget them where they fill the memory."""
-    pytestconfig.stash[_STORE].exchange(pytestconfig.stash[_OWN])
+    """Share compiled programs with the other processes, and clear them from memory if they fill it."""
     yield
     pytestconfig.stash[_STORE].exchange(pytestconfig.stash[_OWN])
     if _resident_bytes() > _PROGRAM_MEMORY:
@@ -68,7 +71,7 @@ def _exchange_compiled_programs(pytestconfig):
 
 
 def _resident_bytes():
-    """Memory of this process; unknown counts as too much."""
+    """Return the resident bytes of this process; more than the limit if they are unknown."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
@@ -94,11 +97,11 @@ def _plain_telescope():
 
 @pytest.fixture(scope="session")
 def telescope():
-    """The one telescope of all tests that do not test a telescope; commands know it as the preset ``plain``.
+    """Return the telescope of all tests that need no special one; in commands it is the preset ``plain``.
 
-    Every shape, list of aberrations and set of free parameters is a program of its own, which takes seconds
-    to compile.  A test with a telescope of its own says why.  Rows and columns differ in number, so that an
-    x for a y shows.
+    Each image shape, list of aberrations and set of free parameters needs its own compiled program, which
+    takes seconds.  A test that uses another telescope gives the reason.  Rows and columns differ in number,
+    so that a test fails if x and y are exchanged.
     """
     return _plain_telescope()
 
@@ -112,19 +115,19 @@ def _plain_preset():
 
 @pytest.fixture(scope="session")
 def optics(telescope):
-    """Optics of the one telescope on its own grid."""
+    """Return the optics of the common telescope on its own grid."""
     return telescope.system()
 
 
 @pytest.fixture(scope="session")
 def otf(optics):
-    """Transfer function of the one telescope without aberrations."""
+    """Return the transfer function of the common telescope without aberrations."""
     return optics.nominal
 
 
 @pytest.fixture(scope="session")
 def plain_otf(optics):
-    """The same telescope with no aberrations to fit, for tests of blur alone."""
+    """Return the telescope's transfer function with no aberrations to fit, for tests of blur alone."""
     pupil = obstructed_circle(0.125, 0.04, samples=64, noll=())
     return expand(pupil, optics.spectrum, optics.grid)
 

@@ -99,13 +99,19 @@ def test_angles_are_near_across_the_end_of_their_range(name, old, new, error, aw
 
 def test_the_axis_of_a_round_blur_does_not_count():
     blur = {f"{name}_err": np.full(ROWS, 1e-4) for name in ("sxx", "sxy", "syy")}
-    blur |= {"sxx": np.full(ROWS, 0.01), "sxy": np.zeros(ROWS), "syy": np.array([0.01, 0.0099, 0.0, 0.0])}
-    old = table(**blur, jitter_angle=np.array([0.0, 0.0, 0.0, 179.0]))
-    new = table(**blur, jitter_angle=np.array([80.0, 10.0, 1.0, 0.0]))
-    found = column(compare(old, new), "jitter_angle")
-    # an axis turned by a degree moves sxy by (sxx - syy) pi/180, here 0.01 pi/180
-    assert found.largest == pytest.approx(math.pi / 180 * 0.01 / 1e-4)
-    assert found.row in ("b.fits 0", "c.fits 0")
+    blur |= {"sxx": np.array([0.01, 0.01, 0.01, 0.005]), "sxy": np.array([0.0, 0.0, 0.0, 0.005])}
+    blur |= {"syy": np.array([0.01, 0.0099, 0.0, 0.005])}
+    angle = np.array([0.0, 0.0, 179.0, 45.0])
+    # an axis turned by a degree shifts sxy by pi/180 times the difference of the variances along both axes
+    degree = math.pi / 180 * 0.01 / 1e-4
+    for turn, row, expected in (
+        ([80.0, 10.0, 2.0, 1.0], "b.fits 0", 2 * degree),
+        ([80.0, 10.0, 1.0, 2.0], "c.fits 0", 2 * degree),
+        ([80.0, 10.0, 0.0, 0.0], "a.fits 1", 10 * degree / 100),
+    ):
+        new = table(**blur, jitter_angle=(angle + turn) % 180)
+        found = column(compare(table(**blur, jitter_angle=angle), new), "jitter_angle")
+        assert (found.row, found.largest) == (row, pytest.approx(expected))
 
 
 def test_a_minor_axis_near_zero_has_the_error_of_the_moments():
@@ -230,6 +236,8 @@ def test_a_table_of_frames_is_read_without_what_may_differ(tmp_path):
     assert found["frame"].tolist() == ["0", "0"]
     assert found["dof"].tolist() == [16366.0, 0.0]
     assert from_table(written, KEYS).columns.keys() == found.keys()
+    with pytest.raises(ValueError, match="'parameter'"):
+        from_table(written, ("parameter",))
 
 
 def test_a_reference_keeps_values_to_a_millionth_of_their_errors(tmp_path):
@@ -294,6 +302,10 @@ def test_options_go_to_the_commands_of_new_only():
     for task in tasks:
         more = task.words("out", options)[len(task.words("out")) :]
         assert more == (["--no-background", "--preset", "exact"] if task.command == "process" else [])
+    one = read_options(["motion_trace=--no-loss", "sequence=--diffusion"], tasks)
+    assert [task.name for task in tasks if task.words("out", one)[-1] == "--no-loss"] == ["motion_trace"]
+    (sequence,) = select(tasks, ["sequence"])
+    assert sequence.words("out", one).count("--diffusion") == 1
     for wrong in ("process", "nothing=--x"):
         with pytest.raises(ValueError, match=repr(wrong)):
             read_options([wrong], tasks)
@@ -335,18 +347,29 @@ def script():
     return runpy.run_path(str(SCRIPTS / "compare_versions"))
 
 
+PROGRAM = """#!/bin/sh
+for word; do
+    [ "$before" = -o ] && out=$word
+    before=$word
+done
+[ "$word" = --break ] && exit 2
+cp "${0%/*}/table.ecsv" "$out"
+[ "$word" != --late ]
+"""
+
+
 def fake_environment(directory: Path, separation: float) -> Path:
-    """An environment whose jitterkit writes one table, whatever it is asked."""
+    """An environment whose jitterkit writes one table; --break and --late make it fail before and after."""
     (directory / "bin").mkdir(parents=True)
     python, jitterkit = directory / "bin" / "python", directory / "bin" / "jitterkit"
-    python.write_text(f'#!/bin/sh\necho \'["9", "{directory}/jitterkit/__init__.py"]\'\n')
-    jitterkit.write_text(
-        '#!/bin/sh\nfor out; do :; done\n[ "$out" = --break ] && exit 2\n'
-        f"printf '# %%ECSV 1.0\\n# ---\\n# datatype:\\n# - {{name: separation, datatype: float64}}\\n"
-        f"# schema: astropy-2.0\\nseparation\\n{separation}\\n' > $out\n"
+    asked = f'["9", "{directory}/jitterkit/__init__.py"]'
+    python.write_text(
+        f"#!/bin/sh\ncase $3 in *find_spec*) echo '{asked}';; *) shift 3; exec {jitterkit} \"$@\";; esac\n"
     )
+    jitterkit.write_text(PROGRAM)
     for path in (python, jitterkit):
         path.chmod(0o755)
+    Table({"separation": [separation]}).write(directory / "bin" / "table.ecsv", format="ascii.ecsv")
     return directory
 
 
@@ -360,6 +383,8 @@ def test_the_exit_status_tells_whether_two_environments_agree(script, tmp_path, 
     assert script["main"]([a, b, *common, "--tolerance", "0.11"]) == 0
     assert script["main"]([a, a, *common, "--new-options", "forecast=--break"]) == 1
     assert "wrote no table.ecsv (exit status 2)" in (tmp_path / "out" / "comparison.md").read_text()
+    assert script["main"]([a, a, *common, "--new-options", "forecast=--late"]) == 1
+    assert "exit_status differs in 1 rows: 0: '0' -> '1'" in (tmp_path / "out" / "comparison.md").read_text()
     assert script["main"]([a, str(tmp_path / "none"), *common]) == 2
     assert "There is no environment" in capsys.readouterr().err
 
@@ -415,3 +440,26 @@ def test_the_sample_frames_are_those_of_the_reference(tmp_path):
     assert {name: found[name] for name in ("sample", "motion")} == {
         name: inputs[name] for name in ("sample", "motion")
     }
+
+
+def test_a_row_that_is_there_twice_is_refused():
+    twice = Values(KEYS, {name: np.append(cells, cells[:1]) for name, cells in table().columns.items()})
+    with pytest.raises(ValueError, match=r"NEW has more than one row 'a\.fits 0'"):
+        compare(table(), twice)
+
+
+def test_versions_that_both_fitted_nothing_do_not_agree():
+    failed = table(status=np.full(ROWS, "failed"))
+    assert compare(failed, failed).compared == 0
+    assert not compare(failed, failed).agrees(1.0)
+
+
+def test_an_infinite_error_hides_no_difference():
+    old = table(separation_err=np.full(ROWS, np.inf))
+    new = table(separation=np.array([9.0, 9.1, 9.2, 18.6]), separation_err=np.full(ROWS, np.inf))
+    assert column(compare(old, new), "separation").largest == pytest.approx(1.0)
+
+
+def test_axes_without_errors_are_compared_by_their_squares():
+    old, new = (table(jitter_major=np.full(ROWS, size)) for size in (0.10, 0.11))
+    assert column(compare(old, new), "jitter_major").largest == pytest.approx(0.21)

@@ -1,8 +1,10 @@
-"""The store of compiled programs between runs: complete programs only, shared, and bounded."""
+"""Check that the store keeps only complete programs, shares them between runs, and limits their size."""
 
 import os
 import zlib
+from pathlib import Path
 
+import jax
 from compiled_programs import Store, machine
 
 PROGRAM = zlib.compress(os.urandom(1000))
@@ -23,42 +25,58 @@ def test_a_program_of_one_process_reaches_another(tmp_path):
     assert (tmp_path / "two" / "a-cache").read_bytes() == PROGRAM
 
 
-def test_half_a_program_stays_where_it_is(tmp_path):
+def test_an_incomplete_program_is_published_once_it_is_complete(tmp_path):
     store = Store(tmp_path / "store", 10**6)
-    half = _write(tmp_path / "one", "a", PROGRAM[:-5])
+    _write(tmp_path / "one", "a", PROGRAM[:-5])
     store.exchange(tmp_path / "one")
-    assert half.exists()
     assert not list(store.folder.iterdir())
-
-
-def test_what_a_store_holds_is_not_replaced(tmp_path):
-    store = Store(tmp_path / "store", 10**6)
-    kept = _write(store.folder, "a")
-    _write(tmp_path / "one", "a", zlib.compress(b"other"))
-    store.exchange(tmp_path / "one")
-    assert kept.read_bytes() == PROGRAM
-
-
-def test_programs_are_copied_where_links_are_not_possible(tmp_path, monkeypatch):
-    def refuse(source, target):
-        raise PermissionError(1, "no links here")
-
-    monkeypatch.setattr(os, "link", refuse)
-    store = Store(tmp_path / "store", 10**6)
     _write(tmp_path / "one", "a")
     store.exchange(tmp_path / "one")
-    assert [path.name for path in store.folder.iterdir()] == ["a-cache"]
     assert (store.folder / "a-cache").read_bytes() == PROGRAM
 
 
-def test_the_oldest_programs_are_deleted_first(tmp_path):
-    store = Store(tmp_path / "store", 2 * len(PROGRAM))
+def test_an_incomplete_program_in_the_store_is_deleted_and_replaced(tmp_path):
+    store = Store(tmp_path / "store", 10**6)
+    _write(store.folder, "a", PROGRAM[:-5])
+    store.exchange(tmp_path / "one")
+    assert not list(store.folder.iterdir())
+    assert not list((tmp_path / "one").iterdir())
+    _write(tmp_path / "one", "a")
+    store.exchange(tmp_path / "one")
+    assert (store.folder / "a-cache").read_bytes() == PROGRAM
+
+
+def test_a_part_of_a_program_is_no_program(tmp_path):
+    store = Store(tmp_path / "store", 10**6)
+    (store.folder / "a-cache.123.part").write_bytes(PROGRAM[:5])
+    store.exchange(tmp_path / "one")
+    assert not list((tmp_path / "one").iterdir())
+
+
+def test_a_change_of_a_fetched_copy_does_not_reach_the_store(tmp_path):
+    """As when another process of the same folder begins to write what was fetched meanwhile."""
+    store = Store(tmp_path / "store", 10**6)
+    _write(store.folder, "a")
+    store.exchange(tmp_path / "one")
+    (tmp_path / "one" / "a-cache").write_bytes(b"")
+    assert (store.folder / "a-cache").read_bytes() == PROGRAM
+
+
+def test_the_oldest_programs_are_deleted_first_whatever_their_version(tmp_path):
+    store = Store(tmp_path / "jax-2", 2 * len(PROGRAM))
     for age, name in enumerate("abc"):
         os.utime(_write(store.folder, name), (1e9 - age, 1e9 - age))
+    os.utime(_write(tmp_path / "jax-1", "d"), (1e9 - 0.5, 1e9 - 0.5))
     store.prune()
-    assert sorted(path.name for path in store.folder.iterdir()) == ["a-cache", "b-cache"]
+    assert sorted(path.name for path in tmp_path.glob("*/*")) == ["a-cache", "d-cache"]
 
 
 def test_the_name_of_a_machine_is_a_file_name_and_the_same_each_time():
     assert machine() == machine()
     assert "/" not in machine()
+
+
+def test_the_processes_of_a_session_share_a_store_and_have_caches_of_their_own():
+    own = Path(os.environ["JITTERKIT_CACHE"])
+    assert own not in Path(os.environ["JITTERKIT_TEST_CACHE"]).parents
+    assert jax.config.jax_compilation_cache_dir == str(own / "compiled")

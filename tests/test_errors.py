@@ -1,4 +1,4 @@
-"""Errors carry a code wherever they go, and whoever raises one gives it."""
+"""Check that errors keep their code everywhere, and that the package makes none without a code."""
 
 import ast
 import pickle
@@ -14,6 +14,7 @@ from jitterkit.errors import (
     JitterkitError,
     UndeterminedError,
     code_of,
+    reading_code,
 )
 
 SOURCES = sorted(Path(jitterkit.__file__).parent.rglob("*.py"))
@@ -74,6 +75,7 @@ def test_an_error_crosses_processes_whole(error):
         (ZeroDivisionError("division by zero"), ErrorCode.INTERNAL),
         (ValueError("not raised on purpose"), ErrorCode.INTERNAL),
         (KeyboardInterrupt(), ErrorCode.INTERNAL),
+        (RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes."), ErrorCode.OUT_OF_MEMORY),
     ],
 )
 def test_every_exception_has_a_code(error, code):
@@ -81,7 +83,7 @@ def test_every_exception_has_a_code(error, code):
 
 
 def _is_code(given: ast.expr, makers: set[str]) -> bool:
-    """Whether an expression may be a code: named, carried by an error, chosen of two, or a call."""
+    """Return whether an expression may be a code: a member, an error's code, one of two, or a call."""
     match given:
         case ast.Attribute(value=ast.Name(id="ErrorCode"), attr=name):
             return name in ErrorCode.__members__
@@ -95,7 +97,7 @@ def _is_code(given: ast.expr, makers: set[str]) -> bool:
 
 
 def _kinds(trees: list[ast.Module]) -> set[str]:
-    """Names of the errors, those included that a module derives for itself."""
+    """Return the names of all error classes, including those that a module derives for itself."""
     kinds = set(ERRORS)
     for node in (node for tree in trees for node in ast.walk(tree)):
         if isinstance(node, ast.ClassDef) and kinds & {ast.unparse(base) for base in node.bases}:
@@ -104,7 +106,7 @@ def _kinds(trees: list[ast.Module]) -> set[str]:
 
 
 def _without_code(source: str, kinds: set[str] = ERRORS) -> list[int]:
-    """Lines on which an error is made whose first argument is no code, or without one of the others."""
+    """Return the lines that make an error without a code as first argument, or without all arguments."""
     nodes = list(ast.walk(ast.parse(source)))
     made = [node for node in nodes if isinstance(node, ast.FunctionDef)]
     makers = {node.name for node in made if node.returns and ast.unparse(node.returns) == "ErrorCode"}
@@ -114,7 +116,7 @@ def _without_code(source: str, kinds: set[str] = ERRORS) -> list[int]:
         node.lineno
         for node in errors
         if len(node.args) != (4 if ast.unparse(node.func).endswith("FrameError") else 2)
-        or not _is_code(node.args[0], makers | {"ErrorCode", "code_of"})
+        or not _is_code(node.args[0], makers | {"ErrorCode", "code_of", "reading_code", "damage_code"})
     ]
 
 
@@ -148,3 +150,22 @@ def test_every_error_that_the_package_makes_is_given_a_code():
 def test_the_search_finds_an_error_without_a_code(made, good):
     source = f"def kind_of(error) -> ErrorCode: ...\ndef sentence(error) -> str: ...\nraise {made}"
     assert _without_code(source) == ([] if good else [3])
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (FileNotFoundError(2, "gone"), ErrorCode.NOT_FOUND),
+        (NotADirectoryError(20, "a file on the way"), ErrorCode.NOT_FOUND),
+        (PermissionError(13, "not yours"), ErrorCode.NOT_READABLE),
+        (IsADirectoryError(21, "a directory"), ErrorCode.NOT_READABLE),
+        (OSError(5, "disk"), ErrorCode.NOT_READABLE),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "no text"), ErrorCode.MALFORMED),
+    ],
+)
+def test_what_happens_while_a_file_is_read_has_a_code(error, code):
+    assert reading_code(error) is code
+
+
+def test_the_caller_says_what_faulty_contents_are():
+    assert reading_code(ValueError("no pickle"), ErrorCode.DAMAGED) is ErrorCode.DAMAGED

@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 from scipy import ndimage
 
-from jitterkit.errors import ErrorCode
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.vision import bin_mean, box_mean, components, median_filter, native
 
 IMAGE = np.random.default_rng(5).integers(0, 200, (40, 31))
@@ -56,7 +56,7 @@ def test_views_are_made_contiguous_and_good_arrays_are_not_copied():
     ],
 )
 def test_what_is_no_image_is_refused(image, code):
-    with refused(code, image.shape, image.dtype):
+    with refused(code, image.shape, image.dtype, error=JitterkitError):
         native(image)
 
 
@@ -68,7 +68,7 @@ def test_the_median_is_scipys(dtype, size):
 
 
 def test_other_sizes_of_median_are_refused():
-    with refused(ErrorCode.OUT_OF_RANGE, "4 x 4", "3 or 5"):
+    with refused(ErrorCode.OUT_OF_RANGE, "4 x 4", "3 or 5", error=JitterkitError):
         median_filter(IMAGE, 4)
 
 

@@ -108,7 +108,7 @@ def _client(scheduler: str) -> Any:
         client = distributed.Client(scheduler, timeout=_REACHED)
     except (OSError, ValueError) as error:
         raise ConfigurationError(
-            ErrorCode.NOT_FOUND,
+            ErrorCode.UNREACHABLE,
             f"No scheduler answers at {scheduler} ({error}); start one with 'dask scheduler', or see the "
             "address.",
         ) from None
@@ -117,7 +117,7 @@ def _client(scheduler: str) -> Any:
     except TimeoutError:
         client.close()
         raise ConfigurationError(
-            ErrorCode.NOT_FOUND,
+            ErrorCode.UNREACHABLE,
             f"The scheduler at {scheduler} has no workers; start some with "
             f"'dask worker {scheduler} --nthreads 1'.",
         ) from None

@@ -16,7 +16,7 @@ import numpy as np
 
 from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import scale_hint, why_unusable
-from jitterkit.errors import ErrorCode, JitterkitError, out_of_memory
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError, out_of_memory
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, Metadata, RawFrame
@@ -186,7 +186,7 @@ class Finder:
         """Map an exception to a result with the matching status."""
         if not isinstance(error, JitterkitError):
             return FitResult.from_error(Status.FAILED, error, f"{Status.FAILED.value}: {error}")
-        if error.code is ErrorCode.NO_STAR:
+        if isinstance(error, FrameError) and error.code is ErrorCode.NO_STAR:
             return FitResult.from_error(Status.NO_STAR, error)
         hint = "" if frame is None else scale_hint(frame, self.instrument.plate_scale)
         message = f"{Status.MISMATCH.value}: {error} {hint}".rstrip()

@@ -16,7 +16,7 @@ from jitterkit.batch.measured import Measured
 from jitterkit.batch.measurer import Measurer
 from jitterkit.batch.plan import Batch, count_frames, plan_batches
 from jitterkit.batch.stream import in_threads
-from jitterkit.errors import ErrorCode, JitterkitError, UndeterminedError, code_of, out_of_memory
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError, UndeterminedError, code_of, out_of_memory
 from jitterkit.frames import RawFrame, find_files
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
@@ -68,9 +68,9 @@ def estimate_files(
     Returns
     -------
     table : QTable
-        A row a frame: file, frame, status, reason, estimator, moments with errors and their correlations,
+        One row per frame: file, frame, status, reason, estimator, moments with errors and their correlations,
         axes, length and shape where the estimator knows them, significance, digest of the pixels, message.
-        In arcsec; in pixels if a frame has no scale.  The frame that serves the others as reference has the
+        In arcsec; in pixels if a frame has no scale.  The frame that is the reference of the others has the
         status ``reference``.
     """
     files = find_files(paths)
@@ -209,7 +209,7 @@ def _status(error: Exception) -> Status:
     if isinstance(error, _Unreadable):
         return Status.UNREADABLE
     code = code_of(error)
-    if code is ErrorCode.NO_STAR:
+    if code is ErrorCode.NO_STAR and isinstance(error, FrameError | UndeterminedError):
         return Status.NO_STAR
     if isinstance(error, UndeterminedError):
         return Status.REFERENCE if code is ErrorCode.IS_REFERENCE else Status.UNDETERMINED

@@ -177,7 +177,9 @@ class Ledger:
         Raises
         ------
         ConfigurationError
-            If the batch has been entered before, or the disk is full or fails; nothing is entered then.
+            If the disk is full or fails; nothing is entered then.
+        ValueError
+            If the batch has been entered before.
         """
         packed = _pack(rows)
         shown = [
@@ -185,9 +187,7 @@ class Ledger:
         ]
         with self._file.transaction() as execute:
             if execute("SELECT 1 FROM batches WHERE batch = ?", (batch,)).fetchone():
-                raise ConfigurationError(
-                    ErrorCode.DUPLICATE, f"Batch {batch} has been entered in {self.path} before."
-                )
+                raise ValueError(f"Batch {batch} has been entered in {self.path} before.")
             execute("INSERT INTO batches VALUES (?, ?)", (batch, packed))
             for values in shown:
                 execute("INSERT INTO frames VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", values)

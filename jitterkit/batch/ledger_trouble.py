@@ -57,7 +57,7 @@ def _sentence(path: Path, error: Exception) -> Exception:
         )
     if code in _BROKEN:
         return ConfigurationError(
-            ErrorCode.NOT_READABLE,
+            ErrorCode.NOT_WRITABLE,
             f"{file} cannot be read or written ({error}); look at its disk (space, quota, connection) and "
             "resume the run: what it did is kept.",
         )

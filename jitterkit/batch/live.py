@@ -116,9 +116,8 @@ def watch_directory(
     """
     directory, output = Path(directory), Path(output)
     if not directory.is_dir():
-        raise FrameError(
-            ErrorCode.NOT_FOUND, directory, "is not a directory", "give the one into which the camera writes"
-        )
+        code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
+        raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
     if overwrite and resume:
         raise ConfigurationError(
             ErrorCode.CONFLICT, "--resume goes on with a run, --overwrite begins anew; give one of the two."

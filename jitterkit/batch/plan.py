@@ -93,7 +93,7 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
     ConfigurationError
         If ``size`` is not positive.
     ValueError
-        If there are fewer counts than files or more.
+        If there are fewer or more counts than files.
     """
     if size < 1:
         raise ConfigurationError(

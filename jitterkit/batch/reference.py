@@ -44,15 +44,15 @@ def check_reference(
         If the reference shows nothing, has another size than every file, or is the only frame.
     """
     if sharp.mask.all():
-        raise _refusal(sharp, "it has no usable pixel")
+        raise _refusal(ErrorCode.NO_DATA, sharp, "it has no usable pixel")
     if starless:
-        raise _refusal(sharp, f"it shows no stars ({starless.rstrip('.')})")
+        raise _refusal(ErrorCode.NO_STAR, sharp, f"it shows no stars ({starless.rstrip('.')})")
     if starless is None:
         _check_view(sharp, _sizes(paths, hdu))
     alone = sharp.path is not None and not sharp.several
     if alone and {path.resolve() for path in find_files(paths)} == {Path(sharp.path).resolve()}:  # type: ignore[arg-type]
         raise ConfigurationError(
-            ErrorCode.REFERENCE,
+            ErrorCode.BAD_REFERENCE,
             f"{sharp.name} is the reference and the only frame; give frames to compare with it.",
         )
 
@@ -66,7 +66,7 @@ def check_size(sharp: Frame, name: str, size: tuple[int, int]) -> None:
     """
     if size != sharp.shape:
         own, other = (f"{nx} x {ny}" for ny, nx in (sharp.shape, size))
-        raise _refusal(sharp, f"it has {own} pixels, {name} {other}")
+        raise _refusal(ErrorCode.WRONG_SHAPE, sharp, f"it has {own} pixels, {name} {other}")
 
 
 def is_same(raw: RawFrame, reference: RawFrame) -> bool:
@@ -103,16 +103,16 @@ def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
         return file[index]
 
 
-def _refusal(sharp: Frame, problem: str) -> ConfigurationError:
+def _refusal(code: ErrorCode, sharp: Frame, problem: str) -> ConfigurationError:
     return ConfigurationError(
-        ErrorCode.REFERENCE, f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame."
+        code, f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame."
     )
 
 
 def _check_view(sharp: Frame, sizes: Iterator[tuple[str, tuple[int, int]]]) -> None:
     """Refuse a view of nothing, and one of another size than every file that can be read."""
     if not _shows_something(fill_masked(sharp.electrons, ~sharp.mask)):
-        raise _refusal(sharp, "it shows nothing but noise")
+        raise _refusal(ErrorCode.NO_SIGNAL, sharp, "it shows nothing but noise")
     others = []
     for name, size in sizes:
         if size == sharp.shape:

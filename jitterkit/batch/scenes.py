@@ -112,7 +112,7 @@ class SceneMeasurer:
         Raises
         ------
         UndeterminedError
-            If the image does not hold the answer, or (code ``is_reference``) is that of the reference itself.
+            If the image does not determine the blur, or is the reference itself (code ``is_reference``).
         ConfigurationError
             If the reference is of another shape than a scene without stars.
         """

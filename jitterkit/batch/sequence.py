@@ -90,8 +90,7 @@ class FileExposures:
             frame = self.finder.calibrate(raw)
             optics, when = self.finder.optics(frame), clock.middle(frame)
         except JitterkitError as error:
-            problem = FitResult.from_error(Status.MISMATCH, error, f"{Status.MISMATCH.value}: {error}")
-            return Exposure(raw.name, clock.lost(), None, problem)
+            return Exposure(raw.name, clock.lost(), None, self.finder.trouble(error))
         if optics is self.optics:
             return Exposure(raw.name, when, frame)
         told = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."

@@ -66,7 +66,7 @@ class DarkSlope:
         Raises
         ------
         ConfigurationError
-            If there is one exposure time only and no bias, or the darks are not exposed.
+            If there is only one exposure time and no bias, or every exposure time is zero.
         """
         seconds, weights = np.array(self._points).T
         ones, times, v0, v1, v2 = self._sums

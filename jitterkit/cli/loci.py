@@ -154,7 +154,7 @@ def _places(text: str) -> list[list[float]]:
 
 
 def size_option(size: str) -> str:
-    """Return what gives a size on the command line: ``--length``, ``--set cycles``."""
+    """Return the option that sets a size on the command line: ``--length``, ``--set cycles``."""
     return _OPTIONS.get(size, f"--set {size}")
 
 

@@ -82,7 +82,7 @@ def _share_heaps() -> None:
 
 
 def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what the user can mend into one sentence and its code on stderr, and exit status 2."""
+    """Turn an error that the user can correct into its message and code on stderr, and exit status 2."""
 
     @functools.wraps(command)
     def wrapped(*args, **kwargs):
@@ -103,7 +103,7 @@ def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def say_error(error: JitterkitError) -> None:
-    """Tell an error: its sentence, and its code in brackets behind it, for scripts to branch on."""
+    """Write an error to stderr: its message, then its code in brackets, which scripts can compare."""
     say(f"jitterkit: {error} [{error.code}]")
 
 

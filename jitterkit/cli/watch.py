@@ -53,9 +53,8 @@ def watch(
     from jitterkit.report.words import printable
 
     if not directory.is_dir():
-        raise FrameError(
-            ErrorCode.NOT_FOUND, directory, "is not a directory", "give the one into which the camera writes"
-        )
+        code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
+        raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
     check_directory(output, RUN, overwrite or resume)
     processor = make()
     from jitterkit.batch.live import watch_directory

@@ -38,7 +38,7 @@ _LEAST_CORRELATION = 0.3
 """Of the two frames once aligned: between different scenes, or noise, it stays below 0.1."""
 
 _LEAST_OVERLAP = 16
-"""Pixels a side that both frames must show."""
+"""Smallest side, in pixels, of the area that both frames must show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +140,7 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
     if min(one.shape) < _LEAST_OVERLAP:
         raise UndeterminedError(
             ErrorCode.TOO_FEW,
-            f"The frames overlap by {min(one.shape)} pixels: too little to register them by (it takes "
-            f"{_LEAST_OVERLAP}).",
+            f"The frames overlap by {min(one.shape)} pixels; registration needs {_LEAST_OVERLAP} or more.",
         )
     window = _window(one.shape)
     fy, fx = np.meshgrid(fft.fftfreq(one.shape[0]), fft.rfftfreq(one.shape[1]), indexing="ij")
@@ -161,8 +160,8 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
     if not correlation > _LEAST_CORRELATION or np.abs(shift).max() > 2:
         raise UndeterminedError(
             ErrorCode.MODEL_MISMATCH,
-            f"The frames have too little in common to register them (correlation {correlation:.2f}, and it "
-            f"takes {_LEAST_CORRELATION:g}); give frames of one scene.",
+            f"The frames have too little in common to register them (correlation {correlation:.2f}; "
+            f"{_LEAST_CORRELATION:g} is needed); give frames of one scene.",
         )
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
     covariance = ties * gain @ ((axes * cross.imag**2) @ axes.T) @ gain

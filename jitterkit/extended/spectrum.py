@@ -103,8 +103,8 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     if weight.mean() < _LEAST_SHARE:
         raise UndeterminedError(
             ErrorCode.NO_SIGNAL,
-            f"Hardly any frequency of the image rises above white noise (a share of {weight.mean():.3f}, and "
-            f"it takes {_LEAST_SHARE:g}): it shows no scene.",
+            f"Too few frequencies of the image rise above white noise (a share of {weight.mean():.3f}, less "
+            f"than {_LEAST_SHARE:g}): it shows no scene.",
         )
     return PowerSpectrum(power, local, weight.astype(np.float32), fx[None], fy[:, None], noise)
 

@@ -13,9 +13,9 @@ import zlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.errors import ErrorCode, FrameError, reading_code
 
-__all__ = ["EXTENSIONS", "GZIP", "code_of", "find_files", "sniff"]
+__all__ = ["EXTENSIONS", "GZIP", "damage_code", "find_files", "sniff"]
 
 #: What is looked for in a directory, in lower case.
 EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
@@ -33,7 +33,7 @@ OTHERS = {
 }  # fmt: skip
 REMEDY = "give a FITS or TIFF file"
 
-#: Errors of the operating system that a file brings about which points to a place where none can be.
+#: Errors of the operating system that arise when a file points to an impossible position.
 _MISLED = (errno.EINVAL, errno.EOVERFLOW)
 
 
@@ -71,7 +71,7 @@ def _expand(path: Path) -> list[Path]:
         files = sorted(p for p in path.iterdir() if _is_candidate(p))
     except OSError as error:
         problem = f"cannot be listed ({error.strerror})"
-        raise FrameError(code_of(error, path), path, problem, "check its permissions") from error
+        raise FrameError(damage_code(error, path), path, problem, "check its permissions") from error
     if not files:
         problem, remedy = "is a directory without FITS or TIFF files", f"{REMEDY}, or another directory"
         raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
@@ -106,20 +106,19 @@ def sniff(path: Path) -> str:
     raise FrameError(ErrorCode.UNKNOWN_FORMAT, path, problem, REMEDY)
 
 
-def code_of(error: Exception, path: Path) -> ErrorCode:
-    """Name the kind of trouble that an exception of Python or of a library tells of while a file is read.
+def damage_code(error: Exception, path: Path) -> ErrorCode:
+    """Return the code of an exception that Python or a library raised while a file was read.
 
     Parameters
     ----------
     error : Exception
-        An OSError without a number is a library's own: what it read makes no sense.
+        An OSError without ``errno`` comes from a library that could not interpret the contents.
     path : Path
-        The file.  Of a gzipped one an EOFError means that it is cut short, of another that a part within
-        it, which is packed, is damaged.
+        The file.  An EOFError means that a gzipped file is truncated, or that a compressed part of another
+        file is damaged.
     """
     if isinstance(error, OSError) and error.errno is not None and error.errno not in _MISLED:
-        missing = error.errno in (errno.ENOENT, errno.ENOTDIR)
-        return ErrorCode.NOT_FOUND if missing else ErrorCode.NOT_READABLE
+        return reading_code(error)
     if isinstance(error, NotImplementedError):
         return ErrorCode.UNSUPPORTED_ENCODING
     if isinstance(error, EOFError) and _is_gzipped(path):
@@ -136,7 +135,7 @@ def _first_bytes(path: Path) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         problem, remedy = f"cannot be read ({reason})", "check the file and its permissions"
-        raise FrameError(code_of(error, path), path, problem, remedy) from error
+        raise FrameError(damage_code(error, path), path, problem, remedy) from error
     if not start:
         raise FrameError(ErrorCode.TRUNCATED, path, "is empty (0 bytes)", "copy it again from where it came")
     return start

@@ -34,7 +34,7 @@ _REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF
 """A card of which there is nothing to warn."""
 
 _METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")
-"""What astropy unpacks."""
+"""Compression methods that astropy can read."""
 
 __all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]
 

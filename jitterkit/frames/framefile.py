@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
-from jitterkit.frames.files import code_of
+from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
@@ -160,7 +160,7 @@ def translated(path: Path) -> Iterator[list[str]]:
             remedy = "the file seems damaged: copy it again or convert it"
             stumbled = "its values make no sense: " if isinstance(error, _STUMBLES) else ""
             problem = f"cannot be read ({stumbled}{one_line(error)})"
-            raise FrameError(code_of(error, path), path, problem, remedy) from error
+            raise FrameError(damage_code(error, path), path, problem, remedy) from error
     messages += dict.fromkeys(map(one_line, caught))
 
 

@@ -90,19 +90,19 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Unit]:
 
 
 def _next(unit: Unit) -> int:
-    """Return where the HDU behind begins."""
+    """Return the position of the next HDU."""
     return unit.data + -(-unit.span // BLOCK) * BLOCK
 
 
 def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | ErrorCode, int]:
-    """Return the cards before END and the number of blocks read, or the kind of trouble there is instead."""
+    """Return the cards before END and the number of blocks read; without END, an error code and zero."""
     text = bytearray()
     for number in range(1, most + 1):
         block = handle.read(BLOCK)
         if number == 1 and not block.startswith(first):
             return ErrorCode.TRUNCATED if block and first.startswith(block) else ErrorCode.UNKNOWN_FORMAT, 0
         if not block:
-            # pixels follow on a header whose END is damaged, and they are no text
+            # a damaged END card is followed by pixels, which are not text
             return ErrorCode.DAMAGED if _NO_TEXT.search(text) else ErrorCode.TRUNCATED, 0
         at = block.find(b"END")
         while at >= 0:
@@ -114,12 +114,12 @@ def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | ErrorCod
 
 
 def ends_early(last: Unit, handle: BinaryIO) -> bool:
-    """Tell whether a file ends before its last HDU does, or within the header of another.
+    """Return whether a file ends within its last HDU, or within the header of a further one.
 
     Parameters
     ----------
     last : Unit
-        The last that :func:`walk` gave.
+        The last HDU that :func:`walk` yielded.
     handle : file object
         From :func:`open_bytes`.
     """
@@ -166,7 +166,7 @@ def refuse_missing_data(unit: Unit, handle: BinaryIO) -> None:
     if short:
         has = f"the file of {size} bytes lacks them"
         problem = f"HDU {unit.number} declares {_amount(declared)} bytes of pixels and {has}"
-        if held and not zipped:  # all that the table declares, but not so many pixels
+        if held and not zipped:  # the table is complete but too short for the declared pixels
             raise FrameError(ErrorCode.DAMAGED, unit.path, problem, DAMAGED)
         raise FrameError(ErrorCode.TRUNCATED, unit.path, problem, "it is truncated: copy it again")
     refuse_giant(unit.path, f"HDU {unit.number}", nx, ny)

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames.files import code_of
+from jitterkit.frames.files import damage_code
 from jitterkit.frames.metadata import FIELDS, Metadata
 
 __all__ = ["FOLDER_FILE", "read_sidecars", "sidecar_path", "sidecar_text"]
@@ -80,7 +80,7 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        code = code_of(error, file) if isinstance(error, OSError) else ErrorCode.MALFORMED
+        code = damage_code(error, file) if isinstance(error, OSError) else ErrorCode.MALFORMED
         raise ConfigurationError(code, f"{file}: is not readable as TOML ({error}); correct it.") from error
     table.pop(NOT_READ, None)
     frame = table.pop("frame", {})

@@ -135,5 +135,5 @@ class Section:
 
 
 def _of_list(is_list: bool) -> ErrorCode:
-    """What is wrong with a list of numbers: its length, or that it is none."""
+    """Return the code of a wrong value for a list of numbers: wrong length, or not a list."""
     return ErrorCode.WRONG_SHAPE if is_list else ErrorCode.WRONG_TYPE

@@ -46,7 +46,7 @@ from pathlib import Path
 from typing import Any
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.instruments import pupils
 from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
@@ -118,10 +118,7 @@ def _sections(path: Path) -> dict[str, Section]:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         problem = f"{path}: cannot be read ({error.strerror}); give a preset's name or an instrument file."
-        missing = isinstance(error, FileNotFoundError)
-        raise ConfigurationError(
-            ErrorCode.NOT_FOUND if missing else ErrorCode.NOT_READABLE, problem
-        ) from None
+        raise ConfigurationError(reading_code(error), problem) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigurationError(
             ErrorCode.MALFORMED, f"{path}: is not readable as TOML ({error}); correct it."

@@ -244,7 +244,7 @@ def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
         first = next(iter(records), None)
         why = "." if first is None else f": {first.message}"
         code = ErrorCode.NO_DATA
-        if first is not None:  # one that was fitted tells nothing where its covariance has no end
+        if first is not None:  # a fitted frame has no reason: its covariance is infinite
             code = ErrorCode(first.reason or ErrorCode.NOT_CONSTRAINED)
         raise JitterkitError(
             code,

@@ -11,8 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
-
 __all__ = ["Spool"]
 
 _BLOCK = 512
@@ -42,10 +40,7 @@ class Spool:
         """Add a record, given in pieces of any shape."""
         record = np.concatenate([np.ravel(np.asarray(part, float)) for part in parts])
         if record.size != self.width:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"A record of {record.size} numbers does not fit a spool of {self.width}.",
-            )
+            raise ValueError(f"A record of {record.size} numbers does not fit a spool of {self.width}.")
         self._waiting.append(record)
         if len(self._waiting) == _BLOCK:
             self._flush()

@@ -167,7 +167,7 @@ def read_kernel(path: str | Path) -> StoredKernel:
 
 
 def _fault(kernel: np.ndarray) -> tuple[ErrorCode, str] | None:
-    """Why an array is no kernel, or None."""
+    """Return the code and the reason why an array is not a kernel, or None if it is one."""
     if kernel.ndim != 2 or 0 in kernel.shape:
         return ErrorCode.WRONG_SHAPE, f"has shape {kernel.shape}, not (ny, nx)"
     if kernel.shape[0] % 2 == 0 or kernel.shape[1] % 2 == 0:

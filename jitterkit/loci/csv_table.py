@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 
 __all__ = ["CsvRow", "csv_rows", "row_numbers"]
 
@@ -34,7 +34,9 @@ def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
         with path.open(newline="", encoding="utf-8-sig") as handle:
             lines = [(n, line) for n, line in enumerate(handle, 1) if line.strip() and line[0] != "#"]
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(_code(error), f"{path}: cannot be read ({error}); {remedy}.") from None
+        raise ConfigurationError(
+            reading_code(error), f"{path}: cannot be read ({error}); {remedy}."
+        ) from None
     return [(n, [cell.strip() for cell in next(csv.reader([line]))]) for n, line in lines]
 
 
@@ -62,9 +64,3 @@ def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:
             raise ConfigurationError(code, f"line {number}, column {name} is {cell!r}; give a finite number.")
         values.append(value)
     return values
-
-
-def _code(error: OSError | UnicodeDecodeError) -> ErrorCode:
-    if isinstance(error, FileNotFoundError):
-        return ErrorCode.NOT_FOUND
-    return ErrorCode.NOT_READABLE if isinstance(error, OSError) else ErrorCode.MALFORMED

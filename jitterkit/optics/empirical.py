@@ -94,7 +94,7 @@ def _checked(psf) -> np.ndarray:
         )
     if not stamp.sum() > 0:
         raise ConfigurationError(
-            ErrorCode.NO_STAR,
+            ErrorCode.OUT_OF_RANGE,
             f"The empirical PSF sums to {stamp.sum():.4g}, so there is no star in it; "
             "subtract the background level, not more.",
         )

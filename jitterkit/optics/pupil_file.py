@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, reading_code
 from jitterkit.optics.pupil import Pupil
 
 __all__ = ["read_pupil", "write_pupil"]
@@ -112,7 +112,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
             content: dict[str, Any] = dict(archive)
     except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as problem:
         raise ConfigurationError(
-            ErrorCode.NOT_READABLE if isinstance(problem, OSError) else ErrorCode.DAMAGED,
+            reading_code(problem, ErrorCode.DAMAGED),
             f"The pupil file {path} cannot be read ({problem}); make it again.",
         ) from None
     if "names" in content:

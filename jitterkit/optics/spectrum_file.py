@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.optics.spectrum import Spectrum
 
 __all__ = ["band_from_table", "read_curve", "read_spectrum"]
@@ -71,7 +71,7 @@ def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
         wavelengths, read = np.array(_rows(Path(path), values), dtype=float).reshape(-1, 2).T
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(
-            _unreadable(error), f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
+            reading_code(error), f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
         ) from None
     return wavelengths, read
 
@@ -119,12 +119,6 @@ def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int =
         )
     at, weight = _fine(wavelengths, photons, samples + 1)
     return Spectrum(tuple(at), tuple(weight)).sampled(samples)
-
-
-def _unreadable(error: OSError | UnicodeDecodeError) -> ErrorCode:
-    if isinstance(error, UnicodeDecodeError):
-        return ErrorCode.MALFORMED
-    return ErrorCode.NOT_FOUND if isinstance(error, FileNotFoundError) else ErrorCode.NOT_READABLE
 
 
 def _fine(wavelengths: np.ndarray, photons: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:

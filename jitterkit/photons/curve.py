@@ -43,8 +43,8 @@ class Curve:
         if not alike or len(wavelengths) < 2:
             raise ConfigurationError(
                 ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE,
-                f"A curve of {wavelengths.size} wavelengths and {values.size} values is none; give as many "
-                "of both, two at least.",
+                f"A curve cannot have {wavelengths.size} wavelengths and {values.size} values; give equal "
+                "numbers of both, two at least.",
             )
         in_place = np.isfinite(wavelengths) & (wavelengths > np.append(0.0, wavelengths[:-1]))
         if not in_place.all():

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from astropy.table import QTable
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import read_trace
 from jitterkit.refit.priors import OTHERS, Priors, kernel_prior, sequence_prior, trace_prior, whole_exposures
@@ -137,9 +137,8 @@ def _read(path: Path) -> QTable:
     try:
         table = QTable.read(path, format="ascii.ecsv")
     except (OSError, ValueError) as error:
-        code = ErrorCode.NOT_READABLE if isinstance(error, OSError) else ErrorCode.MALFORMED
         raise ConfigurationError(
-            ErrorCode.NOT_FOUND if isinstance(error, FileNotFoundError) else code,
+            reading_code(error),
             f"{path} cannot be read as a table ({_first_line(error)}); give what 'jitterkit estimate -o' "
             "wrote, or a trace as .csv.",
         ) from None

@@ -1,4 +1,4 @@
-"""Failed frames counted by kind: of thousands of failures a person reads the kinds, not the frames.
+"""Count failed frames by kind, because nobody reads thousands of messages.
 
 Reach for :func:`group_failures`.
 """
@@ -48,7 +48,7 @@ def group_failures(rows: Iterable[Row]) -> list[FailureKind]:
     Parameters
     ----------
     rows : iterable of dict
-        With ``status`` and ``reason``, of frames that failed.
+        Rows of failed frames, with ``status`` and ``reason``.
 
     Returns
     -------

@@ -200,7 +200,11 @@ class _Listing:
 
     def _row(self, place: int, names: Iterable[str] | None = None) -> Row:
         """A row with its ``place`` from 1 and its ``name``."""
-        row = {name: self._columns[name][place].item() for name in names or self._columns}
+        row = {
+            name: self._columns[name][place].item()
+            for name in names or self._columns
+            if name in self._columns
+        }
         several = row["frame"] > 0 or row["path"] in self._several
         name = f"{row['file']}[{row['frame']}]" if several else row["file"]
         return row | {"place": place + 1, "name": name}

@@ -88,8 +88,9 @@ def check_file(path: Path, overwrite: bool, ending: str = "") -> None:
     if not path.name.lower().endswith(ending):
         raise ConfigurationError(ErrorCode.WRONG_SUFFIX, f"{path} does not end in {ending}; name it so.")
     if not path.parent.is_dir():
+        code = ErrorCode.NOT_WRITABLE if path.parent.exists() else ErrorCode.NOT_FOUND
         raise ConfigurationError(
-            ErrorCode.NOT_FOUND, f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
+            code, f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
         )
     if path.exists() and not overwrite:
         raise ConfigurationError(

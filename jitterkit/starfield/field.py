@@ -138,7 +138,7 @@ def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
         raise ConfigurationError(
-            ErrorCode.REFERENCE,
+            ErrorCode.WRONG_INSTRUMENT,
             f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}; "
             "give a reference on the same pixels.",
         )
@@ -172,7 +172,7 @@ def roundest(frames: Sequence[Frame]) -> int:
     if not sizes or not np.isfinite(min(sizes)):
         raise UndeterminedError(
             ErrorCode.TOO_FEW_STARS,
-            f"No isolated star is seen in any frame of {len(sizes)}; give sharper ones.",
+            f"No isolated star is seen in any of {len(sizes)} frames; give sharper ones.",
         )
     return int(np.argmin(sizes))
 

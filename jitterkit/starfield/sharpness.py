@@ -48,7 +48,7 @@ def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray) -> None:
         return
     if major > _BLURRIER * np.sqrt(own[0, 0]):
         raise UndeterminedError(
-            ErrorCode.REFERENCE,
+            ErrorCode.BAD_REFERENCE,
             f"The reference is blurrier than the frame along {across:.0f} degrees (by {-minor:.3g} pixel² of "
             f"variance) and sharper along {axis:.0f} degrees; give one that is sharper all round.",
         )
@@ -56,7 +56,7 @@ def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray) -> None:
     all_round = major < -_BLURRIER * np.sqrt(own[0, 0]) and minor > 2 * major
     where = "all round" if all_round else f"along {across:.0f} degrees"
     raise UndeterminedError(
-        ErrorCode.REFERENCE,
+        ErrorCode.BAD_REFERENCE,
         f"The reference is blurrier than the frame, {where} (by {-minor:.3g} pixel² of variance); "
         "exchange them?",
     )

@@ -228,7 +228,7 @@ def test_a_write_that_the_system_refuses_is_told_and_keeps_what_was_done(tmp_pat
     ours, theirs = context.Pipe()
     start(fill, str(tmp_path), theirs).join()
     code, sentence, entered, done = ours.recv()
-    assert code is ErrorCode.NOT_READABLE
+    assert code is ErrorCode.NOT_WRITABLE
     assert str(tmp_path / LEDGER) in sentence
     assert "disk I/O error" in sentence  # SQLite's own words
     assert entered > 3

@@ -134,7 +134,14 @@ def searched(telescope):
     return names, Noting
 
 
-@pytest.mark.parametrize("options", [{}, {"locus": "auto"}, {"kernel": "mtf"}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        pytest.param({"locus": "auto"}, marks=pytest.mark.slow),
+        pytest.param({"kernel": "mtf"}, marks=pytest.mark.slow),
+    ],
+)
 def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alone(
     telescope, night, searched, options
 ):
@@ -164,6 +171,7 @@ def test_fits_of_repeated_frames_are_the_same_to_the_last_digit_whoever_works_an
     assert rows(second, threads=1) == rows(first, second, threads=3)
 
 
+@pytest.mark.slow
 def test_a_frame_that_a_locus_does_not_fit_is_not_searched_through_for_that(telescope, searched, tmp_path):
     """The pair is in no doubt; what fails is what was asked for."""
     rng, (names, noting) = np.random.default_rng(9), searched

@@ -116,7 +116,7 @@ def test_a_refusal_leaves_what_was_counted(stopped, night):
 def test_a_directory_that_has_gained_files_is_told_how_many_and_what_to_do(stopped, night, out):
     for name in ("00.fits", "9.fits"):
         (night / name).write_text("b")
-    with refused(ErrorCode.CONFLICT, out, " 2 ", night / "00.fits", "--overwrite", "--resume"):
+    with refused(ErrorCode.CONFLICT, out, 2, night / "00.fits", "--overwrite", "--resume"):
         stopped(resume=True)
 
 

@@ -72,7 +72,7 @@ def test_a_file_that_cannot_be_read_keeps_no_set_from_having_a_roundest_frame(fo
 def test_a_reference_that_serves_one_file_of_a_set_is_not_refused(folder, tmp_path, first):
     small = write_fits(tmp_path / "a.fits", np.ones((30, 40)))
     SceneMeasurer(reference=first(folder / "sharpview.fits")).check([small, folder / "view.fits"])
-    with refused(ErrorCode.REFERENCE, "sharpview.fits", "400 x 400", "a.fits 40 x 30"):
+    with refused(ErrorCode.WRONG_SHAPE, "sharpview.fits", "400 x 400", "a.fits 40 x 30"):
         SceneMeasurer(reference=first(folder / "sharpview.fits")).check([small])
 
 
@@ -97,7 +97,7 @@ def test_a_view_in_noise_serves_as_reference_and_noise_does_not():
     noise = rng.normal(0, 1, (400, 400))
     waves = 0.3 * np.sqrt(2) * np.sin(np.arange(400) / 20)
     SceneMeasurer(reference=RawFrame.from_array(noise + waves), stars=False).check([])
-    with refused(ErrorCode.REFERENCE, "array"):
+    with refused(ErrorCode.NO_SIGNAL, "array"):
         SceneMeasurer(reference=RawFrame.from_array(noise), stars=False).check([])
 
 
@@ -113,7 +113,7 @@ def test_the_stars_of_a_reference_are_looked_for_once(folder, stars, monkeypatch
 def test_a_sharp_view_of_another_size_is_refused_in_words(folder):
     measurer = SceneMeasurer(reference=RawFrame.from_array(np.ones((100, 120))), stars=False)
     (row,) = estimate_files([folder / "view.fits"], measurer)
-    assert (row["status"], row["reason"]) == ("failed", "reference")
+    assert (row["status"], row["reason"]) == ("failed", "wrong_shape")
     assert "120 x 100" in row["message"]
     assert "view.fits 400 x 400" in row["message"]
 

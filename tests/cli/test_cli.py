@@ -169,7 +169,7 @@ def useless_frames(where):
         ("process . -o out -i tolliman", ErrorCode.UNKNOWN_NAME, ["'tolliman'", "'toliman'"]),
         ("process . -o out -i smallsat --locus zigzag", ErrorCode.UNKNOWN_NAME, ["'zigzag'", "linear"]),
         ("process . -o out -i smallsat --estimator guess", ErrorCode.UNKNOWN_NAME, ["'guess'", "score"]),
-        ("process . -o out -i smallsat --gain -1", ErrorCode.OUT_OF_RANGE, ["gain = -1"]),
+        ("process . -o out -i smallsat --gain -1", ErrorCode.OUT_OF_RANGE, ["gain = -1.0"]),
         ("simulate a.fits -i smallsat --locus linear", ErrorCode.MISSING_VALUE, ["linear", "--length"]),
         (
             "simulate a.fits -i smallsat --locus mvn --length 1",
@@ -185,7 +185,7 @@ def useless_frames(where):
         (
             "simulate a.fits -i smallsat --locus mvn --sigma 1 --shear 2",
             ErrorCode.OUT_OF_RANGE,
-            ["shear", "2"],
+            ["shear", "2.0"],
         ),
         ("simulate frame.fits", ErrorCode.EXISTS, ["frame.fits", "--overwrite"]),
         ("simulate nowhere/a.fits", ErrorCode.NOT_FOUND, ["nowhere", "a.fits"]),
@@ -210,15 +210,15 @@ def useless_frames(where):
         ),
         ("estimate . --reference nowhere.fits", ErrorCode.NOT_FOUND, ["nowhere.fits"]),
         ("estimate . --reference words.txt", ErrorCode.UNKNOWN_FORMAT, ["words.txt"]),
-        ("estimate . --reference dark.fits --no-stars", ErrorCode.REFERENCE, ["dark.fits"]),
-        ("estimate . --reference dark.fits --stars", ErrorCode.REFERENCE, ["dark.fits"]),
-        ("estimate . --reference nan.fits", ErrorCode.REFERENCE, ["nan.fits"]),
+        ("estimate . --reference dark.fits --no-stars", ErrorCode.NO_SIGNAL, ["dark.fits"]),
+        ("estimate . --reference dark.fits --stars", ErrorCode.NO_STAR, ["dark.fits"]),
+        ("estimate . --reference nan.fits", ErrorCode.NO_DATA, ["nan.fits"]),
         (
             "estimate frame.fits --reference small.fits",
-            ErrorCode.REFERENCE,
+            ErrorCode.WRONG_SHAPE,
             ["small.fits", "90 x 80", "frame.fits", "44 x 48"],
         ),
-        ("estimate frame.fits --reference link.fits --no-stars", ErrorCode.REFERENCE, ["link.fits"]),
+        ("estimate frame.fits --reference link.fits --no-stars", ErrorCode.BAD_REFERENCE, ["link.fits"]),
     ],
 )
 def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, code, values, frame, monkeypatch, told):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import assert_names
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
@@ -74,8 +75,15 @@ def test_separation_and_sense_of_the_motion(fitted):
     assert str(table["velocity_x"].unit) == "arcsec / s"
 
 
-def test_no_header_says_when_is_told(fitted):
-    assert any("header" in line for line in fitted[0].stderr.splitlines())
+def test_no_header_says_when_is_told_unless_the_cadence_is_given(fitted, night, tmp_path):
+    # The torn frame's message names its header too; this warning is the first line, before any frame's.
+    warning = fitted[0].stderr.splitlines()[0]
+    assert_names(warning, ["header", "follow each other"])
+    np.testing.assert_allclose(np.diff(read_table(fitted[1] / "sequence.ecsv")["time"][:-1].value), 0.1)
+    timed = run(night, "-o", str(tmp_path / "timed"), "--locus", "linear", "--cadence", "2")
+    assert timed.exit_code == 0
+    assert warning not in timed.stderr
+    np.testing.assert_allclose(np.diff(read_table(tmp_path / "timed/sequence.ecsv")["time"].value), 2.0)
 
 
 def test_pictures_are_there(fitted):

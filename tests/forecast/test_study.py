@@ -6,7 +6,15 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.forecast import KINDS, cross_fit, jitter_of_kind
+from jitterkit.forecast.study import Panel
 from jitterkit.loci import principal_axes
+
+
+def test_the_worst_bias_is_in_errors_of_a_mean_of_few_draws():
+    one = np.array([4.0])
+    panel = Panel("linear", "mvn", np.array([[-1.0, 1.0]]), one, one, one, ("mvn",))
+    assert panel.worst == pytest.approx(4.0)  # two draws two apart: a deviation of √2, and an error of 1
+    assert panel.mean == (0.0, pytest.approx(1.0))
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import find_files, open_frames, write_fits, write_tiff
-from jitterkit.frames.files import code_of
+from jitterkit.frames.files import damage_code
 
 IMAGE = np.ones((4, 5), np.uint16)
 
@@ -65,7 +65,7 @@ def test_content_decides_and_not_the_name(tmp_path):
     [
         (b"", ErrorCode.TRUNCATED, "0 bytes"),
         (b"exposure = 3\n" * 50, ErrorCode.UNKNOWN_FORMAT, "'exposure = 3'"),
-        ("größe".encode() * 60, ErrorCode.UNKNOWN_FORMAT, "größe"),
+        ("größe".encode() * 60, ErrorCode.UNKNOWN_FORMAT, "'größegröße"),
         (b"\x89PNG\r\n\x1a\n" + bytes(300), ErrorCode.UNKNOWN_FORMAT, "PNG"),
         (b"\xff\xd8\xff\xe0" + bytes(300), ErrorCode.UNKNOWN_FORMAT, "JPEG"),
         (b"\x89HDF\r\n" + bytes(300), ErrorCode.UNKNOWN_FORMAT, "HDF5"),
@@ -74,8 +74,8 @@ def test_content_decides_and_not_the_name(tmp_path):
         (bytes(4096), ErrorCode.UNKNOWN_FORMAT, "00 00 00 00 00 00 00 00"),
         # no time: its bytes name the test
         (gzip.compress(b"hello there", mtime=0), ErrorCode.UNKNOWN_FORMAT, "'hello there'"),
-        (b"\x1f\x8b\x08\x00\x00", ErrorCode.TRUNCATED, ""),
-        (b"\x1f\x8b\x08\x00" + bytes(60), ErrorCode.DAMAGED, ""),
+        (b"\x1f\x8b\x08\x00\x00", ErrorCode.TRUNCATED, "end-of-stream marker"),
+        (b"\x1f\x8b\x08\x00" + bytes(60), ErrorCode.DAMAGED, "Error -3"),
     ],
 )
 def test_a_file_that_is_no_frame_is_called_by_its_name(tmp_path, content, code, value):
@@ -101,16 +101,16 @@ def test_a_file_that_is_no_frame_is_called_by_its_name(tmp_path, content, code, 
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_an_exception_of_a_library_has_the_code_of_its_cause(tmp_path, error, code):
+def test_an_exception_of_a_library_has_the_damage_code_its_cause(tmp_path, error, code):
     path = write_fits(tmp_path / "a.fits", IMAGE)
-    assert code_of(error, path) is code
+    assert damage_code(error, path) is code
 
 
 def test_a_stream_that_ends_is_the_end_of_a_gzipped_file_and_of_no_other(tmp_path):
     error = EOFError("ended before the end-of-stream marker")
-    assert code_of(error, write_fits(tmp_path / "a.fits.gz", IMAGE)) is ErrorCode.TRUNCATED
-    assert code_of(error, write_fits(tmp_path / "a.fits.fz", IMAGE)) is ErrorCode.DAMAGED
-    assert code_of(error, tmp_path / "gone.fits.gz") is ErrorCode.DAMAGED
+    assert damage_code(error, write_fits(tmp_path / "a.fits.gz", IMAGE)) is ErrorCode.TRUNCATED
+    assert damage_code(error, write_fits(tmp_path / "a.fits.fz", IMAGE)) is ErrorCode.DAMAGED
+    assert damage_code(error, tmp_path / "gone.fits.gz") is ErrorCode.DAMAGED
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="the superuser may read everything")

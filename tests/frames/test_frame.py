@@ -10,7 +10,7 @@ from astropy import units
 from astropy.nddata import CCDData, StdDevUncertainty
 from refusals import refused
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.frames import Frame, RawFrame, open_frames, write_fits
 
 IMAGE = np.arange(12.0).reshape(3, 4)
@@ -73,17 +73,17 @@ def test_a_digest_is_of_the_pixels_and_of_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("image", [IMAGE[0], IMAGE[None], np.zeros((0, 4))])
 def test_only_two_dimensions_make_a_frame(image):
-    with refused(ErrorCode.WRONG_SHAPE, "data", image.shape):
+    with refused(ErrorCode.WRONG_SHAPE, "data", image.shape, error=JitterkitError):
         RawFrame.from_array(image)
 
 
 def test_complex_numbers_are_refused():
-    with refused(ErrorCode.WRONG_TYPE):
+    with refused(ErrorCode.WRONG_TYPE, error=JitterkitError):
         RawFrame.from_array(IMAGE * 1j)
 
 
 def test_a_mask_of_another_shape_is_refused():
-    with refused(ErrorCode.WRONG_SHAPE, "mask", (4, 3), (3, 4)):
+    with refused(ErrorCode.WRONG_SHAPE, "mask", (4, 3), (3, 4), error=JitterkitError):
         RawFrame.from_array(IMAGE, mask=np.zeros((4, 3), bool))
 
 
@@ -99,7 +99,7 @@ def test_a_region_keeps_the_place_it_came_from_however_often_it_is_cut():
 @pytest.mark.parametrize("box", [(-1, 0, 2, 2), (0, 0, 5, 1), (0, 2, 1, 2), (0, 0, 0, 1)])
 def test_a_region_must_lie_inside(box):
     x0, y0, nx, ny = box
-    with refused(ErrorCode.OUT_OF_RANGE, f"{x0} to {x0 + nx - 1}", f"{y0} to {y0 + ny - 1}", "4 x 3"):
+    with refused(ErrorCode.OUT_OF_RANGE, f"{x0} to {x0 + nx - 1}", f"{y0} to {y0 + ny - 1}", "4 x 3", error=JitterkitError):
         RawFrame.from_array(IMAGE).region(*box)
 
 
@@ -153,7 +153,7 @@ def test_a_frame_is_cut_with_everything_in_it():
     ],
 )
 def test_a_frame_that_cannot_be_is_refused(given, code, values):
-    with refused(code, *values):
+    with refused(code, *values, error=JitterkitError):
         Frame(**{"electrons": IMAGE, "read_variance": 1.0, **given})
 
 

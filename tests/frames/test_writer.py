@@ -6,7 +6,7 @@ import tifffile
 from astropy.io import fits
 from refusals import refused
 
-from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, read_frames, write_fits, write_tiff
 
 IMAGE = np.arange(20, dtype=np.uint16).reshape(4, 5)
@@ -68,9 +68,9 @@ def test_an_existing_sidecar_protects_the_image_too(tmp_path):
     ],
 )
 def test_what_is_no_image_is_refused(tmp_path, array, code):
-    with refused(code, array.shape, array.dtype):
+    with refused(code, array.shape, array.dtype, error=JitterkitError):
         write_fits(tmp_path / "a.fits", array)
-    with refused(code, array.shape, array.dtype):
+    with refused(code, array.shape, array.dtype, error=JitterkitError):
         write_tiff(tmp_path / "a.tif", array)
 
 

@@ -242,7 +242,7 @@ def test_a_star_on_a_pedestal_is_no_psf(tmp_path):
     y, x = np.mgrid[-10:11, -10:11]
     light = 1e4 * np.exp(-(x**2 + y**2) / 8)
     write_fits(tmp_path / "raw.fits", light + 300.0)
-    with refused(ErrorCode.OUT_OF_RANGE, tmp_path / "raw.fits", " 300.002,"):
+    with refused(ErrorCode.OUT_OF_RANGE, tmp_path / "raw.fits", 300.002):
         star(tmp_path / "raw.fits")
     write_fits(tmp_path / "biased.fits", light + 300.0, header={"BIASLVL": 300.0})
     np.testing.assert_allclose(star(tmp_path / "biased.fits"), light, atol=1e-9)

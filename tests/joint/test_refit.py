@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from jitterkit.errors import ErrorCode
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame
 from jitterkit.frames.metadata import Metadata
@@ -191,16 +191,16 @@ def test_frames_that_cannot_be_used_keep_their_rows(optics, rng):
 
 
 def test_no_frame_at_all_is_an_error_with_the_first_reason(optics):
-    with refused(ErrorCode.TRUNCATED, TORN.message):
+    with refused(ErrorCode.TRUNCATED, TORN.message, error=JitterkitError):
         refit_sequence([Exposure("torn", 0.0, None, TORN)], Looker(optics))
-    with refused(ErrorCode.NO_DATA):
+    with refused(ErrorCode.NO_DATA, error=JitterkitError):
         refit_sequence([], Looker(optics))
 
 
 def test_a_frame_alone_that_was_fitted_and_tells_nothing_is_not_constrained():
     records = Records(())
     records.append(FrameRecord("endless", 0.0, Status.OK, ""))
-    with refused(ErrorCode.NOT_CONSTRAINED):
+    with refused(ErrorCode.NOT_CONSTRAINED, error=JitterkitError):
         _told(Messages(("separation",)), records)
 
 

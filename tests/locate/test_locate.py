@@ -99,6 +99,7 @@ def test_masked_pixels_do_not_mislead(optics, rng):
 
 
 def test_a_large_telescope_finds_a_close_pair(rng):
+    # a telescope of its own: that one is ten times as large, with pixels a ninth as wide, is what is tested
     pupil, band = obstructed_circle(1.25, 0.4, samples=64, noll=()), flat_band(530, 640, 3)
     optics = OpticalSystem(pupil, band, grid_for(pupil, band, (64, 64), 0.04, pad=32))
     truth = Binary(0.5, 45.0, 0.02, 0.01, 3e6, 3.37)

@@ -99,7 +99,7 @@ def test_loci_of_frames_have_the_blur_of_the_spectrum_on_average(rng):
 
 
 def test_a_step_too_long_for_a_line_is_refused(rng):
-    with refused(ErrorCode.SAMPLING, "60 Hz", "0.01 s", "0.00833"):
+    with refused(ErrorCode.SAMPLING, "60 Hz", "0.01 s", "0.00833333 s"):
         simulate_pointing(PowerSpectrum(lines=(Line(60.0, 0.1),)), 1.0, 0.01, rng)
     with refused(ErrorCode.OUT_OF_RANGE, "0 s"):
         simulate_pointing(PowerSpectrum(lines=(Line(60.0, 0.1),)), 0.0, 0.01, rng)

@@ -24,6 +24,13 @@ def test_a_stretch_has_the_weighted_mean_of_its_frames(rng):
         assert means.at[k] == pytest.approx(np.average(at[inside], weights=errors[inside] ** -2))
 
 
+def test_errors_that_are_too_small_are_widened_by_chi_squared_over_its_degrees_of_freedom(rng):
+    at = np.repeat(np.arange(4.0), 2)
+    squares = [stretch_means(at, 10 * rng.standard_normal(8), np.ones(8), 4).widened ** 2 for _ in range(300)]
+    # two frames in each of four stretches leave four degrees of freedom; the mean of 300 scatters by 4 %
+    assert np.mean(squares) == pytest.approx(100, rel=4 * np.sqrt(2 / (4 * 300)))
+
+
 def test_empty_stretches_are_left_out():
     means = stretch_means(np.array([0.0, 0.1, 9.9, 10.0]), np.ones(4), np.ones(4), 10)
     np.testing.assert_array_equal(means.counts, [2, 2])

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from refusals import refused
+from scipy import stats
 
 from jitterkit.errors import ErrorCode
 from jitterkit.series import Series, allan_deviation, block_scatter
@@ -107,6 +108,13 @@ def test_block_means_of_white_noise_scatter_by_the_root_of_their_length(rng):
     spread = np.std([fit.scatter for fit in fits], axis=0) / np.mean([fit.error for fit in fits], axis=0)
     # of 600 draws; of five blocks the normal law is off by a twentieth
     np.testing.assert_allclose(spread, 1, atol=4.5 / np.sqrt(2 * 600) + 0.05)
+
+
+def test_the_scatter_of_five_blocks_is_as_uncertain_as_chi_of_four_degrees_of_freedom(rng):
+    found = block_scatter(Series.of(rng.standard_normal(5)))
+    exact = stats.chi(4).std() / np.sqrt(4)
+    # the normal law is 3.6 % above that of chi; of five degrees of freedom it would be 7 % below
+    assert found.error[0] / found.scatter[0] == pytest.approx(exact, rel=0.05)
 
 
 def test_what_blocks_share_does_not_average(rng):

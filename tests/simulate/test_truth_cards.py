@@ -14,6 +14,8 @@ from jitterkit.optics import flat_band, obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.simulate import fits_header, simulate_frame, simulate_sequence, tiff_metadata, truth_cards
 
+# A telescope of its own: the cards must name aberrations whose numbers do not follow each other (4 and 10),
+# and one wavelength and few pixels are enough, as no frame is fitted.
 CAMERA = Instrument(
     "plain",
     0.375,

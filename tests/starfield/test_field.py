@@ -192,7 +192,7 @@ def test_a_reference_on_other_pixels_is_refused(trailed, sharp):
     frame, reference = (
         Frame(f.electrons, 25.0, plate_scale=p) for f, p in ((trailed[0], 3.0), (sharp[0], 1.5))
     )
-    with refused(ErrorCode.REFERENCE, "reference has 1.5", "frame 3.0", error=ConfigurationError):
+    with refused(ErrorCode.WRONG_INSTRUMENT, "reference has 1.5", "frame 3.0", error=ConfigurationError):
         estimate_field(frame, reference=reference)
 
 

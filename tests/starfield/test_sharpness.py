@@ -22,7 +22,7 @@ def wider(variance):
 
 
 def test_a_trailed_reference_is_refused_for_a_sharp_frame(sharp, trailed):
-    with refused(ErrorCode.REFERENCE, "along 30 degrees", error=UndeterminedError):
+    with refused(ErrorCode.BAD_REFERENCE, "along 30 degrees", error=UndeterminedError):
         estimate_field(sharp[0], reference=field_psf(trailed[0]))
 
 
@@ -36,7 +36,7 @@ def test_a_trailed_reference_is_refused_for_a_sharp_frame(sharp, trailed):
     ],
 )
 def test_where_and_by_how_much_the_reference_is_blurrier_is_said(excess, values):
-    with refused(ErrorCode.REFERENCE, *values, error=UndeterminedError):
+    with refused(ErrorCode.BAD_REFERENCE, *values, error=UndeterminedError):
         refuse_blurrier(excess, NOISE)
 
 

@@ -1,9 +1,9 @@
-"""Compiled programs that survive from one run of the tests to the next.
+"""Keep compiled programs from one run of the tests to the next.
 
-JAX writes a program into its cache in several strokes, so a reader beside it may see half of one, and a
-killed process may leave half of one behind.  Therefore each process of a run has a folder of its own.  It
-starts with links to all programs of a common store.  Between test modules :meth:`Store.exchange` links
-complete new programs into the store, which is atomic, and fetches those of the other processes.
+JAX writes a program into its cache in several steps, so another process may read an incomplete file, and a
+killed process may leave one behind.  Therefore each process of a run has its own folder, which starts with
+copies of all programs of a common store.  Between test modules :meth:`Store.exchange` copies complete new
+programs into the store, each in one step, and fetches those of the other processes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 SUFFIX = "-cache"
-"""End of the names that JAX gives to programs."""
+"""Suffix of the files in which JAX stores compiled programs."""
 
 
 class Store:
@@ -27,30 +27,39 @@ class Store:
     Parameters
     ----------
     folder : Path
-        Made if it does not exist.
+        Created if it does not exist.  Its parent holds the stores of all versions and processors.
     limit : int
-        Bytes that :meth:`prune` leaves.
+        Bytes that :meth:`prune` leaves in all of these stores.
     """
 
     def __init__(self, folder: Path, limit: int) -> None:
         self.folder, self.limit = folder, limit
         folder.mkdir(parents=True, exist_ok=True)
-        self._known: set[str] = set()
+        self._shared: set[str] = set()
 
     def exchange(self, own: Path) -> None:
-        """Publish the complete new programs of a process's own folder, and fetch those that it lacks."""
+        """Publish new complete programs of a process's own folder, and fetch those that it lacks.
+
+        Each program is checked once.  An incomplete one is not published, and is deleted from the store.
+        """
         own.mkdir(parents=True, exist_ok=True)
         for path in _programs(own):
-            if path.name not in self._known and _is_complete(path):
-                _link(path, self.folder / path.name)
+            if path.name not in self._shared and (content := _complete(path)) is not None:
+                _write(self.folder / path.name, content)
+                self._shared.add(path.name)
         for path in _programs(self.folder):
-            _link(path, own / path.name)
-        self._known = {path.name for path in _programs(own)}
+            if path.name in self._shared:
+                continue
+            if (content := _complete(path)) is None:
+                path.unlink(missing_ok=True)
+                continue
+            _write(own / path.name, content)
+            self._shared.add(path.name)
 
     def prune(self) -> None:
-        """Delete the oldest programs until the rest fits into the limit."""
+        """Delete the oldest programs until the rest fits into the limit; what is missed is compiled again."""
         ranked = []
-        for path in _programs(self.folder):
+        for path in self.folder.parent.glob("*/*"):
             with suppress(OSError):  # another run may prune at the same time
                 found = path.stat()
                 ranked.append((found.st_mtime, found.st_size, path))
@@ -63,7 +72,7 @@ class Store:
 
 
 def machine() -> str:
-    """Return a name for what compiled programs depend on beside their source: versions and the processor."""
+    """Return a name of what compiled programs depend on besides their source: versions and processor."""
     versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib")]
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
     digest = hashlib.sha256(_processor().encode()).hexdigest()[:8]
@@ -71,7 +80,7 @@ def machine() -> str:
 
 
 def _processor() -> str:
-    """Describe the processor: its name and what it can do, which decides what XLA compiles for it."""
+    """Return the processor's name and instruction sets, on which the programs that XLA compiles depend."""
     wanted = ("model name", "flags", "Features", "CPU implementer", "CPU part")
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
@@ -83,25 +92,19 @@ def _programs(folder: Path) -> list[Path]:
     return list(folder.glob(f"*{SUFFIX}"))
 
 
-def _is_complete(path: Path) -> bool:
-    """Return whether a program can be unpacked: its checksum stands at its end."""
+def _complete(path: Path) -> bytes | None:
+    """Return the contents of a program, or None if they cannot be unpacked (their end is a checksum)."""
     try:
-        zlib.decompress(path.read_bytes())
+        content = path.read_bytes()
+        zlib.decompress(content)
     except (OSError, zlib.error):
-        return False
-    return True
+        return None
+    return content
 
 
-def _link(source: Path, target: Path) -> None:
-    """Link a file unless the target exists; copy it where links are not possible."""
-    if target.exists():
-        return
-    try:
-        os.link(source, target)
-    except FileExistsError:  # another process was faster
-        return
-    except OSError:
-        temporary = target.with_name(f".{os.getpid()}.{target.name}")
-        with suppress(OSError):  # the source may have been pruned
-            temporary.write_bytes(source.read_bytes())
-            os.replace(temporary, target)
+def _write(path: Path, content: bytes) -> None:
+    """Write a file in one step, so that no other process reads a part of it."""
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with suppress(OSError):  # without a copy the program is compiled again
+        temporary.write_bytes(content)
+        os.replace(temporary, path)

@@ -67,6 +67,7 @@ def test_few_nodes_fit_what_few_nodes_show(plain):
     assert measure("own", replace(few, nodes=None), plain, coarse, "partial").bias > 100 * seen.bias
 
 
+@pytest.mark.slow
 def test_without_approximation_there_is_no_bias_and_the_error_is_the_bound(plain, scene):
     point = measure("exact", PRESETS["exact"], plain, scene)
     bounds = []

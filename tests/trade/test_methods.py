@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.batch import Processor
-from jitterkit.errors import ErrorCode
+from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.loci import Linear, Mvn
 from jitterkit.scene import Binary
 from jitterkit.trade import TradeScene
@@ -95,5 +95,5 @@ def test_three_frames_whose_aberrations_wander_tell_together_what_they_tell_alon
 def test_what_shows_no_pair_is_refused(anchored, scene, method):
     frame = anchored.calibrate(scene.noisy[0])
     blank = replace(frame, electrons=np.zeros(frame.shape))
-    with refused(ErrorCode.NO_STAR):
+    with refused(ErrorCode.NO_STAR, error=JitterkitError):
         separations(method, anchored, [blank])
