@@ -95,7 +95,7 @@ def _checked(psf) -> np.ndarray:
     if not stamp.sum() > 0:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
-            f"The empirical PSF sums to {stamp.sum():.4g}, so there is no star in it; "
+            f"The empirical PSF sums to {stamp.sum():.4g}, and must be positive; "
             "subtract the background level, not more.",
         )
     return stamp

@@ -135,7 +135,7 @@ def test_a_worker_is_replaced_however_often_it_dies():
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
     monkeypatch.setattr(cluster, "_REACHED", 0.5)
     with (
-        refused(ErrorCode.NOT_FOUND, "tcp://127.0.0.1:9"),
+        refused(ErrorCode.UNREACHABLE, "tcp://127.0.0.1:9"),
         connected(scheduler="tcp://127.0.0.1:9"),
     ):
         pass
@@ -146,7 +146,7 @@ def test_a_scheduler_without_workers_is_told(monkeypatch):
     empty = distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None)
     with (
         contextlib.closing(empty),
-        refused(ErrorCode.NOT_FOUND, f"'dask worker {empty.scheduler_address}"),
+        refused(ErrorCode.UNREACHABLE, f"'dask worker {empty.scheduler_address}"),
         connected(scheduler=empty.scheduler_address),
     ):
         pass

@@ -122,7 +122,7 @@ def test_a_watch_without_a_frame_says_so(processor, tmp_path):
 
 
 def test_what_is_no_directory_is_told(night, processor, tmp_path):
-    with refused(ErrorCode.NOT_FOUND, night[0], error=FrameError):
+    with refused(ErrorCode.NOT_READABLE, night[0], error=FrameError):
         watch_directory(night[0], tmp_path / "out", processor)
 
 

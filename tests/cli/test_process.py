@@ -82,7 +82,9 @@ def test_a_preset_is_what_a_run_was_made_with_and_goes_on_with(blanks, tmp_path,
     kept = json.loads((out / "configuration.json").read_text())
     assert kept["instrument"]["pad"] == 16
     assert kept["options"]["tolerance"] == 0.01
-    told(runner.invoke(app, [*command, "balanced", "--resume"]), ErrorCode.CONFLICT, out, "instrument.pad", 16)
+    told(
+        runner.invoke(app, [*command, "balanced", "--resume"]), ErrorCode.CONFLICT, out, "instrument.pad", 16
+    )
     assert runner.invoke(app, [*command, "fast", "--resume"]).exit_code == 1
 
 

@@ -36,7 +36,7 @@ def normal_setting(sigma=0.6, flux=1e5):
 
 
 def lit(obscuration=0.04, strut_width=0.0, **options):
-    """A star before a small telescope."""
+    """A star before a telescope of its own: the tests change its obscuration, struts and defocus."""
     pupil = obstructed_circle(
         0.125, obscuration, noll=(4,), samples=64, struts=3 if strut_width else 0, strut_width=strut_width
     )

@@ -32,7 +32,7 @@ def normal():
 
 @pytest.fixture(scope="module")
 def seen():
-    """A pair under a streak through the air, before a telescope that is not quite in focus."""
+    """A pair under a streak through the air; a telescope of its own, as its defocus is a cause."""
     pupil = obstructed_circle(0.125, 0.04, noll=(4, 7), samples=64)
     optics = OpticalSystem(pupil, flat_band(530.0, 640.0, 3), Grid((32, 32), SCALE, 16))
     scene = Binary(3.0, 150.0, 0.1, -0.2, 1e5, 3.0)

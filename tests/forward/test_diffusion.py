@@ -13,6 +13,7 @@ SPECTRUM = lines(550.0)
 
 @pytest.fixture(scope="module")
 def pupil():
+    # a telescope of its own, with one aberration: its transfer function is computed by hand
     return obstructed_circle(0.12, 0.04, noll=(4,), samples=128)
 
 

@@ -31,6 +31,7 @@ LOCI = {
 
 @pytest.fixture(scope="module")
 def pupil():
+    # a telescope of its own: struts show the sign of all three aberrations, whose slopes are tested
     return obstructed_circle(0.12, 0.04, strut_width=0.004, struts=3, noll=NOLL, samples=128)
 
 

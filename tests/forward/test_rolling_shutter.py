@@ -21,6 +21,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 @pytest.fixture(scope="module")
 def pupil():
+    # a telescope of its own: a frame of many rows without any symmetry
     return obstructed_circle(0.125, 0.04, strut_width=0.004, struts=3, noll=(), samples=128)
 
 

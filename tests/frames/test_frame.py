@@ -99,7 +99,13 @@ def test_a_region_keeps_the_place_it_came_from_however_often_it_is_cut():
 @pytest.mark.parametrize("box", [(-1, 0, 2, 2), (0, 0, 5, 1), (0, 2, 1, 2), (0, 0, 0, 1)])
 def test_a_region_must_lie_inside(box):
     x0, y0, nx, ny = box
-    with refused(ErrorCode.OUT_OF_RANGE, f"{x0} to {x0 + nx - 1}", f"{y0} to {y0 + ny - 1}", "4 x 3", error=JitterkitError):
+    with refused(
+        ErrorCode.OUT_OF_RANGE,
+        f"{x0} to {x0 + nx - 1}",
+        f"{y0} to {y0 + ny - 1}",
+        "4 x 3",
+        error=JitterkitError,
+    ):
         RawFrame.from_array(IMAGE).region(*box)
 
 

@@ -183,7 +183,7 @@ def test_what_cannot_be_sampled_says_why(faint, optics):
     with refused(ErrorCode.TOO_FEW, Status.NO_DATA.value):
         draw(data, optics, empty)
     for what, least in (("draws", _LEAST_DRAWS), ("chains", 1), ("warmup", 1)):
-        with refused(ErrorCode.OUT_OF_RANGE, what, least, 0):
+        with refused(ErrorCode.OUT_OF_RANGE, least, what, 0):
             draw(data, optics, fit, **{what: 0})
     unknown = FitResult(
         Status.OK, "", parameters=fit.parameters, names=("flux",), covariance=np.full((1, 1), np.nan)

@@ -71,6 +71,7 @@ class Maker:
 
 @pytest.fixture(scope="session")
 def make_fit():
+    # a telescope of its own, with seven aberrations: tables and pictures show them all; nothing is fitted
     pupil = obstructed_circle(0.125, 0.03, struts=3, strut_width=0.004, samples=64)
     spectrum = lines(545.0, 585.0, 625.0)
     grid = grid_for(pupil, spectrum, (48, 48), PLATE_SCALE, pad=8)

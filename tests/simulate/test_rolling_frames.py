@@ -19,6 +19,7 @@ from jitterkit.simulate import fits_header, simulate_frame, simulate_sequence, t
 LINE = 2e-4
 CAMERA = Detector(gain=0.5, read_noise=3.0, bias=50.0, line_time=LINE)
 SCENE = Binary(separation=4.0, theta=90.0, x=0.1, y=-0.2, flux=1e6, contrast=1.5)
+# A telescope of its own: a square frame of 32 rows, whose times the tests compute by hand.
 ROLLING = Instrument(
     "rolling",
     0.375,

@@ -17,6 +17,7 @@ from jitterkit.trade.predict import Example
 
 @pytest.fixture(scope="session")
 def plain():
+    """A telescope of its own: settings change its sampling and wavelengths, so there must be many of both."""
     return Instrument(
         name="plain",
         plate_scale=0.375,
