@@ -76,6 +76,7 @@ def test_the_faintest_example_says_when_a_fit_has_to_end(plain, planner, example
     assert both.cheapest(planner.outlook.sigma).settings.tolerance * sigma <= 0.1 * planner.outlook.sigma
 
 
+@pytest.mark.slow
 def test_what_no_fit_can_keep_is_not_promised(planner, example):
     """A locus on a leash ends within 0.03 of an error, whatever is asked for."""
     loose = replace(example.result, parameters=example.truth.with_locus(PartialShm.of(0.4, 20.0, 0.7, 30.0)))
@@ -150,6 +151,7 @@ def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(still, example
         assert other.cheapest(1.5 * cost).settings.jitter == "always"
 
 
+@pytest.mark.slow
 def test_a_frame_that_shakes_is_fitted_as_ever_by_settings_that_leave_out_what_is_not_seen(example):
     auto = replace(example.processor, locus="auto", _systems={})
     always, seen = (
