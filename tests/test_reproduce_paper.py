@@ -113,6 +113,7 @@ def test_the_papers_area_is_that_of_diameters_taken_for_radii(scripts):
     assert product == pytest.approx(numbers.PHOTONS.value, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_the_page_holds_every_row_slip_and_picture(scripts, small, tmp_path):
     script = scripts["reproduce_paper"]
     parts = script["run"](["still", "photons", "matrices", "frames", "streaks", "histogram"], small, tmp_path)

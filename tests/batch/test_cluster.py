@@ -123,6 +123,7 @@ def test_a_run_takes_what_workers_give_in_any_order(night, processor, alone, tmp
     assert list(run.table["file"]) == [path.name for path in night]
 
 
+@pytest.mark.slow
 def test_a_worker_is_replaced_however_often_it_dies():
     with connected(workers=1) as client:
         end = time.monotonic() + 17  # dask gives up a worker that is not there 15 s after an earlier death

@@ -79,7 +79,9 @@ def test_a_bright_star_alone_is_no_pair(processor, rng, drawn):
 def test_sky_spoils_neither_kernel_nor_separation_when_it_is_fitted(telescope, rng):
     scene, locus = Binary(8.0, 30.0, 1.0, -2.0, 1.2e5, 3.37), Mvn.of(0.1, 0.05, 20.0)
     raw = simulate_frame(telescope, scene, locus, background=50.0, rng=rng).raw
-    held, freed = Processor(telescope), Processor(telescope, options=FitOptions(hold=()))
+    held, freed = (
+        Processor(telescope, locus="mvn", options=FitOptions(**more)) for more in ({}, {"hold": ()})
+    )
     assert "--background" in held.process(raw).result.message
     result = freed.process(raw).result
     assert result.status.usable, result.message

@@ -111,6 +111,7 @@ def test_a_wavefront_that_moves_on_is_followed_without_another_search(telescope,
     assert known[0].estimate(last) is None
 
 
+@pytest.mark.slow
 def test_frames_that_differ_repeat_nothing(telescope, tmp_path):
     rng = np.random.default_rng(8)
     for number, separation in enumerate((9.0, 13.0, 17.0, 21.0)):

@@ -79,7 +79,7 @@ def test_the_anchor_is_used(night, processor, monkeypatch):
     assert len(expanded) <= 3  # the first look at the lead
 
 
-@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_rows_are_the_same_to_the_last_digit_whoever_works(night, rows, processor, threads):
     assert exactly(done(night, processor, threads=threads)) == exactly(rows)
 

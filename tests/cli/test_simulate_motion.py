@@ -95,6 +95,7 @@ def test_frames_in_a_spectrum_of_motion_are_pieces_of_one_record(here):
     assert np.abs(pointing.places.mean(axis=0)).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_shaken_sequence_rolls(here):
     done = simulate("a.fits", "-i", "roller.toml", "--spectrum", "motion.csv", "--frames", "2")
     assert done.exit_code == 0, done.output

@@ -142,6 +142,7 @@ def test_a_wavefront_that_moved_costs_the_moments_a_twentieth_of_an_error_or_the
 
 
 @pytest.mark.parametrize("major", [0.0, 0.1])
+@pytest.mark.slow
 def test_a_blurred_first_frame_lends_no_shape_to_sharp_ones(telescope, major):
     blurred = draw(telescope, Mvn.of(0.5, 0.4, 20.0), seed=20)
     start = locate_binary(Data.of(blurred), telescope.system())

@@ -150,6 +150,7 @@ def test_a_prior_is_counted(bright, bench, optics):
         assert without.error(name) == pytest.approx(free.error(name), rel=0.12)
 
 
+@pytest.mark.slow
 def test_a_streak_near_its_tip_has_the_posterior_that_quadrature_finds(bench, optics, rng):
     # only the two coordinates vary: their posterior on a grid of 61 by 61 places is known to rounding, flat
     # prior in them included; Laplace's normal law is far off

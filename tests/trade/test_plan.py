@@ -125,6 +125,7 @@ def test_it_is_said_what_jitter_that_is_not_seen_would_cost(planner, still):
     assert "--locus" in said_of_jitter(planner.outlook)
 
 
+@pytest.mark.slow
 def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(still, example, monkeypatch):
     monkeypatch.setattr(plan, "RUNGS", FEW)
     ours = Planner([still])
