@@ -49,8 +49,7 @@ def pytest_configure(config):
     config.stash[_STORE], config.stash[_OWN] = store, own / "compiled"
     if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
         store.exchange(config.stash[_OWN])  # before fixtures of the session compile anything
-    jax.config.update("jax_compilation_cache_dir", str(config.stash[_OWN]))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    compiled_programs.use(config.stash[_OWN])
 
 
 def pytest_unconfigure(config):

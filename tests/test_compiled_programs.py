@@ -1,10 +1,14 @@
 """Check that the store keeps only complete programs, shares them between runs, and limits their size."""
 
 import os
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
+import compiled_programs
 import jax
+import pytest
 from compiled_programs import Store, machine
 
 PROGRAM = zlib.compress(os.urandom(1000))
@@ -23,6 +27,34 @@ def test_a_program_of_one_process_reaches_another(tmp_path):
     store.exchange(tmp_path / "one")
     Store(tmp_path / "store", 10**6).exchange(tmp_path / "two")
     assert (tmp_path / "two" / "a-cache").read_bytes() == PROGRAM
+
+
+COMPILE = """
+import sys
+from pathlib import Path
+{use}
+import jax
+{configure}
+jax.jit(lambda x: x + 1)(2.0)
+"""
+
+
+@pytest.mark.parametrize("kind", ["test", "command"])
+def test_a_program_has_the_same_name_whatever_the_folder(kind, tmp_path):
+    """Tests call ``use``; commands that they start set the folder as every command does."""
+    parts = {"use": "", "configure": "from jitterkit.cli.runtime import prepare_jax; prepare_jax()"}
+    if kind == "test":
+        parts = {"use": "import compiled_programs", "configure": "compiled_programs.use(Path(sys.argv[1]))"}
+    names = []
+    for place in (tmp_path / "one" / "compiled", tmp_path / "two" / "compiled"):
+        place.mkdir(parents=True)
+        env = os.environ | {
+            "PYTHONPATH": str(Path(compiled_programs.__file__).parent),
+            "JITTERKIT_CACHE": str(place.parent),
+        }
+        subprocess.run([sys.executable, "-c", COMPILE.format(**parts), str(place)], env=env, check=True)
+        names.append({path.name for path in place.iterdir() if path.name.endswith("-cache")})
+    assert names[0] == names[1] != set()
 
 
 def test_an_incomplete_program_is_published_once_it_is_complete(tmp_path):

@@ -71,6 +71,20 @@ class Store:
             total -= size
 
 
+def use(folder: Path) -> None:
+    """Let JAX keep every compiled program in a folder, in this process and in those that it starts.
+
+    XLA's own caches are switched off: the path of their folder would be part of every program's key, so that
+    no process with another folder would find the program.
+    """
+    import jax
+
+    os.environ["JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES"] = "none"
+    jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
 def machine() -> str:
     """Return a name of what compiled programs depend on besides their source: versions and processor."""
     versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib")]
