@@ -9,6 +9,7 @@ import typer
 from jitterkit.cli.calibrate import calibrate
 from jitterkit.cli.causes import causes
 from jitterkit.cli.crossfit import crossfit
+from jitterkit.cli.docs import docs
 from jitterkit.cli.estimate import estimate
 from jitterkit.cli.forecast import forecast
 from jitterkit.cli.info import info
@@ -45,6 +46,7 @@ for command in (
     motion,
     photons,
     trade,
+    docs,
 ):
     app.command()(tells_errors(command))
 

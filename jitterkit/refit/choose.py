@@ -32,7 +32,7 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit.evidence import minor_variance
+from jitterkit.refit.evidence import CHOICES, minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
 from jitterkit.refit.lack_of_fit import lack_of_fit
 from jitterkit.refit.result import FitResult, Status
@@ -64,12 +64,6 @@ _SHARE = 0.05
 """Of chi-squared's excess, that a step in the cumulants must explain: it was 0.1 to 1 where part of a cycle,
 or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 where streaks of 0.75 to 6
 arcsec were fitted with a normal, and 0.01 to 0.02 of frames of another telescope."""
-
-_LADDER = (("linear", "shm", "ellipse"), ("shaped", "partial", "tones", "smear"), ("path",))
-"""By freedom: two or three numbers, four or five, six."""
-
-_STRAIGHT, _ROUND = {"linear", "shm", "partial"}, {"tones"}
-"""Loci that make no blur across their axis, and those that do; the others may or may not."""
 
 _THIN = (6.0, 0.05)
 """A blur may be straight whose minor variance is within so many errors of none, or below that share of the
@@ -225,11 +219,11 @@ def _matters(shape: Shape, error: float) -> bool:
 
 
 def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF) -> FitResult:
-    """Fit the loci rung by rung until one fits; what is known of the normal starts them all."""
+    """Fit the loci tier by tier until one fits; each starts from the fitted normal."""
     tried, expanded = [normal], {"mvn": otf}
-    out_of_question = _ROUND if _may_be_straight(normal) else _STRAIGHT
-    for rung in _LADDER:
-        for name in (name for name in rung if name not in out_of_question):
+    excluded = "some" if _may_be_straight(normal) else "none"
+    for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
+        for name in (n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded):
             fit, expanded[name] = _try(frame, name, normal, otf)
             tried.append(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
         best = max(tried, key=weight_of_evidence)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -23,7 +24,7 @@ from jitterkit.refit.leashes import leashes
 from jitterkit.refit.result import FitResult
 from jitterkit.refit.tip import at_the_tip
 
-__all__ = ["log_evidence", "minor_variance"]
+__all__ = ["CHOICES", "Choice", "log_evidence", "minor_variance"]
 
 _LEAST = 1e-12
 """arcsec²: floor of a variance inside a logarithm, a millionth of an arcsec squared."""
@@ -66,13 +67,13 @@ def log_evidence(fit: FitResult) -> float:
     Importance sampling agreed with Laplace to 0.4 where a path is bent; *fails when* it is all but straight:
     its evidence is then 2 or 3 too high.
     """
-    prior = _PRIORS.get(fit.locus)
-    if fit.parameters is None or prior is None or not np.all(np.isfinite(fit.covariance)):
+    choice = CHOICES.get(fit.locus)
+    if fit.parameters is None or choice is None or not np.all(np.isfinite(fit.covariance)):
         return -math.inf
     if at_the_tip(fit.parameters.locus, fit.names, fit.covariance):
         return -math.inf
     sign, size = np.linalg.slogdet(2 * np.pi * fit.covariance)
-    density = prior(fit, fit.parameters.locus)
+    density = choice.log_prior(fit, fit.parameters.locus)
     return float(-fit.objective / 2 + size / 2 + density) if sign > 0 else -math.inf
 
 
@@ -153,14 +154,35 @@ def _leashes(locus: Locus) -> float:
     return sum(-0.5 * math.log(2 * math.pi * sigma**2) for _, sigma in leashes(locus).values())
 
 
-_PRIORS: dict[str, Callable[[FitResult, Locus], float]] = {
-    "linear": _streak(Linear.variance),
-    "shm": _streak(Shm.variance),
-    "mvn": _normal,
-    "ellipse": _elliptic,
-    "shaped": _shaped,
-    "partial": _partial,
-    "tones": _tones,
-    "smear": _smear,
-    "path": _path,
+class Choice(NamedTuple):
+    """How ``--locus auto`` treats a locus.
+
+    Attributes
+    ----------
+    tier : int
+        When it is tried: 0 always, 1 if a shape can be seen, 2 and 3 if no locus of the tiers before fits.
+        By freedom: loci of tier 1 have two or three coordinates, of tier 2 four or five, of tier 3 six.
+    log_prior : callable
+        Logarithm of the prior density of its coordinates at a fit; arguments are the fit and its locus.
+    across : {"none", "some", "any"}
+        Blur across its major axis: none, so that it is only tried where the blur may be straight; always
+        some, so that it is only tried where the blur is not; or either.
+    """
+
+    tier: int
+    log_prior: Callable[[FitResult, Locus], float]
+    across: Literal["none", "some", "any"] = "any"
+
+
+CHOICES: dict[str, Choice] = {
+    "mvn": Choice(0, _normal),
+    "linear": Choice(1, _streak(Linear.variance), "none"),
+    "shm": Choice(1, _streak(Shm.variance), "none"),
+    "ellipse": Choice(1, _elliptic),
+    "shaped": Choice(2, _shaped),
+    "partial": Choice(2, _partial, "none"),
+    "tones": Choice(2, _tones, "some"),
+    "smear": Choice(2, _smear),
+    "path": Choice(3, _path),
 }
+"""The loci among which ``--locus auto`` chooses.  To have it try another one, add an entry here."""

@@ -151,7 +151,7 @@ PRESETS = {
     "balanced": Settings(),
     "exact": Settings(pad=128, samples=16, tolerance=1e-6),
 }
-"""Points of the measured front: see the README, and :func:`preset` for what they are of other instruments."""
+"""Points of the measured front (``jitterkit docs results/trade``), which :func:`preset` adapts to others."""
 
 
 def preset(name: str, instrument: Instrument) -> Settings:

@@ -71,9 +71,9 @@ def test_frames_are_processed_as_they_come(watched, night):
 
 def test_numbers_agree_with_those_of_a_run_of_the_same_files(watched, night, processor, tmp_path):
     """A fit ends within 1e-4 standard errors; optics about other frames move it by a thousandth."""
-    table = process_files(night[:-1], tmp_path / "out", processor).table
+    table = process_files(night[:8], tmp_path / "out", processor).table
     for name in ("separation", "theta", "x"):
-        off = (watched[0].table[name][:-1] - table[name]) / table[f"{name}_err"]
+        off = (watched[0].table[name][:8] - table[name]) / table[f"{name}_err"]
         assert np.abs(off).max() < 2e-3
 
 

@@ -152,7 +152,10 @@ def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alon
     batches = plan_batches(files, [1] * FRAMES, FRAMES)
     rows = [row for part in process_batches(batches, processor) for row in part.rows]
     assert {name for name in names if name != files[0].name} == {files[OTHER].name}
-    for (_, _, raw), row in zip(read_items([(path, 0) for path in files], None), rows, strict=True):
+    some = slice(None, None, 3)
+    for (_, _, raw), row in zip(
+        read_items([(path, 0) for path in files[some]], None), rows[some], strict=True
+    ):
         alone = Processor(telescope, **{"locus": "mvn", **options}).process(raw).result
         for name in ("separation", "theta", "x", "flux", "contrast"):
             assert abs(row[name] - alone.of_scene(name)) < 0.05 * alone.error(name)

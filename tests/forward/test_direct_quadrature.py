@@ -31,7 +31,13 @@ def chi_squared(toliman, spectrum, truth, locus, pad):
     return np.sum((np.asarray(image) - truth) ** 2 / truth)
 
 
-@pytest.mark.parametrize("locus", list(SIZES))
+SLOW = ("tones", "ellipse")
+"""Their functions of frequency are those of shm; tests/loci holds them to sums over their points."""
+
+
+@pytest.mark.parametrize(
+    "locus", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in SIZES]
+)
 @pytest.mark.parametrize(
     "spectrum",
     [lines(530.0, 585.0, 640.0), pytest.param(flat_band(530, 640), marks=pytest.mark.slow)],

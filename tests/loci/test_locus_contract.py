@@ -1,5 +1,10 @@
 """The laws every jitter locus keeps; a new one is held to them by its line in the registry."""
 
+import os
+import re
+import subprocess
+import sys
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -38,10 +43,26 @@ def rotation(angle):
     return np.array([[c, -s], [s, c]])
 
 
+def matrix(moments):
+    sxx, sxy, syy = np.asarray(moments)
+    return np.array([[sxx, sxy], [sxy, syy]])
+
+
 def turned_lissajous(size, turn):
     """A phase between axes is of these axes, so that a turned one is built from its moments."""
     moments = rotation(turn) @ matrix(Lissajous.of(0.3, 0.2, 50.0).moments()) @ rotation(turn).T
     return Lissajous.near(size**2 * moments[[0, 0, 1], [0, 1, 1]])
+
+
+def from_moments(kind):
+    """Builds a locus of any kind, as EXAMPLES do; by default 0.2 by 0.1 arcsec at 65 degrees."""
+    moments = matrix(Mvn.of(0.2, 0.1, 65.0).moments())
+
+    def example(size=1.0, turn=0.0):
+        turned = rotation(turn) @ moments @ rotation(turn).T
+        return kind.near(size**2 * turned[[0, 0, 1], [0, 1, 1]])
+
+    return example
 
 
 EXAMPLES = {
@@ -64,7 +85,10 @@ EXAMPLES = {
     ),
     "trace": lambda size=1.0, turn=0.0: Trace.of(TIMES, *(size * SAMPLES @ rotation(turn).T).T),
 }
-GRIDS = ("mvn", "smear", "product")  # their points are a grid of quantiles
+OTHERS = tuple(name for name in LOCI if name not in EXAMPLES)
+"""New loci, without an example above: built from moments and held to the tolerances of random ones."""
+EXAMPLES |= {name: from_moments(LOCI[name]) for name in OTHERS}
+GRIDS = ("mvn", "smear", "product", *OTHERS)  # their points are a grid of quantiles
 RANDOM = (*GRIDS, "shaped", "shaped, light")
 ALONG_X, ALONG_Y = np.linspace(-1.2, 1.2, 13), np.linspace(-1.1, 1.1, 12)
 FX, FY = (f.ravel() for f in np.meshgrid(ALONG_X, ALONG_Y))
@@ -79,11 +103,6 @@ def kind(request):
 def example(kind):
     """Builds one locus of a kind, at a relative size, turned counter-clockwise by some degrees."""
     return EXAMPLES[kind]
-
-
-def matrix(moments):
-    sxx, sxy, syy = np.asarray(moments)
-    return np.array([[sxx, sxy], [sxy, syy]])
 
 
 def mean_phasor(offsets):
@@ -266,3 +285,23 @@ def test_principal_axes_agree_with_an_eigenvalue_solver(example):
     # The square root turns rounding of 1e-17 about a zero minor axis into 3e-9.
     assert found[:2] == pytest.approx((major, minor), abs=2e-8)
     assert 0 <= found[2] < 180
+
+
+ADD = """
+import re
+from jitterkit.docs import read_page
+from jitterkit.loci import LOCI
+scope = {}
+exec(re.search(r"```python\\n(.*?)```", read_page("extending"), re.S)[1], scope)
+LOCI["laplace"] = scope["Laplace"]
+"""
+
+
+@pytest.mark.slow
+def test_a_locus_added_as_the_handbook_says_is_held_to_the_contract(tmp_path):
+    (tmp_path / "add_laplace.py").write_text(ADD, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "add_laplace", __file__, "-k", "laplace"]
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    assert re.search(r"^1[0-9] passed", done.stdout, re.M), done.stdout

@@ -6,9 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jitterkit.docs import read_page
 from jitterkit.likelihood import Data
-from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Shm, Stable
-from jitterkit.refit import FitOptions, Priors, Status, choose, fit_best_locus, fit_locus, moments_prior
+from jitterkit.loci import LOCI, Ellipse, Linear, Mvn, PartialShm, Shm, Stable
+from jitterkit.refit import (
+    FitOptions,
+    Priors,
+    Status,
+    choose,
+    evidence,
+    fit_best_locus,
+    fit_locus,
+    moments_prior,
+)
 from jitterkit.refit.fit import fit_and_expand
 
 
@@ -37,6 +47,19 @@ def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, bench, rng):
     # a fit on a leash stops within 0.03 errors of its end, and the leash pulls
     off = float(result.parameters.binary.separation) - 5.0
     assert abs(off) < 0.05 * result.error("separation")
+
+
+def test_a_locus_added_as_the_handbook_says_is_tried_and_chosen(bench, monkeypatch):
+    page, scope = read_page("extending"), {}
+    exec(compile(re.search(r"```python\n(.*?)```", page, re.S)[1], "extending.md", "exec"), scope)
+    monkeypatch.setitem(LOCI, "laplace", scope["Laplace"])
+    entry = eval(re.search(r'"laplace": (Choice\(.*\)),', page)[1], vars(evidence))
+    monkeypatch.setitem(evidence.CHOICES, "laplace", entry)
+    locus = scope["Laplace"].of(0.3, 0.15, 30.0)
+    data = Data(bench.image(bench.truth(locus, flux=3e7)), 1.0)
+    result = choose_for(bench, data, locus.moments())
+    assert result.locus == "laplace"
+    assert result.locus_weight > 0.95
 
 
 def test_jitter_is_said_to_be_there_as_often_as_the_test_says(bench, rng):

@@ -105,21 +105,19 @@ def test_a_row_whose_digest_is_missing_goes_by_its_name(rng, tmp_path, estimates
     assert [e.digest for e in read_kernel_prior(tmp_path / "both.ecsv").estimates] == ["", *["0" * 16] * 6]
 
 
-def test_a_frame_is_told_its_own_row_by_its_pixels_from_file_to_fit(tmp_path, rng):
+def test_a_frame_is_told_its_own_row_by_its_pixels_from_file_to_fit(telescope, tmp_path, rng):
     from jitterkit.batch import Processor, process_files
     from jitterkit.batch.binary import BinaryMeasurer
     from jitterkit.batch.kernels import estimate_files
     from jitterkit.frames import write_fits
-    from jitterkit.instruments import load_instrument
     from jitterkit.report.flags import decode_flags
     from jitterkit.scene import Binary
     from jitterkit.simulate import fits_header, simulate_frame
 
-    telescope = load_instrument("smallsat")
     folders = [tmp_path / "one", tmp_path / "other"]
     for folder in folders:
         folder.mkdir()
-        scene = Binary(10.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
+        scene = Binary(5.0, 30.0, 1.0, -2.0, 1.2e5, 3.37)
         drawn = simulate_frame(telescope, scene, Mvn.of(0.1, 0.05, 20.0), rng=rng)
         header = fits_header(drawn, telescope)
         write_fits(folder / "frame.fits", drawn.raw.data.astype(np.uint16), header=header)

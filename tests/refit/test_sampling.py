@@ -79,6 +79,7 @@ def test_the_number_of_photons_has_a_gamma_posterior(faint):
         assert law.cdf(posterior.quantile("flux", q)) == pytest.approx(q, abs=off)
 
 
+@pytest.mark.slow
 def test_the_same_key_gives_the_same_draws_and_another_gives_others(faint, optics):
     data, fit, posterior, _ = faint
     again, other = (draw(data, optics, fit, key=jax.random.key(seed)) for seed in (7, 8))
@@ -141,6 +142,7 @@ def test_what_is_left_uncertain_of_an_error_is_the_scatter_between_batches(brigh
     assert np.mean(scatter / posterior.error_err) == pytest.approx(1, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_prior_is_counted(bright, bench, optics):
     data, _, posterior = bright
     free = fit_of(data, optics, bench.truth(Mvn.of(0.15, 0.09, 30.0), (4.0, -3.0)))

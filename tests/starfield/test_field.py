@@ -29,7 +29,9 @@ def number_after(words, text):
     return float(re.search(rf"{words} ([\d.]*\d)", text)[1])
 
 
-@pytest.mark.parametrize(("length", "angle", "seed"), [(2.0, 162.0, 1), (6.0, 75.0, 2)])
+@pytest.mark.parametrize(
+    ("length", "angle", "seed"), [pytest.param(2.0, 162.0, 1, marks=pytest.mark.slow), (6.0, 75.0, 2)]
+)
 def test_with_a_sharp_reference_length_and_angle_are_right(field, trail, sharp, length, angle, seed):
     frame, _ = field(np.random.default_rng(seed), trail(length, angle))
     estimate = estimate_field(frame, reference=sharp[0])
