@@ -87,8 +87,11 @@ def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
     assert estimate.shape_err < 0.3
 
 
-@pytest.mark.parametrize("flux", [3e5, FLUX])
-@pytest.mark.parametrize("locus", [Linear.of(1.5, 35.0), Linear.of(2.1, 80.0), Shm.of(1.2, 35.0)])
+@pytest.mark.parametrize("flux", [pytest.param(3e5, marks=pytest.mark.slow), FLUX])
+@pytest.mark.parametrize(
+    "locus",
+    [Linear.of(1.5, 35.0), pytest.param(Linear.of(2.1, 80.0), marks=pytest.mark.slow), Shm.of(1.2, 35.0)],
+)
 def test_a_streak_as_large_as_the_image_repeats_too(telescope, flux, locus):
     shown = locate_binary(
         Data.of(draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=1, flux=flux)), telescope.system()

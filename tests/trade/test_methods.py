@@ -70,6 +70,7 @@ def test_a_blur_that_is_no_normal_is_held_as_it_was_measured(plain):
     assert found[0, 1] < fit[1]
 
 
+@pytest.mark.slow
 def test_draws_have_the_mean_and_the_error_of_the_fit(anchored, exact, refitted):
     """Of 150 draws as good as 50 independent ones the mean scatters by 0.14, their spread by 0.1."""
     found = separations("sampling", anchored, exact[:2])
