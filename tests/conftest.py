@@ -27,8 +27,9 @@ os.environ.setdefault(
 _STORE_LIMIT = 1 << 30
 """Bytes of compiled programs to keep between runs; a run of the default tests wrote 167 MB."""
 
-_PROGRAM_MEMORY = 3 << 30
-"""Resident bytes above which a test process clears its compiled programs; all of them would fill 6 GB."""
+_PROGRAM_MEMORY = min(6 << 30, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4)
+"""Resident bytes above which a test process clears its compiled programs: those of a run fill 6 GB, and two
+processes leave half of the memory free."""
 
 _STORE = pytest.StashKey[compiled_programs.Store]()
 _OWN = pytest.StashKey[Path]()

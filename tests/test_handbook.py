@@ -31,8 +31,8 @@ PAGES = {"README": ROOT / "README.md"} | {
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
 COMMANDS = {command.callback.__wrapped__.__name__ for command in app.registered_commands}
 RUN = [name for name, text in TEXTS.items() if re.search(r"^```(sh|python)$", text, re.M)]
-SHORT = {"README", "results", "python", "loci", "extending", "estimators"} | {
-    f"commands/{name}" for name in ("info", "docs", "process", "simulate", "watch")
+SHORT = {"results", "python", "loci", "extending", "estimators"} | {
+    f"commands/{name}" for name in ("info", "docs", "process", "simulate")
 }
 """Pages whose blocks run within seconds; those of the others are slow tests."""
 

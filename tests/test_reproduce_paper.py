@@ -154,6 +154,7 @@ def test_every_bias_has_a_row_in_both_numerics(scripts, small, monkeypatch):
     assert re.findall(r"\d+\.\d+", part.slips[10])[:3] == ["8.00", "12.0", "0.1"]
 
 
+@pytest.mark.slow
 def test_a_bias_is_that_of_exact_models_and_of_the_papers(scripts, toliman):
     study, biases = scripts["study"].study_of(toliman), scripts["biases"]
     exact = biases._bias(study, Shm.of(0.225), "mvn", study.exact)

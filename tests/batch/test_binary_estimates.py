@@ -85,6 +85,7 @@ class _Insensitive(Processor):
         return replace(frame, electrons=frame.electrons / 0.25, ceiling=frame.ceiling / 0.25, response=0.25)
 
 
+@pytest.mark.slow
 def test_the_picture_s_residual_is_in_sigmas_of_what_was_counted(telescope, drifted):
     titles = []
     for kind in (Processor, _Insensitive):

@@ -75,6 +75,7 @@ def test_threads_do_not_matter(telescope, night, monkeypatch):
         np.testing.assert_array_equal(np.asarray(tables[0][name]), np.asarray(tables[1][name]), err_msg=name)
 
 
+@pytest.mark.slow
 def test_what_is_repeated_is_kept_and_made_anew_when_it_is_not(telescope, night):
     files, _ = night
     repeats = Repeats(Processor(telescope))
@@ -135,6 +136,7 @@ def searched(telescope):
     return names, Noting
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

@@ -85,6 +85,7 @@ def test_rows_are_the_same_to_the_last_digit_whoever_works(night, rows, processo
     assert exactly(done(night, processor, threads=threads)) == exactly(rows)
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_whatever_was_done_before(night, rows, processor):
     batches = list(plan_batches(night, [1] * len(night), SIZE))
     (last,) = process_batches([batches[1]], processor)

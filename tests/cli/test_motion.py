@@ -69,6 +69,7 @@ def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path, told):
     told(assess(lines, "-o", table), ErrorCode.EXISTS, table, "--overwrite")
 
 
+@pytest.mark.slow
 def test_no_motion_costs_what_free_moments_cost(tmp_path):
     path = tmp_path / "still.csv"
     path.write_text("frequency,amplitude,angle\n61,0,0\n")

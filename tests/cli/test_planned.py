@@ -48,6 +48,7 @@ def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp
     told(another, ErrorCode.CONFLICT, out)
 
 
+@pytest.mark.slow
 def test_frames_that_stand_still_get_no_jitter_where_the_promise_allows_it(tmp_path):
     night, out = tmp_path / "night", tmp_path / "out"
     night.mkdir()
@@ -65,6 +66,7 @@ def test_frames_that_stand_still_get_no_jitter_where_the_promise_allows_it(tmp_p
     assert again.exit_code == 0, again.output
 
 
+@pytest.mark.slow
 def test_explain_alone_changes_nothing(frames, tmp_path):
     results = []
     for name, more in (("plain", []), ("said", ["--explain"])):

@@ -168,6 +168,7 @@ def test_what_is_asked_for_must_not_be_held(telescope, shown):
         assert Repeat.of(shown, telescope.system(), hold=("background", name)) is None
 
 
+@pytest.mark.slow
 def test_a_frame_with_a_ceiling_and_one_without_go_through_one_program(telescope, repeat):
     frame = draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=9)
     free = Data.of(frame)

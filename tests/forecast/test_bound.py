@@ -84,7 +84,9 @@ def test_a_streaks_length_has_the_error_that_small_changes_of_it_would(bench, ki
 
 
 @pytest.mark.parametrize(
-    "locus", [PartialShm.of(0.6, 30.0, 0.7, 30.0), Smear.of(0.6, 20.0, 0.2)], ids=["partial", "smear"]
+    "locus",
+    [PartialShm.of(0.6, 30.0, 0.7, 30.0), pytest.param(Smear.of(0.6, 20.0, 0.2), marks=pytest.mark.slow)],
+    ids=["partial", "smear"],
 )
 def test_a_length_that_is_not_the_rms_alone_has_its_own_error(bench, locus):
     found = forecast(bench.under(locus), bench.otf)

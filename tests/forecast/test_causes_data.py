@@ -130,6 +130,7 @@ def test_a_frame_at_rest_shows_the_diffusion_alone(normal):
     assert errors[0] == pytest.approx(np.hypot(at_rest, summed), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_refocused_pair_tells_the_size_of_a_defocus_whose_sign_is_hidden(seen):
     setting = Setting(seen.setting.scene, seen.setting.optics, None, (0.0, 0.0), 0.1**2, 0.8)
     found = tell_causes(setting, Mvn.of(0.2))

@@ -52,6 +52,7 @@ def test_the_right_locus_has_no_bias_and_the_scatter_of_its_bound(bench):
     assert found.misfit < 1e-6
 
 
+@pytest.mark.slow
 def test_a_hopeless_locus_is_biased_as_another_optimiser_finds(bench):
     truth = bench.under(Mvn.of(0.25, 0.22, 40.0))
     found = noise_free_fit(truth, "linear", bench.optics, otf=bench.otf)

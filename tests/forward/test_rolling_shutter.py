@@ -121,7 +121,7 @@ def followed(row_by_row, t, x, y, start, line_time):
 
 @pytest.mark.parametrize(
     ("kind", "line_time"),
-    [("vibration", LINE), ("walk", -LINE), ("vibration", 55e-3 / ROWS)],
+    [("vibration", LINE), ("walk", -LINE), pytest.param("vibration", 55e-3 / ROWS, marks=pytest.mark.slow)],
     ids=["vibration", "walk downwards", "55 ms of read-out"],
 )
 def test_a_measured_motion_is_followed_row_by_row(otf, row_by_row, rng, kind, line_time):

@@ -144,6 +144,7 @@ def test_a_parameter_that_no_frame_tells_of_has_no_error(rng):
     assert np.isnan(found.error("focus"))
 
 
+@pytest.mark.slow
 def test_a_wander_is_measured(rng):
     n, rms, timescale = 1500, 3.0, 40.0
     left = np.exp(-1 / timescale)

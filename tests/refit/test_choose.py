@@ -33,7 +33,7 @@ def choose_for(bench, data, moments, **options):
         (Shm.of(0.9, 30.0), "shm"),
         (Mvn.of(0.2, 0.1), "mvn"),
         (Ellipse.of(0.5, 0.35, 30.0), "ellipse"),
-        (PartialShm.of(0.9, 30.0, 0.7, 50.0), "partial"),
+        pytest.param(PartialShm.of(0.9, 30.0, 0.7, 50.0), "partial", marks=pytest.mark.slow),
     ],
 )
 def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, bench, rng):

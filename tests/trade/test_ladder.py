@@ -99,6 +99,7 @@ def test_held_aberrations_bias(plain, scene):
     assert held.bias < held.sigma
 
 
+@pytest.mark.slow
 def test_thirty_two_bits_are_measured_beside_sixty_four(plain, scene):
     _, reference = ladder.measure("64", Settings(), plain, scene)
     beside = measure("32", Settings(bits=32), plain, scene, "mvn", reference)
@@ -193,6 +194,7 @@ def test_the_table_has_every_number(plain):
     assert list(table["samples"]) == [7, 7]
 
 
+@pytest.mark.slow
 def test_the_command_measures_writes_and_draws(tmp_path, monkeypatch):
     monkeypatch.setattr(ladder, "RUNGS", {"tolerance": (1.0,)})
     table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"

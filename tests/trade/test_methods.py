@@ -50,6 +50,7 @@ def test_without_noise_every_method_finds_the_separation(anchored, exact, refitt
     assert separations("mtf", anchored, exact)[:, 0] == pytest.approx(truth, abs=0.05 * sigma)
 
 
+@pytest.mark.slow
 def test_a_step_from_another_frame_finds_the_separation(wide, refitted):
     """It is believed where less than 0.05 of an error is left; a search ends at 0.1."""
     anchored, frames = wide

@@ -199,6 +199,7 @@ def test_what_is_said_of_a_preset_is_what_it_does(example, planner, monkeypatch)
     assert of_fast.as_they_are().seconds == 0.01
 
 
+@pytest.mark.slow
 def test_time_is_counted_as_it_passes(plain, example):
     """The order is what matters: of settings four times as dear the fit takes longer."""
     parameters = len(example.result.names)

@@ -24,10 +24,10 @@ from jitterkit.trade.predict import Example
     [
         Settings(pad=0),
         Settings(samples=2),
-        Settings(binning=4, pad=8),
+        pytest.param(Settings(binning=4, pad=8), marks=pytest.mark.slow),
         Settings(region=24, pad=4),
         Settings(aberrations="held"),
-        Settings(without=("noll8",)),
+        pytest.param(Settings(without=("noll8",)), marks=pytest.mark.slow),
     ],
 )
 def test_what_is_foreseen_is_what_a_fit_without_noise_finds(shown, one, settings):
@@ -78,6 +78,7 @@ def test_in_a_region_an_aberration_costs_what_it_does_to_the_region(shown, plain
     assert shown.without(("noll8",), cut) > 1.1 * shown.without(("noll8",))
 
 
+@pytest.mark.slow
 def test_what_jitter_may_cost_is_what_moments_do_that_are_not_seen(shown, plain, one):
     """By the errors with and without them, which differ by no more than they move; and by fits without."""
     calm = one.truths[0].with_locus(Mvn.near(np.zeros(3)))

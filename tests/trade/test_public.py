@@ -6,6 +6,7 @@ from jitterkit.scene import Binary
 from jitterkit.trade import public
 
 
+@pytest.mark.slow
 def test_the_bias_of_five_images_is_that_of_a_refit_with_the_public_model(monkeypatch):
     """``scripts/benchmark`` refits the frame of direct quadrature by the public model's own gradients."""
     pytest.importorskip("dLuxToliman")
