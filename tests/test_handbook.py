@@ -31,9 +31,7 @@ PAGES = {"README": ROOT / "README.md"} | {
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
 COMMANDS = {command.callback.__wrapped__.__name__ for command in app.registered_commands}
 RUN = [name for name, text in TEXTS.items() if re.search(r"^```(sh|python)$", text, re.M)]
-SHORT = {"results", "python", "loci", "extending", "estimators"} | {
-    f"commands/{name}" for name in ("info", "docs", "process", "simulate")
-}
+SHORT = {"results", "python", "loci", "extending", "estimators", "commands/info", "commands/docs"}
 """Pages whose blocks run within seconds; those of the others are slow tests."""
 
 

@@ -91,6 +91,7 @@ def test_linearised_draws_scatter_as_the_linear_response_does(fits):
     assert fits[2].scatter > 1.02 * fits[2].error  # a wrong locus scatters by more than it believes
 
 
+@pytest.mark.slow
 def test_the_same_generator_draws_the_same_frames_for_both_ways_of_fitting(fits, bench):
     quick = linearised_draws(fits[:2], 12, np.random.default_rng(9))
     full = refitted_draws(fits[:2], bench.optics, 12, np.random.default_rng(9), auto=True)

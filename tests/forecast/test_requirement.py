@@ -29,6 +29,7 @@ def test_the_largest_size_is_found_from_any_guess():
     assert math.isnan(largest_size(lambda size: 0.0 if size < 1 else math.nan, 0.1))
 
 
+@pytest.mark.slow
 def test_jitter_as_large_as_allowed_costs_the_time_that_was_allowed(bench):
     found = jitter_requirements(bench.under(), bench.otf, 0.2, angles=(0.0, 90.0), cycles=(0.2,))
     still = forecast(bench.under(), bench.otf).error("separation")

@@ -61,6 +61,7 @@ def test_the_response_foretells_the_bias_of_a_normal(bench):
     assert abs(bias) > 1e-7
 
 
+@pytest.mark.slow
 def test_what_is_held_stays_held(bench, rng):
     data = bench.draw(bench.truth(Mvn.of(0.15)), rng)
     options = FitOptions(hold=("background", "separation"))

@@ -92,6 +92,7 @@ def test_a_smaller_region_scatters_more(plain, scene):
     assert part.scatter == pytest.approx(np.sqrt(np.mean((found.noisy - reference.noisy) ** 2)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_held_aberrations_bias(plain, scene):
     held = measure("held", Settings(aberrations="held"), plain, scene)
     free = measure("free", Settings(), plain, scene)

@@ -61,6 +61,7 @@ def test_a_step_from_another_frame_finds_the_separation(wide, refitted):
     assert turned[0, 0] == pytest.approx(5.0, abs=0.1 * refitted[0, 1])
 
 
+@pytest.mark.slow
 def test_a_blur_that_is_no_normal_is_held_as_it_was_measured(plain):
     pair = Binary(5.0, 0.0, 0.0, 0.0, 1e6, 3.0)
     scene = TradeScene.of(plain, pair, Linear.of(1.0, 20.0), 1, np.random.default_rng(5))
