@@ -69,6 +69,7 @@ def test_frames_are_processed_as_they_come(watched, night):
     assert run.failures == 1
 
 
+@pytest.mark.slow
 def test_numbers_agree_with_those_of_a_run_of_the_same_files(watched, night, processor, tmp_path):
     """A fit ends within 1e-4 standard errors; optics about other frames move it by a thousandth."""
     table = process_files(night[:8], tmp_path / "out", processor).table

@@ -164,6 +164,7 @@ def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alon
         assert row["separation_err"] == pytest.approx(alone.error("separation"), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_fits_of_repeated_frames_are_the_same_to_the_last_digit_whoever_works_and_whatever_was_before(
     telescope, night
 ):

@@ -146,6 +146,7 @@ def test_an_estimate_without_memory_is_a_row_too(files, greedy):
     assert list(table["reason"]) == [""] * GREEDY + ["out_of_memory"] + [""] * (4 - GREEDY)
 
 
+@pytest.mark.slow
 def test_a_frame_for_which_there_was_no_memory_as_it_was_read_is_calibrated_again(files, telescope):
     asked = set()
 

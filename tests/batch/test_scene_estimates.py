@@ -52,6 +52,7 @@ def test_the_reference_s_own_row_says_that_it_is_the_reference(folder, tmp_path,
     assert np.isnan(table["sxx"][0].value)
 
 
+@pytest.mark.slow
 def test_of_a_cube_only_the_frame_that_is_the_reference_is_left_out(tmp_path, view, first):
     rng = np.random.default_rng(6)
     cube = np.stack([view(rng, 0.0), view(rng, 9.0)])

@@ -169,6 +169,7 @@ def test_while_one_frame_takes_long_no_more_than_the_next_batch_is_read(night):
     assert set(early) == {0, 1}
 
 
+@pytest.mark.slow
 def test_a_frame_in_the_lead_whose_scale_no_pupil_carries_is_a_row(night, processor, tmp_path):
     absurd = tmp_path / "absurd.fits"
     with open_frames(night[0]) as file:

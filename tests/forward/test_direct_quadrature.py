@@ -31,8 +31,8 @@ def chi_squared(toliman, spectrum, truth, locus, pad):
     return np.sum((np.asarray(image) - truth) ** 2 / truth)
 
 
-SLOW = ("tones", "ellipse")
-"""Their functions of frequency are those of shm; tests/loci holds them to sums over their points."""
+SLOW = ("tones", "ellipse", "path")
+"""tests/loci holds their transfer functions to sums over their points, as it does those of the others."""
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,7 @@ def test_failures_are_counted_by_kind_and_the_first_are_listed(write):
     assert counts == sorted(counts, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_run_of_thousands_is_a_page_of_a_megabyte_with_every_part(write, tmp_path):
     page = write(long_run(6000, np.random.default_rng(3)))
     for heading in ("Separations", "How the separation averages", "Jitter", "How well frames fit"):

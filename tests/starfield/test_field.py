@@ -102,6 +102,7 @@ def test_optics_are_not_taken_for_tracking(field, trail, rng):
     assert f"{verdict.smear_share:.0%}" in verdict.sentence
 
 
+@pytest.mark.slow
 def test_a_change_of_seeing_is_told_and_leaves_the_length(field, trail, sharp):
     frame, _ = field(np.random.default_rng(9), trail(4.0, 120.0), stars=120, fwhm=3.3)
     estimate = estimate_field(frame, reference=field_psf(sharp[0]))
