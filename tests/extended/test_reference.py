@@ -39,6 +39,14 @@ def test_moments_of_a_normal_blur(coins):
     np.testing.assert_allclose(estimate.moments, [0.64, 0.0, 2.25], atol=0.045)
 
 
+def test_a_frame_that_is_shifted_has_the_same_streak(blur, coins):
+    sharp, image = pair(blur, coins, 11.0, 160.0)
+    shifted = np.roll(image, (2, -3), axis=(0, 1))  # columns by one amount, rows by another
+    found = estimate_from_reference(sharp, shifted).locus.describe()
+    assert found["length"] == pytest.approx(11.0, abs=0.22)  # as above, and what leaves by the shift
+    assert found["angle"] == pytest.approx(160.0, abs=1.0)
+
+
 @pytest.mark.parametrize("length", [20.0, 45.0])
 def test_a_long_streak_is_not_taken_for_one_of_its_nulls(blur, coins, length):
     estimate = estimate_from_reference(*pair(blur, coins, length, 30.0))

@@ -21,6 +21,15 @@ def test_the_first_strut_points_towards_plus_x():
     assert pupil.transmission[200, 128] > 0.99
 
 
+def test_struts_are_equally_spaced():
+    pupil = obstructed_circle(1.0, strut_width=0.02, struts=3)
+    azimuth = np.radians(60.0 * np.arange(6))
+    row, column = (np.rint(127.5 + 72 * f(azimuth)).astype(int) for f in (np.sin, np.cos))
+    light = pupil.transmission[row, column]
+    assert light[::2] == pytest.approx(np.zeros(3), abs=0.01)  # 0, 120 and 240 degrees
+    assert light[1::2] == pytest.approx(np.ones(3), abs=0.01)
+
+
 def test_the_cutoff_is_set_by_the_samples_that_pass_light():
     transmission = np.zeros((100, 100))
     transmission[40:60, 10:90] = 1

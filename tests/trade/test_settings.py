@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 from refusals import refused
 
@@ -87,3 +88,11 @@ def test_exact_is_never_less_than_the_instrument_asks_for_and_fast_never_more(pl
 def test_a_preset_that_there_is_not_is_refused(plain):
     with refused(ErrorCode.UNKNOWN_NAME, "'slow'", *PRESETS):
         preset("slow", plain)
+
+
+def test_frames_of_a_scene_lie_on_all_sides_of_the_middle(scene):
+    x, y = np.array([[truth.binary.x, truth.binary.y] for truth in scene.truths], float).T
+    for offsets in (x, y):
+        assert len(set(offsets)) == len(scene.truths)
+        assert offsets.min() < 0 < offsets.max()
+    assert not np.array_equal(x, y)
