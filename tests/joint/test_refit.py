@@ -25,6 +25,7 @@ from jitterkit.joint import (
     Wander,
     refit_sequence,
 )
+from jitterkit.joint.look import _alike
 from jitterkit.joint.refit import _told
 from jitterkit.loci import Linear, Mvn
 from jitterkit.refit import FitResult, Priors, Status
@@ -312,3 +313,18 @@ def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
     found = [fit.combined.error(name) for name in shared]
     # differences are good to the square of a step over the resolution; the prior of the filter to 1e-6
     assert np.allclose(found, errors[:5], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("theta", "near", "counted", "flipped"),
+    [
+        (10.0, 12.0, 10.0, False),
+        (185.0, 12.0, 5.0, True),
+        (359.0, 2.0, -1.0, False),
+        (80.0, 400.0, 440.0, False),
+    ],
+)
+def test_stars_are_named_and_directions_counted_as_in_another_frame(theta, near, counted, flipped):
+    values = {"theta": theta, "contrast": 1.1, "flux": 7.0}
+    found = _alike(values, {"theta": near, "contrast": 1.05})
+    assert found == pytest.approx({"theta": counted, "contrast": 1 / 1.1 if flipped else 1.1, "flux": 7.0})

@@ -51,6 +51,12 @@ def test_they_are_those_of_the_best_normal_in_least_squares(star):
     np.testing.assert_allclose(measured.centre[0], fit.x[1:3], atol=1e-6)
 
 
+def test_x_and_y_change_places_in_the_errors_too(star):
+    image = 2e4 * star(0.45, -0.4, 3.0, 2.0, half=16)
+    upright, turned = (adaptive_moments(as_stars([one], 50.0)).covariance[0] for one in (image, image.T))
+    np.testing.assert_allclose(turned, upright[::-1, ::-1], rtol=1e-6)
+
+
 @pytest.mark.parametrize("response", [1.0, 0.3])
 def test_errors_are_the_scatter_of_noisy_draws(response, star, rng):
     image, draws = 2e4 * star(0.1, 0.3, 3.0, 2.0, half=16), 400
