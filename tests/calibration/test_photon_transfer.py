@@ -218,5 +218,8 @@ def test_what_no_photons_can_do_is_one_sentence(camera):
     with refused(ErrorCode.NO_DATA) as caught:
         calibrate(biases, (), [still])
     assert in_adu(caught) == pytest.approx(4095 - 100, abs=1)
+    dark = Level(1.0, 9, 0.0, 0.1, 9.0, 0.1)  # an exposure, and no light
+    with refused(ErrorCode.NO_DATA, "4000 ADU"):
+        photon_transfer([dark, Level(2.0, 9, 4000.0, 0.1, 9.0, 0.1, saturated=True)])
     with refused(ErrorCode.IMPLAUSIBLE, "-0.012 ADU"):
         photon_transfer([Level(0, 9, 0, 0, 9.0, 0.1), Level(1, 9, 500, 1, 3.0, 0.1)])

@@ -26,7 +26,7 @@ from jitterkit.joint import (
     refit_sequence,
 )
 from jitterkit.joint.look import _alike
-from jitterkit.joint.refit import _told
+from jitterkit.joint.refit import _record, _told
 from jitterkit.loci import Linear, Mvn
 from jitterkit.refit import FitResult, Priors, Status
 from jitterkit.scene import Binary
@@ -328,3 +328,10 @@ def test_stars_are_named_and_directions_counted_as_in_another_frame(theta, near,
     values = {"theta": theta, "contrast": 1.1, "flux": 7.0}
     found = _alike(values, {"theta": near, "contrast": 1.05})
     assert found == pytest.approx({"theta": counted, "contrast": 1 / 1.1 if flipped else 1.1, "flux": 7.0})
+
+
+def test_a_record_keeps_the_remarks_of_calibration_and_fit_but_for_what_all_share():
+    frame = Frame(np.zeros((4, 4)), 0.0, flags=("masked", "saturated"))
+    fit = FitResult(Status.OK, "", flags=("aberrations_held", "saturated", "misfit"))
+    record = _record(Exposure("frame", 0.0, frame), fit, ())
+    assert record.flags == ("masked", "saturated", "misfit")

@@ -1,6 +1,7 @@
 """The blur of a field, end to end, on stars drawn by direct quadrature."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,18 @@ def test_with_a_sharp_reference_length_and_angle_are_right(field, trail, sharp, 
     chi2, dof = estimate.variation
     assert chi2 == pytest.approx(dof, abs=5 * np.sqrt(2 * dof))
     assert not estimate.remarks
+
+
+def test_errors_of_length_and_angle_turn_over_with_the_frame(field, trail):
+    rng = np.random.default_rng(8)
+    few = {"stars": 40, "side": 380}
+    reference, _ = field(rng, trail(0.0, 0.0), **few)
+    frame, _ = field(rng, trail(6.0, 15.0), **few)
+    over = [replace(one, electrons=one.electrons.T) for one in (frame, reference)]
+    upright, turned = estimate_field(frame, reference=reference), estimate_field(over[0], reference=over[1])
+    assert apart(turned.angle, 90 - upright.angle) < 0.1 * upright.angle_err
+    assert turned.length_err == pytest.approx(upright.length_err, rel=0.02)
+    assert turned.angle_err == pytest.approx(upright.angle_err, rel=0.02)
 
 
 @pytest.fixture(scope="module")
