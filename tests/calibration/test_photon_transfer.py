@@ -104,6 +104,7 @@ def test_two_coefficients_are_found_in_levels_without_noise():
     assert found.linearity.coefficients == pytest.approx((-8e-6, -1e-9), rel=1e-4)
     assert found.gain == pytest.approx(2.0, rel=1e-5)
     assert found.read_noise == pytest.approx(4.0, rel=1e-4)
+    assert found.freedom == 13 - 2  # levels, and the two numbers of a line
 
 
 def test_coupling_is_measured_and_the_gain_is_free_of_it(rng):

@@ -1,5 +1,7 @@
 """The picture of a calibration: what is drawn is what was measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,11 @@ def test_rows_and_sentences_say_what_was_measured(found):
     table = levels_table(found)
     assert table["signal"].unit == "adu"
     assert table["saturated"].tolist() == [False] * 4 + [True]
+
+
+def test_of_the_response_only_what_is_local_is_told(found):
+    uneven = replace(found, local=replace(found.local, error=0.5))
+    maps = [uneven.local if one.name == "flat" else one for one in uneven.maps if one is not None]
+    said = calibration_sentences(uneven)
+    assert len(maps) > 1
+    assert said[: len(maps)] == [one.sentence() for one in maps]

@@ -51,6 +51,15 @@ def test_they_are_those_of_the_best_normal_in_least_squares(star):
     np.testing.assert_allclose(measured.centre[0], fit.x[1:3], atol=1e-6)
 
 
+def test_a_pixel_that_is_not_used_counts_as_background(star):
+    image = 2e4 * star(0.1, 0.3, 3.0, 2.0, half=16)
+    stars = as_stars([image, image])
+    stars.used[:, 4, 5] = False
+    stars.electrons[0, 4, 5], stars.electrons[1, 4, 5] = 0.0, 1e6
+    measured = adaptive_moments(stars)
+    np.testing.assert_array_equal(measured.moments[1], measured.moments[0])
+
+
 def test_x_and_y_change_places_in_the_errors_too(star):
     image = 2e4 * star(0.45, -0.4, 3.0, 2.0, half=16)
     upright, turned = (adaptive_moments(as_stars([one], 50.0)).covariance[0] for one in (image, image.T))
