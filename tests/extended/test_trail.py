@@ -7,6 +7,7 @@ from scipy import fft
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import estimate_trail, find_trails
+from jitterkit.extended.trail import _weighted
 
 SIDE = 240
 
@@ -83,3 +84,9 @@ def test_without_a_majority_of_trails_the_frame_is_refused(streaks, code, values
 def test_what_is_no_image_is_refused(image, code, values):
     with refused(code, *values, error=ConfigurationError):
         estimate_trail(image)
+
+
+def test_trails_that_scatter_widen_the_error_of_their_mean():
+    # two values, one degree of freedom: the variance is 2 of one, 1 of the mean
+    assert _weighted([1.0, 3.0], [1.0, 1.0]) == pytest.approx((2.0, 1.0))
+    assert _weighted([1.0, 1.2], [1.0, 1.0]) == pytest.approx((1.1, np.sqrt(0.5)))  # no less than stated
