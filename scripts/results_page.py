@@ -6,6 +6,7 @@ import datetime
 import os
 import platform
 import re
+import shutil
 import subprocess
 from importlib.metadata import version
 from pathlib import Path
@@ -22,9 +23,18 @@ def machine() -> str:
         cpu = models[0] if models else cpu
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return (
-        f"{cpu}, {cores} cores, {platform.system()}, no accelerator; "
+        f"{cpu}, {cores} cores, {platform.system()}, {_accelerator()}; "
         f"Python {platform.python_version()}, jax {version('jax')}"
     )
+
+
+def _accelerator() -> str:
+    """Return the names of NVIDIA's processors, or that there are none."""
+    if shutil.which("nvidia-smi") is None:
+        return "no accelerator"
+    asked = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+    names = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split("\n")
+    return ", ".join(filter(None, names)) or "no accelerator"
 
 
 def measured_with(repository: Path) -> str:
@@ -55,7 +65,8 @@ def put_section(text: str, name: str, command: str, measured: str, output: str) 
     """
     heading = f"## `{command}`\n"
     is_markdown = re.search(r"^\|[ :-]*--", output, re.M)
-    body = output.strip("\n") if is_markdown else f"```text\n{output.strip(chr(10))}\n```"
+    body = output.strip("\n")
+    body = body if is_markdown else f"```text\n{body}\n```"
     section = f"{heading}\n*{measured}.*\n\n{body}\n"
     before, *sections = re.split(
         r"^(?=## )", text or f"# {name.replace('_', ' ').capitalize()}\n\n", flags=re.M

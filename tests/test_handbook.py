@@ -176,19 +176,8 @@ def inputs(tmp_path_factory):
     for name, count in (("night", 4), ("incoming", 1)):
         (place / name).mkdir()
         for k in range(count):
-            more = (
-                "--separation",
-                "5",
-                "--theta",
-                "30",
-                "--locus",
-                "linear",
-                "--length",
-                "0.2",
-                "--seed",
-                str(k),
-            )
-            run("simulate", str(place / name / f"{k:04}.fits"), "-i", str(place / "testbed.toml"), *more)
+            made = [str(place / name / f"{k:04}.fits"), "-i", str(place / "testbed.toml"), "--seed", str(k)]
+            run("simulate", *made, *shlex.split("--separation 5 --theta 30 --locus linear --length 0.2"))
     levels = {"bias": [0.0] * 4, "dark": [0.0] * 4, "flat": np.repeat([500.0, 2000.0, 5000.0, 8000.0], 2)}
     for kind, electrons in levels.items():
         (place / kind).mkdir()

@@ -26,13 +26,14 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, Status
 from jitterkit.refit.absurd import absurdity
+from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import SETTLED, fit_and_expand, linearisation_error
 from jitterkit.refit.starts import starting_point
 from jitterkit.shutter import Shutter
 
 __all__ = ["Looker", "Nearby"]
 
-_STRAIGHT = ("stable", "linear", "shm", "partial", "path")
+_STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if choice.across == "none"))
 """Loci that are lines: what blurs across them is not theirs."""
 
 

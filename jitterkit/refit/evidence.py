@@ -165,8 +165,8 @@ class Choice(NamedTuple):
     log_prior : callable
         Logarithm of the prior density of its coordinates at a fit; arguments are the fit and its locus.
     across : {"none", "some", "any"}
-        Blur across its major axis: none, so that it is only tried where the blur may be straight; always
-        some, so that it is only tried where the blur is not; or either.
+        Blur across the major axis.  A locus with ``none`` is tried only if the blur may be straight, one with
+        ``some`` only if it is not straight, one with ``any`` always.
     """
 
     tier: int

@@ -117,4 +117,4 @@ def test_the_blur_of_the_template_has_the_direction_that_it_is_given(plain_otf):
     scene, drift = Binary(5.0, 40.0, 0.1, 0.05, 1e6, 3.37), Linear.of(1.5, 0.0)
     data = Data(np.asarray(_image(Parameters(scene, drift, np.zeros(0)), plain_otf)), 2.4**2)
     along, across = (find_pairs(data, plain_otf, Linear.of(1.5, angle))[0] for angle in (0.0, 90.0))
-    assert along.gain > 1.02 * across.gain
+    assert along.gain > across.gain  # no template explains more than the true one

@@ -57,9 +57,10 @@ def test_errors_of_length_and_angle_turn_over_with_the_frame(field, trail):
     frame, _ = field(rng, trail(6.0, 15.0), **few)
     over = [replace(one, electrons=one.electrons.T) for one in (frame, reference)]
     upright, turned = estimate_field(frame, reference=reference), estimate_field(over[0], reference=over[1])
+    # both fits end within a twentieth of an error of one optimum, and there the errors differ by 1e-3
     assert apart(turned.angle, 90 - upright.angle) < 0.1 * upright.angle_err
-    assert turned.length_err == pytest.approx(upright.length_err, rel=0.02)
-    assert turned.angle_err == pytest.approx(upright.angle_err, rel=0.02)
+    assert turned.length_err == pytest.approx(upright.length_err, rel=5e-3)
+    assert turned.angle_err == pytest.approx(upright.angle_err, rel=5e-3)
 
 
 @pytest.fixture(scope="module")
