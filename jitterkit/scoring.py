@@ -3,6 +3,10 @@
 The step is ``(F + λ diag F)⁻¹ g`` with the expected information F and the score g (Levenberg and
 Marquardt's damping of what the paper calls natural gradient descent).  It is invariant to the units
 of the parameters, and the loop is a single compiled program: no Python between its steps.
+
+Only the score decides where a climb ends, so only the score is exact: one image in 64 bits and its adjoint.
+The information takes a derivative of the image by every parameter, ten times the work; it is computed in
+32 bits, at the start, and again only where a step shows that it is wrong.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jitterkit.forward import Parameters, free_parameters, to_vector
-from jitterkit.likelihood import Data, normal_equations
+from jitterkit.likelihood import Data, deviance_and_score, information_at
 from jitterkit.optics.otf import OTF
 
 __all__ = ["DROWNED", "Climb", "Prior", "climb", "climb_a_little", "invert_information"]
@@ -28,6 +32,10 @@ DROWNED = 0.1
 
 _CAUGHT = 1e-4
 """Standard errors that may be left where no step leads on: at a kink, where a pixel reaches the floor."""
+
+_SLOW, _WRONG = 0.25, 0.01
+"""Share by which the information may be wrong about a step: to go on with it; and to be that of the end, with
+errors are then off by half of it or so."""
 
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
@@ -101,15 +109,36 @@ class _Point(NamedTuple):
     values: Array
     objective: Array
     score: Array
-    information: Array
-    curvature: Array
+    stiffness: Array
 
 
 class _State(NamedTuple):
+    """How far a climb has come, and the information that its steps are made with.
+
+    Attributes
+    ----------
+    here : _Point
+    information : (p, p) array
+    left : float
+        Standard errors that the step from here would be long.
+    wrong : float
+        By how much the information has been wrong about a step since it was computed, as a share.
+    moved : bool
+        Whether a step has been made since then.
+    serves : bool
+        Whether it is good enough to go on with.
+    """
+
     here: _Point
+    information: Array
     damping: Array
+    left: Array
+    wrong: Array
+    moved: Array
+    serves: Array
     converged: Array
     iterations: Array
+    finished: Array
 
 
 def climb(
@@ -121,6 +150,7 @@ def climb(
     *,
     steps: int = 50,
     tolerance: float = 1e-4,
+    known: Float[Array, "p p"] | None = None,
 ) -> Climb:
     """Climb to the maximum of the posterior.
 
@@ -137,17 +167,20 @@ def climb(
         Evaluations at most, rejected ones included.
     tolerance : float
         Length of a step, in standard errors, below which the climb has arrived.
+    known : (p, p) array, optional
+        Information near the start, to begin with: it is renewed where it turns out to be wrong.
 
     Returns
     -------
     climb : Climb
     """
+    known = jnp.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
-    return _climb(start, otf, data, free, prior, jnp.asarray(steps), jnp.asarray(tolerance))
+    return _climb(start, otf, data, free, prior, known, jnp.asarray(steps), jnp.asarray(tolerance))
 
 
 @eqx.filter_jit
-def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
+def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
     vector, unravel = to_vector(start)
     index = np.asarray(free, int)
 
@@ -158,54 +191,88 @@ def _climb(start, otf, data, free, prior, steps, tolerance) -> Climb:
         return parameters_at(values).locus.moments()
 
     def evaluate(values) -> _Point:
-        equations = normal_equations(parameters_at(values), otf, data, free)
+        deviance, score = deviance_and_score(parameters_at, values, otf, data)
         pull, slope = prior.precision @ (values - prior.mean), jax.jacfwd(moments_at)(values)
         off = moments_at(values) - prior.moments
-        objective = sum(prior.costs(values, moments_at(values)), equations.deviance)
+        objective = sum(prior.costs(values, moments_at(values)), deviance)
         pull = pull + slope.T @ prior.moments_precision @ off
         lawful = parameters_at(values).scene.lawful() & jnp.isfinite(objective)
-        objective = jnp.where(lawful, objective, jnp.inf)
-        information = equations.information
-        return _Point(
-            values, objective, equations.score - pull, information, information + prior.stiffness(slope)
-        )
-
-    def keep_climbing(state: _State):
-        return ~state.converged & (state.iterations < steps)
+        return _Point(values, jnp.where(lawful, objective, jnp.inf), score - pull, prior.stiffness(slope))
 
     def step(state: _State) -> _State:
-        here, damping = state.here, state.damping
-        move = _damped_step(here.curvature, here.score, damping)
+        here, begun = state.here, jnp.isfinite(state.left)
+        curvature = state.information + here.stiffness
+        move = jnp.where(begun, _damped_step(curvature, here.score, state.damping), 0.0)
         there = evaluate(here.values + move)
         better = there.objective <= here.objective * (1 + rounding)
+        foreseen = here.score - curvature @ move
+        wrong = _length(curvature, there.score - foreseen) / jnp.sqrt(move @ curvature @ move)
         here = jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here)
-        damping = jnp.clip(jnp.where(better, damping / 10, damping * 10), _DAMPING_LEAST, _DAMPING_MOST)
-        left = remains(here)
+        damping = jnp.clip(
+            jnp.where(better, state.damping / 10, state.damping * 10), _DAMPING_LEAST, _DAMPING_MOST
+        )
+        left = _length(state.information + here.stiffness, here.score)
         # a step of so many standard errors changes the objective by their square, which rounding may drown
         drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < DROWNED)
         caught = ~better & (damping == _DAMPING_MOST) & (left < _CAUGHT)
-        return _State(here, damping, (left < tolerance) | drowned | caught, state.iterations + 1)
+        return state._replace(
+            here=here,
+            damping=jnp.where(begun, damping, state.damping),
+            left=left,
+            wrong=jnp.where(begun & better, jnp.maximum(wrong, state.wrong), state.wrong),
+            moved=state.moved | (begun & better),
+            serves=~begun | jnp.where(better, wrong < _SLOW, ~state.moved),
+            converged=(left < tolerance) | drowned | caught,
+            iterations=state.iterations + begun,
+        )
 
-    def remains(here: _Point):
-        """Length of the undamped step from here, in standard errors."""
-        step = _damped_step(here.curvature, here.score, _DAMPING_LEAST)
-        return jnp.sqrt(jnp.abs(here.score @ step))
+    def climb_on(state: _State) -> _State:
+        """Renew the information, and climb while it serves."""
+        out_of_steps, begun = state.iterations >= steps, jnp.isfinite(state.left)
+        information = jax.lax.cond(
+            ~begun & jnp.any(known != 0) & jnp.all(jnp.isfinite(known)),
+            lambda: known,
+            lambda: information_at(parameters_at(state.here.values), otf, data, free),
+        )
+        left = jnp.where(begun, _length(information + state.here.stiffness, state.here.score), jnp.inf)
+        state = state._replace(
+            information=information,
+            left=left,
+            wrong=jnp.zeros_like(left),
+            moved=jnp.asarray(False),
+            serves=jnp.asarray(True),
+            converged=left < tolerance,
+        )
+        state = jax.lax.while_loop(lambda s: ~s.converged & s.serves & (s.iterations < steps), step, state)
+        return state._replace(finished=out_of_steps | (state.converged & (state.wrong < _WRONG)))
 
     # what rounding leaves to be decided: of the deviance, and of a step in standard errors
     rounding = 10 * jnp.finfo(vector.dtype).eps
     tolerance = jnp.maximum(tolerance, 30 * jnp.sqrt(jnp.finfo(vector.dtype).eps))
-    first = evaluate(vector[index])
-    state = _State(first, jnp.asarray(_DAMPING_START), jnp.asarray(False), jnp.asarray(0))
-    state = jax.lax.while_loop(keep_climbing, step, state)
-    last = state.here
+    kind, size = vector.dtype, len(index)
+    infinite, no = jnp.asarray(jnp.inf, kind), jnp.asarray(False)
+    nowhere = _Point(vector[index], infinite, jnp.zeros(size, kind), jnp.zeros((size, size), kind))
+    state = _State(
+        nowhere,
+        jnp.zeros((size, size), kind),
+        jnp.asarray(_DAMPING_START, kind),
+        infinite,
+        jnp.zeros((), kind),
+        no,
+        jnp.asarray(True),
+        no,
+        jnp.asarray(0),
+        no,
+    )
+    last = jax.lax.while_loop(lambda s: ~s.finished, climb_on, state)
     return Climb(
-        parameters_at(last.values),
+        parameters_at(last.here.values),
         last.information,
-        last.curvature,
-        last.objective,
-        last.score,
-        state.converged,
-        state.iterations,
+        last.information + last.here.stiffness,
+        last.here.objective,
+        last.here.score,
+        last.converged,
+        last.iterations,
     )
 
 
@@ -244,6 +311,11 @@ def _damped_step(curvature, score, damping):
     return jnp.linalg.solve(unit + damping * jnp.eye(len(scale)), score / scale) / scale
 
 
+def _length(curvature, score):
+    """Length of the step that a score asks for, in standard errors."""
+    return jnp.sqrt(jnp.abs(score @ _damped_step(curvature, score, _DAMPING_LEAST)))
+
+
 def invert_information(information) -> tuple[np.ndarray, bool]:
     """Invert an information matrix.
 
@@ -266,7 +338,13 @@ def invert_information(information) -> tuple[np.ndarray, bool]:
     if sound and len(scale):
         unit = information / np.outer(scale, scale)
         values, vectors = np.linalg.eigh(unit)
-        sound = bool(values[0] > len(values) * np.finfo(information.dtype).eps * values[-1])
+        sound = bool(values[0] > len(values) * _rounding(information.dtype) * values[-1])
     if not sound or not len(scale):
         return np.full_like(information, np.nan), sound
     return (vectors / values) @ vectors.T / np.outer(scale, scale), True
+
+
+def _rounding(kind: np.dtype) -> float:
+    """Share by which an eigenvalue of an information is uncertain: it sums squares of 32-bit slopes."""
+    single = float(np.finfo(np.float32).eps)
+    return single if kind == np.float32 else single**2

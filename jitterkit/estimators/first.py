@@ -6,10 +6,7 @@ rim: light that leaves on one side comes back on the other, so the rim is left o
 
 from __future__ import annotations
 
-from typing import Any
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
@@ -19,13 +16,10 @@ from jitterkit.loci import Shaped
 from jitterkit.optics import Anchor
 from jitterkit.optics.otf import OTF
 
-__all__ = ["SPARE", "First", "Fourth", "in_single", "invert", "moved", "offset_of", "single", "within"]
+__all__ = ["SPARE", "First", "Fourth", "invert", "moved", "offset_of", "within"]
 
 SPARE = 3
 """Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
-
-
-_SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
 
 
 class Fourth(Shaped):
@@ -115,13 +109,3 @@ def invert(information, varied):
     unit = jnp.where(both, information / jnp.outer(scale, scale), jnp.eye(len(scale)))
     covariance = jnp.where(both, jnp.linalg.inv(unit) / jnp.outer(scale, scale), 0.0)
     return covariance, jnp.sqrt(jnp.diag(covariance))
-
-
-def single(tree):
-    """The numbers of a tree of arrays in 32 bits."""
-    return jax.tree.map(lambda a: a.astype(in_single(a)), tree)
-
-
-def in_single(array) -> Any:
-    """The type of an array's numbers in 32 bits; what is no number stays as it is."""
-    return _SINGLE.get(array.dtype, array.dtype)

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.estimators.first import First, single
+from jitterkit.estimators.first import First
+from jitterkit.forward import single
 from jitterkit.likelihood import Data
 
 __all__ = ["at_first", "cut_out"]

@@ -100,7 +100,7 @@ def measure_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str
     """
     shaped = normal.with_locus(Shaped.near(normal.locus.moments()))
     names, free = free_parameters(shaped, otf, hold)
-    equations = normal_equations(shaped, otf, data, free)
+    equations = normal_equations(shaped, otf, data, free, exact=False)
     covariance, _ = invert_information(equations.information)
     slot = names.index(_KURTOSIS)
     mine = covariance[slot]

@@ -182,7 +182,7 @@ class Looker:
         shared = [names.index(name) for name in self.shared]
         own = [names.index(name) for name in fit.names]
         data = self._data(frame).clear(fit.image)
-        equations = normal_equations(fit.parameters, otf, data, free)
+        equations = normal_equations(fit.parameters, otf, data, free, exact=False)
         score, information = np.array(equations.score), equations.information
         score[own] = 0.0  # its own stand at the top of their posterior, priors included
         at = np.array(list(self.values_of(fit.parameters).values()))

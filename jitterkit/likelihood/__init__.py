@@ -14,7 +14,14 @@ the data need not be.
 """
 
 from jitterkit.likelihood.data import Data, is_clear
-from jitterkit.likelihood.equations import NormalEquations, deviance, equations_of, normal_equations
+from jitterkit.likelihood.equations import (
+    NormalEquations,
+    deviance,
+    deviance_and_score,
+    equations_of,
+    information_at,
+    normal_equations,
+)
 from jitterkit.likelihood.misfit import Misfit, chi_squared, pearson
 
 __all__ = [
@@ -23,7 +30,9 @@ __all__ = [
     "NormalEquations",
     "chi_squared",
     "deviance",
+    "deviance_and_score",
     "equations_of",
+    "information_at",
     "is_clear",
     "normal_equations",
     "pearson",

@@ -197,14 +197,14 @@ def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple
     Where the climbs of two expansions do not close in on one another quickly (in a faint frame, or where an
     aberration shows to second order first, each overshoots), the next is at the place that both point to.
     """
-    iterations, before, way = 0, np.inf, None
+    iterations, before, way, known = 0, np.inf, None, None
     idle, last = 0, np.inf
     enough, tolerance = settled(max(_floor(start.locus), tolerance)), max(_slack(start.locus), tolerance)
     steps = _PATIENCE if leashes(start.locus) else 50
     for _ in range(_EXPANSIONS):
-        end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance)
+        end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance, known=known)
         iterations += int(end.iterations)
-        start = end.parameters
+        start, known = end.parameters, end.information
         error = linearisation_error(optics, start, otf)
         if error < enough:
             return end, otf, iterations

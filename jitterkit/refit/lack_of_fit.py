@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple, Self
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import scipy.stats
@@ -123,7 +122,7 @@ def lack_of_fit(fit: FitResult, otf: OTF, data: Data) -> LackOfFit:
     wider = fit.parameters.with_locus(WithCumulants(fit.parameters.locus))
     every = parameter_names(wider, otf.names)
     free = tuple(i for i, name in enumerate(every) if name in fit.names or name in _CUMULANTS)
-    equations = _equations(wider, otf, data, free)
+    equations = normal_equations(wider, otf, data, free, exact=False)
     score, information = np.asarray(equations.score), np.asarray(equations.information)
     asked = np.array([every[i] in _CUMULANTS for i in free])
     beside = np.linalg.solve(information[np.ix_(~asked, ~asked)], information[np.ix_(~asked, asked)])
@@ -131,6 +130,3 @@ def lack_of_fit(fit: FitResult, otf: OTF, data: Data) -> LackOfFit:
     slope = score[asked] - beside.T @ score[~asked]
     chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(told), slope) ** 2))
     return LackOfFit(float(scipy.stats.chi2.sf(chi2, len(slope))), chi2)
-
-
-_equations = eqx.filter_jit(normal_equations)

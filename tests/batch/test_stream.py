@@ -68,7 +68,8 @@ def test_frames_done_together_give_what_each_gives_alone(night, rows, processor)
         for name in ("separation", "theta", "x", "flux", "contrast"):
             off = (row[name] - alone.of_scene(name)) / alone.error(name)
             assert abs(off) < 0.05
-            assert row[f"{name}_err"] == pytest.approx(alone.error(name), rel=1e-3)
+            # a fit takes its errors from where it began if a step shows that they change by less than 1 %
+            assert row[f"{name}_err"] == pytest.approx(alone.error(name), rel=0.01)
 
 
 def test_the_anchor_is_used(night, processor, monkeypatch):

@@ -61,7 +61,8 @@ def test_a_fit_without_noise_has_the_errors_forecast(bench):
     options = FitOptions(priors=Priors({"noll7": (0.0, 0.05)}).joined(known))
     found = forecast(truth, bench.otf, options=options)
     fitted = fit_frame(expected_data(truth, bench.otf), bench.optics, truth, bench.otf, options)
-    np.testing.assert_allclose(found.covariance, fitted.covariance, rtol=1e-6, atol=1e-15)
+    unit = np.sqrt(np.outer(np.diag(found.covariance), np.diag(found.covariance)))
+    np.testing.assert_allclose(found.covariance / unit, fitted.covariance / unit, atol=1e-5)  # 32-bit slopes
     assert found.error("noll7") < 0.05  # the prior counts
     assert found.error("noll7") < 0.999 * forecast(truth, bench.otf).error("noll7")
 

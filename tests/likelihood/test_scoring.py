@@ -9,16 +9,19 @@ from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
-from jitterkit.likelihood import Data, deviance
-from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.likelihood import Data, deviance, normal_equations
+from jitterkit.loci import Linear, Mvn, PartialShm, Stable
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.scoring import Prior, climb
+from jitterkit.shutter import Drifting
+
+SCENE = Binary(4.0, 40.0, 0.2, -0.1, 1e6, 2.0)
 
 
 @pytest.fixture(scope="module")
 def truth():
-    return Parameters(Binary(4.0, 40.0, 0.2, -0.1, 1e6, 2.0), Mvn.of(0.1, 0.05, 30.0), [2.0, -2.0])
+    return Parameters(SCENE, Mvn.of(0.1, 0.05, 30.0), [2.0, -2.0])
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +67,44 @@ def test_a_prior_that_is_certain_decides(truth, otf, data):
     precision[0, 0] = 1e-9**-2
     end = climb(start, otf, data, free, Prior(jnp.zeros(len(free)).at[0].set(4.01), jnp.asarray(precision)))
     assert float(end.parameters.scene.separation) == pytest.approx(4.01, abs=1e-8)
+
+
+@pytest.mark.parametrize("wrong", [1e-3, 1e3, -1.0, np.nan])
+def test_information_that_is_wrong_is_renewed_and_changes_no_end(truth, otf, data, wrong):
+    start = Parameters(Binary(4.02, 40.3, 0.21, -0.1, 9.8e5, 1.95), Mvn.of(0.12, 0.05, 30.0), [3.0, -2.0])
+    free = free_of(start, otf)
+    right = climb(start, otf, data, free, Prior.none(len(free)), tolerance=1e-6)
+    end = climb(
+        start, otf, data, free, Prior.none(len(free)), tolerance=1e-6, known=wrong * right.information
+    )
+    assert bool(end.converged)
+    errors = np.sqrt(np.diag(np.linalg.inv(right.information)))
+    one, other = (np.asarray(to_vector(e.parameters)[0])[list(free)] for e in (right, end))
+    np.testing.assert_allclose((one - other) / errors, 0, atol=3e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(end.information))), errors, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        Parameters(SCENE, PartialShm.of(0.4, 30.0, 0.7, 20.0), [2.0, -2.0], 3.0),
+        Parameters(SCENE, Mvn(jnp.zeros(3)), [2.0, -2.0], shutter=Drifting(1e-3, (0.5, -0.8))),
+        Parameters(SCENE, Linear(jnp.zeros(2)), [2.0, -2.0], diffusion=0.002),
+    ],
+    ids=["partial", "rolling", "still"],
+)
+def test_the_adjoint_gives_the_score_that_derivatives_of_the_image_do(parameters, otf, data):
+    full = np.zeros(data.used.shape, bool)
+    full[20:24, 20:22] = True
+    data = Data(data.electrons, 4.0, ~full, response=0.8, ceiling=2e4, full=full)
+    free = free_parameters(parameters, otf, hold=())[1]
+    slow, fast = (normal_equations(parameters, otf, data, free, exact=exact) for exact in (True, False))
+    errors = np.sqrt(np.diag(np.linalg.inv(slow.information)))
+    assert float(fast.deviance) == pytest.approx(float(slow.deviance), rel=1e-13)
+    np.testing.assert_allclose(fast.score * errors, slow.score * errors, rtol=1e-9, atol=1e-9)
+    scale = np.sqrt(np.diag(slow.information))
+    np.testing.assert_allclose((fast.information - slow.information) / np.outer(scale, scale), 0, atol=1e-5)
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(fast.information))), errors, rtol=0.005)
 
 
 def test_far_starts_do_not_leave_the_domain(truth, otf, data):

@@ -14,7 +14,7 @@ from jitterkit.refit.lack_of_fit import WithCumulants
 
 def normal_fit(bench, data):
     """The normal that fits a frame, and the optics where the fit ended."""
-    fit, otf = fit_and_expand(data, bench.optics, bench.near())
+    fit, otf = fit_and_expand(data, bench.optics, bench.near(), options=FitOptions(tolerance=1e-6))
     return fit.parameters, otf
 
 
@@ -36,8 +36,9 @@ def test_the_step_is_that_of_fourth_cumulants_in_proportion_to_the_square_of_the
     information = turn @ np.asarray(equations.information) @ turn.T
     step = np.linalg.solve(information, turn @ np.asarray(equations.score))
     shape = measure_shape(normal, otf, data, ("background",))
-    assert shape.kurtosis == pytest.approx(step[-1], abs=1e-6 * shape.error)
-    assert shape.error == pytest.approx(np.sqrt(np.linalg.inv(information)[-1, -1]), rel=1e-6)
+    # to the precision of 32-bit slopes
+    assert shape.kurtosis == pytest.approx(step[-1], abs=1e-5 * shape.error)
+    assert shape.error == pytest.approx(np.sqrt(np.linalg.inv(information)[-1, -1]), rel=1e-5)
 
 
 @pytest.mark.parametrize(("locus", "kurtosis"), [(Linear.of(0.3, 20.0), -1.2), (Shm.of(0.3, 20.0), -1.5)])
