@@ -109,28 +109,57 @@ class _Point(NamedTuple):
     values: Array
     objective: Array
     score: Array
-    stiffness: Array
+
+
+class _Metric(NamedTuple):
+    """What steps are made and measured with: information, and the curvature that it makes with a prior.
+
+    The curvature, in units of ``scale`` that make its diagonal one, is ``vectors @ diag(sizes) @ vectors.T``.
+    """
+
+    information: Array
+    curvature: Array
+    scale: Array
+    sizes: Array
+    vectors: Array
+
+    @classmethod
+    def of(cls, information, stiffness) -> _Metric:
+        curvature = information + stiffness
+        scale = jnp.sqrt(jnp.diag(curvature))
+        scale = jnp.where(scale > 0, scale, 1.0)
+        sizes, vectors = jnp.linalg.eigh(curvature / jnp.outer(scale, scale))
+        return cls(information, curvature, scale, jnp.maximum(sizes, 0.0), vectors)
+
+    def step(self, score, damping=_DAMPING_LEAST):
+        """The damped step that a score asks for."""
+        along = self.vectors.T @ (score / self.scale)
+        return self.vectors @ (along / (self.sizes + damping)) / self.scale
+
+    def length(self, score):
+        """Length of the undamped step, in standard errors."""
+        return jnp.sqrt(jnp.abs(score @ self.step(score)))
 
 
 class _State(NamedTuple):
-    """How far a climb has come, and the information that its steps are made with.
+    """How far a climb has come.
 
     Attributes
     ----------
     here : _Point
-    information : (p, p) array
+    metric : _Metric
     left : float
-        Standard errors that the step from here would be long.
+        Standard errors that the step from here would be long; infinite before anything is evaluated.
     wrong : float
-        By how much the information has been wrong about a step since it was computed, as a share.
+        By how much the metric has been wrong about a step since it was computed, as a share of it.
     moved : bool
         Whether a step has been made since then.
     serves : bool
-        Whether it is good enough to go on with.
+        Whether the metric is good enough to go on with.
     """
 
     here: _Point
-    information: Array
+    metric: _Metric
     damping: Array
     left: Array
     wrong: Array
@@ -192,26 +221,31 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
 
     def evaluate(values) -> _Point:
         deviance, score = deviance_and_score(parameters_at, values, otf, data)
-        pull, slope = prior.precision @ (values - prior.mean), jax.jacfwd(moments_at)(values)
-        off = moments_at(values) - prior.moments
-        objective = sum(prior.costs(values, moments_at(values)), deviance)
-        pull = pull + slope.T @ prior.moments_precision @ off
+        moments, adjoint = jax.vjp(moments_at, values)
+        objective = sum(prior.costs(values, moments), deviance)
+        (beside,) = adjoint(prior.moments_precision @ (moments - prior.moments))
         lawful = parameters_at(values).scene.lawful() & jnp.isfinite(objective)
-        return _Point(values, jnp.where(lawful, objective, jnp.inf), score - pull, prior.stiffness(slope))
+        pull = prior.precision @ (values - prior.mean) + beside
+        return _Point(values, jnp.where(lawful, objective, jnp.inf), score - pull)
+
+    def metric_at(values, begun) -> _Metric:
+        given = ~begun & jnp.any(known != 0) & jnp.all(jnp.isfinite(known))
+        information = jax.lax.cond(
+            given, lambda: known, lambda: information_at(parameters_at(values), otf, data, free)
+        )
+        return _Metric.of(information, prior.stiffness(jax.jacfwd(moments_at)(values)))
 
     def step(state: _State) -> _State:
-        here, begun = state.here, jnp.isfinite(state.left)
-        curvature = state.information + here.stiffness
-        move = jnp.where(begun, _damped_step(curvature, here.score, state.damping), 0.0)
+        here, metric, begun = state.here, state.metric, jnp.isfinite(state.left)
+        move = jnp.where(begun, metric.step(here.score, state.damping), 0.0)
         there = evaluate(here.values + move)
         better = there.objective <= here.objective * (1 + rounding)
-        foreseen = here.score - curvature @ move
-        wrong = _length(curvature, there.score - foreseen) / jnp.sqrt(move @ curvature @ move)
+        unforeseen = metric.length(there.score - (here.score - metric.curvature @ move))
+        wrong = unforeseen / jnp.sqrt(move @ metric.curvature @ move)
         here = jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here)
-        damping = jnp.clip(
-            jnp.where(better, state.damping / 10, state.damping * 10), _DAMPING_LEAST, _DAMPING_MOST
-        )
-        left = _length(state.information + here.stiffness, here.score)
+        damping = jnp.where(better, state.damping / 10, state.damping * 10)
+        damping = jnp.clip(damping, _DAMPING_LEAST, _DAMPING_MOST)
+        left = metric.length(here.score)
         # a step of so many standard errors changes the objective by their square, which rounding may drown
         drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < DROWNED)
         caught = ~better & (damping == _DAMPING_MOST) & (left < _CAUGHT)
@@ -227,16 +261,12 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
         )
 
     def climb_on(state: _State) -> _State:
-        """Renew the information, and climb while it serves."""
+        """Renew the metric, and climb while it serves."""
         out_of_steps, begun = state.iterations >= steps, jnp.isfinite(state.left)
-        information = jax.lax.cond(
-            ~begun & jnp.any(known != 0) & jnp.all(jnp.isfinite(known)),
-            lambda: known,
-            lambda: information_at(parameters_at(state.here.values), otf, data, free),
-        )
-        left = jnp.where(begun, _length(information + state.here.stiffness, state.here.score), jnp.inf)
+        metric = metric_at(state.here.values, begun)
+        left = jnp.where(begun, metric.length(state.here.score), jnp.inf)
         state = state._replace(
-            information=information,
+            metric=metric,
             left=left,
             wrong=jnp.zeros_like(left),
             moved=jnp.asarray(False),
@@ -250,11 +280,10 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
     rounding = 10 * jnp.finfo(vector.dtype).eps
     tolerance = jnp.maximum(tolerance, 30 * jnp.sqrt(jnp.finfo(vector.dtype).eps))
     kind, size = vector.dtype, len(index)
-    infinite, no = jnp.asarray(jnp.inf, kind), jnp.asarray(False)
-    nowhere = _Point(vector[index], infinite, jnp.zeros(size, kind), jnp.zeros((size, size), kind))
+    infinite, no, square = jnp.asarray(jnp.inf, kind), jnp.asarray(False), jnp.zeros((size, size), kind)
     state = _State(
-        nowhere,
-        jnp.zeros((size, size), kind),
+        _Point(vector[index], infinite, jnp.zeros(size, kind)),
+        _Metric(square, square, square[0], square[0], square),
         jnp.asarray(_DAMPING_START, kind),
         infinite,
         jnp.zeros((), kind),
@@ -267,8 +296,8 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
     last = jax.lax.while_loop(lambda s: ~s.finished, climb_on, state)
     return Climb(
         parameters_at(last.here.values),
-        last.information,
-        last.information + last.here.stiffness,
+        last.metric.information,
+        last.metric.curvature,
         last.here.objective,
         last.here.score,
         last.converged,
@@ -302,18 +331,6 @@ def climb_a_little(
     slots = [names.index(name) for name in start.locus.names if name in names]
     covariance, _ = invert_information(end.information)
     return end, covariance[np.ix_(slots, slots)]
-
-
-def _damped_step(curvature, score, damping):
-    scale = jnp.sqrt(jnp.diag(curvature))
-    scale = jnp.where(scale > 0, scale, 1.0)
-    unit = curvature / jnp.outer(scale, scale)
-    return jnp.linalg.solve(unit + damping * jnp.eye(len(scale)), score / scale) / scale
-
-
-def _length(curvature, score):
-    """Length of the step that a score asks for, in standard errors."""
-    return jnp.sqrt(jnp.abs(score @ _damped_step(curvature, score, _DAMPING_LEAST)))
 
 
 def invert_information(information) -> tuple[np.ndarray, bool]:
