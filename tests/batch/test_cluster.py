@@ -93,6 +93,7 @@ def exactly(parts):
     return {row["file"]: repr({**row, "seconds": 0.0}) for row in rows}
 
 
+@pytest.mark.slow
 def test_workers_give_what_one_process_gives_to_the_last_digit(alone, spread, night):
     expected, found = exactly(alone), exactly(spread)
     assert list(found) == list(expected) == [path.name for path in night]
@@ -101,6 +102,7 @@ def test_workers_give_what_one_process_gives_to_the_last_digit(alone, spread, ni
     assert sum("'status': 'ok'" in row for row in found.values()) == FRAMES - 2
 
 
+@pytest.mark.slow
 def test_a_frame_that_kills_its_worker_has_a_row_that_says_so(spread, night):
     row = spread[DEADLY // SIZE].rows[DEADLY % SIZE]
     assert (row["path"], row["frame"], row["status"]) == (str(night[DEADLY]), 0, "failed")
@@ -108,6 +110,7 @@ def test_a_frame_that_kills_its_worker_has_a_row_that_says_so(spread, night):
     assert np.isnan(row["separation"])
 
 
+@pytest.mark.slow
 def test_pictures_come_back_with_the_rows(alone, spread):
     assert list(spread[0].pictures) == list(alone[0].pictures)
     name = next(iter(alone[0].pictures))

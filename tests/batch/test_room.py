@@ -129,6 +129,7 @@ def greedy(telescope, crowd):
     return Greedy(telescope, locus="mvn")
 
 
+@pytest.mark.slow
 def test_a_frame_without_memory_is_a_row_and_the_others_are_fitted_as_ever(files, greedy, telescope):
     plan = [*plan_batches(files, [1] * FRAMES, FRAMES)]
     (done,) = process_batches(plan, greedy, threads=3)

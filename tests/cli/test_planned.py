@@ -28,6 +28,7 @@ def few(monkeypatch):
     monkeypatch.setattr(plan, "RUNGS", FEW)
 
 
+@pytest.mark.slow
 def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp_path, monkeypatch, told):
     out = tmp_path / "out"
     plain = ["process", str(frames), "-o", str(out), "-i", "plain", "--locus", "mvn"]

@@ -31,7 +31,13 @@ def moments_of(locus):
 
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize(
-    "locus", [Stable.of(), Mvn.of(0.08, 0.04, 50.0), Linear.of(0.2, 120.0)], ids=["stable", "mvn", "linear"]
+    "locus",
+    [
+        pytest.param(Stable.of(), marks=pytest.mark.slow),
+        Mvn.of(0.08, 0.04, 50.0),
+        pytest.param(Linear.of(0.2, 120.0), marks=pytest.mark.slow),
+    ],
+    ids=["stable", "mvn", "linear"],
 )
 def test_moments_are_unbiased_and_their_covariance_is_honest(name, locus, otf, rng):
     template = Parameters(scene(), Stable.of())

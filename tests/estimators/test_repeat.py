@@ -50,6 +50,7 @@ def draw(telescope, locus, *, seed, aberrations=(5.0, -8.0), **changes):
     return telescope.detector.calibrate(raw)
 
 
+@pytest.mark.slow
 def test_moments_and_places_are_those_of_the_truth(telescope, repeat):
     rng, pulls = np.random.default_rng(2), []
     for seed in range(24):
@@ -78,6 +79,7 @@ def test_it_agrees_with_the_estimate_from_nothing(telescope, repeat, major):
     assert (quick.locus is None) == (whole.locus is None)
 
 
+@pytest.mark.slow
 def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
     locus = Linear.of(0.9, 35.0)
     estimate, *_ = repeat.estimate(Data.of(draw(telescope, locus, seed=7)))
@@ -92,6 +94,7 @@ def test_a_drift_has_its_length_and_its_shape(telescope, repeat):
     "locus",
     [Linear.of(1.5, 35.0), pytest.param(Linear.of(2.1, 80.0), marks=pytest.mark.slow), Shm.of(1.2, 35.0)],
 )
+@pytest.mark.slow
 def test_a_streak_as_large_as_the_image_repeats_too(telescope, flux, locus):
     shown = locate_binary(
         Data.of(draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=1, flux=flux)), telescope.system()
@@ -200,6 +203,7 @@ def test_masked_and_full_pixels_are_left_out(telescope, repeat):
         np.testing.assert_array_equal(censored.moments, estimate.moments)
 
 
+@pytest.mark.slow
 def test_frames_compared_together_tell_what_each_tells_alone(telescope, repeat):
     frames = [draw(telescope, Mvn.of(0.02 * n, 0.01 * n, 8.0 * n), seed=60 + n, x=n - 9.0) for n in range(19)]
     data = [Data.of(frame) for frame in frames]  # more than are compared at a time

@@ -28,9 +28,8 @@ def estimate(name, locus, otf, flux=9.53e6, **options):
     return ESTIMATORS[name](Data(image), Parameters(scene, Stable.of(), np.zeros(7)), otf, **options)
 
 
-@pytest.mark.parametrize(
-    ("length", "sigma"), [(0.225, 6.7), pytest.param(0.375, 1.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("length", "sigma"), [(0.225, 6.7), (0.375, 1.0)])
+@pytest.mark.slow
 def test_a_frame_tells_the_shape_as_well_as_the_science_says(length, sigma, otf):
     # SCIENCE.md section 6, derived from the quartic term; given to two figures at best
     assert estimate("score", Linear.of(length, 27.0), otf).shape_err == pytest.approx(sigma, rel=0.2)

@@ -109,7 +109,7 @@ def jitter_on_axis(locus):
 
 
 @pytest.mark.parametrize("locus", [Mvn.of(0.3, 0.2, 25.0), Linear.of(0.8, 25.0)], ids=["mvn", "linear"])
-@pytest.mark.parametrize("focus", [30.0, 0.0])
+@pytest.mark.parametrize("focus", [pytest.param(30.0, marks=pytest.mark.slow), 0.0])
 def test_every_slope_is_that_of_differences_of_images(locus, focus):
     setting = tell_causes(lit(aberrations=(focus,)), locus).setting
     assert setting.square == (focus == 0)  # a round pupil is its own mirror image

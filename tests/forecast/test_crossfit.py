@@ -154,6 +154,7 @@ def flattened(bench, uneven):
     return [noise_free_fit(truth, name, bench.optics, uneven, bench.otf) for name in ("linear", "shm")]
 
 
+@pytest.mark.slow
 def test_frames_divided_by_a_flat_scatter_as_those_that_a_detector_reads(flattened, uneven, bench, rng):
     fit = flattened[0]
     assert fit.scatter == pytest.approx(fit.error, rel=1e-6)  # as of every right locus
@@ -165,6 +166,7 @@ def test_frames_divided_by_a_flat_scatter_as_those_that_a_detector_reads(flatten
         assert np.std(values) == pytest.approx(fit.scatter, rel=4 / np.sqrt(800))
 
 
+@pytest.mark.slow
 def test_frames_divided_by_a_flat_are_fitted_alike_in_both_ways(flattened, bench):
     quick = linearised_draws(flattened, 12, np.random.default_rng(9))
     full = refitted_draws(flattened, bench.optics, 12, np.random.default_rng(9))

@@ -27,6 +27,7 @@ def panels(bench):
     return {(panel.data, panel.fitted): panel for panel in found}
 
 
+@pytest.mark.slow
 def test_every_pair_of_data_and_locus_has_a_panel(panels):
     assert list(panels) == [
         (d, f) for d in ("linear", "mvn") for f in ("stable", "linear", "mvn", "auto", "auto, a frame")
@@ -35,6 +36,7 @@ def test_every_pair_of_data_and_locus_has_a_panel(panels):
         assert panel.offsets.shape == (2, 300)
 
 
+@pytest.mark.slow
 def test_the_rows_of_a_column_see_the_same_frames(panels):
     right, wrong = panels["linear", "linear"], panels["linear", "mvn"]
     # the noise they share correlates them; unshared it would not
@@ -42,6 +44,7 @@ def test_the_rows_of_a_column_see_the_same_frames(panels):
     assert abs(np.corrcoef(right.offsets[0], right.offsets[1])[0, 1]) < 4 / np.sqrt(300)
 
 
+@pytest.mark.slow
 def test_the_mean_is_the_noise_free_bias_within_its_error(panels):
     for (_, fitted), panel in panels.items():
         if fitted == "auto, a frame":
@@ -55,6 +58,7 @@ def test_the_mean_is_the_noise_free_bias_within_its_error(panels):
         )
 
 
+@pytest.mark.slow
 def test_auto_takes_the_locus_of_the_data_and_is_not_biased(panels):
     assert set(panels["linear", "auto"].chosen) == {"linear"}
     assert set(panels["mvn", "auto"].chosen) <= {"mvn", "ellipse"}

@@ -58,7 +58,9 @@ def public(system, locus, **source):
 
 
 @pytest.mark.parametrize(
-    "locus", [None, ("linear", 0.75, 25.0), ("shm", 0.6, 115.0)], ids=["none", "linear", "shm"]
+    "locus",
+    [None, ("linear", 0.75, 25.0), pytest.param(("shm", 0.6, 115.0), marks=pytest.mark.slow)],
+    ids=["none", "linear", "shm"],
 )
 def test_images_equal_the_public_models(toliman, toliman_system, locus):
     image, scene, ours = public(toliman_system, locus, position_angle=57.0, x_position=1.3, y_position=-2.1)

@@ -92,14 +92,18 @@ def otf():
     return expand(pupil, lines(550.0, 600.0), GRID, STATE)
 
 
-@pytest.fixture(params=LOCI)
+WAYS = ["mvn", "partial", "shaped", "path"]
+"""A locus for each way in which a transfer function is computed: formula, nodes, series, spline."""
+
+
+@pytest.fixture(params=[k if k in WAYS else pytest.param(k, marks=pytest.mark.slow) for k in LOCI])
 def kind(request):
+    """Any locus; those of one way differ by their transfer functions, which have a test of their own."""
     return request.param
 
 
-@pytest.fixture(params=["mvn", "partial", "shaped", "path"])
+@pytest.fixture(params=WAYS)
 def way(request):
-    """A locus for each way in which a transfer function is computed: formula, nodes, series, spline."""
     return request.param
 
 

@@ -121,7 +121,11 @@ def followed(row_by_row, t, x, y, start, line_time):
 
 @pytest.mark.parametrize(
     ("kind", "line_time"),
-    [("vibration", LINE), ("walk", -LINE), pytest.param("vibration", 55e-3 / ROWS, marks=pytest.mark.slow)],
+    [
+        ("vibration", LINE),
+        pytest.param("walk", -LINE, marks=pytest.mark.slow),
+        pytest.param("vibration", 55e-3 / ROWS, marks=pytest.mark.slow),
+    ],
     ids=["vibration", "walk downwards", "55 ms of read-out"],
 )
 def test_a_measured_motion_is_followed_row_by_row(otf, row_by_row, rng, kind, line_time):
@@ -239,7 +243,10 @@ STEPS = {"separation": 1e-3, "theta": 1e-2, "x": 1e-3, "y": 1e-3, "flux": 1e3, "
 STEPS |= {"linear_c": 1e-4, "linear_s": 1e-4, "background": 1e-3, "diffusion": 1e-4}
 
 
-@pytest.mark.parametrize(("following", "diffusion"), [(False, 0.0), (False, -0.003), (True, 0.01)])
+@pytest.mark.parametrize(
+    ("following", "diffusion"),
+    [pytest.param(False, 0.0, marks=pytest.mark.slow), (False, -0.003), (True, 0.01)],
+)
 def test_every_derivative_of_a_rolling_frame_agrees_with_finite_differences(otf, rng, following, diffusion):
     drift = Drifting(LINE, (30.0, -70.0), nodes=3)
     shutter = Following.of(LINE, *record("walk", 0.05, rng), 0.011, WINDOW, ROWS) if following else drift

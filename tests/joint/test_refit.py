@@ -109,6 +109,7 @@ def test_weighted_mean_of_the_frames_is_the_joint_separation(optics, rng):
     assert np.average(values, weights=errors**-2) == pytest.approx(fit.separation[0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rolling_shutter_is_undone_by_the_motion_between_frames(optics):
     velocity, line_time = np.array([3.0, 5.0]), 1e-4
     places = {"x": 0.3 * np.arange(10) - 1.5, "y": 0.5 * np.arange(10) - 2.5}
@@ -138,6 +139,7 @@ def test_telemetry_takes_the_place_of_the_motion_between_frames(optics):
         refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=short))
 
 
+@pytest.mark.slow
 def test_diffusion_is_told_from_streaks_that_differ(optics, rng):
     loci = [Linear.of(0.5, angle) for angle in np.linspace(0, 180, 10, endpoint=False)]
     frames = []

@@ -61,6 +61,7 @@ def bright(bench, optics):
     return data, fit, draw(data, optics, fit, PRIORS)
 
 
+@pytest.mark.slow
 def test_the_number_of_photons_has_a_gamma_posterior(faint):
     # a flat prior and N photons of which a share s is seen: a gamma law of shape N + 1 and scale 1/s, whose
     # density falls to nothing at the border of lawful scenes, three errors away

@@ -58,6 +58,7 @@ def test_a_fit_is_ended_within_a_tenth_of_what_is_allowed(planner, share, tolera
     assert planner.cheapest(share * planner.outlook.sigma).settings.tolerance == tolerance
 
 
+@pytest.mark.slow
 def test_what_cannot_be_kept_is_refused_with_what_can(planner):
     with refused(ErrorCode.OUT_OF_RANGE, "1e-07 uas") as caught:
         planner.cheapest(1e-13)
@@ -113,6 +114,7 @@ def said_of_jitter(outlook, settings=OWN):
     return found
 
 
+@pytest.mark.slow
 def test_it_is_said_what_jitter_that_is_not_seen_would_cost(planner, still):
     outlook = Outlook([still])
     cost = outlook.cost_of_jitter()
