@@ -34,8 +34,8 @@ _CAUGHT = 1e-4
 """Standard errors that may be left where no step leads on: at a kink, where a pixel reaches the floor."""
 
 _SLOW, _WRONG = 0.25, 0.01
-"""Share by which the information may be wrong about a step: to go on with it; and to be that of the end, with
-errors are then off by half of it or so."""
+"""Share by which the information may be wrong about a step: to go on with it; and to give the errors at the
+end, which are then wrong by that share at most."""
 
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e8
 
@@ -149,13 +149,17 @@ class _State(NamedTuple):
     here : _Point
     metric : _Metric
     left : float
-        Standard errors that the step from here would be long; infinite before anything is evaluated.
+        Standard errors that the step from here would be long.
     wrong : float
         By how much the metric has been wrong about a step since it was computed, as a share of it.
     moved : bool
         Whether a step has been made since then.
     serves : bool
         Whether the metric is good enough to go on with.
+    iterations : int
+        Steps tried; -1 until the start is evaluated.
+    finished : bool
+        Whether the metric is that of the end too.
     """
 
     here: _Point
@@ -236,7 +240,7 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
         return _Metric.of(information, prior.stiffness(jax.jacfwd(moments_at)(values)))
 
     def step(state: _State) -> _State:
-        here, metric, begun = state.here, state.metric, jnp.isfinite(state.left)
+        here, metric, begun = state.here, state.metric, state.iterations >= 0
         move = jnp.where(begun, metric.step(here.score, state.damping), 0.0)
         there = evaluate(here.values + move)
         better = there.objective <= here.objective * (1 + rounding)
@@ -257,12 +261,12 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
             moved=state.moved | (begun & better),
             serves=~begun | jnp.where(better, wrong < _SLOW, ~state.moved),
             converged=(left < tolerance) | drowned | caught,
-            iterations=state.iterations + begun,
+            iterations=state.iterations + 1,
         )
 
     def climb_on(state: _State) -> _State:
         """Renew the metric, and climb while it serves."""
-        out_of_steps, begun = state.iterations >= steps, jnp.isfinite(state.left)
+        out_of_steps, begun = state.iterations >= steps, state.iterations >= 0
         metric = metric_at(state.here.values, begun)
         left = jnp.where(begun, metric.length(state.here.score), jnp.inf)
         state = state._replace(
@@ -290,7 +294,7 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
         no,
         jnp.asarray(True),
         no,
-        jnp.asarray(0),
+        jnp.asarray(-1),  # the first only evaluates the start
         no,
     )
     last = jax.lax.while_loop(lambda s: ~s.finished, climb_on, state)

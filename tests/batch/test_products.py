@@ -61,10 +61,11 @@ def namesakes(folder, tmp_path):
     ("kind", "end"),
     [
         ("pictures", "png"),
-        pytest.param("kernels", "kernel.fits", marks=pytest.mark.slow),
-        pytest.param("images", "deblurred.fits", marks=pytest.mark.slow),
+        ("kernels", "kernel.fits"),
+        ("images", "deblurred.fits"),
     ],
 )
+@pytest.mark.slow
 def test_two_frames_of_one_name_do_not_replace_each_others_products(namesakes, tmp_path, kind, end):
     written = []
     for count in (1, 2):

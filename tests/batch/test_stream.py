@@ -72,6 +72,7 @@ def test_frames_done_together_give_what_each_gives_alone(night, rows, processor)
             assert row[f"{name}_err"] == pytest.approx(alone.error(name), rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_anchor_is_used(night, processor, monkeypatch):
     """Without it each frame would expand the optics at least once, and here it never does."""
     expanded = []

@@ -47,6 +47,7 @@ def test_jitter_as_large_as_allowed_costs_the_time_that_was_allowed(bench):
     assert along < across  # jitter along the pair hurts more
 
 
+@pytest.mark.slow
 def test_a_slow_vibration_may_be_as_large_as_its_frames_are_smeared(bench):
     # a loss of 2 %, which grows with the square of the size: the mean over phases is then that of squares
     (linear, *_, slow) = jitter_requirements(bench.under(), bench.otf, 0.02, angles=(0.0,), cycles=(0.05,))

@@ -126,6 +126,14 @@ def test_far_starts_do_not_leave_the_domain(truth, otf, data):
     assert np.isfinite(float(end.objective))
 
 
+def test_a_start_without_an_image_ends(truth, otf, data):
+    start = Parameters(Binary(4.0, 40.0, 0.2, -0.1, np.nan, 2.0), truth.locus, truth.aberrations)
+    free = free_of(start, otf)
+    end = climb(start, otf, data, free, Prior.none(len(free)))
+    assert not bool(end.converged)
+    assert int(end.iterations) == 50
+
+
 def test_held_parameters_do_not_move(truth, otf, data):
     start = Parameters(Binary(4.1, 40.0, 0.2, -0.1, 1e6, 2.0), Stable.of(), [1.0, 1.0], 0.5)
     end = climb(start, otf, data, (0, 4), Prior.none(2))

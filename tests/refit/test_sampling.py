@@ -88,6 +88,7 @@ def test_the_same_key_gives_the_same_draws_and_another_gives_others(faint, optic
     assert not np.any(other.draws == posterior.draws)
 
 
+@pytest.mark.slow
 def test_a_scene_that_cannot_be_has_no_density_and_no_slope(faint, optics):
     data, fit, _, _ = faint
     target = _target(data, optics, fit, Priors())
