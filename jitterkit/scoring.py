@@ -310,7 +310,12 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
 
 
 def climb_a_little(
-    start: Parameters, otf: OTF, data: Data, hold: Collection[str], steps: int
+    start: Parameters,
+    otf: OTF,
+    data: Data,
+    hold: Collection[str],
+    steps: int,
+    known: Float[Array, "p p"] | None = None,
 ) -> tuple[Climb, np.ndarray]:
     """Climb a few steps without a prior.
 
@@ -323,6 +328,8 @@ def climb_a_little(
         Parameters to keep as they are.
     steps : int
         Evaluations, rejected ones included.
+    known : (p, p) array, optional
+        Information near the start.
 
     Returns
     -------
@@ -331,7 +338,7 @@ def climb_a_little(
         Of the locus's free coordinates there; NaN where the frame does not determine the parameters.
     """
     names, free = free_parameters(start, otf, hold)
-    end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps)
+    end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps, known=known)
     slots = [names.index(name) for name in start.locus.names if name in names]
     covariance, _ = invert_information(end.information)
     return end, covariance[np.ix_(slots, slots)]

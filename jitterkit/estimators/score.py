@@ -15,13 +15,13 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.shape import (
+    CumulantStep,
     doubted,
     fit_known_shape,
     fit_shape,
     is_decisive,
-    measure_shape,
 )
-from jitterkit.forward import Parameters
+from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn, Shaped
@@ -91,8 +91,9 @@ def estimate_score(
     moments = np.asarray(normal.locus.moments())
     if not is_detected(moments, covariance):
         return KernelEstimate(moments, covariance, "score")
-    told = measure_shape(normal, otf, data, hold)
-    blur = fit_shape(normal, otf, data, hold) if is_decisive(told.error) else None
+    step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data)
+    told = step.shape()
+    blur = fit_shape(step, otf, data, hold) if is_decisive(told.error) else None
     if blur is None:
         covariance = doubted(covariance, np.array([told.response[name] for name in Shaped.names[:3]]))
         return KernelEstimate(moments, covariance, "score", shape=told.kurtosis, shape_err=told.error)

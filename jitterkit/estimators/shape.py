@@ -1,35 +1,40 @@
 """The shape of a blur: tested by one scoring step, fitted by a few, and believed by one rule.
 
-:func:`measure_shape` tests whether an image that a normal describes wants an excess kurtosis,
-:func:`fit_shape` fits one, :func:`fit_known_shape` a blur whose kurtosis is known.  The excess kurtosis
-enters an image by the square of the blur: while the blur is small it is unknown and does little harm; once
-the frame tells it, leaving it out biases the moments.  :func:`is_decisive` draws the border by the error of
-the kurtosis, not by its value, so that no frame is picked by its noise; below it :func:`doubted` adds to
-the errors what the shape might do.
+:class:`CumulantStep` tests whether an image that a locus describes wants other cumulants, and which excess
+kurtosis one wants that a normal describes.  :func:`fit_shape` fits that kurtosis, :func:`fit_known_shape` a
+blur whose kurtosis is known.  The excess kurtosis enters an image by the square of the blur: while the blur
+is small it is unknown and does little harm; once the frame tells it, leaving it out biases the moments.
+:func:`is_decisive` draws the border by the error of the kurtosis, not by its value, so that no frame is
+picked by its noise; below it :func:`doubted` adds to the errors what the shape might do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy.stats
+from jaxtyping import Array
 
-from jitterkit.forward import Parameters, free_parameters
+from jitterkit.forward import Parameters, parameter_names
 from jitterkit.likelihood import Data, normal_equations
-from jitterkit.loci import Shaped
+from jitterkit.loci import Mvn, Shaped
+from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, fourth_cumulants
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little, invert_information
 
 __all__ = [
+    "CumulantStep",
+    "LackOfFit",
     "Shape",
     "ShapedBlur",
     "doubted",
     "fit_known_shape",
     "fit_shape",
     "is_decisive",
-    "measure_shape",
 ]
 
 _DECISIVE = 1.2
@@ -85,58 +90,146 @@ class ShapedBlur(NamedTuple):
         return float(np.sqrt(self.covariance[3, 3])) if len(self.covariance) > 3 else 0.0
 
 
-def measure_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str] = ()) -> Shape:
-    """Excess kurtosis of a blur, by one scoring step from the normal that fits, everything free beside it.
+class LackOfFit(NamedTuple):
+    """What is left in an image of its blur's higher cumulants.
+
+    Attributes
+    ----------
+    chance : float
+        That a frame of this locus would show as much: uniform in [0, 1] if the locus is right, tiny
+        where the blur is lopsided or of another shape.
+    chi2 : float
+        What a scoring step in the cumulants would take off chi-squared.
+    """
+
+    chance: float
+    chi2: float
+
+
+@dataclass(frozen=True)
+class CumulantStep:
+    """A scoring step from a fitted locus in all that was fitted and in nine cumulants: no other fit is made.
+
+    Build it with :meth:`of`.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        Where the fit ended.
+    names : tuple of str
+        What was fitted.
+    score, information : (p + 9,), (p + 9, p + 9) array
+        Of what was fitted, then of the third and fourth cumulants.
+    """
+
+    parameters: Parameters
+    names: tuple[str, ...]
+    score: np.ndarray
+    information: np.ndarray
+
+    @classmethod
+    def of(cls, parameters: Parameters, names: tuple[str, ...], otf: OTF, data: Data) -> CumulantStep:
+        """From where a fit of the parameters with some names ended, and the optics expanded near there."""
+        wider = parameters.with_locus(WithCumulants(parameters.locus))
+        every = parameter_names(wider, otf.names)
+        order = [every.index(name) for name in (*names, *CUMULANTS)]
+        free = tuple(sorted(order))
+        equations = normal_equations(wider, otf, data, free, exact=False)
+        back = [free.index(place) for place in order]
+        return cls(
+            parameters,
+            names,
+            np.asarray(equations.score)[back],
+            np.asarray(equations.information)[np.ix_(back, back)],
+        )
+
+    def shape(self) -> Shape:
+        """Excess kurtosis of a blur that was fitted with a normal, everything free beside it.
+
+        Its fourth cumulants are the kurtosis times what the second moments make of them.
+        """
+        slot, turn = self._to_shaped()
+        covariance, _ = invert_information(self.information_of_shaped())
+        mine, called = covariance[slot], dict(zip(Mvn.names, Shaped.names, strict=False))
+        names = [called.get(name, name) for name in self.names]
+        names.insert(slot, _KURTOSIS)
+        # what is fitted beside it follows the kurtosis by the regression that the covariance describes
+        response = dict(zip(names, map(float, -mine / mine[slot]), strict=True))
+        return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[slot])), response)
+
+    def information_of_shaped(self) -> np.ndarray:
+        """Information about what was fitted and the excess kurtosis, in the order of ``Shaped``."""
+        _, turn = self._to_shaped()
+        return turn @ self.information @ turn.T
+
+    def _to_shaped(self) -> tuple[int, np.ndarray]:
+        """Where the kurtosis stands in a fit with ``Shaped``, and what it and the rest change, by rows."""
+        assert isinstance(self.parameters.locus, Mvn)
+        size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
+        turn = np.insert(np.eye(size, size + len(CUMULANTS)), slot, 0.0, axis=0)
+        turn[slot, -5:] = fourth_cumulants(self.parameters.locus.moments())
+        return slot, turn
+
+    def lack_of_fit(self) -> LackOfFit:
+        """Test whether the frame wants higher cumulants than the fitted locus has.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the image does not show all of them.
+
+        Notes
+        -----
+        Chi-squared of the score in nine directions.  Sharper than chi-squared over all pixels, which a wrong
+        shape of 9 sigma raises by half its own scatter.
+        """
+        size = len(self.names)
+        kept, asked = slice(size), slice(size, None)
+        beside = np.linalg.solve(self.information[kept, kept], self.information[kept, asked])
+        told = self.information[asked, asked] - self.information[asked, kept] @ beside
+        slope = self.score[asked] - beside.T @ self.score[kept]
+        chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(told), slope) ** 2))
+        return LackOfFit(float(scipy.stats.chi2.sf(chi2, len(slope))), chi2)
+
+
+def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = ()) -> ShapedBlur | None:
+    """Fit a blur's moments and excess kurtosis, from the normal that fits.
 
     Parameters
     ----------
-    normal : Parameters
-        Where a fit with a normal locus ended.
+    step : CumulantStep
+        From there.
     otf : OTF
         Expanded near there.
     data : Data
     hold : collection of str
         What the fit held.
-    """
-    shaped = normal.with_locus(Shaped.near(normal.locus.moments()))
-    names, free = free_parameters(shaped, otf, hold)
-    equations = normal_equations(shaped, otf, data, free, exact=False)
-    covariance, _ = invert_information(equations.information)
-    slot = names.index(_KURTOSIS)
-    mine = covariance[slot]
-    # what is fitted beside it follows the kurtosis by the regression that the covariance describes
-    response = dict(zip(names, map(float, -mine / mine[slot]), strict=True))
-    return Shape(float(mine @ np.asarray(equations.score)), float(np.sqrt(mine[slot])), response)
-
-
-def fit_shape(normal: Parameters, otf: OTF, data: Data, hold: Collection[str] = ()) -> ShapedBlur | None:
-    """Fit a blur's moments and excess kurtosis, from the normal that fits.
-
-    Parameters
-    ----------
-    normal, otf, data, hold
-        As for :func:`measure_shape`.
 
     Returns
     -------
     blur : ShapedBlur or None
         None where no such blur fits (the climb does not settle), or the frame does not determine it.
     """
-    return _settle(normal, 0.0, otf, data, hold)
+    return _settle(step.parameters, 0.0, otf, data, hold, jnp.asarray(step.information_of_shaped()))
 
 
 def fit_known_shape(
     normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str] = ()
 ) -> ShapedBlur | None:
-    """As :func:`fit_shape`, with the excess kurtosis held."""
+    """As :func:`fit_shape`, from a fitted normal and with the excess kurtosis held."""
     return _settle(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
 
 
 def _settle(
-    normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str]
+    normal: Parameters,
+    kurtosis: float,
+    otf: OTF,
+    data: Data,
+    hold: Collection[str],
+    known: Array | None = None,
 ) -> ShapedBlur | None:
     start = Shaped(jnp.append(normal.locus.moments(), kurtosis))
-    end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS)
+    end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS, known)
     settled = bool(end.converged) and np.all(np.isfinite(covariance))
     return ShapedBlur(start.at(end.parameters.locus.coords), covariance) if settled else None
 

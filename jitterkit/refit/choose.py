@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.stats
 
-from jitterkit.estimators.shape import Shape, fit_shape, is_decisive, measure_shape
+from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisive
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
@@ -34,7 +34,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.evidence import CHOICES, minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
-from jitterkit.refit.lack_of_fit import lack_of_fit
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.starts import starting_point
 from jitterkit.refit.weigh import say_undecided, weigh, weight_of_evidence
@@ -152,13 +151,14 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return _conclude([normal])
     if not _detected(normal):
         return _conclude([normal], ("jitter_undetected",))
-    shape = _shape(frame, normal.parameters, otf)
+    step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data)
+    shape = _shape(frame, step, otf)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
         return _conclude([normal])
-    if normal.status is Status.POOR_FIT and not _wants_more(normal, otf, frame.data):
+    if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _conclude([normal])  # another telescope's frame, sky, hot pixels: no locus mends that
-    return _climb_ladder(frame, normal, otf)
+    return _climb_ladder(frame, normal, otf, step)
 
 
 @dataclass(frozen=True)
@@ -197,10 +197,10 @@ def _detected(normal: FitResult) -> bool:
     return significance(moments, covariance) > DETECTED
 
 
-def _shape(frame: _Frame, normal: Parameters, otf: OTF) -> Shape:
-    """What a step says of the shape, and a fit where it is known well."""
-    told = measure_shape(normal, otf, frame.data, frame.options.hold)
-    blur = fit_shape(normal, otf, frame.data, frame.options.hold) if is_decisive(told.error) else None
+def _shape(frame: _Frame, step: CumulantStep, otf: OTF) -> Shape:
+    """What a step from the normal says of the shape, and a fit where it is known well."""
+    told = step.shape()
+    blur = fit_shape(step, otf, frame.data, frame.options.hold) if is_decisive(told.error) else None
     return told if blur is None else told._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
 
 
@@ -218,24 +218,28 @@ def _matters(shape: Shape, error: float) -> bool:
     return seen or _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * error
 
 
-def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF) -> FitResult:
+def _climb_ladder(frame: _Frame, normal: FitResult, otf: OTF, step: CumulantStep) -> FitResult:
     """Fit the loci tier by tier until one fits; each starts from the fitted normal."""
-    tried, expanded = [normal], {"mvn": otf}
+    tried, expanded, steps = [normal], {"mvn": otf}, {"mvn": step}
     excluded = "some" if _may_be_straight(normal) else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         for name in (n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded):
             fit, expanded[name] = _try(frame, name, normal, otf)
             tried.append(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
         best = max(tried, key=weight_of_evidence)
-        if not _wants_more(best, expanded[best.locus], frame.data):
+        if best.locus not in steps:
+            assert best.parameters is not None
+            where = best.parameters, best.names, expanded[best.locus]
+            steps[best.locus] = CumulantStep.of(*where, frame.data)
+        if not _wants_more(best, steps[best.locus]):
             break
     return _conclude(tried)
 
 
-def _wants_more(fit: FitResult, otf: OTF, data: Data) -> bool:
+def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
     """Whether the shape of the blur is what does not fit, and not pixels, sky or scale."""
     try:
-        lack = lack_of_fit(fit, otf, data)
+        lack = step.lack_of_fit()
     except np.linalg.LinAlgError:  # no answer: the fit stands as it is
         return False
     return lack.chance < _MISFIT and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)

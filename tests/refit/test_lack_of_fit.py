@@ -5,10 +5,15 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from jitterkit.estimators.shape import CumulantStep
 from jitterkit.likelihood import Data
 from jitterkit.loci import PartialShm, Shm, Stable
+from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.refit.fit import fit_and_expand
-from jitterkit.refit.lack_of_fit import WithCumulants, lack_of_fit
+
+
+def lack_of_fit(fit, otf, data):
+    return CumulantStep.of(fit.parameters, fit.names, otf, data).lack_of_fit()
 
 
 def test_a_right_locus_fits_and_a_lopsided_blur_does_not(bench, rng):
