@@ -19,6 +19,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Array
 
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, parameter_names
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Mvn, Shaped
@@ -147,6 +148,11 @@ class CumulantStep:
         """Excess kurtosis of a blur that was fitted with a normal, everything free beside it.
 
         Its fourth cumulants are the kurtosis times what the second moments make of them.
+
+        Raises
+        ------
+        ConfigurationError
+            If the locus is no normal, or one of its moments was held.
         """
         slot, turn = self._to_shaped()
         covariance, _ = invert_information(self.information_of_shaped())
@@ -164,7 +170,12 @@ class CumulantStep:
 
     def _to_shaped(self) -> tuple[int, np.ndarray]:
         """Where the kurtosis stands in a fit with ``Shaped``, and what it and the rest change, by rows."""
-        assert isinstance(self.parameters.locus, Mvn)
+        held = [name for name in Mvn.names if name not in self.names]
+        if held:
+            raise ConfigurationError(
+                ErrorCode.NOT_CONSTRAINED,
+                f"The shape of a blur is told beside its second moments: do not hold {held[0]!r}.",
+            )
         size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
         turn = np.insert(np.eye(size, size + len(CUMULANTS)), slot, 0.0, axis=0)
         turn[slot, -5:] = fourth_cumulants(self.parameters.locus.moments())

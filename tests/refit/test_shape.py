@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import refused
 
+from jitterkit.errors import ErrorCode
 from jitterkit.estimators.shape import CumulantStep
 from jitterkit.forward import free_parameters
 from jitterkit.likelihood import Data, normal_equations
@@ -61,6 +63,14 @@ def test_the_response_foretells_the_bias_of_a_normal(bench):
     bias = normal.of_scene("separation") - 5.0
     assert bias == pytest.approx(shape.response["separation"] * shape.kurtosis, rel=0.05)
     assert abs(bias) > 1e-7
+
+
+def test_beside_a_moment_that_is_held_no_shape_is_told(bench, rng):
+    data = bench.draw(bench.truth(Mvn.of(0.15)), rng)
+    options = FitOptions(hold=("background", "mvn_xy"))
+    normal, otf = fit_and_expand(data, bench.optics, bench.near(), None, options)
+    with refused(ErrorCode.NOT_CONSTRAINED, "'mvn_xy'"):
+        shape_of(normal, otf, data)
 
 
 @pytest.mark.slow
