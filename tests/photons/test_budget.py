@@ -48,6 +48,13 @@ def test_two_plates_count_twice_and_efficiencies_once():
     assert flat_budget(throughput=through).rate == pytest.approx(440 * 0.9 * 0.91**2 * 0.5, rel=1e-12)
 
 
+@pytest.mark.parametrize("high", [530.05, 530.25, 640.0])
+def test_light_is_added_up_from_end_to_end_in_steps_of_a_tenth_of_a_nanometre(high):
+    grid = Throughput(flat_curve(530.0, high), plates=0, qe=PERFECT).grid()
+    assert (grid[0], grid[-1]) == (530.0, high)
+    assert np.diff(grid).max() <= 0.1 * (1 + 1e-9)
+
+
 def test_a_wedge_of_efficiency_is_integrated_and_weighs_the_mean_wavelength():
     # qe = u on 0 < u < 1: integral 1/2, mean u 2/3; the trapezoid errs by (0.1/100)²/6
     through = Throughput(

@@ -7,7 +7,7 @@ import scipy.stats
 
 from jitterkit.estimators.shape import CumulantStep
 from jitterkit.likelihood import Data
-from jitterkit.loci import PartialShm, Shm, Stable
+from jitterkit.loci import Mvn, PartialShm, Shm, Stable
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.refit.fit import fit_and_expand
 
@@ -54,6 +54,30 @@ def test_cumulants_are_the_derivatives_of_the_log_of_a_transfer_function():
     x = skewed.points(4096)[:, 0]
     low = np.angle(np.asarray(skewed.transfer(jnp.array([0.1]), jnp.array([0.0]))))[0]
     assert low == pytest.approx((2 * np.pi * 0.1) ** 3 * np.mean(x**3) / 6, rel=0.01)
+
+
+def test_cumulants_are_those_of_a_cloud_of_points_in_any_direction(rng):
+    # small, so that the fifth adds a share of 1e-2; cumulants of a sample by their definition
+    points = 0.05 * rng.gamma(2.0, size=(40, 2)) @ np.array([[1.0, 0.4], [-0.2, 0.7]])
+    points -= points.mean(axis=0)
+    sxx, sxy, syy = (np.mean(points[:, i] * points[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+
+    def moment(*axes):
+        return np.mean(np.prod(points[:, axes], axis=1))
+
+    pairs = {(0, 0): sxx, (0, 1): sxy, (1, 0): sxy, (1, 1): syy}
+    third = [moment(*(0,) * (3 - k), *(1,) * k) for k in range(4)]
+    fourth = []
+    for k in range(5):
+        a, b, c, d = (0,) * (4 - k) + (1,) * k
+        gaussian = pairs[a, b] * pairs[c, d] + pairs[a, c] * pairs[b, d] + pairs[a, d] * pairs[b, c]
+        fourth.append(moment(a, b, c, d) - gaussian)
+    blur = WithCumulants(Mvn(jnp.array([sxx, sxy, syy])), np.array(third + fourth))
+    for fx, fy in ((0.3, 0.0), (0.0, 0.3), (0.2, -0.25), (-0.1, 0.2)):
+        exact = np.mean(np.exp(-2j * np.pi * points @ [fx, fy]))
+        found = complex(np.asarray(blur.transfer(jnp.array([fx]), jnp.array([fy])))[0])
+        without = complex(np.asarray(blur.inner.transfer(jnp.array([fx]), jnp.array([fy])))[0])
+        assert abs(found - exact) < 0.05 * abs(without - exact)
 
 
 def test_cumulants_of_zero_leave_a_locus_as_it_is():
