@@ -11,7 +11,6 @@ such images row by row: :mod:`jitterkit.shutter`.  One formula serves fitting, f
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -32,13 +31,9 @@ __all__ = [
     "expected_image",
     "free_parameters",
     "image_and_jacobian",
-    "in_single",
     "parameter_names",
-    "single",
     "to_vector",
 ]
-
-_SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
 
 
 class Parameters(eqx.Module):
@@ -301,13 +296,3 @@ def _pushforward(vector, function):
     """Derivatives of a function of one part of the parameters, for chosen elements of it."""
     _, push = jax.linearize(function, vector)
     return lambda rows: jax.vmap(push)(jnp.eye(vector.size, dtype=vector.dtype)[rows])
-
-
-def single(tree):
-    """The numbers of a tree of arrays in 32 bits."""
-    return jax.tree.map(lambda a: a.astype(in_single(a)), tree)
-
-
-def in_single(array) -> Any:
-    """The type of an array's numbers in 32 bits; what is no number stays as it is."""
-    return _SINGLE.get(array.dtype, array.dtype)

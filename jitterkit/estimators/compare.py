@@ -29,10 +29,11 @@ from jitterkit.estimators.first import (
 )
 from jitterkit.estimators.register import at_first, cut_out
 from jitterkit.estimators.shape import is_decisive
-from jitterkit.forward import Parameters, expected_image, image_and_jacobian, in_single, single
+from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.likelihood import Data, chi_squared, equations_of, is_clear
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
+from jitterkit.precision import in_single, single
 
 __all__ = ["SETTLED", "End", "compared", "several"]
 

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.estimators.first import First
-from jitterkit.forward import single
 from jitterkit.likelihood import Data
+from jitterkit.precision import single
 
 __all__ = ["at_first", "cut_out"]
 

@@ -26,9 +26,9 @@ from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, p
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus
+from jitterkit.metric import invert_information
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
 from jitterkit.scene import Binary
-from jitterkit.scoring import invert_information
 
 __all__ = ["Repeat", "Repeated"]
 

@@ -24,8 +24,9 @@ from jitterkit.forward import Parameters, parameter_names
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Mvn, Shaped
 from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, fourth_cumulants
+from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import climb_a_little, invert_information
+from jitterkit.scoring import climb_a_little
 
 __all__ = [
     "CumulantStep",

@@ -20,10 +20,10 @@ from jitterkit.forward import Parameters, expected_image, free_parameters, to_ve
 from jitterkit.frames.frame import RawFrame
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import axis_variances, covariance_on_axis
+from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.refit.result import moments_of
-from jitterkit.scoring import invert_information
 
 __all__ = ["Forecast", "expected_data", "forecast"]
 

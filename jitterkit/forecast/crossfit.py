@@ -16,10 +16,10 @@ from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.forecast.bound import expected_data
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.likelihood import Data, normal_equations
+from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
-from jitterkit.scoring import invert_information
 
 __all__ = ["CrossFit", "noise_free_fit"]
 

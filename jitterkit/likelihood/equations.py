@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jitterkit.forward import Parameters, expected_image, image_and_jacobian, single
+from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.likelihood.data import Data, ceiling_distance, mean_counts, relative_residual, telling
 from jitterkit.optics.otf import OTF
+from jitterkit.precision import single
 
 __all__ = [
     "NormalEquations",

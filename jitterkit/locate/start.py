@@ -20,10 +20,11 @@ from jitterkit.likelihood import Data, pearson
 from jitterkit.locate.pair import FoundPair, find_pairs, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
+from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Binary
-from jitterkit.scoring import Prior, climb, invert_information
+from jitterkit.scoring import Prior, climb
 
 __all__ = ["Start", "locate_binary"]
 

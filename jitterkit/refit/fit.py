@@ -18,6 +18,7 @@ import numpy as np
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.loci import Locus, Streak
+from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
@@ -25,7 +26,7 @@ from jitterkit.refit.leashes import leashes
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
-from jitterkit.scoring import DROWNED, Climb, climb, invert_information
+from jitterkit.scoring import DROWNED, Climb, climb
 
 __all__ = [
     "SETTLED",

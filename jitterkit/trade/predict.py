@@ -25,9 +25,9 @@ from jitterkit.forward import Parameters, expected_image, free_parameters, image
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data, NormalEquations, equations_of
 from jitterkit.loci import Mvn
+from jitterkit.metric import invert_information
 from jitterkit.refit import FitResult
 from jitterkit.refit.choose import DETECTED, shows_no_jitter
-from jitterkit.scoring import invert_information
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
 

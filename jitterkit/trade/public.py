@@ -15,10 +15,10 @@ import numpy as np
 
 from jitterkit.forward import Parameters, image_and_jacobian
 from jitterkit.loci import Linear
+from jitterkit.metric import invert_information
 from jitterkit.optics import OpticalSystem, grid_for, lines, toliman_pupil
 from jitterkit.optics.public import PUBLIC_LINES, PUBLIC_SHAPE, public_image
 from jitterkit.scene import Binary
-from jitterkit.scoring import invert_information
 from jitterkit.trade.ladder import Point
 
 __all__ = ["public_points"]

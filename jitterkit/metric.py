@@ -1,0 +1,78 @@
+"""Steps, lengths and covariances from an information matrix, in units that make its diagonal one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+__all__ = ["LEAST_DAMPING", "Metric", "invert_information"]
+
+LEAST_DAMPING = 1e-9
+"""Damping of a step that is hardly damped: it keeps one along a direction without information finite."""
+
+
+class Metric(NamedTuple):
+    """What steps are made and measured with: information, and the curvature that it makes with a prior.
+
+    The curvature, in units of ``scale`` that make its diagonal one, is ``vectors @ diag(sizes) @ vectors.T``.
+    """
+
+    information: Array
+    curvature: Array
+    scale: Array
+    sizes: Array
+    vectors: Array
+
+    @classmethod
+    def of(cls, information, stiffness) -> Metric:
+        curvature = information + stiffness
+        scale = jnp.sqrt(jnp.diag(curvature))
+        scale = jnp.where(scale > 0, scale, 1.0)
+        sizes, vectors = jnp.linalg.eigh(curvature / jnp.outer(scale, scale))
+        return cls(information, curvature, scale, jnp.maximum(sizes, 0.0), vectors)
+
+    def step(self, score, damping=LEAST_DAMPING):
+        """The damped step that a score asks for."""
+        along = self.vectors.T @ (score / self.scale)
+        return self.vectors @ (along / (self.sizes + damping)) / self.scale
+
+    def length(self, score):
+        """Length of the undamped step, in standard errors."""
+        return jnp.sqrt(jnp.abs(score @ self.step(score)))
+
+
+def invert_information(information) -> tuple[np.ndarray, bool]:
+    """Invert an information matrix.
+
+    Parameters
+    ----------
+    information : (p, p) array
+        Symmetric; taken in units that make its diagonal one, so that those of the parameters do not
+        matter.
+
+    Returns
+    -------
+    covariance : (p, p) array
+        NaN where the information is singular to rounding.
+    sound : bool
+        Whether it is not.
+    """
+    information = np.asarray(information)
+    scale = np.sqrt(np.diag(information))
+    sound = bool(np.all(np.isfinite(information)) and np.all(scale > 0))
+    if sound and len(scale):
+        unit = information / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(unit)
+        sound = bool(values[0] > len(values) * _rounding(information.dtype) * values[-1])
+    if not sound or not len(scale):
+        return np.full_like(information, np.nan), sound
+    return (vectors / values) @ vectors.T / np.outer(scale, scale), True
+
+
+def _rounding(kind: np.dtype) -> float:
+    """Share by which an eigenvalue of an information is uncertain: it sums squares of 32-bit slopes."""
+    single = float(np.finfo(np.float32).eps)
+    return single if kind == np.float32 else single**2
