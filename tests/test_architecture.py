@@ -16,7 +16,7 @@ import jitterkit
 ROOT = Path(jitterkit.__file__).parent
 
 FLOORS = [
-    {"errors", "conventions"},
+    {"errors", "conventions", "metric", "precision"},
     {"vision", "loci", "scene", "series", "docs"},
     {"frames", "motion"},
     {"optics", "detectors", "shutter"},

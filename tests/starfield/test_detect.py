@@ -52,6 +52,15 @@ def test_blends_saturated_stars_and_stars_at_the_edge_are_left_out(star):
     assert sorted(zip(stars.x.round(), stars.y.round(), strict=True)) == [(40, 90), (90, 40), (90, 90)]
 
 
+def test_a_star_too_faint_for_its_moments_is_left_out_and_a_brighter_one_is_not(star):
+    image = placed(star, PLACES)
+    for flux, expected in ((700.0, len(PLACES)), (7e3, len(PLACES) + 1)):
+        one_more = placed(star, [(200, 60)], flux) - 100.0  # its own light and noise
+        stars = find_stars(Frame(image + one_more, 0.0))
+        assert len(stars) == expected
+        assert (nearest(np.array([(200, 60)]), stars) < 1.0) == (expected > len(PLACES))
+
+
 def test_a_streak_across_the_field_is_no_star(star):
     image = placed(star, PLACES)
     for x in range(10, 130):
