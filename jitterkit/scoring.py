@@ -57,15 +57,15 @@ class Prior(eqx.Module):
         Inverse covariance, arcsec⁻⁴; zero where nothing is known.
     """
 
-    mean: Float[Array, " p"]
-    precision: Float[Array, "p p"]
-    moments: Float[Array, "3"] = field(default_factory=lambda: jnp.zeros(3))
-    moments_precision: Float[Array, "3 3"] = field(default_factory=lambda: jnp.zeros((3, 3)))
+    mean: Float[Array | np.ndarray, " p"]
+    precision: Float[Array | np.ndarray, "p p"]
+    moments: Float[Array | np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+    moments_precision: Float[Array | np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
 
     @classmethod
     def none(cls, size: int) -> Prior:
         """No prior on any of ``size`` parameters."""
-        return cls(jnp.zeros(size), jnp.zeros((size, size)))
+        return cls(np.zeros(size), np.zeros((size, size)))
 
     def costs(self, values, moments) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """What the prior adds to the deviance: its quadratic forms of the parameters and of the moments."""
@@ -155,7 +155,7 @@ def climb(
     *,
     steps: int = 50,
     tolerance: float = 1e-4,
-    known: Float[Array, "p p"] | None = None,
+    known: Float[Array | np.ndarray, "p p"] | None = None,
 ) -> Climb:
     """Climb to the maximum of the posterior.
 
@@ -179,9 +179,9 @@ def climb(
     -------
     climb : Climb
     """
-    known = jnp.zeros((len(free), len(free))) if known is None else known
+    known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
-    return _climb(start, otf, data, free, prior, known, jnp.asarray(steps), jnp.asarray(tolerance))
+    return _climb(start, otf, data, free, prior, known, np.asarray(steps), np.asarray(tolerance))
 
 
 @eqx.filter_jit

@@ -23,6 +23,7 @@ FLOORS = [
     {"forward", "instruments", "photons", "calibration"},
     {"likelihood", "simulate"},
     {"scoring", "kernel_estimate"},
+    {"linearisation"},
     {"locate", "estimators", "extended", "starfield", "kernels"},
     {"refit"},
     {"forecast", "joint"},

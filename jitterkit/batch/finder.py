@@ -9,7 +9,8 @@ import functools
 import logging
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +18,8 @@ import numpy as np
 from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import scale_hint, why_unusable
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError, out_of_memory
-from jitterkit.estimators import KernelEstimate, estimator
+from jitterkit.estimators import KernelEstimate, estimate_score, estimator
+from jitterkit.estimators.score import estimate_from_normal
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
@@ -48,7 +50,8 @@ SCORE = "score"
 """The estimator that is what finding the pair does, as far as a fit's start goes."""
 
 
-class Estimated(NamedTuple):
+@dataclass(frozen=True)
+class Estimated:
     """What a frame shows before everything of it is fitted.
 
     Attributes
@@ -56,19 +59,23 @@ class Estimated(NamedTuple):
     data : Data
     parameters : Parameters
         Of the pair, with a normal locus.
-    otf : OTF
-        About aberrations very near theirs.
     estimate : KernelEstimate
+    optics : Optics
+    searched : OTF or None
+        About aberrations very near the pair's, where it was searched for; None where the frame was registered
+        to another, which tells too that the parameters describe it.
     """
 
     data: Data
     parameters: Parameters
-    otf: OTF
     estimate: KernelEstimate
+    optics: Optics
+    searched: OTF | None = None
 
-
-_Found = tuple[Parameters, OTF, KernelEstimate | None]
-"""Pair, optics and blur; None for an estimate that is still to be made."""
+    @cached_property
+    def otf(self) -> OTF:
+        """About aberrations very near the parameters'."""
+        return self.optics.otf(self.parameters.aberrations) if self.searched is None else self.searched
 
 
 @dataclass
@@ -142,13 +149,14 @@ class Finder:
         estimated : Estimated or FitResult
         """
         data = Data.of(frame, censored=self.censored)
-        found = self._repeated(frame, data) or self._located(frame, data, rough and self.kernel == SCORE)
+        found = self._registered(frame, data, rough) or self._located(frame, data, rough)
         if isinstance(found, FitResult):
             return found
-        parameters, otf, estimate = found
-        if estimate is None:
-            estimate = estimator(self.kernel)(data, parameters, otf, hold=self.options.hold)
-        return Estimated(data, parameters, otf, replace(estimate, source=frame.name, digest=frame.digest))
+        if self.kernel != SCORE:
+            blur = estimator(self.kernel)(data, found.parameters, found.otf, hold=self.options.hold)
+            found = replace(found, estimate=blur)
+        estimate = replace(found.estimate, source=frame.name, digest=frame.digest)
+        return replace(found, estimate=estimate)
 
     def wavefront(self, frame: Frame) -> Parameters | None:
         """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
@@ -163,7 +171,7 @@ class Finder:
 
     def repeats(self, frame: Frame) -> bool:
         """Whether a frame shows what others have shown, so that its pair is in no doubt."""
-        return self._repeated(frame, Data.of(frame)) is not None
+        return self._registered(frame, Data.of(frame), rough=True) is not None
 
     def optics(self, frame: Frame) -> Optics:
         """Optics on a frame's grid, at the scale the frame says it has."""
@@ -192,23 +200,33 @@ class Finder:
         message = f"{Status.MISMATCH.value}: {error} {hint}".rstrip()
         return FitResult.from_error(Status.MISMATCH, error, message)
 
-    def _repeated(self, frame: Frame, data: Data) -> _Found | None:
+    def _registered(self, frame: Frame, data: Data, rough: bool) -> Estimated | None:
         """What a frame shows that repeats others; None of one that does not."""
         known = self.known.get(self.grid(frame))
-        if known is None or known.repeat is None or (repeated := known.repeat.estimate(data)) is None:
+        start = None if known is None or known.reference is None else known.reference.locate(data)
+        if known is None or start is None:
             return None
-        parameters = repeated.parameters.with_locus(Mvn.near(repeated.estimate.moments))
-        otf = known.optics(frame).otf(parameters.aberrations)
-        return parameters, otf, repeated.estimate if self.kernel == SCORE else None
+        if rough and start.describes(start.parameters):
+            parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
+            estimate = KernelEstimate(moments, start.covariance, SCORE)
+        else:
+            told = (start.covariance, start.otf, start.data, self.options.hold)
+            estimate, parameters = estimate_from_normal(start.parameters, *told)
+            if not start.describes(parameters):
+                return None
+            parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
+        return Estimated(data, start.in_frame(parameters), estimate, known.optics(frame))
 
-    def _located(self, frame: Frame, data: Data, rough: bool) -> _Found | FitResult:
-        """What a frame shows that is searched through; with the blur that was found if that is enough."""
-        start = self._locate(frame, data, rough=rough)
+    def _located(self, frame: Frame, data: Data, rough: bool) -> Estimated | FitResult:
+        """What a frame shows that is searched through."""
+        start = self._locate(frame, data, rough=rough and self.kernel == SCORE)
         if isinstance(start, FitResult):
             return start
-        moments = np.asarray(start.parameters.locus.moments())
-        estimate = KernelEstimate(moments, start.covariance, self.kernel) if rough else None
-        return start.parameters, start.otf, estimate
+        if rough or self.kernel != SCORE:  # any other estimate takes the place of this one
+            estimate = KernelEstimate(np.asarray(start.parameters.locus.moments()), start.covariance, SCORE)
+        else:
+            estimate = estimate_score(data, start.parameters, start.otf, hold=self.options.hold)
+        return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf)
 
     def _locate(self, frame: Frame, data: Data, *, rough: bool = False) -> Start | FitResult:
         """Find the pair, or say why not."""

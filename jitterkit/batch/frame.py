@@ -138,8 +138,8 @@ class Processor(Finder):
         found = self.estimate(frame, rough=True)
         if isinstance(found, FitResult):
             return found
-        data, parameters, otf, estimate = found
-        common = (data, self.optics(frame), parameters, estimate.moments, otf, self.options_of(frame))
+        estimate, where = found.estimate, (found.data, found.optics, found.parameters)
+        common = (*where, estimate.moments, found.otf, self.options_of(frame))
         if self.locus == "auto":
             result = fit_best_locus(*common, estimate.covariance)
         else:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from astropy.table import QTable
@@ -24,8 +24,6 @@ from jitterkit.refit.prior_file import CORRELATIONS
 from jitterkit.report.words import printable
 
 __all__ = ["estimate_files"]
-
-T = TypeVar("T")
 
 _MOMENTS = ("sxx", "sxy", "syy")
 _POWERS = dict.fromkeys((*_MOMENTS, *(f"{name}_err" for name in _MOMENTS)), 2)
@@ -80,8 +78,7 @@ def estimate_files(
         return partial(_begin, measurer.among(batch, hdu))
 
     rows: list[dict[str, Any]] = []
-    size, threads = measurer.handful, measurer.threads
-    for batch, results in in_threads(batches, begin, _measure, handful=size, hdu=hdu, threads=threads):
+    for batch, results in in_threads(batches, begin, _measure, hdu=hdu, threads=measurer.threads):
         for (path, index), result in zip(batch.items, results, strict=True):
             rows.append(_row(path, index, measurer, result, keep))
             if watch is not None and index == 0:
@@ -114,17 +111,13 @@ class _Ready(NamedTuple):
     begun: Any
     digest: str | None = None
 
-    def again(self) -> _Ready:
-        """Begun at last."""
-        if self.digest is not None:
-            return self
+    def measured(self) -> tuple[Measured | FitResult, str]:
+        """What measuring it gives."""
         if isinstance(self.begun, Exception):
             raise self.begun
-        return _Ready(self.measurer, self.measurer.begin(self.begun), self.begun.digest)
-
-    def told(self, measure: Callable[[], Measured | FitResult]) -> tuple[Measured | FitResult, str]:
-        """What measuring it gives."""
-        return measure(), self.digest or ""
+        if self.digest is None:
+            return self.measurer.measure(self.measurer.begin(self.begun)), self.begun.digest
+        return self.measurer.measure(self.begun), self.digest
 
 
 def _begin(measurer: Measurer[Any], path: Path, index: int, raw: RawFrame | JitterkitError) -> _Ready:
@@ -137,37 +130,10 @@ def _begin(measurer: Measurer[Any], path: Path, index: int, raw: RawFrame | Jitt
         return _Ready(measurer, raw)
 
 
-def _measure(frames: list[_Ready], last: bool) -> list[_Result]:
-    """Measure some frames of a batch: together, or one after the other where memory has run out."""
-    if last and len(frames) > 1:
-        return [result for frame in frames for result in _alone(frame)]
-    ready = [_tried(frame.again, last) for frame in frames]
-    sound = [one for one in ready if isinstance(one, _Ready)]
-    many = _tried(partial(frames[0].measurer.measure, [one.begun for one in sound]), last)
-    if isinstance(many, Exception) and len(frames) > 1:  # whose it is shows each alone
-        return [result for frame in frames for result in _measure([frame], last)]
-    if isinstance(many, Exception):
-        return [one if isinstance(one, Exception) else many for one in ready]
-    each = iter(many)
-    return [
-        one if isinstance(one, Exception) else _tried(partial(one.told, next(each)), last) for one in ready
-    ]
-
-
-def _alone(frame: _Ready) -> list[_Result]:
-    """Measure a frame with nothing beside it but what is being read; that may have been too much too."""
+def _measure(frame: _Ready, last: bool) -> _Result:
+    """Measure a frame, or say what it raised; where no other try is left, a lack of memory too."""
     try:
-        return _measure([frame], False)
-    except Exception as error:
-        if not out_of_memory(error):
-            raise
-    return _measure([frame], True)  # not where the error still holds what it was made of
-
-
-def _tried(do: Callable[[], T], last: bool) -> T | Exception:
-    """What comes of it, be it an error of the frame's; where no other try is left, a lack of memory too."""
-    try:
-        return do()
+        return frame.measured()
     except _BREAKDOWNS as error:
         return error
     except Exception as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
 from jitterkit.batch.measured import Measured
@@ -38,11 +37,6 @@ class Measurer(Protocol[Begun]):
         """Frames of a batch, all of which are held until it is done."""
         ...
 
-    @property
-    def handful(self) -> int:
-        """Frames of a batch that are best measured together, by one thread."""
-        ...
-
     def among(self, batch: Batch, hdu: int | None) -> Measurer[Begun]:
         """The same for the frames of a batch, with what they show together."""
         ...
@@ -51,9 +45,6 @@ class Measurer(Protocol[Begun]):
         """Do what is best done where frames are read; a JitterkitError says why it cannot be."""
         ...
 
-    def measure(self, begun: Sequence[Begun]) -> Sequence[Callable[[], Measured | FitResult]]:
-        """Do what is best done for several frames together; each that is returned measures one of them.
-
-        It says in a status why it cannot, or in a JitterkitError.
-        """
+    def measure(self, begun: Begun) -> Measured | FitResult:
+        """Measure a frame; it says in a status why it cannot, or in a JitterkitError."""
         ...

@@ -6,9 +6,9 @@ of a star field it gives the PSF, of any other scene the scene itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -78,11 +78,6 @@ class SceneMeasurer:
         """One: a frame may be as large as its camera."""
         return 1
 
-    @property
-    def handful(self) -> int:
-        """One, for the same reason."""
-        return 1
-
     def among(self, batch: Batch, hdu: int | None) -> SceneMeasurer:
         """Itself: every frame is compared with the reference alone."""
         return self
@@ -102,11 +97,7 @@ class SceneMeasurer:
         """Nothing yet."""
         return raw
 
-    def measure(self, begun: Sequence[RawFrame]) -> list[Callable[[], Measured]]:
-        """One by one."""
-        return [partial(self.measure_one, raw) for raw in begun]
-
-    def measure_one(self, raw: RawFrame) -> Measured:
+    def measure(self, raw: RawFrame) -> Measured:
         """Measure one frame.
 
         Raises

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.estimators.repeat import Repeat
 from jitterkit.frames import Frame
+from jitterkit.locate import ReferenceFrame
 from jitterkit.optics import AnchoredOptics
 
 __all__ = ["Shown"]
@@ -20,12 +20,12 @@ class Shown:
     Attributes
     ----------
     anchored : AnchoredOptics
-    repeat : Repeat or None
-        What they may repeat; then pair and blur need not be searched for.
+    reference : ReferenceFrame or None
+        What they may be registered to; then pair and blur need not be searched for.
     """
 
     anchored: AnchoredOptics
-    repeat: Repeat | None = None
+    reference: ReferenceFrame | None = None
 
     def optics(self, frame: Frame) -> AnchoredOptics:
         """The optics for a frame: how far they reach depends on its light."""

@@ -2,8 +2,8 @@
 
 Reach for :func:`process_batches`.  Frames are read and calibrated one after the other while threads fit
 those before; no more than two batches are held at a time, however many there are.  Frames of a batch that one
-telescope took are fitted about one :class:`~jitterkit.optics.Anchor`, and begun where one of them repeats
-another (:class:`~jitterkit.estimators.repeat.Repeat`), twenty times as fast; what is left out of their
+telescope took are fitted about one :class:`~jitterkit.optics.Anchor`, and registered to one of them
+(:class:`~jitterkit.locate.ReferenceFrame`) instead of searched for their pair; what is left out of their
 optics stays below what a single fit leaves out, 0.1 sigma of the whole image.
 
 What a batch gives depends on its frames and its lead alone, to the last digit: not on who else is working,
@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -106,7 +106,7 @@ def process_batches(
     drawing: deque[_Drawing] = deque()
     with ThreadPoolExecutor(1, "draw") as painter:  # while frames go on being read
         try:
-            for batch, results in in_threads(batches, begin, _fit_each, hdu=hdu, threads=threads):
+            for batch, results in in_threads(batches, begin, _call, hdu=hdu, threads=threads):
                 known = chain(ranks(), *(one.ranks() for one in drawing))
                 drawing.append(_Drawing.begin(painter, batch, results, known))
                 del results  # their images need not wait for the next batch
@@ -125,9 +125,8 @@ _Prepare = Callable[[Path, int, RawFrame | JitterkitError], U]
 def in_threads(
     batches: Iterable[Batch],
     begin: Callable[[Batch], _Prepare[U]],
-    work: Callable[[list[U], bool], list[T]],
+    work: Callable[[U, bool], T],
     *,
-    handful: int = 1,
     hdu: int | None = None,
     threads: int | None = None,
 ) -> Iterator[tuple[Batch, list[T]]]:
@@ -139,10 +138,7 @@ def in_threads(
     begin : callable
         Called with each batch before its frames are read; returns a function that prepares a frame, here.
     work : callable
-        Called in a thread with some frames as they were prepared, and whether it is alone
-        (:meth:`Room.do`); returns what comes of each.
-    handful : int
-        Frames of a batch that are worked on together, or fewer, so that there is something for every thread.
+        Called in a thread with a frame as it was prepared, and whether it is alone (:meth:`Room.do`).
     hdu, threads
         As for :func:`process_batches`.
 
@@ -153,21 +149,20 @@ def in_threads(
         Of its frames, in order.
     """
     threads = threads or cores()
-    waiting: deque[tuple[Batch, list[Future[list[T]]]]] = deque()
-    room, ahead = Room(threads), threading.Semaphore(threads + max(1, threads * _AHEAD // handful))
+    waiting: deque[tuple[Batch, list[Future[T]]]] = deque()
+    room, ahead = Room(threads), threading.Semaphore(threads * (1 + _AHEAD))
     with ThreadPoolExecutor(threads, "fit") as pool:
         try:
             for batch in batches:
                 while len(waiting) > 1:  # for a frame that takes long no more are held than these
                     yield _results(*waiting.popleft())
                 prepare = _begun(begin, batch, waiting)
-                tasks: list[Future[list[T]]] = []
+                tasks: list[Future[T]] = []
                 waiting.append((batch, tasks))
-                ready = (prepare(*entry) for entry in read_items(batch.items, hdu))
-                size = max(1, min(handful, len(batch.items) // threads))
-                while some := list(islice(ready, size)):
+                for entry in read_items(batch.items, hdu):
+                    one = prepare(*entry)
                     ahead.acquire()
-                    tasks.append(pool.submit(room.do, partial(work, some)))
+                    tasks.append(pool.submit(room.do, partial(work, one)))
                     tasks[-1].add_done_callback(lambda _: ahead.release())
                     if len(waiting) > 1 and all(task.done() for task in waiting[0][1]):
                         yield _results(*waiting.popleft())
@@ -180,7 +175,7 @@ def in_threads(
 def _begun(
     begin: Callable[[Batch], _Prepare[U]],
     batch: Batch,
-    waiting: Iterable[tuple[Batch, list[Future[list[T]]]]],
+    waiting: Iterable[tuple[Batch, list[Future[T]]]],
 ) -> _Prepare[U]:
     """Begin a batch; if memory runs out, once more when nothing else is under way."""
     try:
@@ -192,8 +187,8 @@ def _begun(
         return begin(batch)
 
 
-def _results(batch: Batch, tasks: list[Future[list[T]]]) -> tuple[Batch, list[T]]:
-    return batch, [result for task in tasks for result in task.result()]
+def _results(batch: Batch, tasks: list[Future[T]]) -> tuple[Batch, list[T]]:
+    return batch, [task.result() for task in tasks]
 
 
 @dataclass(frozen=True)
@@ -243,8 +238,8 @@ def _picture(done: Processed, row: Row) -> FrameReport:
 _Fit = Callable[[bool], tuple[Processed, Row]]
 
 
-def _fit_each(fits: list[_Fit], last: bool) -> list[tuple[Processed, Row]]:
-    return [fit(last) for fit in fits]
+def _call(fit: _Fit, last: bool) -> tuple[Processed, Row]:
+    return fit(last)
 
 
 def _prepare(

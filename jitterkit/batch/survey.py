@@ -13,11 +13,12 @@ import numpy as np
 from jitterkit.batch.finder import Finder, GridKey
 from jitterkit.batch.shown import Shown
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
-from jitterkit.estimators.repeat import Repeat
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
+from jitterkit.linearisation import SETTLED
+from jitterkit.locate import ReferenceFrame
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
-from jitterkit.refit.fit import SETTLED, settled
+from jitterkit.refit.fit import settled
 
 __all__ = ["Item", "Survey", "read_items"]
 
@@ -71,8 +72,9 @@ class Survey:
         optics = self._finder.optics(frame)
         if not isinstance(optics, OpticalSystem):
             return None
-        repeat = Repeat.of(wavefront, optics, self._finder.options.hold)
-        return Shown(self._anchored(self._finder.grid(frame), optics, wavefront), repeat)
+        anchored = self._anchored(self._finder.grid(frame), optics, wavefront)
+        hold = self._finder.options.hold
+        return Shown(anchored, ReferenceFrame.of(wavefront, optics, anchored.anchor, hold))
 
     def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:
         shown_state = np.asarray(shown.aberrations)

@@ -28,7 +28,7 @@ from jitterkit.loci import Mvn, Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little
 
-__all__ = ["estimate_score"]
+__all__ = ["estimate_from_normal", "estimate_score"]
 
 
 def estimate_score(
@@ -88,23 +88,46 @@ def estimate_score(
         )
     if shape is not None:
         return _of_known_shape(normal, shape, otf, data, hold)
+    return estimate_from_normal(normal, covariance, otf, data, hold)[0]
+
+
+def estimate_from_normal(
+    normal: Parameters, covariance: np.ndarray, otf: OTF, data: Data, hold: Collection[str]
+) -> tuple[KernelEstimate, Parameters]:
+    """Estimate second moments, and test the shape of the blur, from the fit of a normal.
+
+    Parameters
+    ----------
+    normal : Parameters
+    covariance : (3, 3) array
+        Of its moments, arcsec⁴.
+    otf : OTF
+        Expanded near there.
+    data : Data
+    hold : collection of str
+        What the fit held.
+
+    Returns
+    -------
+    estimate : KernelEstimate
+        As :func:`estimate_score` gives it.
+    parameters : Parameters
+        All that was fitted with its blur.
+    """
     moments = np.asarray(normal.locus.moments())
     if not is_detected(moments, covariance):
-        return KernelEstimate(moments, covariance, "score")
+        return KernelEstimate(moments, covariance, "score"), normal
     step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data)
     told = step.shape()
     blur = fit_shape(step, otf, data, hold) if is_decisive(told.error) else None
     if blur is None:
         covariance = doubted(covariance, np.array([told.response[name] for name in Shaped.names[:3]]))
-        return KernelEstimate(moments, covariance, "score", shape=told.kurtosis, shape_err=told.error)
-    return KernelEstimate(
-        np.asarray(blur.locus.moments()),
-        blur.covariance[:3, :3],
-        "score",
-        shape=blur.kurtosis,
-        shape_err=blur.kurtosis_err,
-        locus=blur.locus,
-    )
+        shape, error = told.kurtosis, told.error
+        return KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error), normal
+    moments, covariance = np.asarray(blur.locus.moments()), blur.covariance[:3, :3]
+    shape, error = blur.kurtosis, blur.kurtosis_err
+    estimate = KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error, locus=blur.locus)
+    return estimate, blur.parameters
 
 
 def _of_known_shape(

@@ -22,7 +22,7 @@ from jaxtyping import Array
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, parameter_names
 from jitterkit.likelihood import Data, normal_equations
-from jitterkit.loci import Mvn, Shaped
+from jitterkit.loci import Locus, Mvn, Shaped
 from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, fourth_cumulants
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
@@ -73,13 +73,19 @@ class ShapedBlur(NamedTuple):
 
     Attributes
     ----------
-    locus : Shaped
+    parameters : Parameters
+        All that was fitted, with a locus ``Shaped``.
     covariance : (4, 4) or (3, 3) array
         Of its moments and kurtosis; of its moments, if the kurtosis was known.
     """
 
-    locus: Shaped
+    parameters: Parameters
     covariance: np.ndarray
+
+    @property
+    def locus(self) -> Locus:
+        """The blur itself."""
+        return self.parameters.locus
 
     @property
     def kurtosis(self) -> float:
@@ -243,7 +249,7 @@ def _settle(
     start = Shaped(jnp.append(normal.locus.moments(), kurtosis))
     end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS, known)
     settled = bool(end.converged) and np.all(np.isfinite(covariance))
-    return ShapedBlur(start.at(end.parameters.locus.coords), covariance) if settled else None
+    return ShapedBlur(end.parameters, covariance) if settled else None
 
 
 def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from jitterkit.forward import Parameters, free_parameters, parameter_names, to_v
 from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.likelihood import Data, normal_equations
+from jitterkit.linearisation import SETTLED, linearisation_error
 from jitterkit.locate import locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.otf import OTF
@@ -27,7 +28,7 @@ from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, Status
 from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
-from jitterkit.refit.fit import SETTLED, fit_and_expand, linearisation_error
+from jitterkit.refit.fit import fit_and_expand
 from jitterkit.refit.starts import starting_point
 from jitterkit.shutter import Shutter
 

@@ -2,5 +2,6 @@
 
 from jitterkit.locate.pair import FoundPair, find_pairs
 from jitterkit.locate.start import Start, locate_binary
+from jitterkit.locate.warm import ReferenceFrame, WarmStart
 
-__all__ = ["FoundPair", "Start", "find_pairs", "locate_binary"]
+__all__ = ["FoundPair", "ReferenceFrame", "Start", "WarmStart", "find_pairs", "locate_binary"]

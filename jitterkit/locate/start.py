@@ -17,6 +17,7 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
+from jitterkit.linearisation import SETTLED, climb_and_expand
 from jitterkit.locate.pair import FoundPair, find_pairs, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
@@ -24,7 +25,7 @@ from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Binary
-from jitterkit.scoring import Prior, climb
+from jitterkit.scoring import Prior
 
 __all__ = ["Start", "locate_binary"]
 
@@ -33,9 +34,7 @@ _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a b
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
-_STILL = 0.03  # rad: what the optics may move without being climbed anew adds 0.02 to the deviance per pixel
-_LEFT_OUT = 0.03  # sigmas of the whole image
-_EXPANSIONS = 4  # at most, of the optics: each squares what is left of the way
+_ADDED = 0.02  # deviance per pixel that the optics of a start may add by being off
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
 
 _image = eqx.filter_jit(expected_image)
@@ -128,11 +127,6 @@ def _places(scene: Binary) -> np.ndarray:
     return np.array([x, y])
 
 
-def _unseen(parameters: Parameters) -> float:
-    """Rms phase [rad] whose square, which an expansion leaves out, changes the image by 0.03 of its noise."""
-    return float(np.sqrt(_LEFT_OUT / np.sqrt(max(float(parameters.scene.flux), 1.0))))
-
-
 def _polish(
     data: Data,
     optics: Optics,
@@ -147,15 +141,21 @@ def _polish(
     here = Parameters(pair.scene, locus, otf.state)
     names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
-    tolerance = _NEARBY if rough else _CLOSE
-    end = climb(here, otf, data, free, leash, steps=15, tolerance=tolerance)
-    for _ in range((1 if rough else _EXPANSIONS) if otf.names else 0):
-        moved = optics.phase(np.asarray(end.parameters.aberrations - otf.state))
-        otf = optics.otf(end.parameters.aberrations)
-        if moved < (_STILL if rough else _unseen(end.parameters)):
-            break
-        end = climb(end.parameters, otf, data, free, leash, steps=5, tolerance=tolerance)
     used = max(int(np.sum(np.asarray(data.used))), 1)
+    end, otf, _ = climb_and_expand(
+        here,
+        otf,
+        optics,
+        data,
+        free,
+        leash,
+        enough=float(np.sqrt(_ADDED * used)) if rough else SETTLED,
+        expansions=2 if rough else 5,
+        steps=15,
+        tolerance=_NEARBY if rough else _CLOSE,
+    )
+    if otf.names:
+        otf = optics.otf(end.parameters.aberrations)
     slots = [names.index(name) for name in locus.names]
     covariance, _ = invert_information(end.information)
     return Start(end.parameters, otf, float(end.objective) / used, covariance[np.ix_(slots, slots)])

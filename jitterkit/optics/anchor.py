@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, derivatives_at
+from jitterkit.optics.otf import OTF, centring, derivatives_at
 from jitterkit.optics.system import OpticalSystem
 
 __all__ = ["Anchor", "AnchoredOptics"]
@@ -82,6 +82,29 @@ class Anchor(eqx.Module):
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
         """
         return _renewed(self, jnp.asarray(aberrations, float))
+
+    def within(self, grid: Grid) -> Anchor:
+        """The same on a smaller grid of the same pixels, whose fine sides are even or odd as these are.
+
+        The point spread function is cut there; what it has beyond is lost.
+        """
+        return _cut(self, grid)
+
+
+@eqx.filter_jit
+def _cut(anchor: Anchor, grid: Grid) -> Anchor:
+    first = [(n - m) // 2 for n, m in zip(anchor.grid.fine_shape, grid.fine_shape, strict=True)]
+    (ny, nx), (my, mx) = anchor.grid.fine_shape, grid.fine_shape
+
+    def cut(parts):
+        halves = jnp.reshape(parts, (len(parts), 2, ny, nx // 2 + 1))
+        spectra = jax.lax.complex(halves[:, 0], halves[:, 1]) / centring(anchor.grid)
+        psf = jnp.fft.irfft2(spectra, s=(ny, nx))[:, first[0] : first[0] + my, first[1] : first[1] + mx]
+        flat = jnp.reshape(jnp.fft.rfft2(psf) * centring(grid), (len(parts), -1))
+        return jnp.concatenate([flat.real, flat.imag], axis=1).astype(parts.dtype)
+
+    value, slopes, curvature = (cut(part) for part in (anchor.value[None], anchor.slopes, anchor.curvature))
+    return Anchor(value[0], slopes, curvature, anchor.state, grid, anchor.names)
 
 
 @eqx.filter_jit

@@ -25,7 +25,11 @@ from jitterkit.optics.grid import DEFAULT_PAD, Grid
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["OTF", "expand", "grid_for"]
+__all__ = ["OTF", "centring", "derivatives_at", "expand", "grid_for"]
+
+
+_BLIND = 1e-9
+"""Change of the transfer function per nm up to which an aberration does not show."""
 
 
 class OTF(eqx.Module):
@@ -73,8 +77,11 @@ class OTF(eqx.Module):
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""
-        largest = np.asarray(_largest(self.jacobian))
-        return tuple(name for name, slope in zip(self.names, largest, strict=True) if slope < 1e-9)
+        slopes = np.asarray(self.jacobian)
+        if np.all(np.abs(slopes[:, :2]).max(axis=(1, 2), initial=0.0) > _BLIND):  # most show in any row
+            return ()
+        largest = np.abs(slopes).max(axis=(1, 2), initial=0.0)
+        return tuple(name for name, slope in zip(self.names, largest, strict=True) if slope < _BLIND)
 
     def psf(self) -> Float[Array, "my mx"]:
         """Point spread function at the state, on the fine grid, centred as the frame is."""
@@ -83,11 +90,6 @@ class OTF(eqx.Module):
         return jnp.fft.irfft2(
             self.value * np.exp(-2j * np.pi * fy * cy) * np.exp(-2j * np.pi * fx * cx), s=self.grid.fine_shape
         )
-
-
-@jax.jit
-def _largest(jacobian):
-    return jnp.sqrt(jnp.max(jacobian.real**2 + jacobian.imag**2, axis=(1, 2), initial=0.0))
 
 
 def grid_for(
@@ -209,11 +211,14 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order):
         jnp.zeros((len(pairs[0]), *grid.fine_shape), jnp.float32),
     ]
     total = jnp.concatenate(jax.lax.scan(add, start, (wavelengths, weights, fields))[0])
-    # The grid of the PSF is symmetric about the axis: remove the phase of its centre.
+    return jnp.fft.rfft2(total) * centring(grid) / jnp.sum(jnp.abs(pupil.transmission) ** 2)
+
+
+def centring(grid: Grid) -> np.ndarray:
+    """What makes a spectrum one about the optical axis: the PSF's samples are symmetric about it."""
     fy, fx = grid.frequencies
     cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
-    spectrum = jnp.fft.rfft2(total) * (np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx))
-    return spectrum / jnp.sum(jnp.abs(pupil.transmission) ** 2)
+    return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)
 
 
 def _monochromatic(field, basis, pairs, pupil_pitch, grid, wavelength):

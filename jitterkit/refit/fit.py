@@ -17,6 +17,7 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
+from jitterkit.linearisation import SETTLED, Expanded, climb_and_expand
 from jitterkit.loci import Locus, Streak
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
@@ -26,35 +27,24 @@ from jitterkit.refit.leashes import leashes
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
-from jitterkit.scoring import DROWNED, Climb, climb
+from jitterkit.scoring import DROWNED, Climb
 
 __all__ = [
-    "SETTLED",
     "FitOptions",
     "fit_and_expand",
     "fit_frame",
-    "linearisation_error",
     "settled",
     "unfinished",
 ]
 
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
-_EXPANSIONS = 10
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
-SETTLED, _USUAL = 0.1, 1e-4
-"""Sigmas of the whole image that the linearised optics may be off by, in a fit to that tolerance or a looser
-one; the tighter, the less."""
+_USUAL = 1e-4
+"""Tolerance of a fit to which the optics are as exact as :data:`~jitterkit.linearisation.SETTLED` has it, and
+of a looser one; the tighter, the less they may be off by."""
 _SHOWN = 0.1
 """Errors of the separation for each of these sigmas, at most: 0.096 in 92 states of eleven telescopes, 0.005
 of TOLIMAN's."""
-_FAST, _AHEAD, _BACK = 1 / 16, 1.0, 0.9
-"""Share of its error that an expansion leaves where those that follow need no help; how far ahead of the
-last climb, and back to the one before, the next may be expanded, in distances of their ends.  Of 480 faint
-and bright frames of a small telescope that were started up to 2 rad from their wavefront all settled, after
-3.4 expansions each."""
-_HOPELESS, _GAIN, _IDLE = 30.0, 0.9, 2
-"""Deviance per pixel from which a fit is given up when so many climbs in a row have not brought it below that
-share of what it was: it would end far above what passes for a fit, after twenty seconds."""
 _TURNING = {"separation", "theta", "contrast"}
 """What says which star is A: where all of it is held, it stays as it was given."""
 _PATIENCE, _SLACK = 100, 0.03
@@ -171,8 +161,19 @@ def fit_and_expand(
         return FitResult(Status.NO_DATA, few), otf
     prior = options.priors.over(names, start.locus)
 
-    def climb_from(data: Data, start: Parameters, otf: OTF) -> tuple[Climb, OTF, int]:
-        return _climb_and_expand(data, optics, start, otf, free, prior, options.tolerance)
+    def climb_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
+        slack = _slack(start.locus)
+        return climb_and_expand(
+            start,
+            otf,
+            optics,
+            data,
+            free,
+            prior,
+            enough=settled(max(_floor(start.locus), options.tolerance)),
+            steps=_PATIENCE if slack else 50,
+            tolerance=max(slack, options.tolerance),
+        )
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations = climb_from(clear, start, otf)
@@ -190,57 +191,6 @@ def fit_and_expand(
         iterations += more
     result = _conclude(clear, otf, end, names, iterations, time.perf_counter() - began)
     return _heed(result, options.priors, free, end), otf
-
-
-def _climb_and_expand(data, optics, start, otf, free, prior, tolerance) -> tuple[Climb, OTF, int]:
-    """Climb, and expand the optics where that led, until the expansion serves where the climb ends.
-
-    Where the climbs of two expansions do not close in on one another quickly (in a faint frame, or where an
-    aberration shows to second order first, each overshoots), the next is at the place that both point to.
-    """
-    iterations, before, way, known = 0, np.inf, None, None
-    idle, last = 0, np.inf
-    enough, tolerance = settled(max(_floor(start.locus), tolerance)), max(_slack(start.locus), tolerance)
-    steps = _PATIENCE if leashes(start.locus) else 50
-    for _ in range(_EXPANSIONS):
-        end = climb(start, otf, data, free, prior, steps=steps, tolerance=tolerance, known=known)
-        iterations += int(end.iterations)
-        start, known = end.parameters, end.information
-        error = linearisation_error(optics, start, otf)
-        if error < enough:
-            return end, otf, iterations
-        level = float(end.objective) / int(np.sum(np.asarray(data.used)))
-        idle, last = 0 if level < _GAIN * last else idle + 1, level
-        if idle >= _IDLE and level > _HOPELESS:
-            break
-        here = (np.asarray(otf.state), np.asarray(start.aberrations))
-        there = here[1] if way is None or error < _FAST * before else _both_point_to(way, here)
-        otf, before, way = optics.otf(there), error, here
-    return end._replace(converged=jnp.asarray(False)), otf, iterations
-
-
-def _both_point_to(before: tuple[np.ndarray, np.ndarray], now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Where a climb would end where it began, by a straight line through two: ``(began, ended)`` each.
-
-    Anderson's mixing with a memory of one (J. ACM 12, 547, 1965), kept from running away.
-    """
-    moved, turned = now[1] - now[0], now[1] - now[0] - (before[1] - before[0])
-    length = turned @ turned
-    share = np.clip(moved @ turned / length, -_AHEAD, _BACK) if length > 0 else 0.0
-    return now[1] - share * (now[1] - before[1])
-
-
-def linearisation_error(optics, parameters: Parameters, otf: OTF) -> float:
-    """What the first-order optics get wrong about the image, in sigmas of all its photons together.
-
-    A change of the wavefront by a phase of rms ``q`` changes the image by about ``q²`` of itself beyond
-    first order, more in its dark parts; its N photons show a share of ``1/sqrt(N)``.  The factor three
-    was measured, on defocus and astigmatism of a plain telescope, where it is worst.
-    """
-    if not otf.names:
-        return 0.0
-    phase = optics.phase(np.asarray(parameters.aberrations - otf.state))
-    return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2
 
 
 def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:

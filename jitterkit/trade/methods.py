@@ -2,8 +2,7 @@
 
 Reach for :func:`separations`.
 
-* ``score``: the scoring step of a frame that repeats another, as ``jitterkit estimate`` takes it; one that
-  does not is searched through, and no more.
+* ``score``: the fit of a normal with which ``jitterkit estimate`` begins.
 * ``mtf``: the blur by the ratio of transfer functions, held as if it were known; all else is fitted.
 * ``refit``: everything is fitted, as ``jitterkit process`` does it.
 * ``joint``: the frames together, as ``jitterkit sequence`` does it, to its own tolerance; they have to share
@@ -63,11 +62,6 @@ def separations(method: str, processor: Processor, frames: Iterable[Frame]) -> n
 
 
 def _scored(processor: Processor, frame: Frame) -> tuple[float, float]:
-    known = processor.known.get(processor.grid(frame))
-    data = Data.of(frame, censored=processor.censored)
-    repeated = None if known is None or known.repeat is None else known.repeat.estimate(data)
-    if repeated is not None:
-        return float(repeated.parameters.binary.separation), math.nan
     return float(_estimated(processor, frame).parameters.binary.separation), math.nan
 
 

@@ -232,7 +232,7 @@ class Example:
         exact = self.image[y0 : y0 + ny, x0 : x0 + nx]
         data = Data.of(replace(frame, electrons=exact), censored=processor.censored).clear(exact)
         image, slopes = image_and_jacobian(truth, otf, free)
-        known = processor.priors.over(names, truth.locus).precision
+        known = jnp.asarray(processor.priors.over(names, truth.locus).precision)
         return names, equations_of(image, slopes, data), known, int(data.used.sum())
 
     def _seen_in(self, frame: Frame, held: Collection[str]) -> Parameters:

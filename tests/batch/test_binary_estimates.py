@@ -65,7 +65,7 @@ class _Blind(Processor):
 
     def estimate(self, frame, **kwargs):
         found = super().estimate(frame, **kwargs)
-        return found._replace(estimate=replace(found.estimate, moments=np.zeros(3), locus=None))
+        return replace(found, estimate=replace(found.estimate, moments=np.zeros(3), locus=None))
 
 
 def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_doubted(

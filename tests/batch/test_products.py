@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +124,7 @@ def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
 class _Same:
     """A measurer that has the same to say of every frame."""
 
-    name, threads, together, handful = "same", 1, 8, 3
+    name, threads, together = "same", 1, 8
 
     def __init__(self, measured):
         self.measured = measured
@@ -136,8 +135,8 @@ class _Same:
     def begin(self, raw):
         return raw
 
-    def measure(self, begun):
-        return [partial(self.measured, raw) for raw in begun]
+    def measure(self, raw):
+        return self.measured(raw)
 
 
 @pytest.mark.parametrize("breakage", ["estimate", "picture"])
@@ -145,7 +144,7 @@ def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, breakage):
     scenes = SceneMeasurer(stars=True)
 
     def measured(raw):
-        found = scenes.measure_one(raw)
+        found = scenes.measure(raw)
         odd = replace(found.estimate, covariance=np.zeros((3, 3)))
         return replace(found, estimate=odd) if breakage == "estimate" else found
 
@@ -162,14 +161,14 @@ def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, breakage):
         assert np.all(np.isnan(table["significance"]))
 
 
-def test_of_a_handful_each_frame_has_a_row_of_its_own(folder, tmp_path):
+def test_each_frame_has_a_row_of_its_own(folder, tmp_path):
     (tmp_path / "broken.fits").write_bytes(b"SIMPLE  =                    T")
     files = [folder / "field.fits", tmp_path / "broken.fits", folder / "view.fits", folder / "sharpview.fits"]
 
     def measured(raw):
         if raw.name == "view.fits":
             raise np.linalg.LinAlgError("Singular matrix")
-        return replace(SceneMeasurer(stars=True).measure_one(raw_field), message=raw.name)
+        return replace(SceneMeasurer(stars=True).measure(raw_field), message=raw.name)
 
     with open_frames(files[0]) as file:
         raw_field = file[0]
@@ -183,25 +182,10 @@ def test_of_a_handful_each_frame_has_a_row_of_its_own(folder, tmp_path):
     assert "" not in digests
 
 
-def test_what_breaks_down_together_is_measured_one_by_one(folder):
-    class Fragile(_Same):
-        def measure(self, begun):
-            if any(raw.name == "view.fits" for raw in begun):
-                raise np.linalg.LinAlgError("Singular matrix")
-            return super().measure(begun)
-
-    files = [folder / name for name in ("field.fits", "view.fits", "sharpview.fits")]
-    table = estimate_files(files, Fragile(SceneMeasurer(stars=True).measure_one))
-    assert list(table["file"]) == [path.name for path in files]
-    assert list(table["message"]).count("Singular matrix") == 1
-    assert table["message"][1] == "Singular matrix"
-    assert table["status"][0] == "ok"
-
-
 @pytest.mark.parametrize(("size", "told"), [(0.5, True), (5.0, False)])
 def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path, size, told):
     def measured(raw):
-        found = SceneMeasurer(stars=True).measure_one(raw)
+        found = SceneMeasurer(stars=True).measure(raw)
         # chi-squared of one moment of size standard errors: 0.25 and 25, of three one in 1000 is beyond 16.3
         noise = replace(found.estimate, moments=size * np.array([1e-3, 0, 0]), covariance=np.eye(3) * 1e-6)
         return replace(found, estimate=replace(noise, locus=None))
@@ -215,7 +199,7 @@ def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path
 @pytest.mark.parametrize(("spread", "remarked"), [(0.01, True), (0.03, False)])
 def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder, spread, remarked):
     def measured(raw):
-        found = SceneMeasurer(stars=True).measure_one(raw)
+        found = SceneMeasurer(stars=True).measure(raw)
         kernel = np.outer([0, 1, 0], [0.25, 0.5, 0.25])  # a variance of half a pixel² along x, none along y
         moments = np.array([0.1, 0.0, 0.0])  # at 0.5 arcsec a pixel the kernel has 0.125
         pixels = replace(found.estimate, kernel=kernel, locus=None, moments=moments)

@@ -7,11 +7,12 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
+from jitterkit.linearisation import linearisation_error
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
-from jitterkit.refit.fit import linearisation_error, unfinished
+from jitterkit.refit.fit import unfinished
 from jitterkit.scene import Binary
 from jitterkit.scoring import climb
 
@@ -194,7 +195,7 @@ def climbs(monkeypatch):
         levels.append(float(end.objective) / int(np.sum(np.asarray(data.used))))
         return end
 
-    monkeypatch.setattr("jitterkit.refit.fit.climb", noted)
+    monkeypatch.setattr("jitterkit.linearisation.climb", noted)
     return levels
 
 

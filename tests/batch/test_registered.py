@@ -1,4 +1,4 @@
-"""Blur of many frames that repeat one another, from files to table."""
+"""Frames of a run that are registered to one of them, from files to table."""
 
 from dataclasses import replace
 
@@ -9,12 +9,10 @@ from jitterkit.batch import Processor
 from jitterkit.batch.binary import BinaryMeasurer
 from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.plan import plan_batches
-from jitterkit.batch.repeats import Repeats
 from jitterkit.batch.stream import process_batches
 from jitterkit.batch.survey import read_items
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
-from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.optics import obstructed_circle
 from jitterkit.scene import Binary
@@ -44,20 +42,13 @@ def night(telescope, tmp_path_factory):
     return sorted(directory.iterdir()), np.array(truth)
 
 
-def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(telescope, night, monkeypatch):
-    files, truth = night
-    searched = []
-    sound = BinaryMeasurer._from_nothing
-
-    def noted(self, frame):
-        searched.append(frame.name)
-        return sound(self, frame)
-
-    monkeypatch.setattr(BinaryMeasurer, "_from_nothing", noted)
+def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(telescope, night, searched):
+    (files, truth), (names, noting) = night, searched
+    names.clear()
     kept = []
-    table = estimate_files(files, BinaryMeasurer(Processor(telescope)), keep=kept.append)
+    table = estimate_files(files, BinaryMeasurer(noting(telescope)), keep=kept.append)
     assert list(table["status"]) == ["ok"] * FRAMES
-    assert [name.endswith(files[OTHER].name) for name in searched] == [True]
+    assert {name for name in names if name != files[0].name} == {files[OTHER].name}
     pulls = [
         (table[n].value - truth[:, i]) / table[f"{n}_err"].value for i, n in enumerate(("sxx", "sxy", "syy"))
     ]
@@ -73,54 +64,6 @@ def test_threads_do_not_matter(telescope, night, monkeypatch):
         tables.append(estimate_files(files, BinaryMeasurer(Processor(telescope))))
     for name in tables[0].colnames:
         np.testing.assert_array_equal(np.asarray(tables[0][name]), np.asarray(tables[1][name]), err_msg=name)
-
-
-@pytest.mark.slow
-def test_what_is_repeated_is_kept_and_made_anew_when_it_is_not(telescope, night):
-    files, _ = night
-    repeats = Repeats(Processor(telescope))
-    (first,) = repeats.of(((files[0], 0),)).values()
-    (second,) = repeats.of(((files[1], 0), (files[2], 0))).values()
-    assert second is first
-    (third,) = repeats.of(((files[OTHER], 0),)).values()
-    assert third is not first
-    assert float(third.first.parameters.scene.separation) == pytest.approx(15.0, abs=0.1)
-    assert repeats.of(()) == {}
-
-
-def test_a_wavefront_that_moves_on_is_followed_without_another_search(telescope, tmp_path, searched):
-    """By 1.5 nm from lead to lead: for what the first shows the last is three times out of reach."""
-    rng, (names, noting), leads = np.random.default_rng(9), searched, []
-    states = [np.array([5.0 + 1.5 * step, -8.0]) for step in range(9)]
-    for number, state in enumerate(states):
-        scene, path = Binary(10.0, 30.0, 0.2, -0.1, 1e7, 3.37), tmp_path / f"{number}.fits"
-        deep = replace(telescope, detector=replace(telescope.detector, full_well=1e7, bits=22))
-        write_fits(path, simulate_frame(deep, scene, Mvn.of(0.1), aberrations=state, rng=rng).raw.data)
-        leads.append(((path, 0),))
-    names.clear()
-    repeats, known = Repeats(noting(deep)), []
-    for lead, state in zip(leads, states, strict=True):
-        (repeat,) = repeats.of(lead).values()
-        known.append(repeat)
-        # near: half of the way to where the anchor leaves out half a sigma of the image
-        assert replace(repeat.optics, photons=1e7).left_out(state) < 0.5**3 * 0.5 * 1.2
-    assert len(names) == 1
-    assert 3 <= len({id(repeat) for repeat in known}) < len(states)
-    frames = [raw for lead in leads for _, _, raw in read_items(lead, None)]
-    first, last = (Data.of(deep.detector.calibrate(frame)) for frame in (frames[0], frames[-1]))
-    assert known[0].estimate(first) is not None
-    assert known[0].estimate(last) is None
-
-
-@pytest.mark.slow
-def test_frames_that_differ_repeat_nothing(telescope, tmp_path):
-    rng = np.random.default_rng(8)
-    for number, separation in enumerate((9.0, 13.0, 17.0, 21.0)):
-        scene = Binary(separation, 30.0, 0.0, 0.0, 2e5, 3.37)
-        image = simulate_frame(telescope, scene, Mvn.of(0.1), aberrations=[5.0, -8.0], rng=rng).raw.data
-        write_fits(tmp_path / f"{number}.fits", image.astype(np.float32))
-    files = sorted(tmp_path.iterdir())
-    assert Repeats(Processor(telescope)).of(tuple((path, 0) for path in files)) == {}
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,354 @@
+"""Starting values for a frame of a run, by a frame of the same telescope that has been fitted.
+
+Frames of a run repeat each other but for place, light, blur and a little of the wavefront.  A
+:class:`ReferenceFrame` is made of what fits one of them.  Another is registered to it by a correlation, and a
+short fit from there gives all of its parameters in a few milliseconds, where a search takes a hundred.  Of a
+large frame only a cut-out about the pair is used, so small that the errors of the blur grow by a hundredth.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import jax
+import numpy as np
+from scipy import fft
+from scipy.fft import next_fast_len
+from scipy.ndimage import gaussian_filter
+
+from jitterkit.forward import (
+    Parameters,
+    expected_image,
+    free_parameters,
+    image_and_jacobian,
+    parameter_names,
+)
+from jitterkit.likelihood import Data, chi_squared
+from jitterkit.linearisation import climb_and_expand
+from jitterkit.loci import Mvn
+from jitterkit.metric import invert_information
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
+from jitterkit.optics.otf import OTF
+from jitterkit.precision import single
+from jitterkit.scene import Binary
+from jitterkit.scoring import Prior
+
+__all__ = ["ReferenceFrame", "WarmStart"]
+
+_DEARER = 1.01
+"""Factor by which the errors of the moments may grow, for the sake of a smaller cut-out."""
+
+_SPARE = 3
+"""Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
+
+_SEEN = 0.25
+"""Share of its pixels that a frame must show: from few of them several pairs look alike."""
+
+_BRIGHTER = 3.0
+"""Factor by which light may differ: a cut-out that does for a faint frame leaves out much of a bright one."""
+
+_DARK = 1e-5
+"""Share of the brightest pixel that no variance falls below when a cut-out is chosen."""
+
+_AROUND = 1.5
+"""Pixels, 1 sigma, of what stands in for pixels that are not used, to find the pair by."""
+
+_TOLERANCE, _STEPS = 0.05, 20
+"""Standard errors that a start may be off, and evaluations at most."""
+
+_UNSEEN = 0.5
+"""Sigmas of the whole image that the optics may leave out.  Of the errors of the moments it is a fiftieth on
+TOLIMAN (every mode and mixtures, blurs of none to 0.3 arcsec), a twentieth of a small telescope's coma."""
+
+_SURE = 5.0
+"""Standard deviations by which chi-squared may exceed what is expected of it."""
+
+_OWN = {*Binary.names, *Mvn.names}
+"""Parameters that must be fitted."""
+
+_OF_LIGHT = ("flux", "background")
+"""Parameters about which a frame says less, the more light it has."""
+
+
+@dataclass(frozen=True)
+class WarmStart:
+    """What a frame shows of a pair that another has shown.
+
+    Attributes
+    ----------
+    data : Data
+        The pixels that were used: those of a cut-out.
+    parameters : Parameters
+        About the centre of the cut-out, with a normal locus: the maximum of the likelihood.
+    otf : OTF
+        On the cut-out's grid, about aberrations very near these.
+    information : (p, p) array
+    names : tuple of str
+        Of what was fitted.
+    offset : (y, x)
+        Of the cut-out's centre from the frame's, arcsec.
+    """
+
+    data: Data
+    parameters: Parameters
+    otf: OTF
+    information: np.ndarray
+    names: tuple[str, ...]
+    offset: tuple[float, float]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the moments ``(Sxx, Sxy, Syy)``, (3, 3), arcsec⁴."""
+        slots = [self.names.index(name) for name in Mvn.names]
+        return invert_information(self.information)[0][np.ix_(slots, slots)]
+
+    def describes(self, parameters: Parameters) -> bool:
+        """Whether parameters about the cut-out's centre leave as much of it as noise does."""
+        return bool(_excess(parameters, self.otf, self.data) < _SURE)
+
+    def in_frame(self, parameters: Parameters) -> Parameters:
+        """Parameters about the frame's centre."""
+        return _moved(parameters, self.offset)
+
+
+@dataclass(frozen=True)
+class ReferenceFrame:
+    """A frame that others are registered to.  Build it with :meth:`of`.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        What fits it, about the centre of its cut-out, with a normal locus.
+    optics : AnchoredOptics
+        On the cut-out's pixels.
+    image : (ny, nx) array
+        Expected image of the whole frame.
+    spectrum : (ny, nx//2 + 1) complex array
+        Conjugate of its transform, without its mean.
+    corner : (2,) int array
+        First pixel ``(y, x)`` of the cut-out.
+    rim : (int, int)
+        Pixels ``(y, x)`` along each side of the cut-out that are left out: a cut-out is periodic, and light
+        that leaves it on one side comes back on the other.  Zero where the whole frame is used.
+    information : (p, p) array
+    names : tuple of str
+        Of what is fitted.
+    free : tuple of int
+        Positions of the names in the parameter vector.
+    """
+
+    parameters: Parameters
+    optics: AnchoredOptics
+    image: np.ndarray
+    spectrum: np.ndarray
+    corner: np.ndarray
+    rim: tuple[int, int]
+    information: np.ndarray
+    names: tuple[str, ...]
+    free: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls,
+        parameters: Parameters,
+        system: OpticalSystem,
+        anchor: Anchor,
+        hold: Collection[str] = ("background",),
+    ) -> ReferenceFrame | None:
+        """From what fits one frame.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            Of a binary.
+        system : OpticalSystem
+        anchor : Anchor
+            Of the system, near the frame's aberrations.
+        hold : collection of str
+            Parameters to keep.
+
+        Returns
+        -------
+        reference : ReferenceFrame or None
+            None if something of the pair or of its blur is held.
+        """
+        parameters = parameters.with_locus(Mvn.near(parameters.locus.moments()))
+        otf = anchor.otf(parameters.aberrations)
+        if not set(hold).issubset(set(parameter_names(parameters, otf.names)) - _OWN):
+            return None
+        names, free = free_parameters(parameters, otf, hold)
+        image, jacobian = map(np.asarray, _single_slopes(parameters, otf, free))
+        roots = jacobian / np.sqrt(np.maximum(image, _DARK * image.max()))
+        moments = [names.index(name) for name in Mvn.names]
+        window = _window(parameters, roots, moments, system)
+        corner, size, rim = window or (np.zeros(2, int), image.shape, (0, 0))
+        if window is not None:
+            system = replace(system, grid=replace(system.grid, shape=size, pad=0))
+            anchor = anchor.within(system.grid)
+        inner = roots[(slice(None), *_inner(corner, size, rim))].reshape(len(names), -1)
+        moved = _moved(parameters, -_off_centre(corner, size, image.shape) * system.grid.plate_scale)
+        optics = AnchoredOptics.about(system, anchor, float(parameters.scene.flux), parameters.aberrations)
+        spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
+        return cls(moved, optics, image, spectrum, corner, rim, inner @ inner.T, names, free)
+
+    def locate(self, data: Data) -> WarmStart | None:
+        """Find pair, wavefront and blur of another frame.
+
+        Parameters
+        ----------
+        data : Data
+            Pixels that may reach their ceiling are left out.
+
+        Returns
+        -------
+        start : WarmStart or None
+            None if the frame does not show the pair and the wavefront of this one: it has another shape, few
+            pixels, another light by a factor of three, or its pair is cut by its edge; or the fit does not
+            settle near this one.  A blur that is not normal shows in :meth:`WarmStart.describes`.
+        """
+        if data.used.shape != self.image.shape or np.mean(data.used) < _SEEN:
+            return None
+        shift = self._shift(data)
+        steps, size = np.round(shift).astype(int), self.optics.system.grid.shape
+        corner = np.clip(self.corner + steps, 0, np.subtract(self.image.shape, size))
+        beside = shift - (corner - self.corner)
+        if any(self.rim) and np.abs(beside).max() > _SPARE:
+            return None
+        near = np.roll(self.image, steps, (0, 1))[_inner(corner, size, (0, 0))]
+        cut = jax.tree.map(lambda part: np.asarray(part)[_inner(corner, size, (0, 0))], data)
+        inside = np.zeros(size, bool)
+        inside[_inner((0, 0), size, self.rim)] = True
+        cut = eqx.tree_at(lambda d: d.used, cut, cut.used & inside)
+        light = float(np.sum(cut.electrons, where=cut.used) / np.sum(near, where=cut.used))
+        if not 1 / _BRIGHTER < light < _BRIGHTER:
+            return None
+        cut = _cleared(cut, near * light)
+        start = _moved(self.parameters, beside * self.optics.system.grid.plate_scale)
+        start = eqx.tree_at(lambda p: p.scene.flux, start, start.scene.flux * light)
+        return self._fitted(start, cut, light, corner)
+
+    def _fitted(self, start: Parameters, cut: Data, light: float, corner: np.ndarray) -> WarmStart | None:
+        root = np.sqrt(np.array([1 / light if name in _OF_LIGHT else light for name in self.names]))
+        optics = replace(self.optics, photons=max(float(start.scene.flux), 1.0))
+        end, otf, _ = climb_and_expand(
+            start,
+            optics.nominal,
+            optics,
+            cut,
+            self.free,
+            Prior.none(len(self.free)),
+            enough=_UNSEEN,
+            expansions=4,
+            steps=_STEPS,
+            tolerance=_TOLERANCE,
+            known=self.information * np.outer(root, root),
+        )
+        if not bool(end.converged):
+            return None
+        offset = _off_centre(corner, optics.system.grid.shape, self.image.shape)
+        y, x = offset * optics.system.grid.plate_scale
+        return WarmStart(cut, end.parameters, otf, np.asarray(end.information), self.names, (y, x))
+
+    def _shift(self, data: Data) -> np.ndarray:
+        """How far ``(y, x)`` [pixels] the pair is from where this frame has it, to about a tenth."""
+        seen = data.electrons if np.all(data.used) else _without_holes(data)
+        match = fft.irfft2(fft.rfft2(np.asarray(seen, np.float32)) * self.spectrum, s=self.image.shape)
+        row, column = map(int, np.unravel_index(np.argmax(match), match.shape))
+        return np.array([_peak(match[:, column], row), _peak(match[row], column)])
+
+
+@eqx.filter_jit
+def _excess(parameters: Parameters, otf: OTF, data: Data):
+    """Standard deviations by which chi-squared exceeds what is expected of it."""
+    chi2, pixels, spread = chi_squared(expected_image(parameters, otf), data)
+    return (chi2 - pixels) / spread
+
+
+@eqx.filter_jit
+def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
+    parameters, otf = single((parameters, otf))
+    return image_and_jacobian(parameters, otf, free)
+
+
+def _window(
+    parameters: Parameters, roots: np.ndarray, moments: list[int], system: OpticalSystem
+) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]] | None:
+    """First pixel, size and rim ``(y, x)`` of the smallest cut-out that tells enough of the blur.
+
+    ``roots`` (p, ny, nx) are the image's derivatives in standard deviations of its pixels.  None where no
+    cut-out is smaller than the frame.
+    """
+    grid, scene, shape = system.grid, parameters.scene, np.array(roots.shape[1:])
+    x, y, _ = scene.sources()
+    middle = np.array([scene.y, scene.x]) / grid.plate_scale + (shape - 1) / 2
+    reach = np.abs(np.array([y, x]) - np.array([[scene.y], [scene.x]])).max(axis=1) / grid.plate_scale
+    rim_y, rim_x = (int(np.ceil(pixels)) + _SPARE for pixels in reach)
+
+    def errors(half: int) -> np.ndarray:  # the fewer pixels, the larger
+        first, last = (np.clip(np.round(middle) + by, 0, shape).astype(int) for by in (-half, half))
+        part = roots[:, first[0] : last[0], first[1] : last[1]].reshape(len(roots), -1).astype(float)
+        return np.sqrt(np.diag(invert_information(part @ part.T)[0])[moments])
+
+    most = int(shape.max())
+    least = errors(most)
+    half = 1 + bisect_left(range(1, most), True, key=lambda h: bool(np.all(errors(h) < _DEARER * least)))
+    wanted = [2 * (half + rim) for rim in (rim_y, rim_x)]
+    sizes = zip(wanted, grid.fine_shape, strict=True)
+    size = np.array([_fast(pixels, grid.refine, fine) for pixels, fine in sizes])
+    if np.any(size >= shape):
+        return None
+    corner = np.clip(np.round(middle).astype(int) - size // 2, 0, shape - size)
+    return corner, (int(size[0]), int(size[1])), (rim_y, rim_x)
+
+
+def _fast(pixels: int, refine: int, fine: int) -> int:
+    """The next size whose transform is fast, and whose fine samples are even or odd as ``fine`` is."""
+    while next_fast_len(refine * pixels, real=True) != refine * pixels or (refine * pixels - fine) % 2:
+        pixels += 1
+    return pixels
+
+
+def _inner(corner, size, rim) -> tuple[slice, slice]:
+    """Of a cut-out, without its rim."""
+    y, x = (slice(first + edge, first + n - edge) for first, n, edge in zip(corner, size, rim, strict=True))
+    return y, x
+
+
+def _off_centre(corner, size, shape) -> np.ndarray:
+    """Of a cut-out's centre from the frame's, ``(y, x)`` [pixels]."""
+    return corner + np.subtract(size, shape) / 2
+
+
+def _moved(parameters: Parameters, by) -> Parameters:
+    """Parameters with the pair moved by ``(y, x)`` [arcsec]."""
+    scene = parameters.scene
+    return eqx.tree_at(lambda p: (p.scene.y, p.scene.x), parameters, (scene.y + by[0], scene.x + by[1]))
+
+
+def _cleared(data: Data, image: np.ndarray) -> Data:
+    """Without what an expected image brings near its ceiling; no pixel counts as full."""
+    trimmed = Data(
+        data.electrons, data.read_variance, data.used, response=data.response, ceiling=data.ceiling
+    )
+    return trimmed.clear(image)
+
+
+def _without_holes(data: Data) -> np.ndarray:
+    """Electrons, and where pixels are not used a mean of those around: a star with a full core has a core."""
+    light, share = (
+        gaussian_filter(np.asarray(part, float), _AROUND, mode="constant")
+        for part in (np.where(data.used, data.electrons, 0.0), data.used)
+    )
+    return np.where(data.used, data.electrons, light / np.maximum(share, 1e-3))
+
+
+def _peak(values: np.ndarray, place: int) -> float:
+    """Where a periodic row is highest, by a parabola through three values; negative in its far half."""
+    size = len(values)
+    left, middle, right = (values[(place + step) % size] for step in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    vertex = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return (place + size // 2) % size - size // 2 + float(np.clip(vertex, -0.5, 0.5))
