@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, parameter_names
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Locus, Mvn, Shaped
-from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, fourth_cumulants
+from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, cumulant_names, form_cumulants
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little
@@ -116,7 +117,7 @@ class LackOfFit(NamedTuple):
 
 @dataclass(frozen=True)
 class CumulantStep:
-    """A scoring step from a fitted locus in all that was fitted and in nine cumulants: no other fit is made.
+    """A scoring step from a fitted locus in all that was fitted and in higher cumulants.
 
     Build it with :meth:`of`.
 
@@ -126,8 +127,8 @@ class CumulantStep:
         Where the fit ended.
     names : tuple of str
         What was fitted.
-    score, information : (p + 9,), (p + 9, p + 9) array
-        Of what was fitted, then of the third and fourth cumulants.
+    score, information : (p + c,), (p + c, p + c) array
+        Of what was fitted, then of the third, the fourth and what other cumulants were asked for.
     """
 
     parameters: Parameters
@@ -136,11 +137,18 @@ class CumulantStep:
     information: np.ndarray
 
     @classmethod
-    def of(cls, parameters: Parameters, names: tuple[str, ...], otf: OTF, data: Data) -> CumulantStep:
+    def of(
+        cls,
+        parameters: Parameters,
+        names: tuple[str, ...],
+        otf: OTF,
+        data: Data,
+        orders: tuple[int, ...] = (3, 4),
+    ) -> CumulantStep:
         """From where a fit of the parameters with some names ended, and the optics expanded near there."""
-        wider = parameters.with_locus(WithCumulants(parameters.locus))
-        every = parameter_names(wider, otf.names)
-        order = [every.index(name) for name in (*names, *CUMULANTS)]
+        wider = parameters.with_locus(WithCumulants(parameters.locus, orders))
+        every, asked = parameter_names(wider, otf.names), map(cumulant_names, orders)
+        order = [every.index(name) for name in chain(names, *asked)]
         free = tuple(sorted(order))
         equations = normal_equations(wider, otf, data, free, exact=False)
         back = [free.index(place) for place in order]
@@ -184,8 +192,8 @@ class CumulantStep:
                 f"The shape of a blur is told beside its second moments: do not hold {held[0]!r}.",
             )
         size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
-        turn = np.insert(np.eye(size, size + len(CUMULANTS)), slot, 0.0, axis=0)
-        turn[slot, -5:] = fourth_cumulants(self.parameters.locus.moments())
+        turn = np.insert(np.eye(size, len(self.score)), slot, 0.0, axis=0)
+        turn[slot, size + 4 : size + 9], _ = form_cumulants(self.parameters.locus.moments(), 2)
         return slot, turn
 
     def lack_of_fit(self) -> LackOfFit:
@@ -202,7 +210,7 @@ class CumulantStep:
         shape of 9 sigma raises by half its own scatter.
         """
         size = len(self.names)
-        kept, asked = slice(size), slice(size, None)
+        kept, asked = slice(size), slice(size, size + len(CUMULANTS))
         beside = np.linalg.solve(self.information[kept, kept], self.information[kept, asked])
         told = self.information[asked, asked] - self.information[asked, kept] @ beside
         slope = self.score[asked] - beside.T @ self.score[kept]

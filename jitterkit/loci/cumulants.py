@@ -1,12 +1,15 @@
-"""A locus whose third and fourth cumulants are not quite its own: to ask an image whether it wants others.
+"""A locus whose higher cumulants are not quite its own: to ask an image whether it wants others.
 
-The transfer function is multiplied by ``exp(sum kappa_n (-2 pi i f)^n / n!)``, n = 3 and 4.
+The transfer function is multiplied by ``exp(sum kappa_n (-2 pi i f)^n / n!)``, n = 3, 4 and, on request, 6.
 """
 
 from __future__ import annotations
 
+import functools
+import math
 from typing import Self
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -14,20 +17,41 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
-__all__ = ["CUMULANTS", "WithCumulants", "fourth_cumulants"]
+__all__ = ["CUMULANTS", "WithCumulants", "cumulant_names", "form_cumulants"]
 
-CUMULANTS = tuple(f"cumulant{n}{k}" for n in (3, 4) for k in range(n + 1))
+
+def cumulant_names(order: int) -> tuple[str, ...]:
+    """Of one order n, those of ``x^n, x^(n-1) y, ..., y^n``."""
+    return tuple(f"cumulant{order}{k}" for k in range(order + 1))
+
+
+CUMULANTS = (*cumulant_names(3), *cumulant_names(4))
 """``xxx, xxy, xyy, yyy, xxxx, ...``"""
 
 
-def fourth_cumulants(moments) -> np.ndarray:
-    """Fourth cumulants (5,) of a blur with second moments (3,) and an excess kurtosis of one."""
+def form_cumulants(moments, power: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cumulants (2 p + 1,) of order 2 p that are the power p of a form, and their slope (2 p + 1, 3).
+
+    Of a blur whose transfer function depends on ``f'Sf`` alone they are this by a number: the excess
+    kurtosis for p = 2.
+
+    Parameters
+    ----------
+    moments : (3,) array
+        Of the form, ``(Sxx, Sxy, Syy)``.
+    power : int
+    """
     sxx, sxy, syy = np.asarray(moments, float)
-    return np.array([sxx**2, sxx * sxy, (sxx * syy + 2 * sxy**2) / 3, sxy * syy, syy**2])
+    form = np.array([sxx, 2 * sxy, syy])
+    lower = functools.reduce(np.convolve, [form] * (power - 1), np.ones(1))
+    ways = np.array([math.comb(2 * power, k) for k in range(2 * power + 1)])
+    turns = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]])
+    slope = np.stack([power * np.convolve(lower, turn) for turn in turns], axis=1)
+    return np.convolve(lower, form) / ways, slope / ways[:, None]
 
 
 class WithCumulants(Locus):
-    """A locus whose third and fourth cumulants are off by the last nine coordinates.
+    """A locus whose cumulants of some orders are off by its last coordinates.
 
     To first order in them: it need not be a density, so only what a scoring step asks for differs
     from the locus itself.
@@ -35,21 +59,26 @@ class WithCumulants(Locus):
 
     coords: Float[Array, " k"]
     locus: Locus
+    orders: tuple[int, ...] = eqx.field(static=True)
 
-    def __init__(self, locus: Locus, cumulants=None) -> None:
-        own = jnp.zeros(len(CUMULANTS)) if cumulants is None else jnp.asarray(cumulants)
+    def __init__(self, locus: Locus, orders: tuple[int, ...] = (3, 4), cumulants=None) -> None:
+        own = np.zeros(sum(orders) + len(orders)) if cumulants is None else jnp.asarray(cumulants)
         self.coords = jnp.concatenate([locus.coords, own])
-        self.locus = locus
+        self.locus, self.orders = locus, orders
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
         """Those of the locus, then the cumulants'."""
-        return (*self.locus.names, *CUMULANTS)
+        return (*self.locus.names, *self._own)
+
+    @property
+    def _own(self) -> tuple[str, ...]:
+        return tuple(name for order in self.orders for name in cumulant_names(order))
 
     @property
     def inner(self) -> Locus:
         """The locus at its present size."""
-        return self.locus.at(self.coords[: -len(CUMULANTS)])
+        return self.locus.at(self.coords[: -len(self._own)])
 
     @classmethod
     def near(cls, moments) -> Self:
@@ -58,17 +87,19 @@ class WithCumulants(Locus):
         )
 
     def transfer(self, fx, fy):
-        x, y, c = 2 * jnp.pi * fx, 2 * jnp.pi * fy, self.coords[-len(CUMULANTS) :]
-        odd = c[0] * x**3 + 3 * c[1] * x**2 * y + 3 * c[2] * x * y**2 + c[3] * y**3
-        even = c[4] * x**4 + 4 * c[5] * x**3 * y + 6 * c[6] * x**2 * y**2 + 4 * c[7] * x * y**3 + c[8] * y**4
-        return self.inner.transfer(fx, fy) * jnp.exp(1j * odd / 6 + even / 24)
+        x, y, exponent, left = 2 * jnp.pi * fx, 2 * jnp.pi * fy, 0.0, self.coords[-len(self._own) :]
+        for order in self.orders:
+            own, left = left[: order + 1], left[order + 1 :]
+            form = sum(math.comb(order, k) * own[k] * x ** (order - k) * y**k for k in range(order + 1))
+            exponent = exponent + (1, -1j, -1, 1j)[order % 4] / math.factorial(order) * form
+        return self.inner.transfer(fx, fy) * jnp.exp(exponent)
 
     def moments(self):
         return self.inner.moments()
 
     def describe(self) -> dict[str, float]:
-        cumulants = map(float, self.coords[-len(CUMULANTS) :])
-        return self.inner.describe() | dict(zip(CUMULANTS, cumulants, strict=True))
+        cumulants = map(float, self.coords[-len(self._own) :])
+        return self.inner.describe() | dict(zip(self._own, cumulants, strict=True))
 
     def points(self, n: int) -> np.ndarray:
         return self.inner.points(n)

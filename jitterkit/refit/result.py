@@ -14,7 +14,7 @@ from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus
 
-__all__ = ["POOR", "Candidate", "FitResult", "Status", "moments_of"]
+__all__ = ["POOR", "Candidate", "FitResult", "Status", "moments_and_slope", "moments_of"]
 
 POOR = 1.5
 """Chi-squared a degree of freedom beyond which the numbers mean nothing."""
@@ -231,10 +231,11 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
     slots = [names.index(n) for n in locus.names if n in names]
     if len(slots) < len(locus.names) or not slots:
         return np.asarray(locus.moments()), np.zeros((3, 3))
-    moments, slope = map(np.asarray, _moments_and_slope(locus))
+    moments, slope = map(np.asarray, moments_and_slope(locus))
     return moments, slope @ covariance[np.ix_(slots, slots)] @ slope.T
 
 
 @eqx.filter_jit
-def _moments_and_slope(locus: Locus):
+def moments_and_slope(locus: Locus):
+    """Second moments (3,) of a locus, and their slope (3, q) by its coordinates."""
     return locus.moments(), jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords)

@@ -35,7 +35,7 @@ def test_without_noise_all_that_is_left_of_chi_squared_is_the_cumulants(bench, k
     # of nine, of which a vibration has none of its own that are odd, and one that is even
     cumulants = np.zeros(9)
     cumulants[k] = 5e-5
-    blur = WithCumulants(Shm.of(0.6, 30.0), cumulants)
+    blur = WithCumulants(Shm.of(0.6, 30.0), cumulants=cumulants)
     data = Data(bench.image(bench.truth(blur, flux=3e7)), 2.4**2)
     fit, otf = fit_and_expand(data, bench.optics, bench.near(Shm.of(0.5, 25.0)))
     lack = lack_of_fit(fit, otf, data)
@@ -47,7 +47,7 @@ def test_without_noise_all_that_is_left_of_chi_squared_is_the_cumulants(bench, k
 def test_cumulants_are_the_derivatives_of_the_log_of_a_transfer_function():
     # 1/6 of the third derivative of ln E exp(-2 pi i f x) is (-2 pi i)^3 kappa_3/6 = +i (2 pi)^3 kappa_3/6
     f = jnp.array([0.2, -0.3])
-    third = WithCumulants(Stable.of(), [1e-2] + [0.0] * 8).transfer(f, 0 * f)
+    third = WithCumulants(Stable.of(), cumulants=[1e-2] + [0.0] * 8).transfer(f, 0 * f)
     np.testing.assert_allclose(np.angle(third), (2 * np.pi * np.asarray(f)) ** 3 * 1e-2 / 6, rtol=1e-9)
     # of a skewed path: the phase of its transfer function at low frequency
     skewed = PartialShm.of(0.5, 0.0, 0.5, 60.0)
@@ -72,7 +72,7 @@ def test_cumulants_are_those_of_a_cloud_of_points_in_any_direction(rng):
         a, b, c, d = (0,) * (4 - k) + (1,) * k
         gaussian = pairs[a, b] * pairs[c, d] + pairs[a, c] * pairs[b, d] + pairs[a, d] * pairs[b, c]
         fourth.append(moment(a, b, c, d) - gaussian)
-    blur = WithCumulants(Mvn(jnp.array([sxx, sxy, syy])), np.array(third + fourth))
+    blur = WithCumulants(Mvn(jnp.array([sxx, sxy, syy])), cumulants=np.array(third + fourth))
     for fx, fy in ((0.3, 0.0), (0.0, 0.3), (0.2, -0.25), (-0.1, 0.2)):
         exact = np.mean(np.exp(-2j * np.pi * points @ [fx, fy]))
         found = complex(np.asarray(blur.transfer(jnp.array([fx]), jnp.array([fy])))[0])
