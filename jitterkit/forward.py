@@ -275,15 +275,14 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
         ),
     ]
     sizes = [len(vector), len(coords), len(parameters.aberrations)]
-    spectra, first = [], 0
+    jacobian, first, shutter = [], 0, parameters.shutter
     for (derivative, complete), size in zip(blocks, sizes, strict=True):
         rows = np.array([i - first for i in free if first <= i < first + size], int)
         if rows.size:
-            spectra.append(complete(derivative(rows)))
+            jacobian.append(_to_pixels(complete(derivative(rows)), otf.grid, shutter))
         first += size
-    spectrum, shutter = optics * jitter * stars, parameters.shutter
+    spectrum = optics * jitter * stars
     image = _to_pixels(spectrum, otf.grid, shutter)
-    jacobian = [_to_pixels(jnp.concatenate(spectra), otf.grid, shutter)] if spectra else []
     if first in free:
         jacobian.append(jnp.ones((1, *image.shape), image.dtype))
     if first + 1 in free:  # diffusion: the logarithm of its factor is linear in it

@@ -148,7 +148,7 @@ def _fit_still(
     if not asked or covariance is None or not shows_no_jitter(moments, covariance):
         return None
     fit, _ = _fit(frame, "stable", start, moments, otf)
-    return _conclude([fit], ("jitter_undetected",)) if fit.status is Status.OK else None
+    return _conclude(_Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
 def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitResult:
@@ -157,17 +157,17 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):
-        return _conclude([normal])
+        return _conclude(_Tried(normal))
     if not _detected(normal):
-        return _conclude([normal], ("jitter_undetected",))
+        return _conclude(_Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
     compressed = CompressedLikelihood.of(normal, step)
     shape = _shape(frame, step, otf, compressed)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
-        return _conclude([normal])
+        return _conclude(_Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
-        return _conclude([normal])  # another telescope's frame, sky, hot pixels: no locus mends that
+        return _conclude(_Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     return _climb_ladder(frame, normal, otf, step, compressed)
 
 
@@ -245,18 +245,19 @@ def _climb_ladder(
 
     Of the first tier those are not fitted that cumulants tell enough about, unless one is the best of all.
     """
-    tried, expanded, steps = {"mvn": normal}, {"mvn": otf}, {"mvn": step}
+    tried, expanded, steps = _Tried(normal), {"mvn": otf}, {"mvn": step}
     excluded = "some" if _may_be_straight(normal) else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
         told = _told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
-        tried |= told
+        for fit in told.values():
+            tried.add(fit)
         ahead = [name for name in names if name not in told]
         while True:
             for name in ahead:
                 fit, expanded[name] = _try(frame, name, normal, otf)
-                tried[name] = replace(fit, shape=normal.shape, shape_err=normal.shape_err)
-            best = max(tried.values(), key=weight_of_evidence)
+                tried.add(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
+            best = tried.best
             if best.locus in expanded:
                 break
             ahead = [best.locus]
@@ -266,7 +267,7 @@ def _climb_ladder(
             steps[best.locus] = CumulantStep.of(*where, frame.data)
         if not _wants_more(best, steps[best.locus]):
             break
-    return _conclude(list(tried.values()))
+    return _conclude(tried)
 
 
 def _told_by_cumulants(compressed: CompressedLikelihood, names: list[str]) -> dict[str, FitResult]:
@@ -297,15 +298,33 @@ def _may_be_straight(normal: FitResult) -> bool:
     return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
 
 
-def _conclude(tried: list[FitResult], flags: tuple[str, ...] = ()) -> FitResult:
-    """The best of the fits, with all of them as candidates; the normal where none describes the frame."""
-    tried = tried if any(fit.status is Status.OK for fit in tried) else tried[:1]
-    best = max(tried, key=weight_of_evidence)
-    candidates = weigh(tried)
+class _Tried:
+    """Fits of a frame by their loci, each with its evidence."""
+
+    def __init__(self, first: FitResult) -> None:
+        self.fits: dict[str, FitResult] = {}
+        self.evidence: dict[str, float] = {}
+        self.add(first)
+
+    def add(self, fit: FitResult) -> None:
+        self.fits[fit.locus], self.evidence[fit.locus] = fit, weight_of_evidence(fit)
+
+    @property
+    def best(self) -> FitResult:
+        return self.fits[max(self.fits, key=lambda name: self.evidence[name])]
+
+
+def _conclude(tried: _Tried, flags: tuple[str, ...] = ()) -> FitResult:
+    """The best of the fits, with all of them as candidates; the first where none describes the frame."""
+    fits = tried.fits
+    if not any(fit.status is Status.OK for fit in fits.values()):
+        tried = _Tried(next(iter(fits.values())))
+    candidates = weigh(list(tried.fits.values()), list(tried.evidence.values()))
+    best = tried.best
     return replace(
         best,
         message=" ".join(filter(None, [best.message, say_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,
-        seconds=sum(fit.seconds for fit in tried),
+        seconds=sum(fit.seconds for fit in tried.fits.values()),
     )

@@ -20,9 +20,8 @@ def weight_of_evidence(fit: FitResult) -> float:
     return log_evidence(fit) if fit.status in (Status.OK, Status.POOR_FIT) else -np.inf
 
 
-def weigh(tried: Sequence[FitResult]) -> tuple[Candidate, ...]:
-    """Candidates, best first; where nothing speaks for any of them the normal has all the weight."""
-    evidence = np.array([weight_of_evidence(fit) for fit in tried])
+def weigh(tried: Sequence[FitResult], evidence: Sequence[float]) -> tuple[Candidate, ...]:
+    """Candidates, best first; where nothing speaks for any of them the first has all the weight."""
     known = np.where(np.isfinite(evidence), evidence, -np.inf)
     odds = np.exp(known - known.max()) if np.any(np.isfinite(known)) else np.eye(len(tried))[0]
     candidates = [

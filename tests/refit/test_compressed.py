@@ -1,0 +1,132 @@
+"""Loci weighed by cumulants against the same loci fitted to the image."""
+
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+import pytest
+
+from jitterkit.estimators.shape import CumulantStep
+from jitterkit.loci import Ellipse, Linear, Mvn, Shaped, Shm
+from jitterkit.loci.cumulants import form_cumulants
+from jitterkit.refit import choose, fit_best_locus, fit_locus
+from jitterkit.refit.compressed import ORDERS, CompressedLikelihood, _cumulant
+from jitterkit.refit.evidence import log_evidence
+from jitterkit.refit.fit import fit_and_expand
+
+FRAMES = [
+    (Linear.of(0.3, 30.0), 3e6),
+    (Shm.of(0.4, 100.0), 1e6),
+    (Mvn.of(0.08, 0.06, 20.0), 3e6),
+    (Ellipse.of(0.2, 0.12, 70.0), 1e6),
+    pytest.param(Linear.of(0.6, 60.0), 3e6, marks=pytest.mark.slow),
+    pytest.param(Mvn.of(0.25, 0.2, 20.0), 3e5, marks=pytest.mark.slow),
+    pytest.param(Shm.of(0.9, 10.0), 3e5, marks=pytest.mark.slow),
+]
+
+
+def compressed(bench, data):
+    normal, otf = fit_and_expand(data, bench.optics, bench.near())
+    normal = replace(normal, locus="mvn")
+    step = CumulantStep.of(normal.parameters, normal.names, otf, data, ORDERS)
+    return normal, CompressedLikelihood.of(normal, step)
+
+
+@pytest.mark.parametrize(("locus", "flux"), FRAMES)
+def test_gain_and_evidence_are_those_of_fits_to_the_image_within_what_is_left_out(bench, rng, locus, flux):
+    data = bench.draw(bench.truth(locus, flux=flux), rng)
+    normal, likelihood = compressed(bench, data)
+    for name in ("linear", "shm", "ellipse"):
+        told = likelihood.fit(name)
+        full = fit_locus(name, data, bench.optics, normal.parameters, normal.moments()[0])
+        gain = (normal.objective - full.objective) / 2
+        if told.left_out > max(1.0, 0.1 * abs(gain)):  # no more than a hint
+            assert told.gain == pytest.approx(gain, rel=0.5)
+            continue
+        assert abs(told.gain - gain) < max(told.left_out, 0.05)
+        if told.left_out < 0.2:
+            assert log_evidence(told.fit) == pytest.approx(log_evidence(full), abs=0.15)
+            off = told.fit.of_scene("separation") - full.of_scene("separation")
+            assert abs(off) < 0.02 * full.error("separation")
+            assert told.fit.error("separation") == pytest.approx(full.error("separation"), rel=0.01)
+
+
+def test_a_shape_is_told_as_a_fit_tells_it(bench, rng):
+    data = bench.draw(bench.truth(Shm.of(0.35, 30.0)), rng)
+    normal, likelihood = compressed(bench, data)
+    told = likelihood.fit("shaped")
+    assert told.left_out < 1
+    full = fit_locus("shaped", data, bench.optics, normal.parameters, normal.moments()[0])
+    error = full.error("shaped_kurtosis")
+    pulled = 1 - error**2 / 4  # by the leash of 2 on the fit's
+    kurtosis = float(told.fit.parameters.locus.coords[3]) * pulled
+    assert kurtosis == pytest.approx(float(full.parameters.locus.coords[3]), abs=0.1 * error)
+
+
+@pytest.mark.parametrize("power", [2, 3])
+def test_cumulants_of_a_form_are_its_power_and_their_slope_its_derivative(rng, power):
+    moments, (fx, fy) = np.array([0.5, -0.2, 0.3]), rng.normal(size=2)
+    own, slope = form_cumulants(moments, power)
+    terms = [comb(2 * power, k) * fx ** (2 * power - k) * fy**k for k in range(2 * power + 1)]
+    form = moments @ [fx**2, 2 * fx * fy, fy**2]
+    assert terms @ own == pytest.approx(form**power)
+    for n, change in enumerate(1e-6 * np.eye(3)):
+        difference = form_cumulants(moments + change, power)[0] - form_cumulants(moments - change, power)[0]
+        np.testing.assert_allclose(slope[:, n], difference / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("locus", "fourth", "sixth"),
+    [
+        (Linear.of(1.0), -6 / 5, 48 / 7),  # of a uniform density
+        (Shm.of(1.0), -3 / 2, 10.0),  # of an arcsine law
+        (Ellipse.of(1.0, 0.5), -3 / 2, 10.0),
+        (Mvn.of(1.0, 0.5), 0.0, 0.0),
+        (Shaped.of(1.0, kurtosis=-6 / 5), -6 / 5, 48 / 7),
+        (Shaped.of(1.0, kurtosis=3.0), 3.0, 30.0),  # of Laplace's law
+    ],
+)
+def test_a_locus_has_the_cumulants_of_its_law(locus, fourth, sixth):
+    assert _cumulant(locus, 4)[0] == pytest.approx(fourth, abs=1e-5)
+    assert _cumulant(locus, 6)[0] == pytest.approx(sixth, abs=1e-2)
+
+
+@pytest.mark.parametrize("kurtosis", [-1.0, 2.0])
+def test_the_slope_of_a_cumulant_is_its_derivative(kurtosis):
+    (low, _), (high, _) = (_cumulant(Shaped.of(0.3, kurtosis=kurtosis + by), 6) for by in (-1e-6, 1e-6))
+    _, slope = _cumulant(Shaped.of(0.3, kurtosis=kurtosis), 6)
+    np.testing.assert_allclose(slope, [0, 0, 0, (high - low) / 2e-6], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "locus",
+    [
+        Linear.of(0.5, 30.0),
+        Mvn.of(0.15, 0.1, 60.0),
+        pytest.param(Ellipse.of(0.35, 0.25, 120.0), marks=pytest.mark.slow),
+        pytest.param(Shm.of(0.9, 75.0), marks=pytest.mark.slow),
+    ],
+)
+def test_the_choice_is_that_of_fits_to_the_image(bench, rng, monkeypatch, locus):
+    data = bench.draw(bench.truth(locus), rng)
+
+    def chosen():
+        return fit_best_locus(data, bench.optics, bench.near(), np.asarray(locus.moments()))
+
+    quick = chosen()
+    monkeypatch.setattr(choose.CompressedLikelihood, "of", lambda *_: None)
+    whole = chosen()
+    assert quick.locus == whole.locus
+    np.testing.assert_array_equal(quick.covariance, whole.covariance)
+    assert {one.locus for one in quick.candidates} == {one.locus for one in whole.candidates}
+    assert quick.locus_weight == pytest.approx(whole.locus_weight, abs=0.03)  # 0.1 in ln Z at even odds
+    assert quick.shape == pytest.approx(whole.shape, abs=0.1 * whole.shape_err)
+
+
+def test_what_a_held_moment_or_another_kind_of_locus_needs_is_a_fit(bench, rng):
+    data = bench.draw(bench.truth(Mvn.of(0.2, 0.1, 30.0)), rng)
+    normal, likelihood = compressed(bench, data)
+    assert likelihood.fit("partial") is None
+    held = replace(normal, names=tuple(name for name in normal.names if name != "mvn_xy"))
+    step = CumulantStep(normal.parameters, held.names, likelihood.score, likelihood.curvature)
+    assert CompressedLikelihood.of(held, step) is None
