@@ -23,6 +23,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.otf import OTF
+from jitterkit.precision import real
 from jitterkit.scene import Binary, Scene
 from jitterkit.shutter import Shutter
 
@@ -72,9 +73,8 @@ class Parameters(eqx.Module):
         shutter: Shutter | None = None,
     ) -> None:
         self.scene, self.locus, self.shutter = scene, locus, shutter
-        self.aberrations = jnp.asarray(aberrations, float)
-        self.background = jnp.asarray(background, float)
-        self.diffusion = None if diffusion is None else jnp.asarray(diffusion, float)
+        self.aberrations, self.background = real(aberrations), real(background)
+        self.diffusion = None if diffusion is None else real(diffusion)
 
     def with_locus(self, locus: Locus) -> Parameters:
         """The same with another locus."""

@@ -1,4 +1,4 @@
-"""Numbers in 32 bits, where they serve: derivatives, which decide how to get there and not where."""
+"""Numbers of arrays, in 32 bits where those serve: for derivatives, which decide how to get there."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ from typing import Any
 import jax
 import numpy as np
 
-__all__ = ["in_single", "single"]
+__all__ = ["in_single", "real", "single"]
 
 _SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
+
+
+def real(value):
+    """An array of real numbers.
+
+    An array of JAX's stays one; anything else becomes one of NumPy's, with which small sums are fast.
+    """
+    return value.astype(float) if isinstance(value, jax.Array) else np.asarray(value, float)
 
 
 def single(tree):

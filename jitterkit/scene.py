@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jitterkit.conventions import direction_angle
+from jitterkit.precision import real
 
 __all__ = ["Binary", "Scene", "Star"]
 
@@ -69,9 +70,8 @@ class Binary(Scene):
     names: ClassVar[tuple[str, ...]] = ("separation", "theta", "x", "y", "flux", "contrast")
 
     def __init__(self, separation, theta, x, y, flux, contrast) -> None:
-        self.separation, self.theta = jnp.asarray(separation, float), jnp.asarray(theta, float)
-        self.x, self.y = jnp.asarray(x, float), jnp.asarray(y, float)
-        self.flux, self.contrast = jnp.asarray(flux, float), jnp.asarray(contrast, float)
+        self.separation, self.theta, self.x, self.y = map(real, (separation, theta, x, y))
+        self.flux, self.contrast = real(flux), real(contrast)
 
     def sources(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
         """Offsets x and y [arcsec] and fluxes of A and B."""
@@ -116,8 +116,7 @@ class Star(Scene):
     names: ClassVar[tuple[str, ...]] = ("x", "y", "flux")
 
     def __init__(self, x, y, flux) -> None:
-        self.x, self.y = jnp.asarray(x, float), jnp.asarray(y, float)
-        self.flux = jnp.asarray(flux, float)
+        self.x, self.y, self.flux = map(real, (x, y, flux))
 
     def sources(self) -> tuple[Float[Array, "1"], Float[Array, "1"], Float[Array, "1"]]:
         """Offsets x and y [arcsec] and flux of the star."""

@@ -287,7 +287,7 @@ def climb_a_little(
     data: Data,
     hold: Collection[str],
     steps: int,
-    known: Float[Array, "p p"] | None = None,
+    known: Float[Array | np.ndarray, "p p"] | None = None,
 ) -> tuple[Climb, np.ndarray]:
     """Climb a few steps without a prior.
 

@@ -55,7 +55,7 @@ class BinaryMeasurer:
 
     @property
     def threads(self) -> int:
-        """One more than there are processors: each waits for Python now and then."""
+        """As many as there are processors."""
         return cores()
 
     def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:

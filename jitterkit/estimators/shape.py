@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.stats
-from jaxtyping import Array
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, parameter_names
@@ -236,7 +234,7 @@ def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = 
     blur : ShapedBlur or None
         None where no such blur fits (the climb does not settle), or the frame does not determine it.
     """
-    return _settle(step.parameters, 0.0, otf, data, hold, jnp.asarray(step.information_of_shaped()))
+    return _settle(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
 
 
 def fit_known_shape(
@@ -252,9 +250,9 @@ def _settle(
     otf: OTF,
     data: Data,
     hold: Collection[str],
-    known: Array | None = None,
+    known: np.ndarray | None = None,
 ) -> ShapedBlur | None:
-    start = Shaped(jnp.append(normal.locus.moments(), kurtosis))
+    start = Shaped(np.append(np.asarray(normal.locus.moments()), kurtosis))
     end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS, known)
     settled = bool(end.converged) and np.all(np.isfinite(covariance))
     return ShapedBlur(end.parameters, covariance) if settled else None

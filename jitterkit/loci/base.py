@@ -58,11 +58,11 @@ class Locus(eqx.Module):
         Of the integral over time that its transfer function is, in each panel; 0 where there is no choice.
     """
 
-    coords: Float[Array, " k"]
+    coords: Float[Array | np.ndarray, " k"]
     names: ClassVar[tuple[str, ...]]
     nodes: ClassVar[int] = 0
 
-    def at(self, coords: Float[Array, " k"]) -> Self:
+    def at(self, coords: Float[Array | np.ndarray, " k"]) -> Self:
         """The same kind of locus at other coordinates."""
         return eqx.tree_at(lambda locus: locus.coords, self, coords)
 
@@ -91,7 +91,7 @@ class Locus(eqx.Module):
 
     @classmethod
     @abstractmethod
-    def near(cls, moments: Float[Array, "3"]) -> Self:
+    def near(cls, moments: Float[Array | np.ndarray, "3"]) -> Self:
         """The locus of this kind closest to given second moments: where a fit starts."""
 
     @abstractmethod

@@ -10,6 +10,7 @@ import math
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -63,7 +64,8 @@ class WithCumulants(Locus):
 
     def __init__(self, locus: Locus, orders: tuple[int, ...] = (3, 4), cumulants=None) -> None:
         own = np.zeros(sum(orders) + len(orders)) if cumulants is None else jnp.asarray(cumulants)
-        self.coords = jnp.concatenate([locus.coords, own])
+        traced = isinstance(locus.coords, jax.Array)
+        self.coords = (jnp if traced else np).concatenate([locus.coords, own])
         self.locus, self.orders = locus, orders
 
     @property

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, moments_on_axis, principal_axes, turned
+from jitterkit.precision import real
 
 __all__ = ["Elliptic", "covariance"]
 
@@ -40,7 +41,7 @@ class Elliptic(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        return cls(jnp.asarray(moments, float))
+        return cls(real(moments))
 
     def moments(self):
         return self.coords[:3]

@@ -77,7 +77,7 @@ class Shaped(Elliptic):
 
     @classmethod
     def near(cls, moments) -> Self:
-        return cls(jnp.append(jnp.asarray(moments, float), 0.0))
+        return cls(np.append(np.asarray(moments, float), 0.0))
 
     def transfer(self, fx, fy):
         w, k = 4 * jnp.pi**2 * self.variance_along(fx, fy), self.coords[3]

@@ -39,7 +39,7 @@ class Streak(Locus):
                 ErrorCode.OUT_OF_RANGE, f"A streak's length must not be negative, in arcsec; got {length}."
             )
         twice = np.radians(2 * angle)
-        return cls(jnp.asarray([length**2 * np.cos(twice), length**2 * np.sin(twice)]))
+        return cls(np.array([length**2 * np.cos(twice), length**2 * np.sin(twice)]))
 
     @classmethod
     def near(cls, moments) -> Self:

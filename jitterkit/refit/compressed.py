@@ -144,7 +144,7 @@ class CompressedLikelihood:
             if not step @ uphill > _ARRIVED:
                 break
             for _ in range(_STEPS):
-                there = locus.at(jnp.asarray(locus.coords) + step)
+                there = locus.at(np.asarray(locus.coords) + step)
                 new, turned = self._change(there)
                 if self._gain(new) > self._gain(change):
                     locus, change, slope = there, new, turned

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -117,7 +116,7 @@ class Priors:
             mean[i], precision[i, i] = centre, sigma**-2
         moments, covariance = (np.zeros(3), None) if self.moments is None else self.moments
         told = np.zeros((3, 3)) if covariance is None else np.linalg.inv(covariance)
-        return Prior(*(jnp.asarray(array) for array in (mean, precision, moments, told)))
+        return Prior(mean, precision, moments, told)
 
 
 def moments_prior(mean, covariance) -> Priors:

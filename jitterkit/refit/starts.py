@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.forward import Parameters, free_parameters
@@ -60,7 +59,7 @@ def _loci(kind: type[Locus], moments) -> list[Locus]:
     """Starts of a kind; a path is told from its mirror image by which way it bends."""
     if kind is PartialShm:
         return [_partial(moments, cycles, phase) for cycles, phase in itertools.product(_CYCLES, _PHASES)]
-    first = kind.near(jnp.asarray(moments))
+    first = kind.near(np.asarray(moments))
     return [first, first.at(-first.coords)] if kind is Path else [first]
 
 
