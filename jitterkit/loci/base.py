@@ -28,6 +28,7 @@ from abc import abstractmethod
 from typing import ClassVar, Self
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -37,6 +38,7 @@ __all__ = [
     "Locus",
     "axis_variances",
     "covariance_on_axis",
+    "moments_and_slope",
     "moments_on_axis",
     "principal_axes",
     "turned",
@@ -104,6 +106,12 @@ class Locus(eqx.Module):
 
         Its distribution over the exposure is the locus; where the motion is random, it is one draw.
         """
+
+
+@eqx.filter_jit
+def moments_and_slope(locus: Locus):
+    """Second moments (3,) of a locus, and their slope (3, q) by its coordinates."""
+    return locus.moments(), jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords)
 
 
 def principal_axes(moments) -> tuple[float, float, float]:

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.stats
 
+from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedFit, CompressedLikelihood
 from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisive
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
@@ -32,7 +33,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Shaped, locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit.compressed import ORDERS, CompressedLikelihood
 from jitterkit.refit.evidence import CHOICES, minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
 from jitterkit.refit.result import FitResult, Status
@@ -65,9 +65,8 @@ _SHARE = 0.05
 or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 where streaks of 0.75 to 6
 arcsec were fitted with a normal, and 0.01 to 0.02 of frames of another telescope."""
 
-_CLOSE, _CLOSER = 0.2, 0.1
-"""Log-likelihood that what cumulants say of a locus may be off by, and as a share of how far behind the best
-it is.  In 66 fits to frames of TOLIMAN they were off by half of that at most."""
+_CLOSER = 0.1
+"""Share by which a locus is behind the best that what cumulants say of it may be off by."""
 
 _BEHIND, _UNCERTAIN = 10.0, 0.3
 """Log-likelihood by which a locus is far behind the best, at least, and as a share of what cumulants say of
@@ -161,7 +160,7 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
     if not _detected(normal):
         return _conclude(_Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
-    compressed = CompressedLikelihood.of(normal, step)
+    compressed = CompressedLikelihood.of(step, normal.covariance)
     shape = _shape(frame, step, otf, compressed)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
@@ -212,10 +211,11 @@ def _shape(frame: _Frame, step: CumulantStep, otf: OTF, compressed: CompressedLi
     told = step.shape()
     if not is_decisive(told.error):
         return told
-    near = compressed.fit("shaped") if compressed is not None else None
-    if near is not None and near.left_out < _CLOSE and near.fit.parameters is not None:
-        kurtosis = float(near.fit.parameters.locus.coords[3])
-        return told._replace(kurtosis=kurtosis, error=near.fit.error(Shaped.names[3]))
+    near = compressed.fit(Shaped) if compressed is not None else None
+    if near is not None and near.left_out < CLOSE:
+        return told._replace(
+            kurtosis=float(near.locus.coords[3]), error=float(np.sqrt(near.of_locus()[3, 3]))
+        )
     blur = fit_shape(step, otf, frame.data, frame.options.hold)
     return told if blur is None else told._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
 
@@ -250,8 +250,8 @@ def _climb_ladder(
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
         told = _told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
-        for fit in told.values():
-            tried.add(fit)
+        for name, found in told.items():
+            tried.add(_as_fit(normal, name, found, otf.names))
         ahead = [name for name in names if name not in told]
         while True:
             for name in ahead:
@@ -270,17 +270,31 @@ def _climb_ladder(
     return _conclude(tried)
 
 
-def _told_by_cumulants(compressed: CompressedLikelihood, names: list[str]) -> dict[str, FitResult]:
+def _told_by_cumulants(compressed: CompressedLikelihood, names: list[str]) -> dict[str, CompressedFit]:
     """Loci of which the score over cumulants tells enough: exactly, or that they are far behind."""
-    fits = {name: compressed.fit(name) for name in names}
+    fits = {name: compressed.fit(locus_class(name)) for name in names}
     known = {name: fit for name, fit in fits.items() if fit is not None}
     best = max([0.0, *(fit.gain for fit in known.values())])
     return {
-        name: told.fit
+        name: told
         for name, told in known.items()
-        if told.left_out < max(_CLOSE, _CLOSER * (best - told.gain))
+        if told.left_out < max(CLOSE, _CLOSER * (best - told.gain))
         or best - told.gain > max(_BEHIND, _UNCERTAIN * max(best, abs(told.gain)))
     }
+
+
+def _as_fit(normal: FitResult, name: str, told: CompressedFit, aberrations: tuple[str, ...]) -> FitResult:
+    """The result that a fit with a locus would have, as far as its evidence is concerned."""
+    assert normal.parameters is not None
+    return replace(
+        normal,
+        locus=name,
+        parameters=told.at(normal.parameters, aberrations),
+        names=told.names,
+        covariance=told.covariance,
+        objective=normal.objective - 2 * told.gain,
+        seconds=0.0,
+    )
 
 
 def _wants_more(fit: FitResult, step: CumulantStep) -> bool:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
-import equinox as eqx
-import jax
 import numpy as np
 
 from jitterkit.errors import ErrorCode, code_of
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus
+from jitterkit.loci.base import moments_and_slope
 
-__all__ = ["POOR", "Candidate", "FitResult", "Status", "moments_and_slope", "moments_of"]
+__all__ = ["POOR", "Candidate", "FitResult", "Status", "moments_of"]
 
 POOR = 1.5
 """Chi-squared a degree of freedom beyond which the numbers mean nothing."""
@@ -233,9 +232,3 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
         return np.asarray(locus.moments()), np.zeros((3, 3))
     moments, slope = map(np.asarray, moments_and_slope(locus))
     return moments, slope @ covariance[np.ix_(slots, slots)] @ slope.T
-
-
-@eqx.filter_jit
-def moments_and_slope(locus: Locus):
-    """Second moments (3,) of a locus, and their slope (3, q) by its coordinates."""
-    return locus.moments(), jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,15 +19,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.estimators.shape import CumulantStep
-from jitterkit.loci import Locus, Mvn, Shaped, Streak, locus_class
+from jitterkit.forward import Parameters
+from jitterkit.loci import Locus, Mvn, Shaped, Streak
+from jitterkit.loci.base import moments_and_slope
 from jitterkit.loci.cumulants import form_cumulants
 from jitterkit.loci.elliptic import Elliptic
-from jitterkit.refit.result import FitResult, moments_and_slope
 
-__all__ = ["ORDERS", "CompressedFit", "CompressedLikelihood"]
+__all__ = ["CLOSE", "ORDERS", "CompressedFit", "CompressedLikelihood"]
 
 ORDERS = (3, 4, 6)
 """Of the cumulants that a frame is asked about."""
+
+CLOSE = 0.2
+"""Log-likelihood that a fit may be off by to count as one to the image: of 66 on TOLIMAN those below this
+were off by half of it at most."""
 
 _BENT = 0.2
 """What a change of the moments, as a share of them, adds to its effect in second order: 0.16 of it on
@@ -42,8 +47,13 @@ class CompressedFit(NamedTuple):
 
     Attributes
     ----------
-    fit : FitResult
-        That of the normal, moved to where the locus would end; without an image of its own.
+    locus : Locus
+    names : tuple of str
+        Of everything that would be fitted with it.
+    covariance : (q, q) array
+        Of these.
+    moved : dict
+        Change of everything but the locus from where the normal has it, by name.
     gain : float
         Log-likelihood over the normal's.
     left_out : float
@@ -51,9 +61,29 @@ class CompressedFit(NamedTuple):
         were worth less than the sixth alone, and by what the moments do to second order.
     """
 
-    fit: FitResult
+    locus: Locus
+    names: tuple[str, ...]
+    covariance: np.ndarray
+    moved: dict[str, float]
     gain: float
     left_out: float
+
+    def at(self, normal: Parameters, aberrations: tuple[str, ...]) -> Parameters:
+        """Parameters of the normal, with the locus and what follows it; with the names of the aberrations."""
+        scene, by = normal.scene, self.moved
+        return Parameters(
+            type(scene)(*(getattr(scene, name) + by.get(name, 0.0) for name in scene.names)),
+            self.locus,
+            np.asarray(normal.aberrations) + [by.get(name, 0.0) for name in aberrations],
+            normal.background + by.get("background", 0.0),
+            diffusion=None if normal.diffusion is None else normal.diffusion + by.get("diffusion", 0.0),
+            shutter=normal.shutter,
+        )
+
+    def of_locus(self) -> np.ndarray:
+        """Covariance of the coordinates of the locus."""
+        slots = [self.names.index(name) for name in self.locus.names]
+        return self.covariance[np.ix_(slots, slots)]
 
 
 @dataclass(frozen=True)
@@ -65,66 +95,69 @@ class CompressedLikelihood:
 
     Attributes
     ----------
-    normal : FitResult
-    size : int
-        Parameters beside the moments.
+    normal : Mvn
+    names : tuple of str
+        Of what was fitted.
     score, curvature : (p + c,), (p + c, p + c) array
         Of the log-posterior.
     """
 
-    normal: FitResult
-    size: int
+    normal: Mvn
+    names: tuple[str, ...]
     score: np.ndarray
     curvature: np.ndarray
 
     @classmethod
-    def of(cls, normal: FitResult, step: CumulantStep) -> CompressedLikelihood | None:
-        """From the fit of a normal; None if one of its moments was held.
+    def of(cls, step: CumulantStep, covariance: np.ndarray | None = None) -> CompressedLikelihood | None:
+        """From a step of the orders :data:`ORDERS`; None if it is not from a normal with all of its moments.
 
         Parameters
         ----------
-        normal : FitResult
-            Its priors are not on its moments.
         step : CumulantStep
-            From there, of the orders :data:`ORDERS`.
+        covariance : (p, p) array, optional
+            Of what was fitted, where it holds priors; they are not on the moments.
         """
-        names, size = normal.names, len(normal.names)
-        if not set(Mvn.names) <= set(names):
+        names, size, normal = step.names, len(step.names), step.parameters.locus
+        if not isinstance(normal, Mvn) or not set(Mvn.names) <= set(names):
             return None
         curvature, score = step.information.copy(), step.score.copy()
-        curvature[:size, :size], score[:size] = (
-            np.linalg.inv(normal.covariance),
-            0.0,
-        )  # with its priors, at rest
+        if covariance is not None:
+            curvature[:size, :size] = np.linalg.inv(covariance)
+            score[:size] = 0.0  # at rest
         order = [n for n, name in enumerate(names) if name not in Mvn.names]
         order += [names.index(name) for name in Mvn.names]
         order += range(size, len(score))
-        return cls(normal, size - len(Mvn.names), score[order], curvature[np.ix_(order, order)])
+        return cls(normal, names, score[order], curvature[np.ix_(order, order)])
 
-    def fit(self, name: str) -> CompressedFit | None:
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """What was fitted beside the moments."""
+        return tuple(name for name in self.names if name not in Mvn.names)
+
+    def fit(self, kind: type[Locus]) -> CompressedFit | None:
         """Fit a locus; None if its transfer function depends on more than a variance."""
-        kind = locus_class(name)
         if not issubclass(kind, Elliptic | Streak):
             return None
         try:
             locus, change, slope = self._climb(kind)
-            fit = self._as_fit(name, locus, change, slope)
+            names, covariance = self._covariance(locus, slope)
         except np.linalg.LinAlgError:
             return None
-        return CompressedFit(fit, self._gain(change), self._left_out(change))
+        moved = dict(zip(self.beside, map(float, self._following[2] @ change), strict=True))
+        return CompressedFit(locus, names, covariance, moved, self._gain(change), self._left_out(change))
 
     def _left_out(self, change: np.ndarray) -> float:
-        assert self.normal.parameters is not None
         _, curvature, _ = self._following
         sixth, moments = slice(-1 - ORDERS[-1], None), slice(0, 3)
         beyond, taken_up = (change[part] @ curvature[part, part] @ change[part] for part in (sixth, moments))
-        own = np.abs(np.asarray(self.normal.parameters.locus.moments())).max()
+        own = np.abs(np.asarray(self.normal.moments())).max()
         return float(beyond + _BENT * taken_up * np.abs(change[moments]).max() / own)
 
     @cached_property
     def _following(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Score and curvature of moments and cumulants, all else following, and how it follows them."""
-        beside, asked = slice(self.size), slice(self.size, None)
+        size = len(self.names) - len(Mvn.names)
+        beside, asked = slice(size), slice(size, None)
         follow = -np.linalg.solve(self.curvature[beside, beside], self.curvature[beside, asked])
         return (
             self.score[asked] + follow.T @ self.score[beside],
@@ -134,9 +167,8 @@ class CompressedLikelihood:
 
     def _climb(self, kind: type[Locus]) -> tuple[Locus, np.ndarray, np.ndarray]:
         """Where a locus fits best, the change of moments and cumulants to there, and its slope."""
-        assert self.normal.parameters is not None
         score, curvature, _ = self._following
-        locus = kind.near(self.normal.parameters.locus.moments())
+        locus = kind.near(self.normal.moments())
         change, slope = self._change(locus)
         for _ in range(_STEPS):
             uphill = slope.T @ (score - curvature @ change)
@@ -156,9 +188,8 @@ class CompressedLikelihood:
 
     def _change(self, locus: Locus) -> tuple[np.ndarray, np.ndarray]:
         """Change of moments and cumulants from the normal to a locus, and its slope by the coordinates."""
-        assert self.normal.parameters is not None
         moments, slope = map(np.asarray, moments_and_slope(locus))
-        changes, slopes = [moments - self.normal.parameters.locus.moments()], [slope]
+        changes, slopes = [moments - np.asarray(self.normal.moments())], [slope]
         for order in ORDERS:
             if order % 2:
                 changes.append(np.zeros(order + 1))
@@ -173,28 +204,14 @@ class CompressedLikelihood:
         score, curvature, _ = self._following
         return float(score @ change - 0.5 * change @ curvature @ change)
 
-    def _as_fit(self, name: str, locus: Locus, change: np.ndarray, slope: np.ndarray) -> FitResult:
-        """The result that a fit with the locus would have, as far as its evidence is concerned."""
-        normal, size = self.normal, self.size
-        assert normal.parameters is not None
-        beside = [one for one in normal.names if one not in Mvn.names]
-        first = normal.names.index(Mvn.names[0])
+    def _covariance(self, locus: Locus, slope: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+        """Of everything that would be fitted with a locus, in the order of its names."""
+        beside, first = self.beside, self.names.index(Mvn.names[0])
         names = (*beside[:first], *locus.names, *beside[first:])
         turn = np.zeros((len(self.score), len(names)))
-        turn[np.arange(size), [names.index(one) for one in beside]] = 1.0
-        turn[size:, first : first + len(locus.names)] = slope
-        moved = dict(zip(beside, self._following[2] @ change, strict=True))
-        scene = normal.parameters.scene
-        scene = type(scene)(*(getattr(scene, one) + moved.get(one, 0.0) for one in scene.names))
-        return replace(
-            normal,
-            locus=name,
-            parameters=replace(normal.parameters, scene=scene, locus=locus),
-            names=names,
-            covariance=np.linalg.inv(turn.T @ self.curvature @ turn),
-            objective=normal.objective - 2 * self._gain(change),
-            seconds=0.0,
-        )
+        turn[np.arange(len(beside)), [names.index(one) for one in beside]] = 1.0
+        turn[len(beside) :, first : first + len(locus.names)] = slope
+        return names, np.linalg.inv(turn.T @ self.curvature @ turn)
 
 
 def _cumulant(locus: Locus, order: int) -> tuple[float, np.ndarray]:
