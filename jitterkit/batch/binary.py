@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.batch.finder import Estimated, Finder
+from jitterkit.batch.finder import SCORE, Estimated, Finder
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.stream import cores
@@ -79,7 +79,7 @@ class BinaryMeasurer:
         if isinstance(estimated, FitResult):
             return estimated
         message = ""
-        if estimated.searched is not None:
+        if estimated.searched is not None or self.name != SCORE:
             data, parameters, otf = estimated.data, estimated.parameters, estimated.otf
             misfit = pearson(blurred_image(estimated.estimate, parameters, otf), data)
             if not _per_pixel(misfit) <= POOR:

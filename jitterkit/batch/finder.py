@@ -50,7 +50,7 @@ SCORE = "score"
 """The estimator that is what finding the pair does, as far as a fit's start goes."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Estimated:
     """What a frame shows before everything of it is fitted.
 
@@ -154,9 +154,9 @@ class Finder:
             return found
         if self.kernel != SCORE:
             blur = estimator(self.kernel)(data, found.parameters, found.otf, hold=self.options.hold)
-            found = replace(found, estimate=blur)
-        estimate = replace(found.estimate, source=frame.name, digest=frame.digest)
-        return replace(found, estimate=estimate)
+            found.estimate = blur
+        found.estimate = replace(found.estimate, source=frame.name, digest=frame.digest)
+        return found
 
     def wavefront(self, frame: Frame) -> Parameters | None:
         """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
@@ -204,7 +204,7 @@ class Finder:
         """What a frame shows that repeats others; None of one that does not."""
         known = self.known.get(self.grid(frame))
         start = None if known is None or known.reference is None else known.reference.locate(data)
-        if known is None or start is None:
+        if known is None or start is None or not np.all(np.isfinite(start.covariance)):
             return None
         if rough and start.describes(start.parameters):
             parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())

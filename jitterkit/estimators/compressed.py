@@ -9,21 +9,18 @@ those beyond, and only a locus that is far behind is known to be.
 
 from __future__ import annotations
 
-import functools
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.estimators.shape import CumulantStep
 from jitterkit.forward import Parameters
-from jitterkit.loci import Locus, Mvn, Shaped, Streak
+from jitterkit.loci import Locus, Mvn, Shaped
 from jitterkit.loci.base import moments_and_slope
 from jitterkit.loci.cumulants import form_cumulants
-from jitterkit.loci.elliptic import Elliptic
+from jitterkit.metric import invert_information
 
 __all__ = ["CLOSE", "ORDERS", "CompressedFit", "CompressedLikelihood"]
 
@@ -109,21 +106,28 @@ class CompressedLikelihood:
 
     @classmethod
     def of(cls, step: CumulantStep, covariance: np.ndarray | None = None) -> CompressedLikelihood | None:
-        """From a step of the orders :data:`ORDERS`; None if it is not from a normal with all of its moments.
+        """From a step of the orders :data:`ORDERS`, made where a fit has settled.
 
         Parameters
         ----------
         step : CumulantStep
         covariance : (p, p) array, optional
-            Of what was fitted, where it holds priors; they are not on the moments.
+            Of what was fitted, where it holds priors: on the optics, or on the moments of whatever locus.
+
+        Returns
+        -------
+        likelihood : CompressedLikelihood or None
+            None if the step is not from a normal with all of its moments.
         """
         names, size, normal = step.names, len(step.names), step.parameters.locus
         if not isinstance(normal, Mvn) or not set(Mvn.names) <= set(names):
             return None
         curvature, score = step.information.copy(), step.score.copy()
         if covariance is not None:
-            curvature[:size, :size] = np.linalg.inv(covariance)
+            curvature[:size, :size], sound = invert_information(np.asarray(covariance, float))
             score[:size] = 0.0  # at rest
+            if not sound:
+                return None
         order = [n for n, name in enumerate(names) if name not in Mvn.names]
         order += [names.index(name) for name in Mvn.names]
         order += range(size, len(score))
@@ -136,7 +140,7 @@ class CompressedLikelihood:
 
     def fit(self, kind: type[Locus]) -> CompressedFit | None:
         """Fit a locus; None if its transfer function depends on more than a variance."""
-        if not issubclass(kind, Elliptic | Streak):
+        if kind.cumulants is None and kind is not Shaped:
             return None
         try:
             locus, change, slope = self._climb(kind)
@@ -217,22 +221,11 @@ class CompressedLikelihood:
 def _cumulant(locus: Locus, order: int) -> tuple[float, np.ndarray]:
     """Cumulant along an axis, in units of the standard deviation there, and its slope by the coordinates."""
     if not isinstance(locus, Shaped):
-        return _fixed_cumulant(type(locus), order), np.zeros(len(locus.coords))
+        assert locus.cumulants is not None
+        return locus.cumulants[order // 2 - 2], np.zeros(len(locus.coords))
     k, last = float(locus.coords[3]), np.array([0.0, 0.0, 0.0, 1.0])
     if order == 4:
         return k, last
     if k > 0:
         return 10 * k**2 / 3, 20 * k / 3 * last
     return 20 * k**2 / (3 - k), 20 * k * (6 - k) / (3 - k) ** 2 * last
-
-
-@functools.cache
-def _fixed_cumulant(kind: type[Locus], order: int) -> float:
-    """Of a locus that has one shape, from its transfer function."""
-    locus = kind.near(jnp.array([1.0, 0.0, 0.0]))
-    square = np.linspace(0.03, 0.6, 12)  # of a frequency in radians for a standard deviation
-    frequencies = jnp.asarray(np.sqrt(square) / (2 * np.pi))
-    logarithm = np.log(np.asarray(locus.transfer(frequencies, 0 * frequencies)).real)
-    series = np.linalg.lstsq(square[:, None] ** np.arange(1, 9), logarithm, rcond=None)[0]
-    n = order // 2
-    return float((-1) ** n * series[n - 1] * math.factorial(order))

@@ -173,11 +173,12 @@ class ReferenceFrame:
         Returns
         -------
         reference : ReferenceFrame or None
-            None if something of the pair or of its blur is held.
+            None if something of the pair or of its blur is held, or rows are exposed one after the other.
         """
         parameters = parameters.with_locus(Mvn.near(parameters.locus.moments()))
         otf = anchor.otf(parameters.aberrations)
-        if not set(hold).issubset(set(parameter_names(parameters, otf.names)) - _OWN):
+        wanted = set(parameter_names(parameters, otf.names)) - _OWN
+        if not set(hold).issubset(wanted) or parameters.shutter is not None:
             return None
         names, free = free_parameters(parameters, otf, hold)
         image, jacobian = map(np.asarray, _single_slopes(parameters, otf, free))
@@ -206,8 +207,9 @@ class ReferenceFrame:
         -------
         start : WarmStart or None
             None if the frame does not show the pair and the wavefront of this one: it has another shape, few
-            pixels, another light by a factor of three, or its pair is cut by its edge; or the fit does not
-            settle near this one.  A blur that is not normal shows in :meth:`WarmStart.describes`.
+            pixels, another light by a factor of three, or (where cut-outs are used) a pair that is cut by its
+            edge; or the fit does not settle near this one.  A blur that is not normal shows in
+            :meth:`WarmStart.describes`.
         """
         if data.used.shape != self.image.shape or np.mean(data.used) < _SEEN:
             return None
@@ -222,6 +224,8 @@ class ReferenceFrame:
         inside = np.zeros(size, bool)
         inside[_inner((0, 0), size, self.rim)] = True
         cut = eqx.tree_at(lambda d: d.used, cut, cut.used & inside)
+        if not cut.used.any():
+            return None
         light = float(np.sum(cut.electrons, where=cut.used) / np.sum(near, where=cut.used))
         if not 1 / _BRIGHTER < light < _BRIGHTER:
             return None
@@ -296,34 +300,37 @@ def _window(
     least = errors(most)
     half = 1 + bisect_left(range(1, most), True, key=lambda h: bool(np.all(errors(h) < _DEARER * least)))
     wanted = [2 * (half + rim) for rim in (rim_y, rim_x)]
+    if grid.refine % 2 == 0 and any(fine % 2 for fine in grid.fine_shape):
+        return None  # no cut-out has its centre where the frame has it
     sizes = zip(wanted, grid.fine_shape, strict=True)
     size = np.array([_fast(pixels, grid.refine, fine) for pixels, fine in sizes])
-    if np.any(size >= shape):
+    about = np.round(middle).astype(int) - size // 2
+    corner = np.clip(about, 0, shape - size)
+    if np.any(size >= shape) or np.abs(corner - about).max() > _SPARE:
         return None
-    corner = np.clip(np.round(middle).astype(int) - size // 2, 0, shape - size)
     return corner, (int(size[0]), int(size[1])), (rim_y, rim_x)
 
 
 def _fast(pixels: int, refine: int, fine: int) -> int:
-    """The next size whose transform is fast, and whose fine samples are even or odd as ``fine`` is."""
+    """Return the next size whose transform is fast, with an even or odd number of samples as ``fine`` is."""
     while next_fast_len(refine * pixels, real=True) != refine * pixels or (refine * pixels - fine) % 2:
         pixels += 1
     return pixels
 
 
 def _inner(corner, size, rim) -> tuple[slice, slice]:
-    """Of a cut-out, without its rim."""
+    """Return the slices of a cut-out without its rim."""
     y, x = (slice(first + edge, first + n - edge) for first, n, edge in zip(corner, size, rim, strict=True))
     return y, x
 
 
 def _off_centre(corner, size, shape) -> np.ndarray:
-    """Of a cut-out's centre from the frame's, ``(y, x)`` [pixels]."""
+    """Return the offset ``(y, x)`` [pixels] of a cut-out's centre from the frame's."""
     return corner + np.subtract(size, shape) / 2
 
 
 def _moved(parameters: Parameters, by) -> Parameters:
-    """Parameters with the pair moved by ``(y, x)`` [arcsec]."""
+    """Move the pair by ``(y, x)`` [arcsec]."""
     scene = parameters.scene
     return eqx.tree_at(lambda p: (p.scene.y, p.scene.x), parameters, (scene.y + by[0], scene.x + by[1]))
 
@@ -337,7 +344,7 @@ def _cleared(data: Data, image: np.ndarray) -> Data:
 
 
 def _without_holes(data: Data) -> np.ndarray:
-    """Electrons, and where pixels are not used a mean of those around: a star with a full core has a core."""
+    """Fill pixels that are not used with a mean of those around: a star with a full core has a core."""
     light, share = (
         gaussian_filter(np.asarray(part, float), _AROUND, mode="constant")
         for part in (np.where(data.used, data.electrons, 0.0), data.used)
@@ -346,7 +353,7 @@ def _without_holes(data: Data) -> np.ndarray:
 
 
 def _peak(values: np.ndarray, place: int) -> float:
-    """Where a periodic row is highest, by a parabola through three values; negative in its far half."""
+    """Return the place where a periodic row is highest, by a parabola; negative in its far half."""
     size = len(values)
     left, middle, right = (values[(place + step) % size] for step in (-1, 0, 1))
     bend = left - 2 * middle + right

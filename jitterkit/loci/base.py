@@ -58,11 +58,15 @@ class Locus(eqx.Module):
         One a coordinate.
     nodes : int
         Of the integral over time that its transfer function is, in each panel; 0 where there is no choice.
+    cumulants : (float, float) or None
+        Fourth and sixth cumulant along any axis, in units of the standard deviation there; None if they are
+        not the same in all directions, or depend on the coordinates.
     """
 
     coords: Float[Array | np.ndarray, " k"]
     names: ClassVar[tuple[str, ...]]
     nodes: ClassVar[int] = 0
+    cumulants: ClassVar[tuple[float, float] | None] = None
 
     def at(self, coords: Float[Array | np.ndarray, " k"]) -> Self:
         """The same kind of locus at other coordinates."""

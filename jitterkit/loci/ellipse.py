@@ -27,6 +27,7 @@ class Ellipse(Elliptic):
     """
 
     names: ClassVar[tuple[str, ...]] = ("ellipse_xx", "ellipse_xy", "ellipse_yy")
+    cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
 
     @classmethod
     def of(cls, semi_major: float, semi_minor: float, angle: float = 0.0) -> Self:

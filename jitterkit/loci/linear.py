@@ -20,6 +20,7 @@ class Linear(Streak):
     """A uniform streak of full ``length``: ``M = sinc(f.n L)``, variance ``L²/12`` along its axis."""
 
     names: ClassVar[tuple[str, ...]] = ("linear_c", "linear_s")
+    cumulants: ClassVar[tuple[float, float] | None] = (-6 / 5, 48 / 7)
     variance: ClassVar[float] = 1 / 12
 
     def transfer(self, fx, fy):

@@ -87,7 +87,7 @@ class Shaped(Elliptic):
         major, _, _ = principal_axes(self.coords[:3])
         if not self.coords[3] < 0 < major:
             return math.inf
-        return math.sqrt(_FAR[self.coords.dtype.itemsize]) / (2 * math.pi * major)
+        return math.sqrt(_FAR[jnp.zeros(()).dtype.itemsize]) / (2 * math.pi * major)
 
     def describe(self) -> dict[str, float]:
         """``sigma_major``, ``sigma_minor`` [arcsec], ``angle`` [deg] and ``kurtosis``."""

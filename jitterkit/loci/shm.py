@@ -21,6 +21,7 @@ class Shm(Streak):
     """A sinusoid of peak-to-peak ``length`` 2A: ``M = J0(pi L f.n)``, variance ``L²/8`` along its axis."""
 
     names: ClassVar[tuple[str, ...]] = ("shm_c", "shm_s")
+    cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
     variance: ClassVar[float] = 1 / 8
 
     def transfer(self, fx, fy):

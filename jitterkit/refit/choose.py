@@ -5,7 +5,8 @@
    tests for any jitter at all.
 2. One scoring step from there measures the excess kurtosis, and how much the separation would
    change with it.  Where neither can be seen, the normal is the answer.
-3. Otherwise the simple loci are fitted, ``linear``, ``shm`` and ``ellipse``, and weighed by their evidence.
+3. Otherwise the simple loci ``linear``, ``shm`` and ``ellipse`` are weighed by their evidence: by what the
+   frame says about cumulants where that is enough, else by a fit; the one that is chosen is always fitted.
 4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, loci with
    more freedom are tried, and a free path last of all.
 
@@ -66,11 +67,11 @@ or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 w
 arcsec were fitted with a normal, and 0.01 to 0.02 of frames of another telescope."""
 
 _CLOSER = 0.1
-"""Share by which a locus is behind the best that what cumulants say of it may be off by."""
+"""Share of a difference in log-likelihood that what cumulants say of it may be off by, to be believed."""
 
 _BEHIND, _UNCERTAIN = 10.0, 0.3
 """Log-likelihood by which a locus is far behind the best, at least, and as a share of what cumulants say of
-either: they were off by up to a sixth where a blur is as large as half of the resolution."""
+it: a sixth less than a fit where a blur is a third as large as the resolution, less where it is larger."""
 
 _THIN = (6.0, 0.05)
 """A blur may be straight whose minor variance is within so many errors of none, or below that share of the
@@ -160,14 +161,13 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
     if not _detected(normal):
         return _conclude(_Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
-    compressed = CompressedLikelihood.of(step, normal.covariance)
-    shape = _shape(frame, step, otf, compressed)
+    shape = _shape(frame, step, otf)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
         return _conclude(_Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _conclude(_Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
-    return _climb_ladder(frame, normal, otf, step, compressed)
+    return _climb_ladder(frame, normal, otf, step)
 
 
 @dataclass(frozen=True)
@@ -206,16 +206,16 @@ def _detected(normal: FitResult) -> bool:
     return significance(moments, covariance) > DETECTED
 
 
-def _shape(frame: _Frame, step: CumulantStep, otf: OTF, compressed: CompressedLikelihood | None) -> Shape:
-    """What the cumulants say of the shape, or a fit where it is known well and they are not enough."""
+def _shape(frame: _Frame, step: CumulantStep, otf: OTF) -> Shape:
+    """What a step from the normal says of the shape, or where it is known well a fit."""
     told = step.shape()
     if not is_decisive(told.error):
         return told
-    near = compressed.fit(Shaped) if compressed is not None else None
+    compressed = CompressedLikelihood.of(step)
+    near = None if compressed is None else compressed.fit(Shaped)
     if near is not None and near.left_out < CLOSE:
-        return told._replace(
-            kurtosis=float(near.locus.coords[3]), error=float(np.sqrt(near.of_locus()[3, 3]))
-        )
+        kurtosis, error = near.locus.coords[3], np.sqrt(near.of_locus()[3, 3])
+        return told._replace(kurtosis=float(kurtosis), error=float(error))
     blur = fit_shape(step, otf, frame.data, frame.options.hold)
     return told if blur is None else told._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
 
@@ -239,13 +239,14 @@ def _climb_ladder(
     normal: FitResult,
     otf: OTF,
     step: CumulantStep,
-    compressed: CompressedLikelihood | None,
 ) -> FitResult:
     """Fit the loci tier by tier until one fits; each starts from the fitted normal.
 
     Of the first tier those are not fitted that cumulants tell enough about, unless one is the best of all.
     """
     tried, expanded, steps = _Tried(normal), {"mvn": otf}, {"mvn": step}
+    settled = normal.status is not Status.NOT_CONVERGED
+    compressed = CompressedLikelihood.of(step, normal.covariance) if settled else None
     excluded = "some" if _may_be_straight(normal) else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
@@ -274,7 +275,7 @@ def _told_by_cumulants(compressed: CompressedLikelihood, names: list[str]) -> di
     """Loci of which the score over cumulants tells enough: exactly, or that they are far behind."""
     fits = {name: compressed.fit(locus_class(name)) for name in names}
     known = {name: fit for name, fit in fits.items() if fit is not None}
-    best = max([0.0, *(fit.gain for fit in known.values())])
+    best = max([0.0, *(fit.gain for fit in known.values() if fit.left_out < _CLOSER * fit.gain)])
     return {
         name: told
         for name, told in known.items()
@@ -292,6 +293,9 @@ def _as_fit(normal: FitResult, name: str, told: CompressedFit, aberrations: tupl
         parameters=told.at(normal.parameters, aberrations),
         names=told.names,
         covariance=told.covariance,
+        crlb=np.zeros(0),
+        image=None,
+        residual=None,
         objective=normal.objective - 2 * told.gain,
         seconds=0.0,
     )

@@ -55,18 +55,18 @@ _CODES = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """One locus that was tried.
+    """One locus that was compared.
 
     Attributes
     ----------
     locus : str
     objective : float
-        Deviance plus the priors' quadratic form at the best fit.
+        Deviance plus the priors' quadratic form at the best fit; what it would be where none was needed.
     weight : float
-        Probability, 0 to 1, if the loci tried are all there are and none is favoured beforehand; zero
+        Probability, 0 to 1, if the loci compared are all there are and none is favoured beforehand; zero
         for one that could not be fitted or does not fit.
     separation, separation_err : float
-        arcsec, as fitted with this locus.
+        arcsec, with this locus.
     evidence : float
         Logarithm of the evidence (:mod:`jitterkit.refit.evidence`), up to a constant common to the loci of a
         frame; differences add up over frames.
@@ -114,7 +114,8 @@ class FitResult:
     candidates : tuple of Candidate
         The loci compared, best first; one alone where nothing more than moments can be told.
     shape, shape_err : float
-        Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal; NaN
+        Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
+        a fit where it is known well; NaN
         where no jitter was detected or the locus was not to be chosen.
     iterations : int
     seconds : float

@@ -77,7 +77,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("dof", "degrees of freedom: pixels used less parameters; 0 of a frame without a fit", kind=int),
     Column(
         "candidates",
-        "loci tried, best first, as JSON; objective is deviance and priors, evidence a logarithm",
+        "loci compared, best first, as JSON; objective is deviance and priors, evidence a logarithm",
         kind=str,
     ),
     Column("iterations", "steps of the fit", kind=int),

@@ -232,7 +232,13 @@ def _believed(told, locus, changes):
 
 
 @pytest.mark.parametrize(
-    "system", [{"shape": (64, 64)}, {"plate_scale": 0.75}], ids=["small", "undersampled"]
+    "system",
+    [
+        {"shape": (64, 64)},
+        {"plate_scale": 0.75},
+        pytest.param({"plate_scale": 0.75, "shape": (74, 74)}, marks=pytest.mark.slow),  # 405 fine samples
+    ],
+    ids=["small", "undersampled", "odd"],
 )
 def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, system):
     other = replace(telescope, **system)
@@ -245,3 +251,16 @@ def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, system):
     np.testing.assert_allclose(quick.errors, whole.errors, rtol=0.04)
     np.testing.assert_array_less(np.abs(quick.moments - whole.moments), 0.5 * whole.errors)
     np.testing.assert_allclose((parameters.scene.x, parameters.scene.y), (0.3, -0.8), atol=2e-3)
+
+
+def test_a_reference_pair_near_the_edge_is_cut_out_whole_or_not_at_all(telescope):
+    """A pair off the centre of its cut-out would have light of its own come back within the rim."""
+    frame, system = draw(telescope, Mvn.of(0.15, 0.1, 20.0), seed=1, x=14.5, y=-14.0), telescope.system()
+    reference = made(locate_binary(Data.of(frame), system).parameters, system)
+    assert reference.rim == (0, 0)
+    assert reference.image.shape == system.grid.shape
+
+
+def test_rows_that_are_exposed_one_after_the_other_are_not_cut_out(telescope, shown):
+    rolling = eqx.tree_at(lambda p: p.shutter, shown, object(), is_leaf=lambda part: part is None)
+    assert made(rolling, telescope.system()) is None
