@@ -11,7 +11,6 @@ import numpy as np
 from jitterkit.batch.finder import SCORE, Estimated, Finder
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.stream import cores
 from jitterkit.batch.survey import Survey
 from jitterkit.batch.verdict import judge, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, UndeterminedError
@@ -44,6 +43,7 @@ class BinaryMeasurer:
     """
 
     together = 128
+    threads: int | None = None
 
     def __init__(self, finder: Finder, survey: Survey | None = None) -> None:
         self.finder, self._survey = finder, survey
@@ -52,11 +52,6 @@ class BinaryMeasurer:
     def name(self) -> str:
         """Of the estimator."""
         return self.finder.kernel
-
-    @property
-    def threads(self) -> int:
-        """As many as there are processors."""
-        return cores()
 
     def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:
         """The same for the frames of a batch, with what its lead shows."""

@@ -206,7 +206,8 @@ class Finder:
         start = None if known is None or known.reference is None else known.reference.locate(data)
         if known is None or start is None or not np.all(np.isfinite(start.covariance)):
             return None
-        if rough and start.describes(start.parameters):
+        # any other estimate takes the place of this one, for which a normal will do
+        if (rough or self.kernel != SCORE) and start.describes(start.parameters):
             parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
             estimate = KernelEstimate(moments, start.covariance, SCORE)
         else:

@@ -8,7 +8,6 @@ large frame only a cut-out about the pair is used, so small that the errors of t
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
@@ -16,7 +15,6 @@ import equinox as eqx
 import jax
 import numpy as np
 from scipy import fft
-from scipy.fft import next_fast_len
 from scipy.ndimage import gaussian_filter
 
 from jitterkit.forward import (
@@ -28,6 +26,7 @@ from jitterkit.forward import (
 )
 from jitterkit.likelihood import Data, chi_squared
 from jitterkit.linearisation import climb_and_expand
+from jitterkit.locate.cut_out import SPARE, inner, off_centre, window
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
@@ -37,12 +36,6 @@ from jitterkit.scene import Binary
 from jitterkit.scoring import Prior
 
 __all__ = ["ReferenceFrame", "WarmStart"]
-
-_DEARER = 1.01
-"""Factor by which the errors of the moments may grow, for the sake of a smaller cut-out."""
-
-_SPARE = 3
-"""Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
 
 _SEEN = 0.25
 """Share of its pixels that a frame must show: from few of them several pairs look alike."""
@@ -60,8 +53,8 @@ _TOLERANCE, _STEPS = 0.05, 20
 """Standard errors that a start may be off, and evaluations at most."""
 
 _UNSEEN = 0.5
-"""Sigmas of the whole image that the optics may leave out.  Of the errors of the moments it is a fiftieth on
-TOLIMAN (every mode and mixtures, blurs of none to 0.3 arcsec), a twentieth of a small telescope's coma."""
+"""Sigmas of the whole image that linearised optics may be off by: less than a twentieth of an error of the
+moments, to which a test holds it with both comas of a small telescope."""
 
 _SURE = 5.0
 """Standard deviations by which chi-squared may exceed what is expected of it."""
@@ -184,16 +177,16 @@ class ReferenceFrame:
         image, jacobian = map(np.asarray, _single_slopes(parameters, otf, free))
         roots = jacobian / np.sqrt(np.maximum(image, _DARK * image.max()))
         moments = [names.index(name) for name in Mvn.names]
-        window = _window(parameters, roots, moments, system)
-        corner, size, rim = window or (np.zeros(2, int), image.shape, (0, 0))
-        if window is not None:
+        cut = window(parameters, roots, moments, system)
+        corner, size, rim = cut or (np.zeros(2, int), image.shape, (0, 0))
+        if cut is not None:
             system = replace(system, grid=replace(system.grid, shape=size, pad=0))
             anchor = anchor.within(system.grid)
-        inner = roots[(slice(None), *_inner(corner, size, rim))].reshape(len(names), -1)
-        moved = _moved(parameters, -_off_centre(corner, size, image.shape) * system.grid.plate_scale)
+        told = roots[(slice(None), *inner(corner, size, rim))].reshape(len(names), -1)
+        moved = _moved(parameters, -off_centre(corner, size, image.shape) * system.grid.plate_scale)
         optics = AnchoredOptics.about(system, anchor, float(parameters.scene.flux), parameters.aberrations)
         spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
-        return cls(moved, optics, image, spectrum, corner, rim, inner @ inner.T, names, free)
+        return cls(moved, optics, image, spectrum, corner, rim, told @ told.T, names, free)
 
     def locate(self, data: Data) -> WarmStart | None:
         """Find pair, wavefront and blur of another frame.
@@ -217,12 +210,12 @@ class ReferenceFrame:
         steps, size = np.round(shift).astype(int), self.optics.system.grid.shape
         corner = np.clip(self.corner + steps, 0, np.subtract(self.image.shape, size))
         beside = shift - (corner - self.corner)
-        if any(self.rim) and np.abs(beside).max() > _SPARE:
+        if any(self.rim) and np.abs(beside).max() > SPARE:
             return None
-        near = np.roll(self.image, steps, (0, 1))[_inner(corner, size, (0, 0))]
-        cut = jax.tree.map(lambda part: np.asarray(part)[_inner(corner, size, (0, 0))], data)
+        near = np.roll(self.image, steps, (0, 1))[inner(corner, size, (0, 0))]
+        cut = jax.tree.map(lambda part: np.asarray(part)[inner(corner, size, (0, 0))], data)
         inside = np.zeros(size, bool)
-        inside[_inner((0, 0), size, self.rim)] = True
+        inside[inner((0, 0), size, self.rim)] = True
         cut = eqx.tree_at(lambda d: d.used, cut, cut.used & inside)
         if not cut.used.any():
             return None
@@ -252,7 +245,7 @@ class ReferenceFrame:
         )
         if not bool(end.converged):
             return None
-        offset = _off_centre(corner, optics.system.grid.shape, self.image.shape)
+        offset = off_centre(corner, optics.system.grid.shape, self.image.shape)
         y, x = offset * optics.system.grid.plate_scale
         return WarmStart(cut, end.parameters, otf, np.asarray(end.information), self.names, (y, x))
 
@@ -275,58 +268,6 @@ def _excess(parameters: Parameters, otf: OTF, data: Data):
 def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     parameters, otf = single((parameters, otf))
     return image_and_jacobian(parameters, otf, free)
-
-
-def _window(
-    parameters: Parameters, roots: np.ndarray, moments: list[int], system: OpticalSystem
-) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]] | None:
-    """First pixel, size and rim ``(y, x)`` of the smallest cut-out that tells enough of the blur.
-
-    ``roots`` (p, ny, nx) are the image's derivatives in standard deviations of its pixels.  None where no
-    cut-out is smaller than the frame.
-    """
-    grid, scene, shape = system.grid, parameters.scene, np.array(roots.shape[1:])
-    x, y, _ = scene.sources()
-    middle = np.array([scene.y, scene.x]) / grid.plate_scale + (shape - 1) / 2
-    reach = np.abs(np.array([y, x]) - np.array([[scene.y], [scene.x]])).max(axis=1) / grid.plate_scale
-    rim_y, rim_x = (int(np.ceil(pixels)) + _SPARE for pixels in reach)
-
-    def errors(half: int) -> np.ndarray:  # the fewer pixels, the larger
-        first, last = (np.clip(np.round(middle) + by, 0, shape).astype(int) for by in (-half, half))
-        part = roots[:, first[0] : last[0], first[1] : last[1]].reshape(len(roots), -1).astype(float)
-        return np.sqrt(np.diag(invert_information(part @ part.T)[0])[moments])
-
-    most = int(shape.max())
-    least = errors(most)
-    half = 1 + bisect_left(range(1, most), True, key=lambda h: bool(np.all(errors(h) < _DEARER * least)))
-    wanted = [2 * (half + rim) for rim in (rim_y, rim_x)]
-    if grid.refine % 2 == 0 and any(fine % 2 for fine in grid.fine_shape):
-        return None  # no cut-out has its centre where the frame has it
-    sizes = zip(wanted, grid.fine_shape, strict=True)
-    size = np.array([_fast(pixels, grid.refine, fine) for pixels, fine in sizes])
-    about = np.round(middle).astype(int) - size // 2
-    corner = np.clip(about, 0, shape - size)
-    if np.any(size >= shape) or np.abs(corner - about).max() > _SPARE:
-        return None
-    return corner, (int(size[0]), int(size[1])), (rim_y, rim_x)
-
-
-def _fast(pixels: int, refine: int, fine: int) -> int:
-    """Return the next size whose transform is fast, with an even or odd number of samples as ``fine`` is."""
-    while next_fast_len(refine * pixels, real=True) != refine * pixels or (refine * pixels - fine) % 2:
-        pixels += 1
-    return pixels
-
-
-def _inner(corner, size, rim) -> tuple[slice, slice]:
-    """Return the slices of a cut-out without its rim."""
-    y, x = (slice(first + edge, first + n - edge) for first, n, edge in zip(corner, size, rim, strict=True))
-    return y, x
-
-
-def _off_centre(corner, size, shape) -> np.ndarray:
-    """Return the offset ``(y, x)`` [pixels] of a cut-out's centre from the frame's."""
-    return corner + np.subtract(size, shape) / 2
 
 
 def _moved(parameters: Parameters, by) -> Parameters:

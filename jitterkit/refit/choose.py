@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.stats
 
-from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedFit, CompressedLikelihood
+from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedLikelihood
 from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisive
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
@@ -34,11 +34,12 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Shaped, locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
+from jitterkit.refit.by_cumulants import as_fit, told_by_cumulants
 from jitterkit.refit.evidence import CHOICES, minor_variance
 from jitterkit.refit.fit import FitOptions, fit_and_expand
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.starts import starting_point
-from jitterkit.refit.weigh import say_undecided, weigh, weight_of_evidence
+from jitterkit.refit.weigh import Tried, say_undecided, weigh
 
 __all__ = ["DETECTED", "fit_best_locus", "fit_locus", "shows_no_jitter", "single_star"]
 
@@ -65,13 +66,6 @@ _SHARE = 0.05
 """Of chi-squared's excess, that a step in the cumulants must explain: it was 0.1 to 1 where part of a cycle,
 or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 where streaks of 0.75 to 6
 arcsec were fitted with a normal, and 0.01 to 0.02 of frames of another telescope."""
-
-_CLOSER = 0.1
-"""Share of a difference in log-likelihood that what cumulants say of it may be off by, to be believed."""
-
-_BEHIND, _UNCERTAIN = 10.0, 0.3
-"""Log-likelihood by which a locus is far behind the best, at least, and as a share of what cumulants say of
-it: a sixth less than a fit where a blur is a third as large as the resolution, less where it is larger."""
 
 _THIN = (6.0, 0.05)
 """A blur may be straight whose minor variance is within so many errors of none, or below that share of the
@@ -148,7 +142,7 @@ def _fit_still(
     if not asked or covariance is None or not shows_no_jitter(moments, covariance):
         return None
     fit, _ = _fit(frame, "stable", start, moments, otf)
-    return _conclude(_Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
+    return _conclude(Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
 def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitResult:
@@ -157,16 +151,16 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):
-        return _conclude(_Tried(normal))
+        return _conclude(Tried(normal))
     if not _detected(normal):
-        return _conclude(_Tried(normal), ("jitter_undetected",))
+        return _conclude(Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
     shape = _shape(frame, step, otf)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
-        return _conclude(_Tried(normal))
+        return _conclude(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
-        return _conclude(_Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
+        return _conclude(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     return _climb_ladder(frame, normal, otf, step)
 
 
@@ -244,15 +238,15 @@ def _climb_ladder(
 
     Of the first tier those are not fitted that cumulants tell enough about, unless one is the best of all.
     """
-    tried, expanded, steps = _Tried(normal), {"mvn": otf}, {"mvn": step}
+    tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
     settled = normal.status is not Status.NOT_CONVERGED
     compressed = CompressedLikelihood.of(step, normal.covariance) if settled else None
     excluded = "some" if _may_be_straight(normal) else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
-        told = _told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
+        told = told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
         for name, found in told.items():
-            tried.add(_as_fit(normal, name, found, otf.names))
+            tried.add(as_fit(normal, name, found, otf.names))
         ahead = [name for name in names if name not in told]
         while True:
             for name in ahead:
@@ -271,36 +265,6 @@ def _climb_ladder(
     return _conclude(tried)
 
 
-def _told_by_cumulants(compressed: CompressedLikelihood, names: list[str]) -> dict[str, CompressedFit]:
-    """Loci of which the score over cumulants tells enough: exactly, or that they are far behind."""
-    fits = {name: compressed.fit(locus_class(name)) for name in names}
-    known = {name: fit for name, fit in fits.items() if fit is not None}
-    best = max([0.0, *(fit.gain for fit in known.values() if fit.left_out < _CLOSER * fit.gain)])
-    return {
-        name: told
-        for name, told in known.items()
-        if told.left_out < max(CLOSE, _CLOSER * (best - told.gain))
-        or best - told.gain > max(_BEHIND, _UNCERTAIN * max(best, abs(told.gain)))
-    }
-
-
-def _as_fit(normal: FitResult, name: str, told: CompressedFit, aberrations: tuple[str, ...]) -> FitResult:
-    """The result that a fit with a locus would have, as far as its evidence is concerned."""
-    assert normal.parameters is not None
-    return replace(
-        normal,
-        locus=name,
-        parameters=told.at(normal.parameters, aberrations),
-        names=told.names,
-        covariance=told.covariance,
-        crlb=np.zeros(0),
-        image=None,
-        residual=None,
-        objective=normal.objective - 2 * told.gain,
-        seconds=0.0,
-    )
-
-
 def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
     """Whether the shape of the blur is what does not fit, and not pixels, sky or scale."""
     try:
@@ -316,27 +280,11 @@ def _may_be_straight(normal: FitResult) -> bool:
     return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
 
 
-class _Tried:
-    """Fits of a frame by their loci, each with its evidence."""
-
-    def __init__(self, first: FitResult) -> None:
-        self.fits: dict[str, FitResult] = {}
-        self.evidence: dict[str, float] = {}
-        self.add(first)
-
-    def add(self, fit: FitResult) -> None:
-        self.fits[fit.locus], self.evidence[fit.locus] = fit, weight_of_evidence(fit)
-
-    @property
-    def best(self) -> FitResult:
-        return self.fits[max(self.fits, key=lambda name: self.evidence[name])]
-
-
-def _conclude(tried: _Tried, flags: tuple[str, ...] = ()) -> FitResult:
+def _conclude(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
     """The best of the fits, with all of them as candidates; the first where none describes the frame."""
     fits = tried.fits
     if not any(fit.status is Status.OK for fit in fits.values()):
-        tried = _Tried(next(iter(fits.values())))
+        tried = Tried(next(iter(fits.values())))
     candidates = weigh(list(tried.fits.values()), list(tried.evidence.values()))
     best = tried.best
     return replace(

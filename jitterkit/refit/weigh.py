@@ -9,7 +9,7 @@ import numpy as np
 from jitterkit.refit.evidence import log_evidence
 from jitterkit.refit.result import Candidate, FitResult, Status
 
-__all__ = ["say_undecided", "weigh", "weight_of_evidence"]
+__all__ = ["Tried", "say_undecided", "weigh", "weight_of_evidence"]
 
 _CERTAIN = 0.95
 """Weight above which a frame has decided."""
@@ -58,3 +58,19 @@ def _microarcsec(angle: float) -> str:
     ('0.3 µas', '2.0 mas')
     """
     return f"{angle * 1e6:.1f} µas" if angle < 1e-3 else f"{angle * 1e3:.1f} mas"
+
+
+class Tried:
+    """Fits of a frame by their loci, each with its evidence."""
+
+    def __init__(self, first: FitResult) -> None:
+        self.fits: dict[str, FitResult] = {}
+        self.evidence: dict[str, float] = {}
+        self.add(first)
+
+    def add(self, fit: FitResult) -> None:
+        self.fits[fit.locus], self.evidence[fit.locus] = fit, weight_of_evidence(fit)
+
+    @property
+    def best(self) -> FitResult:
+        return self.fits[max(self.fits, key=lambda name: self.evidence[name])]
