@@ -22,6 +22,8 @@ class Scene(eqx.Module):
         Its place: offset from the frame's centre, arcsec.
     flux : float
         Electrons per frame from all sources, inside the frame or not.
+    name : str
+        Of the scene, in tables and options (class attribute).
     names : tuple of str
         Of the parameters, in their order (class attribute).
     """
@@ -29,6 +31,7 @@ class Scene(eqx.Module):
     x: eqx.AbstractVar[Float[Array, ""]]
     y: eqx.AbstractVar[Float[Array, ""]]
     flux: eqx.AbstractVar[Float[Array, ""]]
+    name: ClassVar[str]
     names: ClassVar[tuple[str, ...]]
 
     @abstractmethod
@@ -67,6 +70,7 @@ class Binary(Scene):
     y: Float[Array, ""]
     flux: Float[Array, ""]
     contrast: Float[Array, ""]
+    name: ClassVar[str] = "binary"
     names: ClassVar[tuple[str, ...]] = ("separation", "theta", "x", "y", "flux", "contrast")
 
     def __init__(self, separation, theta, x, y, flux, contrast) -> None:
@@ -113,6 +117,7 @@ class Star(Scene):
     x: Float[Array, ""]
     y: Float[Array, ""]
     flux: Float[Array, ""]
+    name: ClassVar[str] = "star"
     names: ClassVar[tuple[str, ...]] = ("x", "y", "flux")
 
     def __init__(self, x, y, flux) -> None:

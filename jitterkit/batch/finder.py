@@ -1,12 +1,13 @@
-"""What a frame shows before everything of it is fitted: its electrons, its star pair and a kernel estimate.
+"""What a frame shows before everything of it is fitted: its electrons, its stars and a kernel estimate.
 
-raw frame -> (region) -> electrons -> star pair -> kernel estimate
+raw frame -> (region) -> electrons -> scene -> kernel estimate
 """
 
 from __future__ import annotations
 
 import functools
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ import numpy as np
 
 from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import scale_hint, why_unusable
-from jitterkit.errors import ErrorCode, FrameError, JitterkitError, out_of_memory
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, JitterkitError, out_of_memory
 from jitterkit.estimators import KernelEstimate, estimate_score, estimator
 from jitterkit.estimators.score import estimate_from_normal
 from jitterkit.forward import Parameters
@@ -25,17 +26,18 @@ from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
-from jitterkit.locate import Start, locate_binary
+from jitterkit.locate import locate_binary, locate_star
 from jitterkit.loci import Mvn
 from jitterkit.optics import OTF, Optics
-from jitterkit.refit import POOR, FitOptions, FitResult, Status
+from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, SceneChoice, Status, choose_scene
+from jitterkit.scene import Binary
 
-__all__ = ["SCORE", "Estimated", "Finder", "GridKey"]
+__all__ = ["AUTO", "SCORE", "Estimated", "Finder", "GridKey"]
 
 log = logging.getLogger(__name__)
 
 _FEWEST = 8
-"""Pixels along a side below which no pair can be told from one star."""
+"""Pixels along a side below which a pair cannot be told from one star."""
 
 _FEWEST_USED = _FEWEST**2 // 2
 """Pixels below which several pairs fit alike: of fits to 10 to 16 one in thirty was off by 20 errors."""
@@ -47,7 +49,12 @@ _SYSTEMS = 8
 """Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
 
 SCORE = "score"
-"""The estimator that is what finding the pair does, as far as a fit's start goes."""
+"""The estimator that is what finding the stars does, as far as a fit's start goes."""
+
+AUTO = "auto"
+"""In place of a scene's name: the simplest that the frame supports."""
+
+_SEARCHES = dict(zip(SCENES, (locate_star, locate_binary), strict=True))
 
 
 @dataclass
@@ -58,12 +65,14 @@ class Estimated:
     ----------
     data : Data
     parameters : Parameters
-        Of the pair, with a normal locus.
+        Of the scene, with a normal locus.
     estimate : KernelEstimate
     optics : Optics
     searched : OTF or None
-        About aberrations very near the pair's, where it was searched for; None where the frame was registered
-        to another, which tells too that the parameters describe it.
+        About aberrations very near the scene's, where it was searched for; None where the frame was
+        registered to another, which tells too that the parameters describe it.
+    doubt : str
+        What else the frame may show that looks the same, in a sentence.
     """
 
     data: Data
@@ -71,6 +80,7 @@ class Estimated:
     estimate: KernelEstimate
     optics: Optics
     searched: OTF | None = None
+    doubt: str = ""
 
     @cached_property
     def otf(self) -> OTF:
@@ -80,7 +90,7 @@ class Estimated:
 
 @dataclass
 class Finder:
-    """Finds the pairs in frames of one instrument; optics are computed once for each shape and scale.
+    """Finds the stars in frames of one instrument; optics are computed once for each shape and scale.
 
     Attributes
     ----------
@@ -89,6 +99,8 @@ class Finder:
         Metadata from the command line, by field.
     kernel : str
         Name of the estimator.
+    scene : str
+        ``"auto"``, ``"star"`` or ``"binary"``.
     options : FitOptions
         Its priors hold for every frame.
     censored : bool
@@ -101,6 +113,7 @@ class Finder:
     overrides: Mapping[str, Any] = field(default_factory=dict)
     _: KW_ONLY
     kernel: str = SCORE
+    scene: str = AUTO
     options: FitOptions = field(default_factory=FitOptions)
     censored: bool = False
     known: Mapping[GridKey, Shown] = field(default_factory=dict, repr=False)
@@ -111,6 +124,11 @@ class Finder:
         if jnp.zeros(()).dtype == jnp.float32:
             _warn_of_32_bits()
         estimator(self.kernel)
+        if self.scene not in (AUTO, *SCENES):
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME,
+                f"There is no scene {self.scene!r}; give one of {', '.join((AUTO, *SCENES))}.",
+            )
         Metadata().apply("command line", **self.overrides)
 
     def prepare(self, raw: RawFrame) -> Frame | FitResult:
@@ -135,14 +153,14 @@ class Finder:
         return frame.told(flags=flags, digest=digest)
 
     def estimate(self, frame: Frame, *, rough: bool = False) -> Estimated | FitResult:
-        """Find the pair and estimate the kernel, or say why not.
+        """Find the stars and estimate the kernel, or say why not.
 
         Parameters
         ----------
         frame : Frame
         rough : bool
-            Whether a fit of everything is to follow: the score estimate is then the one that finding the pair
-            gives, which need not be made twice.
+            Whether a fit of everything is to follow: the score estimate is then the one that finding the
+            stars gives, which need not be made twice.
 
         Returns
         -------
@@ -158,25 +176,24 @@ class Finder:
         found.estimate = replace(found.estimate, source=frame.name, digest=frame.digest)
         return found
 
-    def wavefront(self, frame: Frame) -> Parameters | None:
-        """What a frame shows of the optics at first sight, to fit others about; None if it shows no pair."""
+    def choose_scene(self, frame: Frame) -> SceneChoice | None:
+        """What scene a frame shows at first sight; None if it shows none."""
         try:
-            start = self._locate(frame, Data.of(frame, censored=self.censored), rough=True)
+            found = self._found(frame, Data.of(frame, censored=self.censored), rough=True)
         except Exception as error:
             if out_of_memory(error):
                 raise
             return None  # the frame itself will say why
-        sound = not isinstance(start, FitResult) and start.deviance_dof < POOR
-        return start.parameters if sound else None
+        return None if isinstance(found, FitResult) or not found.start.deviance_dof < POOR else found
 
     def repeats(self, frame: Frame) -> bool:
-        """Whether a frame shows what others have shown, so that its pair is in no doubt."""
+        """Whether a frame shows what others have shown, so that its scene is in no doubt."""
         return self._registered(frame, Data.of(frame), rough=True) is not None
 
     def optics(self, frame: Frame) -> Optics:
         """Optics on a frame's grid, at the scale the frame says it has."""
         key = self.grid(frame)
-        if key in self.known:
+        if key in self.known and self.known[key].anchored is not None:
             return self.known[key].optics(frame)
         system = self._systems.get(key)
         if system is None:
@@ -220,31 +237,46 @@ class Finder:
 
     def _located(self, frame: Frame, data: Data, rough: bool) -> Estimated | FitResult:
         """What a frame shows that is searched through."""
-        start = self._locate(frame, data, rough=rough and self.kernel == SCORE)
-        if isinstance(start, FitResult):
-            return start
+        found = self._found(frame, data, rough=rough and self.kernel == SCORE)
+        if isinstance(found, FitResult):
+            return found
+        start = found.start
+        if found.undecided:
+            return FitResult(
+                Status.UNDETERMINED,
+                f"A pair closer than the resolution, or a smear: {found.readings}; the odds are "
+                f"{math.exp(found.log_odds):.2g} to 1 for the pair. Give --scene if it is known.",
+            )
         if rough or self.kernel != SCORE:  # any other estimate takes the place of this one
             estimate = KernelEstimate(np.asarray(start.parameters.locus.moments()), start.covariance, SCORE)
         else:
             estimate = estimate_score(data, start.parameters, start.otf, hold=self.options.hold)
-        return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf)
+        doubt = f"It shows {found.readings}: both look alike." if found.alike and found.log_odds < 0 else ""
+        return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf, doubt)
 
-    def _locate(self, frame: Frame, data: Data, *, rough: bool = False) -> Start | FitResult:
-        """Find the pair, or say why not."""
+    def _found(self, frame: Frame, data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
+        """Find the stars, or say why not."""
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why_unusable(frame)}.")
         if min(frame.shape) < _FEWEST:
             return FitResult(
-                Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a pair."
+                Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a fit."
             )
         used = int(np.count_nonzero(np.asarray(data.used)))
         if used < _FEWEST_USED:
-            few = f"{used} usable pixels are too few for a pair; at least {_FEWEST_USED} are needed."
+            few = f"{used} usable pixels are too few for a fit; at least {_FEWEST_USED} are needed."
             return FitResult(Status.NO_DATA, few)
-        start = locate_binary(data, self.optics(frame), self.options.hold, rough=rough)
-        if start is None:
+        known = self.known.get(self.grid(frame))
+        scene = known.scene if self.scene == AUTO and known is not None else self.scene
+        if scene == AUTO:
+            choice = choose_scene(data, self.optics(frame), self.options, rough=rough)
+        else:
+            start = _SEARCHES[scene](data, self.optics(frame), self.options.hold, rough=rough)
+            certain = math.inf if scene == Binary.name else -math.inf
+            choice = None if start is None else SceneChoice(start, certain)
+        if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-        return start
+        return choice
 
 
 @functools.cache

@@ -1,6 +1,6 @@
 """One frame from file to fit: the path that ``jitterkit process`` walks for each.
 
-raw frame -> (region) -> electrons -> star pair -> kernel estimate -> refit
+raw frame -> (region) -> electrons -> scene -> kernel estimate -> refit
 
 A frame that cannot be used ends with a status and a sentence at whatever step stops it.
 """
@@ -40,9 +40,10 @@ class Processed:
         In electrons, cut to the region that was fitted; None if it never got so far.
     result : FitResult
     pixel : (float, float)
-        Midpoint of the pair ``(x, y)``, 0-based pixels of the original frame; NaN where none was fitted.
+        Place of the star, or midpoint of the pair, ``(x, y)``, 0-based pixels of the original frame; NaN
+        where none was fitted.
     pa : float
-        Direction from A to B on the sky, north through east [deg]; NaN without a WCS.
+        Direction from A to B on the sky, north through east [deg]; NaN without a WCS or a pair.
     """
 
     frame: Frame | None
@@ -53,7 +54,7 @@ class Processed:
 
 @dataclass
 class Processor(Finder):
-    """Processes frames of one instrument: finds their pairs and fits them.
+    """Processes frames of one instrument: finds their stars and fits them.
 
     Attributes
     ----------
@@ -145,6 +146,9 @@ class Processor(Finder):
         else:
             result = fit_locus(self.locus, *common)
         result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
+        if found.doubt and result.status.usable:
+            flags = (*result.flags, "maybe_pair")
+            result = replace(result, message=f"{result.message} {found.doubt}", flags=flags)
         return self._remark_unused(frame, result)
 
     def _remark_unused(self, frame: Frame, result: FitResult) -> FitResult:

@@ -66,8 +66,9 @@ def estimate_files(
     Returns
     -------
     table : QTable
-        One row per frame: file, frame, status, reason, estimator, moments with errors and their correlations,
-        axes, length and shape where the estimator knows them, significance, digest of the pixels, message.
+        One row per frame: file, frame, status, reason, scene, estimator, moments with errors and their
+        correlations, axes, length and shape where the estimator knows them, significance, digest of the
+        pixels, message.
         In arcsec; in pixels if a frame has no scale.  The frame that is the reference of the others has the
         status ``reference``.
     """
@@ -145,7 +146,7 @@ def _measure(frame: _Ready, last: bool) -> _Result:
 def _table(rows: list[dict[str, Any]]) -> QTable:
     scaled = all(math.isfinite(row["scale"]) for row in rows if row["status"] == "ok")
     table = QTable()
-    for name in ("file", "frame", "status", "reason", "estimator", *_NUMBERS, "digest", "message"):
+    for name in ("file", "frame", "status", "reason", "scene", "estimator", *_NUMBERS, "digest", "message"):
         power = _POWERS.get(name, 0)
         values = [row[name] if scaled or not power else _in_pixels(row, name, power) for row in rows]
         table[name] = np.array(values)
@@ -199,7 +200,7 @@ def _measured_row(
     for name, value, spread in zip(_MOMENTS, estimate.moments, estimate.errors, strict=True):
         row |= {name: value, f"{name}_err": spread}
     row |= {name: _correlation(estimate.covariance, i, j) for name, (i, j) in CORRELATIONS.items()}
-    row |= dict(zip(("major", "minor", "angle"), estimate.axes, strict=True))
+    row |= {"scene": measured.scene} | dict(zip(("major", "minor", "angle"), estimate.axes, strict=True))
     row |= {name: getattr(measured, name) for name in ("length", "length_err", "angle_err")}
     row |= {name: getattr(estimate, name) for name in ("shape", "shape_err", "significance")}
     return row
@@ -228,6 +229,7 @@ def _blank(path: Path, index: int, measurer: Measurer, result: FitResult) -> dic
         "frame": index,
         "status": result.status.name.lower(),
         "reason": result.reason,
+        "scene": "",
         "estimator": measurer.name,
         "digest": "",
     }

@@ -36,6 +36,8 @@ class Measured:
         Of the major axis, degrees.
     message : str
         Verdict and conditions, in sentences.
+    scene : str
+        Name of the scene that the optics were fitted with; empty where there was none.
     """
 
     frame: Frame
@@ -46,6 +48,7 @@ class Measured:
     length_err: float = math.nan
     angle_err: float = math.nan
     message: str = ""
+    scene: str = ""
 
     @classmethod
     def of(
@@ -55,6 +58,7 @@ class Measured:
         plate_scale: float | None,
         draw: Callable[[], list[Any]],
         message: str = "",
+        scene: str = "",
     ) -> Measured:
         """With the length of the estimate's locus and the errors that its covariance gives them.
 
@@ -69,4 +73,4 @@ class Measured:
         length_err = 0.5 * length * along / major if major > 0 else math.nan
         angle_err = math.degrees(across / (major - minor)) if major > minor else math.inf
         angle_err = min(angle_err, 90 / math.sqrt(3))  # at most that of a guess
-        return cls(frame, estimate, plate_scale, draw, length, length_err, angle_err, message)
+        return cls(frame, estimate, plate_scale, draw, length, length_err, angle_err, message, scene)

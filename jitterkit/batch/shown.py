@@ -19,15 +19,20 @@ class Shown:
 
     Attributes
     ----------
-    anchored : AnchoredOptics
+    scene : str
+        Name of the scene that they show.
+    anchored : AnchoredOptics or None
+        None of optics that cannot change.
     reference : ReferenceFrame or None
-        What they may be registered to; then pair and blur need not be searched for.
+        What they may be registered to; then stars and blur need not be searched for.
     """
 
-    anchored: AnchoredOptics
+    scene: str
+    anchored: AnchoredOptics | None = None
     reference: ReferenceFrame | None = None
 
     def optics(self, frame: Frame) -> AnchoredOptics:
         """The optics for a frame: how far they reach depends on its light."""
+        assert self.anchored is not None
         light = float(np.sum(frame.electrons, where=~frame.mask))
         return replace(self.anchored, photons=max(light, 1.0))

@@ -10,7 +10,7 @@ from threading import Lock
 
 import numpy as np
 
-from jitterkit.batch.finder import Finder, GridKey
+from jitterkit.batch.finder import AUTO, Finder, GridKey
 from jitterkit.batch.shown import Shown
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.forward import Parameters
@@ -18,6 +18,8 @@ from jitterkit.frames import Frame, FrameFile, RawFrame, open_frames
 from jitterkit.linearisation import SETTLED
 from jitterkit.locate import ReferenceFrame
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
+from jitterkit.refit import SceneChoice
+from jitterkit.refit.choose_scene import DECIDED
 from jitterkit.refit.fit import settled
 
 __all__ = ["Item", "Survey", "read_items"]
@@ -33,6 +35,9 @@ class Survey:
     """Looks at the leads of batches.
 
     An anchor's state is rounded to a whole nm, so that leads between which little has changed share one.
+
+    The frames of a lead decide together which scene they show: they are looked at until the odds, of all
+    that were, leave no doubt.
 
     Parameters
     ----------
@@ -56,25 +61,32 @@ class Survey:
 
     def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Shown]:
         found: dict[GridKey, Shown] = {}
+        odds: dict[GridKey, float] = {}
         for _, _, raw in read_items(lead, self._hdu):
             frame = None if isinstance(raw, JitterkitError) else self._finder.prepare(raw)
             if not isinstance(frame, Frame) or (key := self._finder.grid(frame)) in found:
                 continue
-            if (shown := self.shown(frame)) is not None:
+            choice = self._finder.choose_scene(frame)
+            if choice is None:
+                continue
+            odds[key] = odds.get(key, 0.0) + choice.log_odds
+            decided = abs(odds[key]) >= DECIDED and (odds[key] > 0) == (choice.log_odds > 0)
+            if decided and (shown := self._shown(frame, choice)) is not None:
                 found[key] = shown
         return found
 
     def shown(self, frame: Frame) -> Shown | None:
-        """What one frame shows; None of one that is not sound, and of optics that cannot change."""
-        wavefront = self._finder.wavefront(frame)
-        if wavefront is None or not len(wavefront.aberrations):
-            return None
-        optics = self._finder.optics(frame)
-        if not isinstance(optics, OpticalSystem):
-            return None
-        anchored = self._anchored(self._finder.grid(frame), optics, wavefront)
+        """What one frame shows; None of one that is not sound, and where nothing is known by it."""
+        choice = self._finder.choose_scene(frame)
+        return None if choice is None else self._shown(frame, choice)
+
+    def _shown(self, frame: Frame, choice: SceneChoice) -> Shown | None:
+        parameters, optics = choice.start.parameters, self._finder.optics(frame)
+        if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):  # nothing can change
+            return Shown(choice.scene) if self._finder.scene == AUTO else None
+        anchored = self._anchored(self._finder.grid(frame), optics, parameters)
         hold = self._finder.options.hold
-        return Shown(anchored, ReferenceFrame.of(wavefront, optics, anchored.anchor, hold))
+        return Shown(choice.scene, anchored, ReferenceFrame.of(parameters, optics, anchored.anchor, hold))
 
     def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:
         shown_state = np.asarray(shown.aberrations)

@@ -20,7 +20,7 @@ _OUTLIER = 8.0
 
 
 def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
-    """Say why a frame does not fit where that can be told, and call a single star one.
+    """Say why a frame does not fit where that can be told, and that a pair is not one.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
 
 
 def midpoint_pixel(frame: Frame | None, result: FitResult, plate_scale: float) -> tuple[float, float]:
-    """Midpoint of the pair ``(x, y)`` in 0-based pixels of the original frame; NaN where none was fitted."""
+    """Place of the scene ``(x, y)`` in 0-based pixels of the original frame; NaN where none was fitted."""
     if frame is None or result.parameters is None:
         return math.nan, math.nan
     scene, (ny, nx), (x0, y0) = result.parameters.scene, frame.shape, frame.origin
@@ -59,11 +59,11 @@ def midpoint_pixel(frame: Frame | None, result: FitResult, plate_scale: float) -
 
 
 def position_angle(frame: Frame | None, result: FitResult, plate_scale: float) -> float:
-    """Direction from A to B on the sky, north through east [deg]; NaN without a WCS or a fit."""
-    if frame is None or frame.metadata.wcs is None or result.parameters is None:
+    """Direction from A to B on the sky, north through east [deg]; NaN without a WCS or a fit of a pair."""
+    theta = result.of_scene("theta")
+    if frame is None or frame.metadata.wcs is None or math.isnan(theta):
         return math.nan
-    x, y = midpoint_pixel(frame, result, plate_scale)
-    return sky_position_angle(frame.metadata.wcs, x, y, float(result.parameters.binary.theta))
+    return sky_position_angle(frame.metadata.wcs, *midpoint_pixel(frame, result, plate_scale), theta)
 
 
 def why_unusable(frame: Frame) -> str:

@@ -33,7 +33,7 @@ def estimate(
             "--instrument",
             "-i",
             metavar="NAME|FILE.toml",
-            help="Of a binary's frames: a preset, or an instrument file.",
+            help="The telescope of frames of a star or a pair: a preset, or an instrument file.",
             show_default=_INSTRUMENT,
         ),
     ] = None,
@@ -50,7 +50,7 @@ def estimate(
         bool | None,
         typer.Option(
             "--stars/--no-stars",
-            help="The frames show a field of stars, no binary; by default the reference decides.",
+            help="The frames show a field of stars, of unknown optics; by default the reference decides.",
             show_default=False,
         ),
     ] = None,
@@ -86,6 +86,7 @@ def estimate(
         ),
     ] = 1,
     deblur: Annotated[Path | None, _directory("Write each frame without its blur, to look at.")] = None,
+    scene: options.SceneName = "auto",
     background: options.Background = False,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
@@ -98,18 +99,19 @@ def estimate(
 ) -> None:
     """Estimate the blur of every frame, without a refit, and print a table.
 
-    Of a binary, with an instrument's optics; with --reference, --stars or --blind of anything else. sxx, sxy
-    and syy are the pointing's second moments; major and minor are one sigma along each axis; angle is the
-    major axis's, in degrees counter-clockwise from +x; length is a streak's; shape is the excess kurtosis;
-    significance is chi-squared with three degrees of freedom against no jitter. Sizes are in arcsec, or in
-    pixels where a frame has no plate scale. A reference that is among the frames says so in its row.
+    Of one star or a pair, with an instrument's optics; with --reference, --stars or --blind of anything
+    else. sxx, sxy and syy are the pointing's second moments; major and minor are one sigma along each axis;
+    angle is the major axis's, in degrees counter-clockwise from +x; length is a streak's; shape is the
+    excess kurtosis; significance is chi-squared with three degrees of freedom against no jitter. Sizes are
+    in arcsec, or in pixels where a frame has no plate scale. A reference that is among the frames says so
+    in its row.
     """
     from jitterkit.frames import find_files
 
     paths = find_files(files)
     _check_options(reference, stars, blind, estimator, export, oversample)
     if reference is not None or stars or blind:
-        _check_no_binary(instrument, background)
+        _check_no_optics(instrument, scene, background)
     _check_outputs(output, (plot, export, deblur), overwrite)
     sharp = None if reference is None or str(reference) == _ROUNDEST else _first_frame(reference)
     prepare_jax()
@@ -128,7 +130,7 @@ def estimate(
         measurer = SceneMeasurer(sharp, stars, estimator or "blind", metadata)
         measurer.check(paths, hdu)
     else:
-        measurer = _binary_measurer(instrument or _INSTRUMENT, estimator or "score", metadata, background)
+        measurer = _by_optics(instrument or _INSTRUMENT, estimator or "score", scene, metadata, background)
     products = Products(plot, export, deblur, overwrite, oversample)
     with watching(len(paths), "files") as advance:
         table = estimate_files(paths, measurer, hdu=hdu, watch=advance, keep=products.write)
@@ -144,14 +146,15 @@ def estimate(
         raise typer.Exit(SOME_FAILED)
 
 
-def _binary_measurer(instrument, estimator, metadata, background):
+def _by_optics(instrument, estimator, scene, metadata, background):
     from jitterkit.batch import Finder
-    from jitterkit.batch.binary import BinaryMeasurer
+    from jitterkit.batch.by_optics import OpticsMeasurer
     from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions
 
     options = FitOptions(hold=() if background else ("background",))
-    return BinaryMeasurer(Finder(load_instrument(instrument), metadata, kernel=estimator, options=options))
+    telescope = load_instrument(instrument)
+    return OpticsMeasurer(Finder(telescope, metadata, kernel=estimator, scene=scene, options=options))
 
 
 def _check_options(reference, stars, blind, estimator, export, oversample) -> None:
@@ -167,7 +170,7 @@ def _check_options(reference, stars, blind, estimator, export, oversample) -> No
     if estimator is not None and not blind and (reference is not None or stars):
         raise ConfigurationError(
             ErrorCode.CONFLICT,
-            f"--estimator {estimator} chooses among methods for a binary or, with --blind, a blind one; "
+            f"--estimator {estimator} chooses among methods with known optics or, with --blind, a blind one; "
             f"leave it out with {'--reference' if reference is not None else '--stars'}.",
         )
     if oversample != 1 and export is None:
@@ -183,17 +186,16 @@ def _check_options(reference, stars, blind, estimator, export, oversample) -> No
         )
 
 
-def _check_no_binary(instrument: str | None, background: bool) -> None:
-    """Refuse what is said of a binary where there is none."""
+def _check_no_optics(instrument: str | None, scene: str, background: bool) -> None:
+    """Refuse what is said of known optics where there are none."""
     from jitterkit.errors import ConfigurationError, ErrorCode
 
-    given = [
-        n for n, told in (("--instrument", instrument is not None), ("--background", background)) if told
-    ]
+    told = {"--instrument": instrument is not None, "--scene": scene != "auto", "--background": background}
+    given = [name for name, is_told in told.items() if is_told]
     if given:
         raise ConfigurationError(
             ErrorCode.CONFLICT,
-            f"{given[0]} is for a binary; leave it out with --reference, --stars or --blind.",
+            f"{given[0]} is for known optics; leave it out with --reference, --stars or --blind.",
         )
 
 

@@ -31,6 +31,7 @@ __all__ = [
     "PlateScale",
     "ReadNoise",
     "Saturation",
+    "SceneName",
     "Separation",
     "Shear",
     "Sigma",
@@ -63,6 +64,14 @@ Device = Annotated[
 Float32 = Annotated[
     bool,
     typer.Option("--float32", help="Compute in 32 bits, where speed matters more than the last digits."),
+]
+SceneName = Annotated[
+    str,
+    typer.Option(
+        "--scene",
+        metavar="auto|star|binary",
+        help="What the frames show: auto is the simplest scene that they support.",
+    ),
 ]
 Background = Annotated[
     bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")

@@ -162,7 +162,7 @@ def _tell(run) -> None:
     """The result on stdout, the rest on stderr."""
     from jitterkit.report.flags import decode_flags
     from jitterkit.report.sequence import say_loci
-    from jitterkit.report.words import with_error
+    from jitterkit.report.words import ellipse_size, with_error
 
     remarkable = (row["status"] != "ok" or _TOLD & set(decode_flags(row["flags"])) for row in run.table)
     places = [place for place, told in enumerate(remarkable) if told]
@@ -171,11 +171,15 @@ def _tell(run) -> None:
     if len(places) > _LISTED:
         say(f"... and {len(places) - _LISTED} more, which the table and the report have")
     fitted = len(run.table) - run.failures
-    separation = run.summary["separation"]
-    if fitted:
+    separation, jitter = run.summary["separation"], run.summary["jitter"]
+    pairs = separation["n"]
+    if pairs:
         typer.echo(
-            f"separation {with_error(separation['mean'], separation['error'])} arcsec from {fitted} frames"
+            f"separation {with_error(separation['mean'], separation['error'])} arcsec from {pairs} frames"
         )
+    elif fitted:
+        size = ellipse_size(jitter["major"], jitter["minor"])
+        typer.echo(f"jitter of one star, 1 sigma, {size} from {fitted} frames")
     if together := say_loci(run.summary["loci"]):
         say(together)
     say(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")

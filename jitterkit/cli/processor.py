@@ -27,6 +27,7 @@ _LOCUS = f"Jitter locus: auto (the simplest that the frame supports), {', '.join
 
 def make_processor(
     instrument: options.InstrumentName = "toliman",
+    scene: options.SceneName = "auto",
     locus: Annotated[str, typer.Option(metavar="auto|NAME", help=_LOCUS)] = "auto",
     estimator: Annotated[
         str, typer.Option(metavar="NAME", help="Kernel estimator that starts the fit: score or mtf.")
@@ -87,6 +88,7 @@ def make_processor(
         options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
         locus=locus,
         kernel=estimator,
+        scene=scene,
         options=settings.options(telescope, FitOptions(hold=() if background else ("background",))),
         prior=known,
         censored=censored,

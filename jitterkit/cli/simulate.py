@@ -16,6 +16,7 @@ __all__ = ["simulate"]
 
 
 def simulate(
+    context: typer.Context,
     output: Annotated[
         Path,
         typer.Argument(
@@ -59,6 +60,9 @@ def simulate(
             show_default=False,
         ),
     ] = None,
+    scene: Annotated[
+        str, typer.Option(metavar="star|binary", help="One star, at --x and --y, or a pair.")
+    ] = "binary",
     separation: options.Separation = 10.0,
     theta: options.Theta = 180.0,
     x: options.MiddleX = 0.0,
@@ -91,9 +95,11 @@ def simulate(
 
     from jitterkit.frames import write_fits, write_tiff
     from jitterkit.instruments import load_instrument
-    from jitterkit.scene import Binary
+    from jitterkit.scene import Binary, Star
     from jitterkit.simulate import fits_header, simulate_sequence, tiff_metadata
 
+    scenes = {"star": Star, "binary": Binary}
+    _check_scene(scene, scenes, context)
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
@@ -114,15 +120,16 @@ def simulate(
     if pointing.places is not None:
         drawn = {"x": x + pointing.places[:, 0], "y": y + pointing.places[:, 1]}
     if scatter:
-        drawn = {
-            "theta": generator.uniform(0, 360, frames),
+        drawn = ({"theta": generator.uniform(0, 360, frames)} if scene == "binary" else {}) | {
             "x": drawn.get("x", x) + generator.uniform(-5, 5, frames),
             "y": drawn.get("y", y) + generator.uniform(-5, 5, frames),
         }
     photons = telescope.flux if flux is None else flux
+    pair = {"separation": separation, "theta": theta, "contrast": contrast} if scene == "binary" else {}
+    stars = scenes[scene](x=x, y=y, flux=photons, **pair)
     sequence = simulate_sequence(
         telescope,
-        Binary(separation, theta, x, y, photons, contrast),
+        stars,
         pointing.loci,
         frames,
         aberrations=aberrations * generator.standard_normal((frames, len(telescope.aberrations))),
@@ -146,6 +153,23 @@ def simulate(
             header = fits_header(simulated, telescope, seed=seed)
             write_fits(path, _stored(simulated.raw), header=header, overwrite=overwrite)
         say(f"wrote {path}")
+
+
+def _check_scene(scene: str, scenes, context: typer.Context) -> None:
+    """Refuse an unknown scene, and what is said of a pair where there is none."""
+    from jitterkit.errors import ConfigurationError, ErrorCode
+
+    if scene not in scenes:
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME,
+            f"There is no scene {scene!r} to simulate; give one of {', '.join(scenes)}.",
+        )
+    for name in ("separation", "theta", "contrast"):
+        source = context.get_parameter_source(name)
+        if scene == "star" and source is not None and source.name == "COMMANDLINE":
+            raise ConfigurationError(
+                ErrorCode.CONFLICT, f"One star has no --{name}; leave it out, or give --scene binary."
+            )
 
 
 def _check_alone(option: str, sizes: dict[str, Any], locus: str, **motions: Any) -> None:

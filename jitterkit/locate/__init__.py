@@ -1,7 +1,19 @@
 """Finding the stars, and starting values for everything else."""
 
-from jitterkit.locate.pair import FoundPair, find_pairs
-from jitterkit.locate.start import Start, locate_binary
+from jitterkit.locate.pair import FoundPair, find_pairs, find_star, residual_star, resolution
+from jitterkit.locate.start import Start, locate_binary, locate_star, polished
 from jitterkit.locate.warm import ReferenceFrame, WarmStart
 
-__all__ = ["FoundPair", "ReferenceFrame", "Start", "WarmStart", "find_pairs", "locate_binary"]
+__all__ = [
+    "FoundPair",
+    "ReferenceFrame",
+    "Start",
+    "WarmStart",
+    "find_pairs",
+    "find_star",
+    "locate_binary",
+    "locate_star",
+    "polished",
+    "residual_star",
+    "resolution",
+]

@@ -1,4 +1,4 @@
-"""Find a star pair in a frame, without being told where to look.
+"""Find a star or a pair in a frame, without being told where to look.
 
 The frame is fitted, by linear least squares, with two star templates and a constant.  One template is
 held while the other is tried at every pixel, which takes one Fourier transform; then the two change
@@ -19,14 +19,17 @@ from jitterkit.likelihood import Data
 from jitterkit.loci.base import Locus
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 
-__all__ = ["FoundPair", "find_pairs", "resolution"]
+__all__ = ["FoundPair", "find_pairs", "find_star", "residual_star", "resolution"]
 
 Place = tuple[float, float]
 
 _FAINTEST = 1 / 1000
 """Faintest companion considered, as a share of the brighter star."""
+
+_ABOVE_NOISE = 6.0**2
+"""Chi-squared from which a star is one: the best of some ten thousand places reaches 16 by chance."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,57 @@ class FoundPair:
 
     scene: Binary
     gain: float
+
+
+def find_star(data: Data, otf: OTF, jitter: Locus | None = None) -> Star | None:
+    """Find the place and the light of the brightest star.
+
+    Parameters
+    ----------
+    data, otf, jitter
+        As for :func:`find_pairs`.
+
+    Returns
+    -------
+    star : Star or None
+        Its place to about a tenth of a pixel.  None if no star rises above the noise.
+    """
+    field = _Field.of(data, otf, jitter)
+    single = field.single()
+    if not single.max() > _ABOVE_NOISE:
+        return None
+    flat = int(single.argmax())
+    return Star(*field.peak(single, flat), field.match.ravel()[flat] / field.power.ravel()[flat])
+
+
+def residual_star(data: Data, image: np.ndarray, otf: OTF, jitter: Locus | None = None) -> tuple[Star, float]:
+    """Find the star that would mend an expected image most.
+
+    Parameters
+    ----------
+    data, otf, jitter
+        As for :func:`find_pairs`.
+    image : (ny, nx) array
+        Expected electrons without that star.
+
+    Returns
+    -------
+    star : Star
+    gain : float
+        Chi-squared that it would explain if nothing else changed.  What is near a star of the image explains
+        less: there the fit that made the image has used it up.
+    """
+    counts = np.maximum(np.asarray(image) + np.asarray(data.offset), np.finfo(float).tiny)
+    weight = np.where(data.used, np.asarray(data.weight) / counts, 0.0)
+    grid, optics = otf.grid, _template(otf, jitter)
+    match = _correlate(_embed((np.asarray(data.electrons) - image) * weight, grid), optics, grid)
+    squares = fft.rfft2(fft.irfft2(optics, s=grid.fine_shape) ** 2)
+    power = _correlate(_embed(weight, grid), squares, grid)
+    gain = _ratio(np.clip(match, 0, None) ** 2, power)
+    row, column = np.unravel_index(int(gain.argmax()), gain.shape)
+    y, x = (offsets(n, grid.plate_scale) for n in grid.shape)
+    star = Star(x[column], y[row], match[row, column] / max(power[row, column], np.finfo(float).tiny))
+    return star, float(gain[row, column])
 
 
 def find_pairs(
@@ -75,7 +129,7 @@ def find_pairs(
     """
     field = _Field.of(data, otf, jitter)
     single = field.single()
-    if not single.max() > 36.0:
+    if not single.max() > _ABOVE_NOISE:
         return []
     first = field.peak(single, single.argmax()) if bright is None else bright
     least = resolution(otf)
@@ -113,13 +167,7 @@ class _Field:
 
     @classmethod
     def of(cls, data: Data, otf: OTF, jitter: Locus | None) -> _Field:
-        grid = otf.grid
-        fy, fx = grid.frequencies
-        optics = np.asarray(otf.value) * grid.refine**2
-        if not otf.pixel_included:
-            optics = optics * np.sinc(grid.plate_scale * fx) * np.sinc(grid.plate_scale * fy)
-        if jitter is not None:
-            optics = optics * np.asarray(jitter.transfer(fx, fy))
+        grid, optics = otf.grid, _template(otf, jitter)
         frame_used = np.asarray(data.used, float)
         count = max(frame_used.sum(), 1.0)
         electrons = np.asarray(data.electrons) * frame_used
@@ -224,6 +272,15 @@ class _Field:
         cy, cx = self.grid.centre
         ramp = np.exp(-2j * np.pi * fx * (place[0] + cx)) * np.exp(-2j * np.pi * fy * (place[1] + cy))
         return fft.irfft2(self.optics * ramp, s=self.grid.fine_shape)
+
+
+def _template(otf: OTF, jitter: Locus | None) -> np.ndarray:
+    """Transfer function of a star on the frame's pixels."""
+    fy, fx = otf.grid.frequencies
+    optics = np.asarray(otf.value) * otf.grid.refine**2
+    if not otf.pixel_included:
+        optics = optics * np.sinc(otf.grid.plate_scale * fx) * np.sinc(otf.grid.plate_scale * fy)
+    return optics if jitter is None else optics * np.asarray(jitter.transfer(fx, fy))
 
 
 def _vertex(values: np.ndarray, i: int) -> float:

@@ -8,7 +8,7 @@ search begins anew.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -18,16 +18,16 @@ import numpy as np
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.linearisation import SETTLED, climb_and_expand
-from jitterkit.locate.pair import FoundPair, find_pairs, resolution
+from jitterkit.locate.pair import FoundPair, find_pairs, find_star, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Scene
 from jitterkit.scoring import Prior
 
-__all__ = ["Start", "locate_binary"]
+__all__ = ["Start", "locate_binary", "locate_star", "polished"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
@@ -52,14 +52,61 @@ class Start:
         About aberrations very near theirs.
     deviance_dof : float
         Deviance a pixel; about one if all is well.
-    covariance : (3, 3) array
-        Of the normal's moments ``(Sxx, Sxy, Syy)``, arcsec⁴; NaN where the frame does not determine them.
+    information : (p, p) array
+    names : tuple of str
+        Of what was fitted.
     """
 
     parameters: Parameters
     otf: OTF
     deviance_dof: float
-    covariance: np.ndarray
+    information: np.ndarray
+    names: tuple[str, ...]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the moments ``(Sxx, Sxy, Syy)``, (3, 3), arcsec⁴; NaN where the frame does not tell them."""
+        return self.covariance_of(Mvn.names)
+
+    def covariance_of(self, names: Sequence[str]) -> np.ndarray:
+        """Of parameters that were fitted."""
+        slots = [self.names.index(name) for name in names]
+        return invert_information(self.information)[0][np.ix_(slots, slots)]
+
+    def describes(self, data: Data) -> bool:
+        """Whether it leaves no more of a frame than noise and its own haste."""
+        misfit = pearson(_image(self.parameters, self.otf), data)
+        return misfit.chi2 < misfit.pixels + _SURE * misfit.spread
+
+
+def locate_star(
+    data: Data, optics: Optics, hold: Collection[str] = ("background",), *, rough: bool = False
+) -> Start | None:
+    """Find a star anywhere in a frame and starting values for all of its parameters.
+
+    Parameters
+    ----------
+    data, optics, hold, rough
+        As for :func:`locate_binary`.
+
+    Returns
+    -------
+    start : Start or None
+        None if no star rises above the noise.
+    """
+    otf, jitter, best = optics.nominal, None, None
+    for _ in range(_ROUNDS):
+        star = find_star(data, otf, jitter)
+        if star is None:
+            break
+        trial = polished(data, optics, otf, star, jitter, hold, rough=rough)
+        if best is not None and not trial.deviance_dof < _WORTH_IT * best.deviance_dof:
+            break
+        best = trial
+        if best.describes(data):
+            break
+        otf, jitter = best.otf, best.parameters.locus
+    return best
 
 
 def locate_binary(
@@ -92,10 +139,10 @@ def locate_binary(
             if not _is_new(pair.scene, tried, near):
                 continue
             tried.append(pair.scene)
-            trial = _polish(data, optics, otf, pair, jitter, hold, rough)
+            trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
             if best is None or trial.deviance_dof < best.deviance_dof:
                 best = trial
-            if best.deviance_dof < _GOOD_ENOUGH and _describes(best, data):
+            if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return best
         if best is None or best.deviance_dof > _WORTH_IT * before:
             return best
@@ -111,12 +158,6 @@ def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) 
     yield from find_pairs(data, otf, jitter, most=3)
 
 
-def _describes(start: Start, data: Data) -> bool:
-    """Whether a start leaves no more of a frame than noise and its own haste."""
-    misfit = pearson(_image(start.parameters, start.otf), data)
-    return misfit.chi2 < misfit.pixels + _SURE * misfit.spread
-
-
 def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
     """Whether a pair lies further [arcsec] from those already tried."""
     return all(np.abs(_places(scene) - _places(other)).max() > near for other in tried)
@@ -127,18 +168,30 @@ def _places(scene: Binary) -> np.ndarray:
     return np.array([x, y])
 
 
-def _polish(
+def polished(
     data: Data,
     optics: Optics,
     otf: OTF,
-    pair: FoundPair,
+    scene: Scene,
     jitter: Locus | None,
     hold: Collection[str],
-    rough: bool,
+    *,
+    rough: bool = False,
 ) -> Start:
-    """Fit a candidate briefly with everything free, about ``otf`` and then about where that led."""
+    """Fit a candidate briefly with everything free, about ``otf`` and then about where that led.
+
+    Parameters
+    ----------
+    data, optics, hold, rough
+        As for :func:`locate_binary`.
+    otf : OTF
+        Optics to begin with, about any state.
+    scene : Scene
+    jitter : Locus or None
+        To begin with; None for none.
+    """
     locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
-    here = Parameters(pair.scene, locus, otf.state)
+    here = Parameters(scene, locus, otf.state)
     names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
     used = max(int(np.sum(np.asarray(data.used))), 1)
@@ -156,6 +209,4 @@ def _polish(
     )
     if otf.names:
         otf = optics.otf(end.parameters.aberrations)
-    slots = [names.index(name) for name in locus.names]
-    covariance, _ = invert_information(end.information)
-    return Start(end.parameters, otf, float(end.objective) / used, covariance[np.ix_(slots, slots)])
+    return Start(end.parameters, otf, float(end.objective) / used, np.asarray(end.information), names)

@@ -3,7 +3,7 @@
 Frames of a run repeat each other but for place, light, blur and a little of the wavefront.  A
 :class:`ReferenceFrame` is made of what fits one of them.  Another is registered to it by a correlation, and a
 short fit from there gives all of its parameters in a few milliseconds, where a search takes a hundred.  Of a
-large frame only a cut-out about the pair is used, so small that the errors of the blur grow by a hundredth.
+large frame only a cut-out about its stars is used, so small that the errors of the blur grow by a hundredth.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from jitterkit.metric import invert_information
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
-from jitterkit.scene import Binary
 from jitterkit.scoring import Prior
 
 __all__ = ["ReferenceFrame", "WarmStart"]
@@ -59,16 +58,13 @@ moments, to which a test holds it with both comas of a small telescope."""
 _SURE = 5.0
 """Standard deviations by which chi-squared may exceed what is expected of it."""
 
-_OWN = {*Binary.names, *Mvn.names}
-"""Parameters that must be fitted."""
-
 _OF_LIGHT = ("flux", "background")
 """Parameters about which a frame says less, the more light it has."""
 
 
 @dataclass(frozen=True)
 class WarmStart:
-    """What a frame shows of a pair that another has shown.
+    """What a frame shows of stars that another has shown.
 
     Attributes
     ----------
@@ -156,7 +152,6 @@ class ReferenceFrame:
         Parameters
         ----------
         parameters : Parameters
-            Of a binary.
         system : OpticalSystem
         anchor : Anchor
             Of the system, near the frame's aberrations.
@@ -166,11 +161,12 @@ class ReferenceFrame:
         Returns
         -------
         reference : ReferenceFrame or None
-            None if something of the pair or of its blur is held, or rows are exposed one after the other.
+            None if something of the stars or of their blur is held, or rows are exposed one after the other.
         """
         parameters = parameters.with_locus(Mvn.near(parameters.locus.moments()))
         otf = anchor.otf(parameters.aberrations)
-        wanted = set(parameter_names(parameters, otf.names)) - _OWN
+        own = {*parameters.scene.names, *Mvn.names}
+        wanted = set(parameter_names(parameters, otf.names)) - own
         if not set(hold).issubset(wanted) or parameters.shutter is not None:
             return None
         names, free = free_parameters(parameters, otf, hold)

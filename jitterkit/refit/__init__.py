@@ -5,6 +5,7 @@ Reach for :func:`fit_best_locus` first; :func:`fit_locus` fits a locus of your c
 """
 
 from jitterkit.refit.choose import fit_best_locus, fit_locus, single_star
+from jitterkit.refit.choose_scene import SCENES, SceneChoice, choose_scene
 from jitterkit.refit.fit import FitOptions, fit_frame
 from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
@@ -14,13 +15,16 @@ from jitterkit.refit.sampling import sample_posterior
 
 __all__ = [
     "POOR",
+    "SCENES",
     "Candidate",
     "FitOptions",
     "FitResult",
     "KernelPrior",
     "Posterior",
     "Priors",
+    "SceneChoice",
     "Status",
+    "choose_scene",
     "fit_best_locus",
     "fit_frame",
     "fit_locus",

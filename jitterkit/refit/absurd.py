@@ -16,7 +16,6 @@ def absurdity(parameters: Parameters, shape: tuple[int, int], plate_scale: float
     Parameters
     ----------
     parameters : Parameters
-        Of a binary.
     shape : (int, int)
         ``(ny, nx)`` of the frame.
     plate_scale : float
@@ -28,9 +27,9 @@ def absurdity(parameters: Parameters, shape: tuple[int, int], plate_scale: float
         Stars outside the frame, or a blur as wide as it is: half a sentence.  Empty if all is well.
     """
     half = (np.array(shape[::-1]) - 1) / 2 * plate_scale
-    scene = parameters.binary
-    middle = np.abs(np.array([float(scene.x), float(scene.y)]))
-    if not np.all(middle <= half) or float(scene.separation) > 2 * np.hypot(*half):
+    x, y, _ = map(np.asarray, parameters.scene.sources())
+    middle = np.abs(np.array([float(parameters.scene.x), float(parameters.scene.y)]))
+    if not np.all(middle <= half) or np.hypot(np.ptp(x), np.ptp(y)) > 2 * np.hypot(*half):
         return "it puts the stars outside the frame"
     major, _, _ = principal_axes(parameters.locus.moments())
     if 4 * major > 2 * half.max():

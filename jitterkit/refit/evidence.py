@@ -24,7 +24,7 @@ from jitterkit.refit.leashes import leashes
 from jitterkit.refit.result import FitResult
 from jitterkit.refit.tip import at_the_tip
 
-__all__ = ["CHOICES", "Choice", "log_evidence", "minor_variance"]
+__all__ = ["CHOICES", "Choice", "log_evidence", "log_volume", "minor_variance"]
 
 _LEAST = 1e-12
 """arcsec²: floor of a variance inside a logarithm, a millionth of an arcsec squared."""
@@ -72,15 +72,25 @@ def log_evidence(fit: FitResult) -> float:
         return -math.inf
     if at_the_tip(fit.parameters.locus, fit.names, fit.covariance):
         return -math.inf
+    return log_volume(fit) + choice.log_prior(fit, fit.parameters.locus)
+
+
+def log_volume(fit: FitResult) -> float:
+    """Logarithm of the evidence of a fit whose parameters have a prior density of one.
+
+    Minus infinity where the fit has no volume: something of it is not determined.
+    """
+    if not np.all(np.isfinite(fit.covariance)):
+        return -math.inf
     sign, size = np.linalg.slogdet(2 * np.pi * fit.covariance)
-    density = choice.log_prior(fit, fit.parameters.locus)
-    return float(-fit.objective / 2 + size / 2 + density) if sign > 0 else -math.inf
+    return float(-fit.objective / 2 + size / 2) if sign > 0 else -math.inf
 
 
 def minor_variance(moments, covariance) -> tuple[float, float]:
     """Variance along the minor axis of second moments and its error, arcsec²; noise may make it negative."""
     _, minor, angle = axis_variances(moments)
-    return minor, float(np.sqrt(covariance_on_axis(covariance, angle)[2, 2]))
+    variance = covariance_on_axis(covariance, angle)[2, 2]  # a straight locus has none but for rounding
+    return minor, float(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _total(locus: Locus) -> float:

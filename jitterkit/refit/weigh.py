@@ -47,8 +47,10 @@ def say_undecided(candidates: tuple[Candidate, ...]) -> str:
     names = [one.locus for one in likely]
     separations = [one.separation for one in likely]
     loci = f"{', '.join(names[:-1])} and {names[-1]}"
-    difference = _microarcsec(max(separations) - min(separations))
-    return f"Undecided between {loci}; the separation differs by {difference}."
+    difference = max(separations) - min(separations)
+    if np.isnan(difference):  # of one star
+        return f"Undecided between {loci}."
+    return f"Undecided between {loci}; the separation differs by {_microarcsec(difference)}."
 
 
 def _microarcsec(angle: float) -> str:

@@ -30,6 +30,7 @@ FLAGS: dict[str, str] = {
     "dark_not_subtracted": "the exposure is not known, so the dark current was not subtracted",
     "rays_masked": "pixels hit by cosmic rays were found by the fit and masked",
     "outlier": "the frame contradicts the others of its sequence and was not counted",
+    "maybe_pair": "one star was fitted, and two closer than the resolution would look alike",
 }
 
 

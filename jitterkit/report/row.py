@@ -58,7 +58,7 @@ def make_row(
     flags : iterable of str
         Remarks of the frame, to which the fit's own are added.
     pixel : (float, float)
-        Midpoint of the pair ``(x, y)``, 0-based pixels of the original frame.
+        Place of the star, or midpoint of the pair, ``(x, y)``, 0-based pixels of the original frame.
     pa : float
         Position angle of the pair on the sky, north through east [deg], where a WCS gives it.
     aberrations : sequence of str, optional
@@ -84,6 +84,7 @@ def make_row(
         "reason": result.reason,
         "message": _message(result, words),
         "flags": encode_flags(words),
+        "scene": "" if result.parameters is None else result.parameters.scene.name,
         "locus": result.locus,
         "locus_weight": float(result.locus_weight),
         "chi2_dof": float(result.chi2_dof),
@@ -110,7 +111,7 @@ def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str
     """Columns of what was fitted."""
     row: Row = {}
     for name in SCENE:
-        row |= _with_error(name, getattr(parameters.scene, name), result.error(name))
+        row |= _with_error(name, result.of_scene(name), result.error(name))
     row["theta"] = direction_angle(row["theta"])
     row |= {"separation_crlb": _crlb(result, "separation"), "separation_spread": result.separation_spread}
     row |= _with_error("shape", result.shape, result.shape_err)

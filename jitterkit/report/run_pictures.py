@@ -85,14 +85,13 @@ def run_pictures(table: QTable, summary: dict[str, Any]) -> list[RunPicture]:
     Returns
     -------
     pictures : list of RunPicture
-        Of fewer than two fitted frames none.
+        Of fewer than two fitted frames none, of one star none of separations.
     """
     clock = Clock.of(table)
     usable = np.asarray(table["status"]) == "ok"
-    if np.isfinite(table["separation"].to_value("arcsec"))[usable].sum() < 2:
-        return []
+    pairs = np.isfinite(table["separation"].to_value("arcsec")) & usable
     return [
-        *_averages(table, summary, clock),
+        *(_averages(table, summary, clock) if pairs.sum() >= 2 else []),
         *(_jitter(table, summary, clock) if jittered(table).sum() >= _RUNNING else []),
         *(_fits(table, usable) if usable.sum() >= _MANY else []),
     ]

@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
-from jitterkit.scene import Binary
+from jitterkit.scene import Scene
 from jitterkit.shutter import Drifting, Shutter
 from jitterkit.simulate.frames import Simulated
 
@@ -26,9 +26,9 @@ Cards = dict[str, tuple[Any, str]]
 _SCENE = {
     "separation": ("TRUSEP", "[arcsec] true separation"),
     "theta": ("TRUTHETA", "[deg] true direction A to B, ccw from +x"),
-    "x": ("TRUX", "[arcsec] true midpoint, from the frame centre"),
-    "y": ("TRUY", "[arcsec] true midpoint, from the frame centre"),
-    "flux": ("TRUFLUX", "[electron] true, both stars, whole plane"),
+    "x": ("TRUX", "[arcsec] true place, from the frame centre"),
+    "y": ("TRUY", "[arcsec] true place, from the frame centre"),
+    "flux": ("TRUFLUX", "[electron] true, all stars, whole plane"),
     "contrast": ("TRUCONT", "true flux of A over flux of B"),
 }
 _SIZES = {
@@ -77,7 +77,7 @@ def truth_cards(simulated: Simulated, seed: int | None = None) -> Cards:
     truth = simulated.truth
     shutter = truth.shutter
     locus = truth.locus if shutter is None else shutter.completed(truth.locus)
-    cards = {**_scene_cards(truth.binary), **_jitter_cards(locus)}
+    cards = {**_scene_cards(truth.scene), **_jitter_cards(locus)}
     for k, (name, value) in enumerate(zip(simulated.aberrations, np.asarray(truth.aberrations), strict=True)):
         keyword = f"TRUN{name[4:]}" if name.startswith("noll") else f"TRUA{k}"
         cards[keyword] = (float(value), f"[nm] true {name}")
@@ -165,8 +165,8 @@ def _numbers(simulated: Simulated) -> dict[str, float]:
     return {name: metadata.value(name) for name in names if metadata.value(name) is not None}
 
 
-def _scene_cards(scene: Binary) -> Cards:
-    return {keyword: (float(getattr(scene, name)), text) for name, (keyword, text) in _SCENE.items()}
+def _scene_cards(scene: Scene) -> Cards:
+    return {_SCENE[name][0]: (float(getattr(scene, name)), _SCENE[name][1]) for name in scene.names}
 
 
 def _jitter_cards(locus: Locus) -> Cards:

@@ -7,12 +7,12 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
-from jitterkit.scene import Binary
+from jitterkit.scene import Scene
 
 __all__ = ["check_reach", "check_scene"]
 
 
-def check_scene(scene: Binary, locus: Locus, background: float = 0.0) -> None:
+def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
     """Refuse what cannot be.
 
     Raises
@@ -21,23 +21,27 @@ def check_scene(scene: Binary, locus: Locus, background: float = 0.0) -> None:
         With the value and what is possible.
     """
     rules = {
-        "separation": (float(scene.separation), 0.0, "must not be negative, in arcsec"),
-        "flux": (float(scene.flux), np.nextafter(0, 1), "must be positive, in electrons per frame"),
-        "contrast": (float(scene.contrast), 1.0, "must be at least one: A is the brighter star"),
-        "background": (float(background), 0.0, "must not be negative, in electrons per pixel"),
+        "separation": (0.0, "must not be negative, in arcsec"),
+        "flux": (np.nextafter(0, 1), "must be positive, in electrons per frame"),
+        "contrast": (1.0, "must be at least one: A is the brighter star"),
+        "background": (0.0, "must not be negative, in electrons per pixel"),
     }
-    for name, (value, least, rule) in rules.items():
-        if not least <= value < np.inf:
+    values = {name: float(getattr(scene, name)) for name in scene.names}
+    for name, value in {
+        **values,
+        "jitter": float(locus.coords.sum()),
+        "background": float(background),
+    }.items():
+        least, rule = rules.get(name, (-np.inf, ""))
+        if rule and not least <= value < np.inf:
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} {rule}.")
-    others = {"theta": scene.theta, "x": scene.x, "y": scene.y, "jitter": locus.coords.sum()}
-    for name, other in others.items():
-        if not np.isfinite(float(other)):
+        if not np.isfinite(value):
             raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"{name} = {float(other):g} is not a finite number; give one."
+                ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} is not a finite number; give one."
             )
 
 
-def check_reach(scene: Binary, locus: Locus, otf: OTF) -> None:
+def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
     """Refuse stars so far out, or a blur so wide, that the image would not be exact.
 
     Light would wrap around the padded grid, or the locus is not computed so far.

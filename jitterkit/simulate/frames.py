@@ -21,7 +21,7 @@ from jitterkit.frames.metadata import Metadata
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
-from jitterkit.scene import Binary
+from jitterkit.scene import Scene
 from jitterkit.shutter import Shutter, with_enough_nodes
 from jitterkit.simulate.checks import check_reach, check_scene
 from jitterkit.simulate.rolling import drifting_shutter, line_time_of
@@ -55,7 +55,7 @@ class Simulated:
 
 def simulate_frame(
     instrument: Instrument,
-    scene: Binary,
+    scene: Scene,
     locus: Locus,
     *,
     aberrations=None,
@@ -73,7 +73,7 @@ def simulate_frame(
     Parameters
     ----------
     instrument : Instrument
-    scene : Binary
+    scene : Scene
     locus : Locus
     aberrations : (k,) array, optional
         nm, in the order of ``instrument.aberrations``; none if omitted.
@@ -132,7 +132,7 @@ def simulate_frame(
 
 def simulate_sequence(
     instrument: Instrument,
-    scene: Binary,
+    scene: Scene,
     locus: Locus | Sequence[Locus],
     frames: int,
     *,
@@ -161,7 +161,8 @@ def simulate_sequence(
     frames : int
         How many.
     separation, theta, x, y, flux : (frames,) array, optional
-        In place of the scene's, frame by frame: arcsec, degrees, arcsec, arcsec, electrons.
+        In place of the scene's, frame by frame: arcsec, degrees, arcsec, arcsec, electrons.  One star has no
+        separation and no theta.
     aberrations : (k,) or (frames, k) array, optional
         nm; common to all, or frame by frame.
     velocity : (2,) or (frames, 2) array, optional
@@ -181,6 +182,10 @@ def simulate_sequence(
     """
     changes = {"separation": separation, "theta": theta, "x": x, "y": y, "flux": flux}
     changes = {name: values for name, values in changes.items() if values is not None}
+    for name in set(changes) - set(scene.names):
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME, f"A {scene.name} has no {name}; there are {', '.join(scene.names)}."
+        )
     for name, values in changes.items():
         if np.shape(values) != (frames,):
             raise ConfigurationError(
@@ -233,9 +238,9 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
     return np.broadcast_to(given, (frames, width))
 
 
-def _moved(scene: Binary, changes: dict[str, float]) -> Binary:
-    names = ("separation", "theta", "x", "y", "flux", "contrast")
-    return Binary(**{name: changes.get(name, getattr(scene, name)) for name in names})
+def _moved(scene: Scene, changes: dict[str, float]) -> Scene:
+    values = {name: getattr(scene, name) for name in scene.names}
+    return type(scene)(**(values | changes))
 
 
 def _read_out(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jitterkit.batch import Processor
-from jitterkit.batch.binary import BinaryMeasurer
+from jitterkit.batch.by_optics import OpticsMeasurer
 from jitterkit.batch.kernels import estimate_files
 from jitterkit.frames import write_fits
 from jitterkit.loci import Linear
@@ -18,7 +18,7 @@ from jitterkit.simulate import fits_header, simulate_sequence
 
 def test_a_frame_without_a_pair_is_a_row_with_a_status(telescope, tmp_path):
     write_fits(tmp_path / "dark.fits", np.random.default_rng(1).normal(100.0, 3.0, (64, 64)))
-    measurer = BinaryMeasurer(Processor(telescope))
+    measurer = OpticsMeasurer(Processor(telescope))
     (row,) = estimate_files([tmp_path / "dark.fits"], measurer)
     assert (row["status"], row["reason"]) == ("no_star", "no_star")
     assert np.isnan(row["sxx"].value)
@@ -38,7 +38,7 @@ def drifted(telescope, tmp_path_factory):
 
 
 def test_a_pair_with_aberrations_is_described_by_its_template(telescope, drifted):
-    (row,) = estimate_files([drifted], BinaryMeasurer(Processor(telescope)))
+    (row,) = estimate_files([drifted], OpticsMeasurer(Processor(telescope)))
     assert (row["status"], row["reason"], row["message"]) == ("ok", "", "")
 
 
@@ -52,7 +52,7 @@ def test_a_frame_that_no_binary_describes_is_a_poor_fit_that_names_its_scale_and
     header = {"BUNIT": "electron", "PIXSCALE": 1.3 * telescope.plate_scale}
     write_fits(tmp_path / "one.fits", star, header=header)
     kept = []
-    (row,) = estimate_files([tmp_path / "one.fits"], BinaryMeasurer(Processor(telescope)), keep=kept.append)
+    (row,) = estimate_files([tmp_path / "one.fits"], OpticsMeasurer(Processor(telescope)), keep=kept.append)
     assert (row["status"], row["reason"]) == ("poor_fit", "model_mismatch")
     assert np.isnan(row["sxx"].value)
     assert kept == []
@@ -71,7 +71,7 @@ class _Blind(Processor):
 def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_doubted(
     telescope, drifted
 ):
-    (row,) = estimate_files([drifted], BinaryMeasurer(_Blind(telescope)))
+    (row,) = estimate_files([drifted], OpticsMeasurer(_Blind(telescope)))
     assert (row["status"], row["reason"]) == ("ok", "")
     without, fitted = map(float, re.findall(r"chi²/dof\D+([\d.e+]+),\D+([\d.e+]+):", row["message"])[0])
     assert without > POOR >= fitted
@@ -91,7 +91,7 @@ def test_the_picture_s_residual_is_in_sigmas_of_what_was_counted(telescope, drif
     for kind in (Processor, _Insensitive):
         estimate_files(
             [drifted],
-            BinaryMeasurer(kind(telescope)),
+            OpticsMeasurer(kind(telescope)),
             keep=lambda one: titles.append(one.draw()[2].get_title()),
         )
     plain, divided = titles

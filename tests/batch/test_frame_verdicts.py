@@ -1,5 +1,6 @@
 """One frame through a processor: what its result says, and what options and priors change of it."""
 
+import math
 import re
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from jitterkit.batch import Processor
+from jitterkit.batch import Processor, finder
 from jitterkit.batch.finder import _FEWEST_USED
 from jitterkit.batch.verdict import judge
 from jitterkit.errors import ErrorCode
@@ -17,7 +18,8 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import obstructed_circle
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, Status, moments_prior
-from jitterkit.scene import Binary
+from jitterkit.report.row import make_row
+from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
 
@@ -54,9 +56,9 @@ def test_a_fit_that_no_frame_can_show_is_implausible_however_good_it_is(x, size,
     assert value in result.message
 
 
-def test_one_star_is_no_pair(processor, rng, drawn):
+def test_one_star_is_no_pair_where_a_pair_is_asked_for(processor, rng, drawn):
     simulated = drawn(rng, contrast=1e7)
-    result = processor.process(simulated.raw).result
+    result = replace(processor, scene="binary").process(simulated.raw).result
     assert (result.status.name, result.reason) == ("NO_PAIR", "no_pair"), result.message
 
 
@@ -70,10 +72,53 @@ def test_a_streak_can_be_asked_for_by_name(telescope, rng):
         Processor(telescope, locus="zigzag")
 
 
-def test_a_bright_star_alone_is_no_pair(processor, rng, drawn):
+def test_a_bright_star_alone_is_no_pair_either(processor, rng, drawn):
     simulated = drawn(rng, flux=1e5, contrast=1e9)
-    result = processor.process(simulated.raw).result
+    result = replace(processor, scene="binary").process(simulated.raw).result
     assert (result.status.name, result.reason) == ("NO_PAIR", "no_pair"), result.message
+
+
+def test_one_star_yields_place_light_wavefront_and_jitter(processor, telescope, rng):
+    scene, locus = Star(1.0, -2.0, 1.2e5), Mvn.of(0.25, 0.15, 20.0)
+    simulated = simulate_frame(telescope, scene, locus, aberrations=[10.0, -5.0], rng=rng)
+    done = processor.process(simulated.raw)
+    fit = done.result
+    assert (fit.status.name, fit.flags) == ("OK", ()), fit.message
+    known = {"x": 1.0, "y": -2.0, "flux": 1.2e5, "noll7": 10.0, "noll8": -5.0}
+    known |= dict(zip(("sxx", "sxy", "syy"), np.asarray(locus.moments()).tolist(), strict=True))
+    row = make_row(fit, None, pixel=done.pixel, pa=done.pa, aberrations=telescope.aberrations)
+    pulls = [(row[name] - value) / row[f"{name}_err"] for name, value in known.items()]
+    assert np.sum(np.square(pulls)) < 8 + 4 * np.sqrt(16)  # chi-squared of eight degrees of freedom
+    assert row["scene"] == "star"
+    empty = ("separation", "separation_err", "separation_crlb", "theta", "contrast", "contrast_err", "pa")
+    assert all(math.isnan(row[name]) for name in empty)
+    assert (row["x_pixel"], row["y_pixel"]) == pytest.approx((21.5 + 1 / 0.375, 23.5 - 2 / 0.375), abs=0.1)
+
+
+def test_a_scene_that_a_frame_does_not_decide_is_undetermined(processor, telescope, rng, monkeypatch):
+    raw = simulate_frame(telescope, Star(1.0, -2.0, 1.2e5), Stable.of(), rng=rng).raw
+    choose = finder.choose_scene
+
+    def hesitate(*given, **options):
+        return replace(choose(*given, **options), log_odds=1.0, readings="one star, or two")
+
+    monkeypatch.setattr(finder, "choose_scene", hesitate)
+    result = processor.process(raw).result
+    assert (result.status.name, result.reason) == ("UNDETERMINED", "not_constrained")
+    assert "one star, or two" in result.message
+    assert "2.7 to 1" in result.message
+
+
+def test_a_pair_that_looks_like_the_star_that_was_fitted_is_spoken_of(processor, telescope, rng):
+    raw = simulate_frame(telescope, Binary(0.25, 30.0, 1.0, -2.0, 1.2e5, 1.0), Stable.of(), rng=rng).raw
+    result = processor.process(raw).result
+    assert result.status.name == "UNDETERMINED" or "maybe_pair" in result.flags
+    assert "two stars 0.2" in result.message
+
+
+def test_an_unknown_scene_is_refused(telescope):
+    with refused(ErrorCode.UNKNOWN_NAME, "'galaxy'", "binary"):
+        Processor(telescope, scene="galaxy")
 
 
 def test_sky_spoils_neither_kernel_nor_separation_when_it_is_fitted(telescope, rng):

@@ -8,7 +8,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.batch import Processor, process_files
-from jitterkit.batch.binary import BinaryMeasurer
+from jitterkit.batch.by_optics import OpticsMeasurer
 from jitterkit.batch.kernels import estimate_files
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits, write_tiff
@@ -170,7 +170,7 @@ def test_a_world_coordinate_system_gives_a_position_angle(telescope, processor, 
 
 
 def test_estimates_come_as_a_table(spoilt, processor):
-    table = estimate_files([spoilt], BinaryMeasurer(processor))
+    table = estimate_files([spoilt], OpticsMeasurer(processor))
     good = table[table["status"] == "ok"]
     assert set(good["file"]) >= {"a-good.fits", "z-good.fits"}
     assert {"no_star", "unreadable", "no_data"} <= set(table["status"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jitterkit.batch import Processor
-from jitterkit.batch.binary import BinaryMeasurer
+from jitterkit.batch.by_optics import OpticsMeasurer
 from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.plan import plan_batches
 from jitterkit.batch.stream import process_batches
@@ -15,7 +15,7 @@ from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Mvn
 from jitterkit.optics import obstructed_circle
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
 FRAMES, OTHER = 12, 7
@@ -46,7 +46,7 @@ def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(teles
     (files, truth), (names, noting) = night, searched
     names.clear()
     kept = []
-    table = estimate_files(files, BinaryMeasurer(noting(telescope)), keep=kept.append)
+    table = estimate_files(files, OpticsMeasurer(noting(telescope)), keep=kept.append)
     assert list(table["status"]) == ["ok"] * FRAMES
     assert {name for name in names if name != files[0].name} == {files[OTHER].name}
     pulls = [
@@ -60,8 +60,8 @@ def test_threads_do_not_matter(telescope, night, monkeypatch):
     files, _ = night
     tables = []
     for threads in (1, 3):
-        monkeypatch.setattr(BinaryMeasurer, "threads", threads)
-        tables.append(estimate_files(files, BinaryMeasurer(Processor(telescope))))
+        monkeypatch.setattr(OpticsMeasurer, "threads", threads)
+        tables.append(estimate_files(files, OpticsMeasurer(Processor(telescope))))
     for name in tables[0].colnames:
         np.testing.assert_array_equal(np.asarray(tables[0][name]), np.asarray(tables[1][name]), err_msg=name)
 
@@ -72,11 +72,36 @@ def searched(telescope):
     names = []
 
     class Noting(Processor):
-        def _locate(self, frame, data, *, rough=False):
+        def _found(self, frame, data, *, rough=False):
             names.append(frame.name)
-            return super()._locate(frame, data, rough=rough)
+            return super()._found(frame, data, rough=rough)
 
     return names, Noting
+
+
+def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, tmp_path):
+    rng, names, truth = np.random.default_rng(7), [], []
+
+    class Noting(Processor):
+        def _found(self, frame, data, *, rough=False):
+            names.append(frame.name)
+            return super()._found(frame, data, rough=rough)
+
+    for number in range(FRAMES):
+        locus, (x, y) = Mvn.of(rng.uniform(0.1, 0.2), 0.05, rng.uniform(0, 180)), rng.uniform(-2, 2, 2)
+        image = simulate_frame(telescope, Star(x, y, 2e5), locus, aberrations=[5.0, -8.0], rng=rng).raw.data
+        write_fits(tmp_path / f"{number:02d}.fits", image.astype(np.float32))
+        truth.append([*np.asarray(locus.moments()), x, y])
+    batches = plan_batches(sorted(tmp_path.iterdir()), [1] * FRAMES, FRAMES)
+    (done,) = process_batches(batches, Noting(telescope, locus="mvn"))
+    assert {(row["status"], row["scene"]) for row in done.rows} == {("ok", "star")}
+    assert len(set(names)) <= 4  # the lead's, until their scene is in no doubt
+    known = ("sxx", "sxy", "syy", "x", "y")
+    pulls = [
+        [(row[name] - value) / row[f"{name}_err"] for name, value in zip(known, values, strict=True)]
+        for row, values in zip(done.rows, truth, strict=True)
+    ]
+    assert np.sum(np.square(pulls)) < 60 + 4 * np.sqrt(120)  # chi-squared of 60 degrees of freedom
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from jax.errors import JaxRuntimeError
 
 from jitterkit.batch import Processor
-from jitterkit.batch.binary import BinaryMeasurer
+from jitterkit.batch.by_optics import OpticsMeasurer
 from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.batch.room import Room
@@ -142,7 +142,7 @@ def test_a_frame_without_memory_is_a_row_and_the_others_are_fitted_as_ever(files
 
 
 def test_an_estimate_without_memory_is_a_row_too(files, greedy):
-    table = estimate_files(files[:5], BinaryMeasurer(greedy))
+    table = estimate_files(files[:5], OpticsMeasurer(greedy))
     assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
     assert list(table["reason"]) == [""] * GREEDY + ["out_of_memory"] + [""] * (4 - GREEDY)
 
@@ -186,7 +186,7 @@ def test_an_estimate_for_which_there_was_no_memory_as_its_frame_was_read_is_made
             return super().calibrate(raw)
 
     monkeypatch.setattr(RawFrame, "digest", property(late_digest))
-    table = estimate_files(files[:5], BinaryMeasurer(Late(telescope)))
+    table = estimate_files(files[:5], OpticsMeasurer(Late(telescope)))
     assert list(table["status"]) == ["ok"] * GREEDY + ["failed"] + ["ok"] * (4 - GREEDY)
     assert list(table["reason"]) == [""] * GREEDY + ["out_of_memory"] + [""] * (4 - GREEDY)
     assert len(asked) == 9  # of the one there is no digest either

@@ -4,14 +4,15 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from jitterkit.conventions import offsets
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
-from jitterkit.locate import find_pairs, locate_binary
+from jitterkit.locate import find_pairs, locate_binary, locate_star, residual_star
 from jitterkit.locate.pair import resolution
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 
 _image = eqx.filter_jit(expected_image)
 
@@ -118,3 +119,32 @@ def test_the_blur_of_the_template_has_the_direction_that_it_is_given(plain_otf):
     data = Data(np.asarray(_image(Parameters(scene, drift, np.zeros(0)), plain_otf)), 2.4**2)
     along, across = (find_pairs(data, plain_otf, Linear.of(1.5, angle))[0] for angle in (0.0, 90.0))
     assert along.gain > across.gain  # no template explains more than the true one
+
+
+@pytest.mark.parametrize("place", [(0.31, -0.22), (-17.0, 15.0)])
+def test_one_star_is_found_through_jitter_and_aberrations(place, optics, rng):
+    data = frame(optics, Star(*place, 9.53e6), Linear.of(0.5, 70.0), rng.normal(0, 5, 7), rng)
+    start = locate_star(data, optics)
+    scene = start.parameters.scene
+    assert (float(scene.x), float(scene.y)) == pytest.approx(place, abs=0.02)
+    assert float(scene.flux) == pytest.approx(9.53e6, rel=2e-3)
+    moments = np.asarray(start.parameters.locus.moments())
+    np.testing.assert_allclose(moments, np.asarray(Linear.of(0.5, 70.0).moments()), atol=1e-3)
+
+
+def test_an_empty_frame_has_not_one_star(optics, rng):
+    assert locate_star(Data(rng.normal(0, 5, (128, 128)), 25.0), optics) is None
+
+
+def test_a_star_in_the_residual_explains_the_chi_squared_of_its_light(plain_otf):
+    """Of white noise that is its flux squared times the sum of the squared PSF over the variance."""
+    otf, variance = plain_otf, 30.0
+    dark = np.zeros(otf.grid.shape)
+    one = np.asarray(expected_image(Parameters(Star(3 * 0.375, -2 * 0.375, 100.0), Stable.of()), otf))
+    star, gain = residual_star(Data(one, variance), dark, otf)
+    places = offsets(one.shape[1], 0.375), offsets(one.shape[0], 0.375)
+    nearest = [axis[np.argmin(np.abs(axis - v))] for axis, v in zip(places, (1.125, -0.75), strict=True)]
+    assert (float(star.x), float(star.y)) == pytest.approx(nearest)
+    there = np.asarray(expected_image(Parameters(Star(*nearest, 1.0), Stable.of()), otf))
+    assert gain == pytest.approx(np.sum(one * there) ** 2 / np.sum(there**2) / variance, rel=1e-6)
+    assert float(star.flux) == pytest.approx(np.sum(one * there) / np.sum(there**2), rel=1e-6)

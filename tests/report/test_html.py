@@ -176,10 +176,10 @@ def test_one_frame_is_not_spoken_of_as_many(make_fit, write):
 
 def test_a_run_in_which_nothing_worked_says_so(write):
     page = write([make_row(FitResult(Status.UNREADABLE, "It ends too early."), "a.fits")])
-    assert "No frame gave a separation." in page.text
+    assert "No frame could be fitted." in page.text
     assert "It ends too early." in page.text
     assert "img" not in page.tags
-    assert "No frame gave a separation." in write([]).text
+    assert "No frame could be fitted." in write([]).text
 
 
 def test_a_report_is_replaced_only_when_allowed(tmp_path):

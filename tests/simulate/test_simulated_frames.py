@@ -9,7 +9,7 @@ from jitterkit.errors import ErrorCode
 from jitterkit.instruments import Instrument
 from jitterkit.loci import Linear, Mvn, PartialShm, Shaped, Shm, Stable, locus_name
 from jitterkit.optics import flat_band, obstructed_circle
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame, simulate_sequence
 
 SCALE = 0.4
@@ -47,6 +47,21 @@ def moments(image):
         for a, ca, b, cb in ((x, cx, x, cx), (x, cx, y, cy), (y, cy, y, cy))
     ]
     return total, np.array([cx, cy]), np.array(second)
+
+
+@pytest.mark.parametrize("locus", LOCI, ids=lambda locus: type(locus).__name__)
+def test_one_star_has_its_place_its_light_and_the_moments_of_jitter_and_telescope(locus):
+    total, place, second = moments(simulate_frame(BLOB, Star(0.7, -1.1, 2e5), locus, detector=False).raw.data)
+    assert total == pytest.approx(2e5, rel=1e-9)
+    assert place == pytest.approx([0.7, -1.1], abs=1e-6)
+    # a star of 2.2 pixels sigma, which its own pixels have widened already
+    telescope = (2.2 * SCALE) ** 2 * np.array([1, 0, 1])
+    assert second == pytest.approx(telescope + np.asarray(locus.moments()), abs=1e-6)
+
+
+def test_one_star_has_no_separation(rng):
+    with refused(ErrorCode.UNKNOWN_NAME, "star", "separation", "x, y, flux"):
+        next(simulate_sequence(BLOB, Star(0, 0, 2e5), Stable.of(), 1, separation=[3.0], rng=rng))
 
 
 @pytest.mark.parametrize("locus", LOCI, ids=lambda locus: type(locus).__name__)

@@ -1,4 +1,4 @@
-"""The blur of a binary's frames, with the optics of an instrument for a template."""
+"""The blur of frames of a star or a pair, with the optics of an instrument for a template."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ from jitterkit.refit import POOR, FitResult, Status
 from jitterkit.report.estimate_pictures import blurred_image, plot_estimate, template_images
 from jitterkit.scoring import climb_a_little
 
-__all__ = ["BinaryMeasurer"]
+__all__ = ["OpticsMeasurer"]
 
 _STEPS = 20
 """At most, of the fit that a frame gets whose template is poor."""
 
-_ELSE = "If it shows no binary, give --stars, --reference or --blind; if one of another telescope, -i."
+_ELSE = (
+    "If it shows more than a star or a pair, give --stars, --reference or --blind; if another telescope took "
+    "it, -i."
+)
 
 
-class BinaryMeasurer:
-    """Measures the blur of a binary's frames, with the optics of an instrument for a template.
+class OpticsMeasurer:
+    """Measures the blur of frames of a star or a pair, with the optics of an instrument for a template.
 
     Parameters
     ----------
@@ -53,10 +56,10 @@ class BinaryMeasurer:
         """Of the estimator."""
         return self.finder.kernel
 
-    def among(self, batch: Batch, hdu: int | None) -> BinaryMeasurer:
+    def among(self, batch: Batch, hdu: int | None) -> OpticsMeasurer:
         """The same for the frames of a batch, with what its lead shows."""
         self._survey = self._survey or Survey(self.finder, hdu)
-        return BinaryMeasurer(replace(self.finder, known=self._survey.of(batch.lead)), self._survey)
+        return OpticsMeasurer(replace(self.finder, known=self._survey.of(batch.lead)), self._survey)
 
     def begin(self, raw: RawFrame) -> Frame:
         """Calibrate a frame: many small steps of Python's, in which threads would hold each other up."""
@@ -73,7 +76,7 @@ class BinaryMeasurer:
             return FitResult.from_error(Status.MISMATCH, error, told)
         if isinstance(estimated, FitResult):
             return estimated
-        message = ""
+        message = estimated.doubt
         if estimated.searched is not None or self.name != SCORE:
             data, parameters, otf = estimated.data, estimated.parameters, estimated.otf
             misfit = pearson(blurred_image(estimated.estimate, parameters, otf), data)
@@ -100,7 +103,7 @@ class BinaryMeasurer:
                 estimate, frame.electrons, sharp, blurred, scale, variance=variance, mask=mask
             )
 
-        return Measured.of(frame, estimate, scale, draw, message)
+        return Measured.of(frame, estimate, scale, draw, message, estimated.parameters.scene.name)
 
     def _scale_hint(self, frame: Frame) -> str:
         return scale_hint(frame, self.finder.instrument.plate_scale)
@@ -112,7 +115,7 @@ class BinaryMeasurer:
         return pearson(expected_image(end.parameters, otf), data)
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
-        """That no binary with a blur describes a frame, and why not where that can be told."""
+        """That no scene with a blur describes a frame, and why not where that can be told."""
         said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
         names = () if "background" in self.finder.options.hold else ("background",)
         poor = FitResult(

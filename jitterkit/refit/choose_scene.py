@@ -1,0 +1,363 @@
+"""Choose the scene of a frame: one star, or a pair.
+
+1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
+   than blur and resolution, with a companion beyond doubt, is the answer.
+2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
+   stands out of its residual, and its blur is not that of two stars: a straight one.
+3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
+   and they are weighed by their evidence.  Two stars closer than the resolution and a straight blur are
+   nearly the same image.
+
+The priors are proper, since they do not cancel between scenes.  A star has a companion within an e-fold of
+separation by a chance of :data:`COMPANIONS`, its difference in magnitude is uniform, its direction too.
+Jitter has a size, uniform in its logarithm, or is too small to be seen, with the same chance.  Places and
+fluxes have the same priors in both scenes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.kernel_estimate import significance
+from jitterkit.likelihood import Data
+from jitterkit.locate import (
+    Start,
+    find_pairs,
+    locate_binary,
+    locate_star,
+    polished,
+    residual_star,
+    resolution,
+)
+from jitterkit.loci import principal_axes
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.refit.choose import DETECTED, fit_best_locus, fit_locus
+from jitterkit.refit.evidence import log_evidence, log_volume, minor_variance
+from jitterkit.refit.fit import FitOptions
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.scene import Binary, Scene, Star
+
+__all__ = ["DECIDED", "SCENES", "SceneChoice", "choose_scene"]
+
+SCENES = (Star.name, Binary.name)
+"""Names of the scenes that can be searched for."""
+
+COMPANIONS = 0.05
+"""Share of stars that have a companion, an e-fold of separation: 44 % of stars like the sun, over a normal
+law of 2.28 decades of period (Duchene & Kraus, Annu. Rev. Astron. Astrophys. 51, 269, 2013)."""
+
+_FAINTEST = 1000.0
+"""Largest contrast that is searched for."""
+
+DECIDED = 3.0
+"""Logarithm of the odds, 20 to 1, from which a pair is one; by less in its favour a frame does not decide."""
+
+_WIDE, _FAR_OUT, _CLEAR = 1.0, 6.0, 8.0
+"""Of a pair beyond doubt: its separation in resolutions, and in 1 sigma of its blur (a star that vibrates is
+fitted by two with 4.4 at most); its faint star's flux in errors."""
+
+_APART, _BRIGHT = 1.5, 100.0
+"""Separation, in resolutions, and contrast of two peaks that an image shows without a fit."""
+
+_STANDS_OUT = 25.0
+"""Chi-squared of a companion from which the residual of a star is looked into."""
+
+_STRAIGHT, _THIN = 4.0, 1e-3
+"""Standard errors of the minor variance within which a blur is one that two stars may give, and its share of
+the major: a fit with a straight locus has no error there."""
+
+_STREAKS = ("linear", "shm")
+"""Loci that are weighed for a straight blur whether its shape is seen or not: two stars have another."""
+
+_SURELY = 200.0
+"""Chi-squared of its moments from which no frame is fitted without jitter: odds of e^100."""
+
+_ALIKE = 9.0
+"""Deviance by which a pair may fit worse than one star, and look like it."""
+
+
+@dataclass(frozen=True)
+class SceneChoice:
+    """What scene a frame shows.
+
+    Attributes
+    ----------
+    start : Start
+        Of the scene that is more probable, fitted briefly.
+    log_odds : float
+        Logarithm of the odds of a pair against one star, priors included; infinite where only one of them
+        was worth a fit.
+    readings : str
+        Both, in words, where both were fitted.
+    alike : bool
+        Whether both fit the frame as well, so that only what is probable beforehand tells them apart.
+    """
+
+    start: Start
+    log_odds: float
+    readings: str = ""
+    alike: bool = False
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a pair is the more probable, but not by enough."""
+        return 0 < self.log_odds < DECIDED
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene, one of :data:`SCENES`."""
+        return self.start.parameters.scene.name
+
+
+def choose_scene(
+    data: Data, optics: Optics, options: FitOptions | None = None, *, rough: bool = False
+) -> SceneChoice | None:
+    """Find the simplest scene that a frame supports, and starting values for all of its parameters.
+
+    Parameters
+    ----------
+    data : Data
+    optics : Optics
+    options : FitOptions, optional
+        Of the fit to come.
+    rough : bool
+        As for :func:`~jitterkit.locate.locate_binary`.
+
+    Returns
+    -------
+    choice : SceneChoice or None
+        None if no star rises above the noise.
+    """
+    frame = _Frame(data, optics, options or FitOptions(), rough)
+    pair = frame.pair() if frame.looks_like_a_pair() else None
+    if pair is not None and frame.beyond_doubt(pair):
+        return SceneChoice(pair, math.inf)
+    star = locate_star(data, optics, frame.options.hold, rough=rough)
+    if star is None:
+        return None
+    pairs = list(frame.pairs_instead(star, pair))
+    if not pairs:
+        return SceneChoice(star, -math.inf)
+    return frame.weighed(star, pairs)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """One way to read a frame."""
+
+    start: Start
+    fit: FitResult
+    evidence: float
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A frame whose scene is asked for."""
+
+    data: Data
+    optics: Optics
+    options: FitOptions
+    rough: bool
+
+    @property
+    def fineness(self) -> float:
+        """Resolution of the optics, arcsec."""
+        return resolution(self.optics.nominal)
+
+    @property
+    def width(self) -> float:
+        """Of the frame, arcsec, along its longer side."""
+        grid = self.optics.nominal.grid
+        return grid.plate_scale * max(grid.shape)
+
+    def pair(self) -> Start | None:
+        return locate_binary(self.data, self.optics, self.options.hold, rough=self.rough)
+
+    def looks_like_a_pair(self) -> bool:
+        """Whether two bright peaks stand apart."""
+        found = find_pairs(self.data, self.optics.nominal, most=1)
+        scene = found[0].scene if found else None
+        return (
+            scene is not None
+            and float(scene.separation) > _APART * self.fineness
+            and float(scene.contrast) < _BRIGHT
+        )
+
+    def beyond_doubt(self, pair: Start) -> bool:
+        """Whether a pair describes the frame, and no blur of one star could."""
+        scene = pair.parameters.scene
+        assert isinstance(scene, Binary)
+        major, _, _ = principal_axes(pair.parameters.locus.moments())
+        separation, contrast = abs(float(scene.separation)), float(scene.contrast)
+        error = float(np.sqrt(pair.covariance_of(("contrast",))[0, 0]))
+        return bool(
+            separation > max(_WIDE * self.fineness, _FAR_OUT * major)
+            and min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
+            and pair.describes(self.data)
+        )
+
+    def pairs_instead(self, star: Start, pair: Start | None) -> Iterator[Start]:
+        """Pairs that a frame may show in place of a star; ``pair`` has been searched for."""
+        hold, parameters = self.options.hold, star.parameters
+        image = np.asarray(expected_image(parameters, star.otf))
+        other, gain = residual_star(self.data, image, star.otf, parameters.locus)
+        if gain > _STANDS_OUT:
+            scene = _with_companion(parameters.scene, other)
+            yield polished(self.data, self.optics, star.otf, scene, parameters.locus, hold, rough=self.rough)
+        moments, covariance = np.asarray(parameters.locus.moments()), star.covariance
+        if significance(moments, covariance) > DETECTED and _is_straight(moments, covariance):
+            yield replace(star, parameters=_split(parameters, moments))
+        if pair is None and not star.describes(self.data):
+            pair = self.pair()
+        if pair is not None:
+            yield pair
+
+    def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
+        """The scene with more evidence, and by how much."""
+        frame = replace(self, optics=_anchored(self.optics, star.parameters))
+        one = _best(frame.readings_of_star(star))
+        two = _best(reading for pair in pairs for reading in frame.readings_of_pair(pair))
+        nothing = not math.isfinite(one.evidence) and not math.isfinite(two.evidence)
+        if nothing:  # the fit to come will say so of the better
+            log_odds = math.copysign(math.inf, one.fit.objective - two.fit.objective)
+        else:
+            log_odds = float(two.evidence - one.evidence)
+        alike = bool(two.fit.objective < one.fit.objective + _ALIKE)
+        chosen = two if log_odds > 0 else one
+        start = chosen.start if np.any(chosen.start.parameters.locus.coords) else frame.begun(chosen)
+        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike)
+
+    def begun(self, reading: _Reading) -> Start:
+        """Where the fit begins of a pair that was made of a blur."""
+        parameters = reading.fit.parameters or reading.start.parameters
+        otf = self.optics.otf(parameters.aberrations)
+        return polished(
+            self.data, self.optics, otf, parameters.scene, None, self.options.hold, rough=self.rough
+        )
+
+    def readings_of_star(self, start: Start) -> Iterator[_Reading]:
+        """One star with the best of the loci, with straight ones, and without jitter."""
+        common = self.common(start)
+        jittered = fit_best_locus(*common)
+        told = {one.locus: one.evidence for one in jittered.candidates}
+        if told and _is_straight(*jittered.moments()):
+            more = [name for name in _STREAKS if name not in told]
+            told |= {name: log_evidence(fit_locus(name, *common)) for name in more}
+        yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
+        if not _surely(start):
+            yield self.still(start, common)
+
+    def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
+        """Two stars with a normal blur, unless they are to take the place of a blur; and without jitter."""
+        common = self.common(start)
+        if np.any(common[3]):
+            fit = fit_locus("mvn", *common)
+            seen = significance(*fit.moments()) > DETECTED
+            yield self.jittered(start, fit, {"mvn": log_evidence(fit)}, seen=seen)
+        if not _surely(start):
+            yield self.still(start, common)
+
+    def common(self, start: Start):
+        moments = np.asarray(start.parameters.locus.moments())
+        return self.data, self.optics, start.parameters, moments, start.otf, self.options
+
+    def jittered(self, start: Start, fit: FitResult, evidence: dict[str, float], *, seen: bool) -> _Reading:
+        """Each locus is as probable as any other before the frame is seen; what is not seen has no size."""
+        if not evidence or not seen:
+            return _Reading(start, fit, -math.inf)
+        together = float(np.logaddexp.reduce(list(evidence.values()))) - math.log(len(evidence))
+        return self.reading(start, fit, together - math.log(self.sizes))
+
+    def still(self, start: Start, common) -> _Reading:
+        fit = fit_locus("stable", *common)
+        return self.reading(start, fit, log_volume(fit) if fit.status is Status.OK else -math.inf)
+
+    def reading(self, start: Start, fit: FitResult, evidence: float) -> _Reading:
+        prior = -math.inf if fit.parameters is None else self.scene_prior(fit)
+        return _Reading(start, fit, evidence + prior if evidence == evidence else -math.inf)
+
+    @property
+    def sizes(self) -> float:
+        """Range of the logarithm of the jitter's variance: from a hundredth of the resolution to a quarter of
+        the frame.
+        """
+        return 2 * math.log(25 * self.width / self.fineness)
+
+    def scene_prior(self, fit: FitResult) -> float:
+        """Logarithm of the prior density of what a scene has beside place and light."""
+        assert fit.parameters is not None
+        scene = fit.parameters.scene
+        range_of_separations = math.log(10 * math.sqrt(2) * self.width / self.fineness)
+        if not isinstance(scene, Binary):
+            return math.log(max(1 - COMPANIONS * range_of_separations, COMPANIONS))
+        separation, contrast = float(scene.separation), float(scene.contrast)
+        within = float(log_ndtr((contrast - 1) / fit.error("contrast")))  # B is not the brighter
+        density = COMPANIONS / (separation * 360.0 * contrast * math.log(_FAINTEST))
+        return math.log(density) + within if contrast < _FAINTEST else -math.inf
+
+
+def _surely(start: Start) -> bool:
+    """Whether a start shows jitter so clearly that no fit without it is worth its time."""
+    return significance(np.asarray(start.parameters.locus.moments()), start.covariance) > _SURELY
+
+
+def _best(readings: Iterable[_Reading]) -> _Reading:
+    """The most probable; of those for which nothing speaks, the one that fits best."""
+    return max(readings, key=lambda one: (one.evidence, -np.nan_to_num(one.fit.objective, nan=np.inf)))
+
+
+def _anchored(optics: Optics, parameters: Parameters) -> Optics:
+    """Optics that are expanded more cheaply near some aberrations, for many fits."""
+    if not isinstance(optics, OpticalSystem) or not len(parameters.aberrations):
+        return optics
+    anchor = Anchor.at(optics, parameters.aberrations)
+    return AnchoredOptics.about(optics, anchor, max(float(parameters.scene.flux), 1.0))
+
+
+def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    minor, error = minor_variance(moments, covariance)
+    return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
+
+
+def _with_companion(star: Scene, other: Scene) -> Binary:
+    """A star and another beside it."""
+    (xa, ya, a), (xb, yb, b) = ((float(s.x), float(s.y), float(s.flux)) for s in (star, other))
+    contrast = min(max(a / b, 1 / _FAINTEST), _FAINTEST)
+    pair = Binary(
+        math.hypot(xb - xa, yb - ya),
+        math.degrees(math.atan2(yb - ya, xb - xa)),
+        (xa + xb) / 2,
+        (ya + yb) / 2,
+        a + b,
+        contrast,
+    )
+    return pair.tidied()
+
+
+def _split(parameters: Parameters, moments: np.ndarray) -> Parameters:
+    """Two stars, a little different, with the moments of a straight blur."""
+    major, _, angle = principal_axes(moments)
+    scene, contrast = parameters.scene, 1.2
+    separation = major * (1 + contrast) / math.sqrt(contrast)
+    pair = Binary(separation, angle, scene.x, scene.y, scene.flux, contrast)
+    still = parameters.locus.at(0 * parameters.locus.coords)
+    return Parameters(pair, still, parameters.aberrations, parameters.background)
+
+
+def _said(reading: _Reading) -> str:
+    """In words."""
+    fit = reading.fit
+    if fit.parameters is None:
+        return "neither"
+    scene = fit.parameters.scene
+    major, minor, _ = principal_axes(fit.moments()[0])
+    jitter = f"a jitter of {major:.3g} x {minor:.3g} arcsec rms" if major > 0 else "no jitter"
+    if isinstance(scene, Binary):
+        return f"two stars {float(scene.separation):.4g} arcsec apart with {jitter}"
+    return f"one star with {jitter}"

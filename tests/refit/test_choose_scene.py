@@ -1,0 +1,90 @@
+"""One star or two: what a frame supports, and what it leaves open."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from jitterkit.forward import Parameters
+from jitterkit.likelihood import Data
+from jitterkit.loci import Linear, Mvn, Shm, Stable
+from jitterkit.refit import FitOptions, FitResult, Status, choose_scene
+from jitterkit.refit.choose_scene import _Frame
+from jitterkit.scene import Binary, Star
+
+ALONE = partial(Star, 0.3, -0.2)
+
+
+@pytest.fixture(scope="module")
+def chosen(bench):
+    """What is chosen of a drawn frame."""
+
+    def choose(scene, locus, seed=1):
+        truth = Parameters(scene, locus, (4.0, -3.0))
+        return choose_scene(bench.draw(truth, np.random.default_rng(seed)), bench.optics)
+
+    return choose
+
+
+@pytest.mark.parametrize(
+    ("flux", "locus"),
+    [
+        (1e5, Stable.of()),
+        (1e5, Mvn.of(0.2, 0.05, 30.0)),
+        (1e6, Linear.of(0.8, 70.0)),
+        (1e6, Shm.of(2.5, 160.0)),
+    ],
+    ids=["still", "shaken", "drifting", "vibrating by more than two resolutions"],
+)
+def test_one_star_is_one_whatever_its_jitter(flux, locus, chosen):
+    choice = chosen(ALONE(flux), locus)
+    assert choice.scene == "star"
+    assert choice.log_odds < 0
+    (x,), (y,), (light,) = map(np.asarray, choice.start.parameters.scene.sources())
+    assert (x, y) == pytest.approx((0.3, -0.2), abs=0.02)
+    assert light == pytest.approx(flux, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("separation", "contrast"),
+    [(5.0, 3.0), (3.0, 200.0), (1.0, 3.0), (0.6, 2.0)],
+    ids=["wide", "faint", "at the resolution", "closer"],
+)
+def test_two_stars_are_two(separation, contrast, chosen):
+    choice = chosen(Binary(separation, 140.0, 0.3, -0.2, 3e6, contrast), Stable.of())
+    assert choice.scene == "binary"
+    assert choice.log_odds > 3
+    assert float(choice.start.parameters.scene.separation) == pytest.approx(separation, abs=0.05)
+
+
+def test_two_stars_much_closer_than_the_resolution_look_like_a_smear_and_that_is_said(chosen):
+    choice = chosen(Binary(0.25, 140.0, 0.3, -0.2, 1e5, 1.0), Stable.of())
+    assert choice.alike or choice.undecided
+    assert "one star with a jitter of" in choice.readings
+    assert "two stars 0.2" in choice.readings
+
+
+def test_an_empty_frame_has_no_scene(bench, rng):
+    assert choose_scene(Data(rng.normal(0, 2.4, (48, 44)), 2.4**2), bench.optics) is None
+
+
+def test_the_priors_of_the_scenes_add_up_to_one(bench):
+    """The density of a pair, integrated over separations, directions and contrasts, and that of a star."""
+    frame = _Frame(Data(np.ones((48, 44)), 1.0), bench.optics, FitOptions(), False)
+
+    def density(separation, contrast):
+        pair = Parameters(Binary(separation, 0.0, 0.0, 0.0, 1e5, contrast), Stable.of(), np.zeros(2))
+        # an error that is nothing: all of it lies where B is the fainter star
+        fit = FitResult(Status.OK, "", parameters=pair, names=("contrast",), covariance=np.array([[1e-12]]))
+        return math.exp(frame.scene_prior(fit))
+
+    contrasts, _ = quad(lambda log: math.exp(log) * density(1.0, math.exp(log)), 1e-9, math.log(999.999))
+    least, most = frame.fineness / 10, frame.width * math.sqrt(2)
+    separations, _ = quad(
+        lambda log: math.exp(log) * density(math.exp(log), 2.0), math.log(least), math.log(most)
+    )
+    star = FitResult(Status.OK, "", parameters=Parameters(ALONE(1e5), Stable.of(), np.zeros(2)))
+    total = separations / density(1.0, 2.0) * contrasts * 360.0
+    assert total + math.exp(frame.scene_prior(star)) == pytest.approx(1.0, rel=1e-4)
