@@ -73,6 +73,8 @@ class Estimated:
         registered to another, which tells too that the parameters describe it.
     doubt : str
         What else the frame may show that looks the same, in a sentence.
+    fit : FitResult or None
+        With the best of the loci, by the finder's options, where it has been made already.
     """
 
     data: Data
@@ -81,6 +83,7 @@ class Estimated:
     optics: Optics
     searched: OTF | None = None
     doubt: str = ""
+    fit: FitResult | None = None
 
     @cached_property
     def otf(self) -> OTF:
@@ -252,7 +255,7 @@ class Finder:
         else:
             estimate = estimate_score(data, start.parameters, start.otf, hold=self.options.hold)
         doubt = f"It shows {found.readings}: both look alike." if found.alike and found.log_odds < 0 else ""
-        return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf, doubt)
+        return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf, doubt, found.fit)
 
     def _found(self, frame: Frame, data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
         """Find the stars, or say why not."""

@@ -140,11 +140,14 @@ class Processor(Finder):
         if isinstance(found, FitResult):
             return found
         estimate, where = found.estimate, (found.data, found.optics, found.parameters)
-        common = (*where, estimate.moments, found.otf, self.options_of(frame))
-        if self.locus == "auto":
-            result = fit_best_locus(*common, estimate.covariance)
+        options = self.options_of(frame)
+        common = (*where, estimate.moments, found.otf, options)
+        if self.locus == "auto" and found.fit is not None and options == self.options:
+            result = found.fit
+        elif self.locus == "auto":
+            result = fit_best_locus(*common, estimate.covariance, sure=found.searched is None)
         else:
-            result = fit_locus(self.locus, *common)
+            result = fit_locus(self.locus, *common, sure=found.searched is None)
         result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
         if found.doubt and result.status.usable:
             flags = (*result.flags, "maybe_pair")

@@ -22,12 +22,13 @@ from jitterkit.locate.pair import FoundPair, find_pairs, find_star, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.metric import invert_information
+from jitterkit.optics.anchor import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Binary, Scene
 from jitterkit.scoring import Prior
 
-__all__ = ["Start", "locate_binary", "locate_star", "polished"]
+__all__ = ["Start", "locate_binary", "locate_star", "polished", "with_best_signs"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
@@ -35,6 +36,8 @@ _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds 
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _ADDED = 0.02  # deviance per pixel that the optics of a start may add by being off
+_SQUARED = 0.6  # share of its slope that an aberration has about no aberrations, if it shows by its square
+_SHOWING = 3.0  # standard errors from which the sign of an aberration may matter
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
 
 _image = eqx.filter_jit(expected_image)
@@ -106,7 +109,7 @@ def locate_star(
         if best.describes(data):
             break
         otf, jitter = best.otf, best.parameters.locus
-    return best
+    return None if best is None else with_best_signs(best, data, optics, hold)
 
 
 def locate_binary(
@@ -143,11 +146,55 @@ def locate_binary(
             if best is None or trial.deviance_dof < best.deviance_dof:
                 best = trial
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
-                return best
+                return with_best_signs(best, data, optics, hold)
         if best is None or best.deviance_dof > _WORTH_IT * before:
-            return best
+            break
         otf, jitter = best.otf, best.parameters.locus
-    return best
+    return None if best is None else with_best_signs(best, data, optics, hold)
+
+
+def with_best_signs(start: Start, data: Data, optics: Optics, hold: Collection[str]) -> Start:
+    """Try the other sign of aberrations that a frame shows to second order first.
+
+    Parameters
+    ----------
+    start : Start
+    data, optics, hold
+        As for :func:`locate_binary`.
+
+    Returns
+    -------
+    start : Start
+        The same where no other sign fits better.
+
+    Notes
+    -----
+    A pupil that is nearly its own mirror image shows focus and astigmatism by their squares and by their
+    products.  So there are several hills, on which the sign of one differs, or of all, and a jitter stands in
+    for what that leaves: of 30 frames with aberrations of 10 nm three climbed a wrong one, 300 lower in
+    deviance, which chi-squared did not show.
+    """
+    value = start.parameters.aberrations
+    known = [name for name in start.otf.names if name in start.names]
+    if not known:
+        return start
+    sizes = np.sqrt(np.diag(start.covariance_of(known)))
+    flat = optics.system.nominal if isinstance(optics, AnchoredOptics) else optics.nominal
+    first, here = (np.linalg.norm(np.asarray(one.jacobian), axis=(1, 2)) for one in (flat, start.otf))
+    places = [start.otf.names.index(name) for name in known]
+    turned = [
+        i
+        for i, size in zip(places, sizes, strict=True)
+        if first[i] < _SQUARED * here[i] and abs(value[i]) > _SHOWING * size
+    ]
+    for turning in [[i] for i in turned] + [turned] * (len(turned) > 1):
+        state = np.array(start.parameters.aberrations)
+        state[turning] *= -1
+        where = optics.otf(state), start.parameters.scene, start.parameters.locus
+        trial = polished(data, optics, *where, hold, rough=True)
+        if trial.deviance_dof < start.deviance_dof:
+            start = trial
+    return start
 
 
 def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:

@@ -31,6 +31,7 @@ from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisi
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
+from jitterkit.locate import Start, polished, with_best_signs
 from jitterkit.loci import Shaped, locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
@@ -42,6 +43,8 @@ from jitterkit.refit.starts import starting_point
 from jitterkit.refit.weigh import Tried, say_undecided, weigh
 
 __all__ = ["DETECTED", "fit_best_locus", "fit_locus", "shows_no_jitter", "single_star"]
+
+_NORMAL = "mvn"
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -80,6 +83,8 @@ def fit_locus(
     moments,
     otf: OTF | None = None,
     options: FitOptions | None = None,
+    *,
+    sure: bool = False,
 ) -> FitResult:
     """Fit a frame with one locus, started from second moments.
 
@@ -91,13 +96,18 @@ def fit_locus(
         As for :func:`jitterkit.refit.fit.fit_frame`; the start's own locus is replaced.
     moments : (3,) array
         ``(Sxx, Sxy, Syy)`` to start from, arcsec²: those of a kernel estimate.
+    sure : bool
+        Whether the signs of the start's aberrations are known, by frames before; or else others are tried.
 
     Notes
     -----
     What a small blur does not show of a locus is held by the weak priors of
     :func:`jitterkit.refit.leashes.leashes`.
     """
-    return _fit(_Frame(data, optics, options or FitOptions()), name, start, moments, otf)[0]
+    frame = _Frame(data, optics, options or FitOptions(), sure)
+    fit, _ = _fit(frame, name, start, moments, otf)
+    better = None if name == _NORMAL else _other_signs(frame, fit)
+    return fit if better is None else _fit(frame, name, better.parameters, fit.moments()[0], better.otf)[0]
 
 
 def fit_best_locus(
@@ -108,6 +118,8 @@ def fit_best_locus(
     otf: OTF | None = None,
     options: FitOptions | None = None,
     covariance: np.ndarray | None = None,
+    *,
+    sure: bool = False,
 ) -> FitResult:
     """Fit a frame with the simplest locus that describes it.
 
@@ -117,6 +129,8 @@ def fit_best_locus(
         As for :func:`fit_locus`.
     covariance : (3, 3) array, optional
         Of the moments, arcsec⁴: without it no frame is taken to be still.
+    sure : bool
+        As for :func:`fit_locus`.
 
     Returns
     -------
@@ -125,7 +139,7 @@ def fit_best_locus(
         ``jitter_undetected`` where the frame shows no jitter.  A prior in the coordinates of one locus
         says nothing about the others, which are then not tried.
     """
-    frame = _Frame(data, optics, options or FitOptions())
+    frame = _Frame(data, optics, options or FitOptions(), sure)
     still = _fit_still(frame, start, moments, otf, covariance)
     best = _choose(frame, start, moments, otf) if still is None else still
     if frame.options.priors.moments is None:
@@ -161,7 +175,9 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return _conclude(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _conclude(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
-    return _climb_ladder(frame, normal, otf, step)
+    best = _climb_ladder(frame, normal, otf, step)
+    better = None if best.locus == _NORMAL else _other_signs(frame, best)
+    return best if better is None else _climb_ladder(frame, normal, otf, step, better)
 
 
 @dataclass(frozen=True)
@@ -171,6 +187,7 @@ class _Frame:
     data: Data
     optics: Optics
     options: FitOptions
+    sure: bool
 
 
 def _fit(frame: _Frame, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
@@ -181,10 +198,27 @@ def _fit(frame: _Frame, name: str, start: Parameters, moments, otf: OTF | None) 
     return replace(fit, locus=name), otf
 
 
-def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
-    """Fit a candidate; one that breaks down takes nothing with it."""
+def _other_signs(frame: _Frame, fit: FitResult) -> Start | None:
+    """Where a fit begins that ends higher, with other signs of aberrations; None where there is none.
+
+    A normal that is not the blur's shape may have climbed another hill than the locus that is.
+    """
+    if frame.sure or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
+        return None
+    hold = frame.options.hold
+    state, locus = fit.parameters.aberrations, fit.parameters.locus
+    where = frame.data, frame.optics, frame.optics.otf(state), fit.parameters.scene, locus, hold
+    start = polished(*where)
+    better = with_best_signs(start, frame.data, frame.optics, hold)
+    return None if better is start else better
+
+
+def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF, begin: Start | None) -> tuple[FitResult, OTF]:
+    """Fit a candidate from a normal or from elsewhere; one that breaks down takes nothing with it."""
     assert normal.parameters is not None
     try:
+        if begin is not None:
+            return _fit(frame, name, begin.parameters, begin.parameters.locus.moments(), begin.otf)
         return _fit(frame, name, normal.parameters, normal.moments()[0], otf)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return replace(FitResult.from_error(Status.FAILED, error), locus=name), otf
@@ -233,15 +267,16 @@ def _climb_ladder(
     normal: FitResult,
     otf: OTF,
     step: CumulantStep,
+    begin: Start | None = None,
 ) -> FitResult:
-    """Fit the loci tier by tier until one fits; each starts from the fitted normal.
+    """Fit the loci tier by tier until one fits; each starts from the fitted normal, or where it is told.
 
     Of the first tier those are not fitted that cumulants tell enough about, unless one is the best of all.
     """
     tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
-    settled = normal.status is not Status.NOT_CONVERGED
+    settled = normal.status is not Status.NOT_CONVERGED and begin is None
     compressed = CompressedLikelihood.of(step, normal.covariance) if settled else None
-    excluded = "some" if _may_be_straight(normal) else "none"
+    excluded = "some" if begin is not None or _may_be_straight(normal) else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
         told = told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
@@ -250,7 +285,7 @@ def _climb_ladder(
         ahead = [name for name in names if name not in told]
         while True:
             for name in ahead:
-                fit, expanded[name] = _try(frame, name, normal, otf)
+                fit, expanded[name] = _try(frame, name, normal, otf, begin)
                 tried.add(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
             best = tried.best
             if best.locus in expanded:

@@ -96,13 +96,17 @@ class SceneChoice:
     readings : str
         Both, in words, where both were fitted.
     alike : bool
-        Whether both fit the frame as well, so that only what is probable beforehand tells them apart.
+        Whether a pair closer than the resolution fits the frame as well as one star, so that only what is
+        probable beforehand tells them apart.
+    fit : FitResult or None
+        Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
     """
 
     start: Start
     log_odds: float
     readings: str = ""
     alike: bool = False
+    fit: FitResult | None = None
 
     @property
     def undecided(self) -> bool:
@@ -228,10 +232,12 @@ class _Frame:
             log_odds = math.copysign(math.inf, one.fit.objective - two.fit.objective)
         else:
             log_odds = float(two.evidence - one.evidence)
-        alike = bool(two.fit.objective < one.fit.objective + _ALIKE)
+        close = two.fit.parameters is not None and two.fit.of_scene("separation") < self.fineness
+        alike = bool(close and two.fit.objective < one.fit.objective + _ALIKE)
         chosen = two if log_odds > 0 else one
         start = chosen.start if np.any(chosen.start.parameters.locus.coords) else frame.begun(chosen)
-        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike)
+        fit = one.fit if chosen is one and one.fit.locus != "stable" else None
+        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit)
 
     def begun(self, reading: _Reading) -> Start:
         """Where the fit begins of a pair that was made of a blur."""
@@ -248,7 +254,8 @@ class _Frame:
         told = {one.locus: one.evidence for one in jittered.candidates}
         if told and _is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in told]
-            told |= {name: log_evidence(fit_locus(name, *common)) for name in more}
+            near = self.common(start, jittered)
+            told |= {name: log_evidence(fit_locus(name, *near)) for name in more}
         yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
         if not _surely(start):
             yield self.still(start, common)
@@ -263,9 +270,18 @@ class _Frame:
         if not _surely(start):
             yield self.still(start, common)
 
-    def common(self, start: Start):
-        moments = np.asarray(start.parameters.locus.moments())
-        return self.data, self.optics, start.parameters, moments, start.otf, self.options
+    def common(self, start: Start, fit: FitResult | None = None):
+        """What fits are given, to begin at a start or where one ended."""
+        if fit is None or fit.parameters is None:
+            moments, parameters, otf = (
+                np.asarray(start.parameters.locus.moments()),
+                start.parameters,
+                start.otf,
+            )
+        else:
+            moments, parameters = fit.moments()[0], fit.parameters
+            otf = self.optics.otf(parameters.aberrations)
+        return self.data, self.optics, parameters, moments, otf, self.options
 
     def jittered(self, start: Start, fit: FitResult, evidence: dict[str, float], *, seen: bool) -> _Reading:
         """Each locus is as probable as any other before the frame is seen; what is not seen has no size."""
