@@ -84,10 +84,11 @@ class OpticsMeasurer:
                 best = _per_pixel(self._fitted(data, parameters, otf))
                 if not best <= POOR:
                     return self._poor(frame, parameters, misfit)
-                message = (
+                rest = (
                     f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with "
                     f"everything fitted {best:.3g}: the picture's residual is the template's."
                 )
+                message = " ".join(filter(None, [message, rest]))
         return self._measured(frame, estimated, message)
 
     def _measured(self, frame: Frame, estimated: Estimated, message: str) -> Measured:

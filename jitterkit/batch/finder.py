@@ -30,7 +30,7 @@ from jitterkit.locate import locate_binary, locate_star
 from jitterkit.loci import Mvn
 from jitterkit.optics import OTF, Optics
 from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, SceneChoice, Status, choose_scene
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 
 __all__ = ["AUTO", "SCORE", "Estimated", "Finder", "GridKey"]
 
@@ -191,7 +191,9 @@ class Finder:
 
     def repeats(self, frame: Frame) -> bool:
         """Whether a frame shows what others have shown, so that its scene is in no doubt."""
-        return self._registered(frame, Data.of(frame), rough=True) is not None
+        found = self._registered(frame, Data.of(frame), rough=True)
+        # a cut-out about one star does not show what else is in the frame
+        return found is not None and found.parameters.scene.name != Star.name
 
     def optics(self, frame: Frame) -> Optics:
         """Optics on a frame's grid, at the scale the frame says it has."""
@@ -236,7 +238,7 @@ class Finder:
             if not start.describes(parameters):
                 return None
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
-        return Estimated(data, start.in_frame(parameters), estimate, known.optics(frame))
+        return Estimated(data, start.in_frame(parameters), estimate, known.optics(frame), doubt=known.doubt)
 
     def _located(self, frame: Frame, data: Data, rough: bool) -> Estimated | FitResult:
         """What a frame shows that is searched through."""
@@ -254,7 +256,8 @@ class Finder:
             estimate = KernelEstimate(np.asarray(start.parameters.locus.moments()), start.covariance, SCORE)
         else:
             estimate = estimate_score(data, start.parameters, start.otf, hold=self.options.hold)
-        doubt = f"It shows {found.readings}: both look alike." if found.alike and found.log_odds < 0 else ""
+        known = self.known.get(self.grid(frame))
+        doubt = found.doubt or ("" if known is None or known.scene != found.scene else known.doubt)
         return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf, doubt, found.fit)
 
     def _found(self, frame: Frame, data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
@@ -271,12 +274,15 @@ class Finder:
             return FitResult(Status.NO_DATA, few)
         known = self.known.get(self.grid(frame))
         scene = known.scene if self.scene == AUTO and known is not None else self.scene
-        if scene == AUTO:
-            choice = choose_scene(data, self.optics(frame), self.options, rough=rough)
-        else:
-            start = _SEARCHES[scene](data, self.optics(frame), self.options.hold, rough=rough)
+        optics, hold = self.optics(frame), self.options.hold
+        start = None if scene == AUTO else _SEARCHES[scene](data, optics, hold, rough=rough)
+        if scene == self.scene or (start is not None and start.describes(data)):
             certain = math.inf if scene == Binary.name else -math.inf
             choice = None if start is None else SceneChoice(start, certain)
+        else:  # of a run, but not as the run is
+            choice = None
+        if self.scene == AUTO and choice is None:
+            choice = choose_scene(data, optics, self.options, rough=rough)
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
         return choice

@@ -142,7 +142,8 @@ class Processor(Finder):
         estimate, where = found.estimate, (found.data, found.optics, found.parameters)
         options = self.options_of(frame)
         common = (*where, estimate.moments, found.otf, options)
-        if self.locus == "auto" and found.fit is not None and options == self.options:
+        told = options.priors.terms or options.priors.if_free or options.priors.moments is not None
+        if self.locus == "auto" and found.fit is not None and not told:
             result = found.fit
         elif self.locus == "auto":
             result = fit_best_locus(*common, estimate.covariance, sure=found.searched is None)

@@ -21,6 +21,8 @@ class Shown:
     ----------
     scene : str
         Name of the scene that they show.
+    doubt : str
+        What else they may show that looks the same, in a sentence.
     anchored : AnchoredOptics or None
         None of optics that cannot change.
     reference : ReferenceFrame or None
@@ -28,6 +30,7 @@ class Shown:
     """
 
     scene: str
+    doubt: str = ""
     anchored: AnchoredOptics | None = None
     reference: ReferenceFrame | None = None
 

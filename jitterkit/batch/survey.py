@@ -36,8 +36,7 @@ class Survey:
 
     An anchor's state is rounded to a whole nm, so that leads between which little has changed share one.
 
-    The frames of a lead decide together which scene they show: they are looked at until the odds, of all
-    that were, leave no doubt.
+    The first frame of a lead whose scene is in no doubt decides for all that are registered to it.
 
     Parameters
     ----------
@@ -61,17 +60,14 @@ class Survey:
 
     def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Shown]:
         found: dict[GridKey, Shown] = {}
-        odds: dict[GridKey, float] = {}
         for _, _, raw in read_items(lead, self._hdu):
             frame = None if isinstance(raw, JitterkitError) else self._finder.prepare(raw)
             if not isinstance(frame, Frame) or (key := self._finder.grid(frame)) in found:
                 continue
             choice = self._finder.choose_scene(frame)
-            if choice is None:
-                continue
-            odds[key] = odds.get(key, 0.0) + choice.log_odds
-            decided = abs(odds[key]) >= DECIDED and (odds[key] > 0) == (choice.log_odds > 0)
-            if decided and (shown := self._shown(frame, choice)) is not None:
+            if choice is None or abs(choice.log_odds) < DECIDED:
+                continue  # the next may tell
+            if (shown := self._shown(frame, choice)) is not None:
                 found[key] = shown
         return found
 
@@ -83,10 +79,11 @@ class Survey:
     def _shown(self, frame: Frame, choice: SceneChoice) -> Shown | None:
         parameters, optics = choice.start.parameters, self._finder.optics(frame)
         if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):  # nothing can change
-            return Shown(choice.scene) if self._finder.scene == AUTO else None
+            return Shown(choice.scene, choice.doubt) if self._finder.scene == AUTO else None
         anchored = self._anchored(self._finder.grid(frame), optics, parameters)
         hold = self._finder.options.hold
-        return Shown(choice.scene, anchored, ReferenceFrame.of(parameters, optics, anchored.anchor, hold))
+        reference = ReferenceFrame.of(parameters, optics, anchored.anchor, hold)
+        return Shown(choice.scene, choice.doubt, anchored, reference)
 
     def _anchored(self, grid: GridKey, optics: OpticalSystem, shown: Parameters) -> AnchoredOptics:
         shown_state = np.asarray(shown.aberrations)

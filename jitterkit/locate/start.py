@@ -109,7 +109,7 @@ def locate_star(
         if best.describes(data):
             break
         otf, jitter = best.otf, best.parameters.locus
-    return None if best is None else with_best_signs(best, data, optics, hold)
+    return None if best is None else with_best_signs(best, data, optics, hold, rough=rough)
 
 
 def locate_binary(
@@ -146,20 +146,22 @@ def locate_binary(
             if best is None or trial.deviance_dof < best.deviance_dof:
                 best = trial
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
-                return with_best_signs(best, data, optics, hold)
+                return with_best_signs(best, data, optics, hold, rough=rough)
         if best is None or best.deviance_dof > _WORTH_IT * before:
             break
         otf, jitter = best.otf, best.parameters.locus
-    return None if best is None else with_best_signs(best, data, optics, hold)
+    return None if best is None else with_best_signs(best, data, optics, hold, rough=rough)
 
 
-def with_best_signs(start: Start, data: Data, optics: Optics, hold: Collection[str]) -> Start:
+def with_best_signs(
+    start: Start, data: Data, optics: Optics, hold: Collection[str], *, rough: bool = False
+) -> Start:
     """Try the other sign of aberrations that a frame shows to second order first.
 
     Parameters
     ----------
     start : Start
-    data, optics, hold
+    data, optics, hold, rough
         As for :func:`locate_binary`.
 
     Returns
@@ -187,14 +189,18 @@ def with_best_signs(start: Start, data: Data, optics: Optics, hold: Collection[s
         for i, size in zip(places, sizes, strict=True)
         if first[i] < _SQUARED * here[i] and abs(value[i]) > _SHOWING * size
     ]
+    is_rough = False
     for turning in [[i] for i in turned] + [turned] * (len(turned) > 1):
         state = np.array(start.parameters.aberrations)
         state[turning] *= -1
         where = optics.otf(state), start.parameters.scene, start.parameters.locus
         trial = polished(data, optics, *where, hold, rough=True)
         if trial.deviance_dof < start.deviance_dof:
-            start = trial
-    return start
+            start, is_rough = trial, True
+    if rough or not is_rough:
+        return start
+    p = start.parameters
+    return polished(data, optics, start.otf, p.scene, p.locus, hold)
 
 
 def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:

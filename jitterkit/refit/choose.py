@@ -107,7 +107,10 @@ def fit_locus(
     frame = _Frame(data, optics, options or FitOptions(), sure)
     fit, _ = _fit(frame, name, start, moments, otf)
     better = None if name == _NORMAL else _other_signs(frame, fit)
-    return fit if better is None else _fit(frame, name, better.parameters, fit.moments()[0], better.otf)[0]
+    if better is None:
+        return fit
+    again, _ = _fit(frame, name, better.parameters, fit.moments()[0], better.otf)
+    return again if _is_better(again, fit) else fit
 
 
 def fit_best_locus(
@@ -177,7 +180,10 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
         return _conclude(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     best = _climb_ladder(frame, normal, otf, step)
     better = None if best.locus == _NORMAL else _other_signs(frame, best)
-    return best if better is None else _climb_ladder(frame, normal, otf, step, better)
+    if better is None:
+        return best
+    again = _climb_ladder(frame, normal, otf, step, better)
+    return again if _is_better(again, best) else best
 
 
 @dataclass(frozen=True)
@@ -203,7 +209,9 @@ def _other_signs(frame: _Frame, fit: FitResult) -> Start | None:
 
     A normal that is not the blur's shape may have climbed another hill than the locus that is.
     """
-    if frame.sure or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
+    priors = frame.options.priors
+    told = bool(priors.terms or priors.if_free)  # they may say the signs
+    if frame.sure or told or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
         return None
     hold = frame.options.hold
     state, locus = fit.parameters.aberrations, fit.parameters.locus
@@ -211,6 +219,11 @@ def _other_signs(frame: _Frame, fit: FitResult) -> Start | None:
     start = polished(*where)
     better = with_best_signs(start, frame.data, frame.optics, hold)
     return None if better is start else better
+
+
+def _is_better(again: FitResult, before: FitResult) -> bool:
+    """Whether a second fit is sound, and higher than the first."""
+    return again.status is Status.OK and again.objective < before.objective
 
 
 def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF, begin: Start | None) -> tuple[FitResult, OTF]:

@@ -3,7 +3,7 @@
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
    than blur and resolution, with a companion beyond doubt, is the answer.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
-   stands out of its residual, and its blur is not that of two stars: a straight one.
+   stands out of its residual, and its blur is not that of two stars: a long one.
 3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
    and they are weighed by their evidence.  Two stars closer than the resolution and a straight blur are
    nearly the same image.
@@ -35,12 +35,14 @@ from jitterkit.locate import (
     residual_star,
     resolution,
 )
-from jitterkit.loci import principal_axes
+from jitterkit.loci import Mvn, axis_variances, covariance_on_axis, principal_axes
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
 from jitterkit.refit.choose import DETECTED, fit_best_locus, fit_locus
-from jitterkit.refit.evidence import log_evidence, log_volume, minor_variance
+from jitterkit.refit.evidence import log_volume, minor_variance
 from jitterkit.refit.fit import FitOptions
+from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.weigh import weight_of_evidence
 from jitterkit.scene import Binary, Scene, Star
 
 __all__ = ["DECIDED", "SCENES", "SceneChoice", "choose_scene"]
@@ -68,9 +70,15 @@ _APART, _BRIGHT = 1.5, 100.0
 _STANDS_OUT = 25.0
 """Chi-squared of a companion from which the residual of a star is looked into."""
 
+_SIZED = 3.0
+"""Standard errors of the total variance from which a jitter has a size, as its evidence takes for granted."""
+
+_LONG = 3.0
+"""Standard errors by which a blur is longer than wide, from which it may be that of two stars."""
+
 _STRAIGHT, _THIN = 4.0, 1e-3
-"""Standard errors of the minor variance within which a blur is one that two stars may give, and its share of
-the major: a fit with a straight locus has no error there."""
+"""Standard errors of the minor variance within which a blur may have no width, and its share of the major: a
+fit with a straight locus has no error there."""
 
 _STREAKS = ("linear", "shm")
 """Loci that are weighed for a straight blur whether its shape is seen or not: two stars have another."""
@@ -96,8 +104,8 @@ class SceneChoice:
     readings : str
         Both, in words, where both were fitted.
     alike : bool
-        Whether a pair closer than the resolution fits the frame as well as one star, so that only what is
-        probable beforehand tells them apart.
+        Whether the odds are below 20 to 1; or a pair without jitter, closer than the resolution, fits the
+        frame as well as one star, so that only what is probable beforehand tells them apart.
     fit : FitResult or None
         Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
     """
@@ -112,6 +120,11 @@ class SceneChoice:
     def undecided(self) -> bool:
         """Whether a pair is the more probable, but not by enough."""
         return 0 < self.log_odds < DECIDED
+
+    @property
+    def doubt(self) -> str:
+        """That a pair may look the same as the star that was chosen, in a sentence; or nothing."""
+        return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""
 
     @property
     def scene(self) -> str:
@@ -129,7 +142,7 @@ def choose_scene(
     data : Data
     optics : Optics
     options : FitOptions, optional
-        Of the fit to come.
+        Of the fit to come; its priors do not enter: the frame alone decides.
     rough : bool
         As for :func:`~jitterkit.locate.locate_binary`.
 
@@ -138,7 +151,7 @@ def choose_scene(
     choice : SceneChoice or None
         None if no star rises above the noise.
     """
-    frame = _Frame(data, optics, options or FitOptions(), rough)
+    frame = _Frame(data, optics, replace(options or FitOptions(), priors=Priors()), rough)
     pair = frame.pair() if frame.looks_like_a_pair() else None
     if pair is not None and frame.beyond_doubt(pair):
         return SceneChoice(pair, math.inf)
@@ -215,7 +228,7 @@ class _Frame:
             scene = _with_companion(parameters.scene, other)
             yield polished(self.data, self.optics, star.otf, scene, parameters.locus, hold, rough=self.rough)
         moments, covariance = np.asarray(parameters.locus.moments()), star.covariance
-        if significance(moments, covariance) > DETECTED and _is_straight(moments, covariance):
+        if significance(moments, covariance) > DETECTED and _is_long(moments, covariance):
             yield replace(star, parameters=_split(parameters, moments))
         if pair is None and not star.describes(self.data):
             pair = self.pair()
@@ -227,15 +240,15 @@ class _Frame:
         frame = replace(self, optics=_anchored(self.optics, star.parameters))
         one = _best(frame.readings_of_star(star))
         two = _best(reading for pair in pairs for reading in frame.readings_of_pair(pair))
-        nothing = not math.isfinite(one.evidence) and not math.isfinite(two.evidence)
-        if nothing:  # the fit to come will say so of the better
-            log_odds = math.copysign(math.inf, one.fit.objective - two.fit.objective)
-        else:
+        if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
-        close = two.fit.parameters is not None and two.fit.of_scene("separation") < self.fineness
-        alike = bool(close and two.fit.objective < one.fit.objective + _ALIKE)
+        else:  # the fit to come will say so of the better
+            log_odds = math.inf if two.fit.objective < one.fit.objective - _ALIKE else -math.inf
+        close = two.fit.of_scene("separation") < self.fineness
+        as_well = two.fit.locus == "stable" and two.fit.objective < one.fit.objective + _ALIKE
+        alike = log_odds > -DECIDED or bool(close and as_well)
         chosen = two if log_odds > 0 else one
-        start = chosen.start if np.any(chosen.start.parameters.locus.coords) else frame.begun(chosen)
+        start = frame.begun(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit)
 
@@ -255,19 +268,17 @@ class _Frame:
         if told and _is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in told]
             near = self.common(start, jittered)
-            told |= {name: log_evidence(fit_locus(name, *near)) for name in more}
+            told |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
         yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
         if not _surely(start):
             yield self.still(start, common)
 
     def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
-        """Two stars with a normal blur, unless they are to take the place of a blur; and without jitter."""
+        """Two stars with a normal blur, and without jitter."""
         common = self.common(start)
-        if np.any(common[3]):
-            fit = fit_locus("mvn", *common)
-            seen = significance(*fit.moments()) > DETECTED
-            yield self.jittered(start, fit, {"mvn": log_evidence(fit)}, seen=seen)
-        if not _surely(start):
+        fit = fit_locus("mvn", *common)
+        yield self.jittered(start, fit, {"mvn": weight_of_evidence(fit)}, seen=_has_a_size(fit))
+        if _is_split(start) or not _surely(start):
             yield self.still(start, common)
 
     def common(self, start: Start, fit: FitResult | None = None):
@@ -318,6 +329,18 @@ class _Frame:
         return math.log(density) + within if contrast < _FAINTEST else -math.inf
 
 
+def _has_a_size(fit: FitResult) -> bool:
+    """Whether jitter is seen, of a variance that is positive: a pair may have taken too much of it."""
+    moments, covariance = fit.moments()
+    error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
+    return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
+
+
+def _is_split(start: Start) -> bool:
+    """Whether a pair was made of a star's blur, and not fitted yet."""
+    return start.parameters.scene.name == Binary.name and "separation" not in start.names
+
+
 def _surely(start: Start) -> bool:
     """Whether a start shows jitter so clearly that no fit without it is worth its time."""
     return significance(np.asarray(start.parameters.locus.moments()), start.covariance) > _SURELY
@@ -337,8 +360,17 @@ def _anchored(optics: Optics, parameters: Parameters) -> Optics:
 
 
 def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether a blur may have no width."""
     minor, error = minor_variance(moments, covariance)
     return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
+
+
+def _is_long(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether a blur is longer than it is wide, beyond doubt."""
+    major, minor, angle = axis_variances(moments)
+    turned = covariance_on_axis(covariance, angle)
+    error = math.sqrt(max(turned[0, 0] + turned[2, 2] - 2 * turned[0, 2], 0.0))
+    return not major - minor < _LONG * error
 
 
 def _with_companion(star: Scene, other: Scene) -> Binary:
@@ -357,13 +389,13 @@ def _with_companion(star: Scene, other: Scene) -> Binary:
 
 
 def _split(parameters: Parameters, moments: np.ndarray) -> Parameters:
-    """Two stars, a little different, with the moments of a straight blur."""
-    major, _, angle = principal_axes(moments)
+    """Two stars, a little different, with a round blur, that have the moments of a long one."""
+    major, minor, angle = axis_variances(moments)
     scene, contrast = parameters.scene, 1.2
-    separation = major * (1 + contrast) / math.sqrt(contrast)
+    separation = math.sqrt(major - max(minor, 0.0)) * (1 + contrast) / math.sqrt(contrast)
     pair = Binary(separation, angle, scene.x, scene.y, scene.flux, contrast)
-    still = parameters.locus.at(0 * parameters.locus.coords)
-    return Parameters(pair, still, parameters.aberrations, parameters.background)
+    round_blur = Mvn.near(max(minor, 0.0) * np.array([1.0, 0.0, 1.0]))
+    return Parameters(pair, round_blur, parameters.aberrations, parameters.background)
 
 
 def _said(reading: _Reading) -> str:

@@ -220,7 +220,7 @@ def measure(
 
 
 def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locus: str) -> Fitting:
-    processor = settings.applied(Processor(instrument, locus=locus))
+    processor = settings.applied(Processor(instrument, scene="binary", locus=locus))
     if settings.aberrations == "expanded" or settings.method == "joint":
         return Fitting(processor, method=settings.method)
     return Fitting.anchored(processor, scene.lead, method=settings.method)

@@ -13,8 +13,9 @@ from jitterkit.batch.stream import process_batches
 from jitterkit.batch.survey import read_items
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
-from jitterkit.loci import Mvn
+from jitterkit.loci import Mvn, Stable
 from jitterkit.optics import obstructed_circle
+from jitterkit.report.flags import decode_flags
 from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
@@ -102,6 +103,22 @@ def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, tmp_p
         for row, values in zip(done.rows, truth, strict=True)
     ]
     assert np.sum(np.square(pulls)) < 60 + 4 * np.sqrt(120)  # chi-squared of 60 degrees of freedom
+
+
+def test_frames_of_a_run_share_the_doubt_and_an_odd_one_its_own_scene(telescope, tmp_path):
+    """Of two stars much closer than the resolution, all frames say so; a wide pair among them is a pair."""
+    rng = np.random.default_rng(8)
+    for number in range(9):
+        close = Binary(0.25, 30.0, *rng.uniform(-2, 2, 2), 2e5, 1.0)
+        scene = Binary(10.0, 30.0, 0.0, 0.0, 2e5, 3.37) if number == OTHER else close
+        image = simulate_frame(telescope, scene, Stable.of(), aberrations=[5.0, -8.0], rng=rng).raw.data
+        write_fits(tmp_path / f"{number:02d}.fits", image.astype(np.float32))
+    batches = plan_batches(sorted(tmp_path.iterdir()), [1] * 9, 9)
+    (done,) = process_batches(batches, Processor(telescope, locus="mvn"))
+    other = done.rows.pop(OTHER)
+    assert (other["status"], other["scene"]) == ("ok", "binary")
+    assert {(row["status"], row["scene"]) for row in done.rows} == {("ok", "star")}
+    assert all("maybe_pair" in decode_flags(row["flags"]) for row in done.rows)
 
 
 @pytest.mark.slow

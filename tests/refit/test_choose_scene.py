@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn, Shm, Stable
-from jitterkit.refit import FitOptions, FitResult, Status, choose_scene
+from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene
 from jitterkit.refit.choose_scene import _Frame
 from jitterkit.scene import Binary, Star
 
@@ -59,9 +59,30 @@ def test_two_stars_are_two(separation, contrast, chosen):
     assert float(choice.start.parameters.scene.separation) == pytest.approx(separation, abs=0.05)
 
 
+@pytest.mark.parametrize("contrast", [1.2, 2.0])
+def test_two_stars_closer_than_the_resolution_are_two_under_jitter_too(contrast, chosen):
+    """One star with a long blur describes them to chi-squared's eye, hundreds lower in likelihood."""
+    pair, locus = Binary(0.6, 140.0, 0.3, -0.2, 3e5, contrast), Mvn.of(0.15, 0.12, 20.0)
+    choice = chosen(pair, locus)
+    assert choice.scene == "binary"
+    assert choice.log_odds > 3
+    assert float(choice.start.parameters.scene.separation) == pytest.approx(0.6, abs=0.05)
+    found = np.asarray(choice.start.parameters.locus.moments())
+    assert found == pytest.approx(np.asarray(locus.moments()), abs=0.01)
+
+
+def test_a_prior_on_the_jitter_does_not_choose_the_scene(bench):
+    truth = Parameters(ALONE(1e6), Linear.of(0.8, 30.0), (4.0, -3.0))
+    data = bench.draw(truth, np.random.default_rng(1))
+    choice = choose_scene(data, bench.optics, FitOptions(priors=Priors(moments=(np.zeros(3), np.eye(3)))))
+    assert choice.scene == "star"
+    assert -math.inf < choice.log_odds < -3
+
+
 def test_two_stars_much_closer_than_the_resolution_look_like_a_smear_and_that_is_said(chosen):
     choice = chosen(Binary(0.25, 140.0, 0.3, -0.2, 1e5, 1.0), Stable.of())
-    assert choice.alike or choice.undecided
+    assert choice.scene == "star"
+    assert "two stars 0.2" in choice.doubt
     assert "one star with a jitter of" in choice.readings
     assert "two stars 0.2" in choice.readings
 
