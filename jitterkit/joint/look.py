@@ -25,11 +25,12 @@ from jitterkit.locate import locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit import FitOptions, FitResult, Priors, Status
+from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene
 from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_expand
 from jitterkit.refit.starts import starting_point
+from jitterkit.scene import Binary, Star
 from jitterkit.shutter import Shutter
 
 __all__ = ["Looker", "Nearby"]
@@ -66,6 +67,10 @@ class Nearby:
         elif linearisation_error(self.optics, parameters, self._here) > SETTLED:
             self._here = self.optics.near(aberrations, self._slopes)
         return self._here
+
+
+_OF_PAIRS = set(Binary.names) - set(Star.names)
+"""Parameters that one star has not: where some of them are known, it is known that there is a pair."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +141,13 @@ class Looker:
         nominal = self.optics.nominal
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
-        start = locate_binary(data, self.optics, self.hold)
+        choice = None
+        if near is None and not _OF_PAIRS & set(self.known):
+            choice = choose_scene(data, self.optics, FitOptions(hold=self.hold))
+            if choice is not None and choice.scene != Binary.name:
+                told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."
+                return FitResult(Status.NO_PAIR, told), nominal
+        start = locate_binary(data, self.optics, self.hold) if choice is None else choice.start
         if start is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
         p = start.parameters

@@ -30,7 +30,7 @@ class Status(enum.Enum):
     NO_DATA = "no usable pixel"
     UNREADABLE = "the file cannot be read"
     MISMATCH = "the frame does not suit this instrument"
-    UNDETERMINED = "the image does not constrain the blur"
+    UNDETERMINED = "the image does not constrain the blur, or what scene it shows"
     REFERENCE = "the frame is the reference that others are compared with"
     FAILED = "the fit broke down"
 

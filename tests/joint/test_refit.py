@@ -29,7 +29,7 @@ from jitterkit.joint.look import _alike
 from jitterkit.joint.refit import _record, _told
 from jitterkit.loci import Linear, Mvn
 from jitterkit.refit import FitResult, Priors, Status
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 from jitterkit.shutter import Drifting
 
 STEP = 0.1
@@ -191,6 +191,17 @@ def test_frames_that_cannot_be_used_keep_their_rows(optics, rng):
     assert [row.record.reason for row in rows] == ["", "truncated", "", "no_star", ""]
     assert [row.kept for row in rows] == [True, False, True, False, True]
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
+
+
+def test_frames_of_one_star_have_no_separation(optics, rng):
+    frames = exposures(optics, 3, rng)
+    truth = Parameters(Star(0.3, -0.2, 2e6), Linear.of(0.8, 70.0), np.zeros(2))
+    image = np.asarray(expected_image(truth, optics.otf(np.zeros(2), derivatives=False)))
+    stars = [
+        one._replace(frame=replace(one.frame, electrons=rng.poisson(image).astype(float))) for one in frames
+    ]
+    with refused(ErrorCode.NO_PAIR, "only one star", "process", error=JitterkitError):
+        refit_sequence(stars, Looker(optics, "linear"))
 
 
 def test_no_frame_at_all_is_an_error_with_the_first_reason(optics):
