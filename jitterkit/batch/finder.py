@@ -276,12 +276,11 @@ class Finder:
         scene = known.scene if self.scene == AUTO and known is not None else self.scene
         optics, hold = self.optics(frame), self.options.hold
         start = None if scene == AUTO else _SEARCHES[scene](data, optics, hold, rough=rough)
-        if scene == self.scene or (start is not None and start.describes(data)):
-            certain = math.inf if scene == Binary.name else -math.inf
-            choice = None if start is None else SceneChoice(start, certain)
-        else:  # of a run, but not as the run is
-            choice = None
-        if self.scene == AUTO and choice is None:
+        choice = None
+        # a frame of a run need not be as the run is
+        if start is not None and (scene == self.scene or start.describes(data)):
+            choice = SceneChoice(start, math.inf if scene == Binary.name else -math.inf)
+        elif self.scene == AUTO:
             choice = choose_scene(data, optics, self.options, rough=rough)
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")

@@ -30,7 +30,7 @@ from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_expand
 from jitterkit.refit.starts import starting_point
-from jitterkit.scene import Binary, Star
+from jitterkit.scene import Binary
 from jitterkit.shutter import Shutter
 
 __all__ = ["Looker", "Nearby"]
@@ -67,10 +67,6 @@ class Nearby:
         elif linearisation_error(self.optics, parameters, self._here) > SETTLED:
             self._here = self.optics.near(aberrations, self._slopes)
         return self._here
-
-
-_OF_PAIRS = set(Binary.names) - set(Star.names)
-"""Parameters that one star has not: where some of them are known, it is known that there is a pair."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +138,7 @@ class Looker:
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
         choice = None
-        if near is None and not _OF_PAIRS & set(self.known):
+        if near is None:
             choice = choose_scene(data, self.optics, FitOptions(hold=self.hold))
             if choice is not None and choice.scene != Binary.name:
                 told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."

@@ -50,6 +50,9 @@ __all__ = ["DECIDED", "SCENES", "SceneChoice", "choose_scene"]
 SCENES = (Star.name, Binary.name)
 """Names of the scenes that can be searched for."""
 
+_OF_PAIRS = set(Binary.names) - set(Star.names)
+"""Parameters that one star has not."""
+
 COMPANIONS = 0.05
 """Share of stars that have a companion, an e-fold of separation: 44 % of stars like the sun, over a normal
 law of 2.28 decades of period (Duchene & Kraus, Annu. Rev. Astron. Astrophys. 51, 269, 2013)."""
@@ -142,7 +145,8 @@ def choose_scene(
     data : Data
     optics : Optics
     options : FitOptions, optional
-        Of the fit to come; its priors do not enter: the frame alone decides.
+        Of the fit to come.  Whoever holds, or has a prior on, what only a pair has gets a pair; priors on
+        anything else do not enter.
     rough : bool
         As for :func:`~jitterkit.locate.locate_binary`.
 
@@ -151,7 +155,11 @@ def choose_scene(
     choice : SceneChoice or None
         None if no star rises above the noise.
     """
-    frame = _Frame(data, optics, replace(options or FitOptions(), priors=Priors()), rough)
+    options = options or FitOptions()
+    frame = _Frame(data, optics, replace(options, priors=Priors()), rough)
+    if _OF_PAIRS & {*options.hold, *options.priors.terms}:  # who knows them knows that there is a pair
+        pair = frame.pair()
+        return None if pair is None else SceneChoice(pair, math.inf)
     pair = frame.pair() if frame.looks_like_a_pair() else None
     if pair is not None and frame.beyond_doubt(pair):
         return SceneChoice(pair, math.inf)
@@ -256,9 +264,9 @@ class _Frame:
         """Where the fit begins of a pair that was made of a blur."""
         parameters = reading.fit.parameters or reading.start.parameters
         otf = self.optics.otf(parameters.aberrations)
-        return polished(
-            self.data, self.optics, otf, parameters.scene, None, self.options.hold, rough=self.rough
-        )
+        blur = Mvn.near(reading.fit.moments()[0]) if reading.fit.parameters else None
+        where = self.data, self.optics, otf, parameters.scene, blur
+        return polished(*where, self.options.hold, rough=self.rough)
 
     def readings_of_star(self, start: Start) -> Iterator[_Reading]:
         """One star with the best of the loci, with straight ones, and without jitter."""

@@ -79,6 +79,17 @@ def test_a_prior_on_the_jitter_does_not_choose_the_scene(bench):
     assert -math.inf < choice.log_odds < -3
 
 
+@pytest.mark.parametrize(
+    "options",
+    [FitOptions(hold=("background", "contrast")), FitOptions(priors=Priors({"separation": (5.0, 0.1)}))],
+    ids=["held", "known"],
+)
+def test_who_knows_something_of_a_pair_gets_one(options, bench):
+    truth = Parameters(Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0), Stable.of(), (4.0, -3.0))
+    choice = choose_scene(bench.draw(truth, np.random.default_rng(1)), bench.optics, options)
+    assert (choice.scene, choice.log_odds) == ("binary", math.inf)
+
+
 def test_two_stars_much_closer_than_the_resolution_look_like_a_smear_and_that_is_said(chosen):
     choice = chosen(Binary(0.25, 140.0, 0.3, -0.2, 1e5, 1.0), Stable.of())
     assert choice.scene == "star"
