@@ -102,7 +102,7 @@ def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tup
 
 
 def free_parameters(
-    parameters: Parameters, otf: OTF, hold: Collection[str] = ("background",)
+    parameters: Parameters, otf: OTF, hold: Collection[str] = ()
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """The parameters a fit may vary.
 

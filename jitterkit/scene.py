@@ -1,16 +1,48 @@
-"""What the telescope looks at: a binary, or one star."""
+"""What the telescope looks at: one star, a pair, or several stars."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import equinox as eqx
+import jax.flatten_util
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jitterkit.conventions import direction_angle
 from jitterkit.precision import real
 
-__all__ = ["Binary", "Scene", "Star"]
+__all__ = ["Binary", "FurtherStars", "Scene", "Star", "Stars"]
+
+
+class FurtherStars(eqx.Module):
+    """Stars beside those that a scene is named after.
+
+    Attributes
+    ----------
+    x, y : (n,) array
+        Offsets from the frame's centre, arcsec.
+    flux : (n,) array
+        Electrons per frame from each, inside the frame or not.
+    """
+
+    x: Float[Array, " n"]
+    y: Float[Array, " n"]
+    flux: Float[Array, " n"]
+
+    def __init__(self, x, y, flux) -> None:
+        self.x, self.y, self.flux = (jnp.atleast_1d(real(value)) for value in (x, y, flux))
+
+    def named(self, first: int) -> tuple[str, ...]:
+        """Names of the parameters, in their order, where the first of the stars has that number."""
+        numbers = range(first, first + len(self.x))
+        return tuple(f"{name}_{number}" for name in ("x", "y", "flux") for number in numbers)
+
+    def brightest_first(self) -> Self:
+        """The same stars in the order of their fluxes."""
+        order = np.argsort(-np.asarray(self.flux), kind="stable")
+        return type(self)(self.x[order], self.y[order], self.flux[order])
 
 
 class Scene(eqx.Module):
@@ -21,22 +53,24 @@ class Scene(eqx.Module):
     x, y : float
         Its place: offset from the frame's centre, arcsec.
     flux : float
-        Electrons per frame from all sources, inside the frame or not.
+        Electrons per frame from the stars that the scene is named after, inside the frame or not.
+    others : FurtherStars or None
     name : str
         Of the scene, in tables and options (class attribute).
-    names : tuple of str
-        Of the parameters, in their order (class attribute).
+    own : tuple of str
+        Names of the parameters that every scene of the class has, in their order (class attribute).
     """
 
     x: eqx.AbstractVar[Float[Array, ""]]
     y: eqx.AbstractVar[Float[Array, ""]]
     flux: eqx.AbstractVar[Float[Array, ""]]
+    others: eqx.AbstractVar[FurtherStars | None]
     name: ClassVar[str]
-    names: ClassVar[tuple[str, ...]]
+    own: ClassVar[tuple[str, ...]]
 
     @abstractmethod
-    def sources(self) -> tuple[Float[Array, " s"], Float[Array, " s"], Float[Array, " s"]]:
-        """Offsets x and y from the frame's centre [arcsec] and fluxes [electrons] of every source."""
+    def stars(self) -> tuple[Float[Array, " s"], Float[Array, " s"], Float[Array, " s"]]:
+        """Offsets x and y [arcsec] and fluxes [electrons] of the stars that the scene is named after."""
 
     @abstractmethod
     def lawful(self) -> Bool[Array, ""]:
@@ -45,6 +79,61 @@ class Scene(eqx.Module):
     def tidied(self) -> Self:
         """The same sources by the parameters a person would give."""
         return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters; those of further stars end in the number of the star: ``flux_3``."""
+        count = len(self.stars()[0])
+        return self.own if self.others is None else (*self.own, *self.others.named(count + 1))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters by name."""
+        vector, _ = jax.flatten_util.ravel_pytree(self)
+        return dict(zip(self.names, np.asarray(vector).tolist(), strict=True))
+
+    def sources(self) -> tuple[Float[Array, " s"], Float[Array, " s"], Float[Array, " s"]]:
+        """Offsets x and y from the frame's centre [arcsec] and fluxes [electrons] of every source."""
+        x, y, flux = self.stars()
+        if self.others is None:
+            return x, y, flux
+        more = self.others
+        return (
+            jnp.concatenate([x, more.x]),
+            jnp.concatenate([y, more.y]),
+            jnp.concatenate([flux, more.flux]),
+        )
+
+    def at(self, values: Sequence[float]) -> Self:
+        """The same scene with other parameters, in the order of the names."""
+        _, unravel = jax.flatten_util.ravel_pytree(self)
+        return unravel(real(values))
+
+    def shifted(self, x, y) -> Self:
+        """All sources moved [arcsec]."""
+        moved = eqx.tree_at(lambda s: (s.x, s.y), self, (self.x + x, self.y + y))
+        if self.others is None:
+            return moved
+        others = FurtherStars(self.others.x + x, self.others.y + y, self.others.flux)
+        return eqx.tree_at(lambda s: s.others, moved, others)
+
+    def joined(self, others: FurtherStars) -> "Scene":
+        """The same with further stars."""
+        if self.others is not None:
+            both = zip(_arrays(self.others), _arrays(others), strict=True)
+            others = FurtherStars(*map(jnp.concatenate, both))
+        return self._with(others.brightest_first())
+
+    @abstractmethod
+    def _with(self, others: FurtherStars) -> "Scene":
+        """The same with these further stars and no other."""
+
+    def brightened(self, factor) -> Self:
+        """All sources with so many times the light."""
+        bright = eqx.tree_at(lambda s: s.flux, self, self.flux * factor)
+        if self.others is None:
+            return bright
+        return eqx.tree_at(lambda s: s.others.flux, bright, self.others.flux * factor)
 
 
 class Binary(Scene):
@@ -62,6 +151,8 @@ class Binary(Scene):
         Electrons per frame from both stars, inside the frame or not.
     contrast : float
         Flux of A over flux of B.
+    others : FurtherStars or None
+        From the third star on.
     """
 
     separation: Float[Array, ""]
@@ -70,20 +161,25 @@ class Binary(Scene):
     y: Float[Array, ""]
     flux: Float[Array, ""]
     contrast: Float[Array, ""]
+    others: FurtherStars | None
     name: ClassVar[str] = "binary"
-    names: ClassVar[tuple[str, ...]] = ("separation", "theta", "x", "y", "flux", "contrast")
+    own: ClassVar[tuple[str, ...]] = ("separation", "theta", "x", "y", "flux", "contrast")
 
-    def __init__(self, separation, theta, x, y, flux, contrast) -> None:
+    def __init__(self, separation, theta, x, y, flux, contrast, others=None) -> None:
         self.separation, self.theta, self.x, self.y = map(real, (separation, theta, x, y))
-        self.flux, self.contrast = real(flux), real(contrast)
+        self.flux, self.contrast, self.others = real(flux), real(contrast), others
 
-    def sources(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
+    def stars(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
         """Offsets x and y [arcsec] and fluxes of A and B."""
         angle = jnp.radians(self.theta)
         side = jnp.stack([-self.separation, self.separation]) / 2
         faint = 1 / (1 + self.contrast)  # not 1 - share, which rounds a faint star away
         fluxes = self.flux * jnp.stack([self.contrast * faint, faint])
         return self.x + side * jnp.cos(angle), self.y + side * jnp.sin(angle), fluxes
+
+    def _with(self, others: FurtherStars) -> "Binary":
+        own = {name: getattr(self, name) for name in self.own}
+        return type(self)(**own, others=others)
 
     def lawful(self) -> Bool[Array, ""]:
         """Light comes from both stars."""
@@ -100,6 +196,7 @@ class Binary(Scene):
             self.y,
             self.flux,
             contrast if contrast >= 1 else 1 / contrast,
+            self.others,
         )
 
 
@@ -117,16 +214,54 @@ class Star(Scene):
     x: Float[Array, ""]
     y: Float[Array, ""]
     flux: Float[Array, ""]
+    others: FurtherStars | None
     name: ClassVar[str] = "star"
-    names: ClassVar[tuple[str, ...]] = ("x", "y", "flux")
+    own: ClassVar[tuple[str, ...]] = ("x", "y", "flux")
 
     def __init__(self, x, y, flux) -> None:
         self.x, self.y, self.flux = map(real, (x, y, flux))
+        self.others = None
 
-    def sources(self) -> tuple[Float[Array, "1"], Float[Array, "1"], Float[Array, "1"]]:
+    def stars(self) -> tuple[Float[Array, "1"], Float[Array, "1"], Float[Array, "1"]]:
         """Offsets x and y [arcsec] and flux of the star."""
         return self.x[None], self.y[None], self.flux[None]
+
+    def _with(self, others: FurtherStars) -> "Stars":
+        return Stars(self.x, self.y, self.flux, others)
 
     def lawful(self) -> Bool[Array, ""]:
         """It shines."""
         return self.flux > 0
+
+
+class Stars(Star):
+    """Several point sources of any places and fluxes.
+
+    Attributes
+    ----------
+    x, y, flux : float
+        Of the brightest star.
+    others : FurtherStars
+        From the second star on.
+    """
+
+    name: ClassVar[str] = "stars"
+
+    def __init__(self, x, y, flux, others: FurtherStars) -> None:
+        super().__init__(x, y, flux)
+        self.others = others
+
+    @classmethod
+    def of(cls, x, y, flux) -> "Stars":
+        """From places [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
+        every = _arrays(FurtherStars(x, y, flux).brightest_first())
+        (x, *_), (y, *_), (flux, *_) = every
+        return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)))
+
+    def tidied(self) -> "Stars":
+        """The brightest star first."""
+        return self.of(*self.sources())
+
+
+def _arrays(stars: FurtherStars) -> tuple:
+    return stars.x, stars.y, stars.flux

@@ -7,7 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import paper_numbers as paper
 from paper_numerics import PUBLIC_LOCI, SAMPLES, SAMPLES_OF_NORMAL, SampledOptics, normal_of_shear
-from paper_study import MICRO, Part, Study
+from paper_study import AS_PUBLISHED, MICRO, Part, Study
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.errors import JitterkitError
@@ -84,7 +84,9 @@ def _add_bias(study: Study, part: Part, what: str, both: tuple[Locus, Locus], mo
 
 def _bias(study: Study, truth: Locus, model: str, optics) -> CrossFit | None:
     try:
-        return noise_free_fit(study.parameters(truth), model, optics, otf=optics.nominal)
+        return noise_free_fit(
+            study.parameters(truth), model, optics, otf=optics.nominal, options=AS_PUBLISHED
+        )
     except JitterkitError:
         return None
 
@@ -105,7 +107,8 @@ def pixels(study: Study) -> Part:
     for samples in TOO_COARSE:
         optics = SampledOptics(study.exact.pupil, study.exact.spectrum, study.exact.grid, samples=samples)
         fits = [
-            fit_locus(model, frame, optics, scene, np.zeros(3), optics.nominal) for model in ("stable", "mvn")
+            fit_locus(model, frame, optics, scene, np.zeros(3), optics.nominal, AS_PUBLISHED)
+            for model in ("stable", "mvn")
         ]
         still, free = (MICRO * (fit.of_scene("separation") - paper.SEPARATION) for fit in fits)
         biases[samples] = still
@@ -118,7 +121,8 @@ def pixels(study: Study) -> Part:
         + ", ".join(f"{number(bias, 3)} µas (n = {n})" for n, bias in biases.items())
         + "; a locus whose variances are free takes it up."
     )
-    error = MICRO * forecast(study.parameters(), study.sampled.nominal).error("separation")
+    sampled = forecast(study.parameters(), study.sampled.nominal, options=AS_PUBLISHED)
+    error = MICRO * sampled.error("separation")
     standard = error / np.sqrt(paper.DRAWS.value)
     draws = f"{paper.DRAWS.value:,.0f} draws"
     words = f"of 1 µas after {error**2:,.0f} draws; a fit without noise needs none"
@@ -128,7 +132,9 @@ def pixels(study: Study) -> Part:
         "microarcsecond: “without introducing any significant systematic biases” could not be found wrong. "
         "Fits of the expected frame, without noise, give the biases of the table exactly."
     )
-    found = forecast(study.parameters(Linear.of(SHORT), study.photons), study.exact.nominal)
+    found = forecast(
+        study.parameters(Linear.of(SHORT), study.photons), study.exact.nominal, options=AS_PUBLISHED
+    )
     angle = found.jitter()["jitter_angle"][1]
     part.add(f"σ(angle) of a streak of {SHORT:g} arcsec", "°", "sec. 3.1", None, angle)
     part.slips[6] = (

@@ -11,7 +11,7 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from paper_study import Part, Study
+from paper_study import AS_PUBLISHED, Part, Study
 
 from jitterkit.forecast import (
     Panel,
@@ -75,7 +75,7 @@ def run_study(still: Parameters, optics: OpticalSystem, draws: int, refits: int,
     """Fit all panels by one step a frame, and one of them in full on the same draws."""
     panels, seconds, began = [], 0.0, time.perf_counter()
     rng = np.random.default_rng(seed)
-    for panel in cross_fit(columns(), (*PAPER_ROWS, "auto"), still, optics, draws, rng):
+    for panel in cross_fit(columns(), (*PAPER_ROWS, "auto"), still, optics, draws, rng, options=AS_PUBLISHED):
         panels.append(panel)
         if panel.data in PAPER_COLUMNS:
             seconds = time.perf_counter() - began
@@ -85,9 +85,9 @@ def run_study(still: Parameters, optics: OpticalSystem, draws: int, refits: int,
 def _refit(still: Parameters, optics: OpticalSystem, draws: int, seed: int) -> dict[str, np.ndarray]:
     """Separations of one panel by steps and by full refits, the same frames, in errors without jitter."""
     truth = still.with_locus(jitter_of_kind(*REFITTED))
-    fits = [noise_free_fit(truth, name, optics) for name in ("mvn", "linear")]
+    fits = [noise_free_fit(truth, name, optics, options=AS_PUBLISHED) for name in ("mvn", "linear")]
     quick = linearised_draws(fits, draws, np.random.default_rng(seed))
-    full = refitted_draws(fits, optics, draws, np.random.default_rng(seed), auto=True)
+    full = refitted_draws(fits, optics, draws, np.random.default_rng(seed), auto=True, options=AS_PUBLISHED)
     return {"quick": quick.separations, "full": full.separations}
 
 
@@ -95,7 +95,9 @@ def crossfit(study: Study) -> Part:
     """The figure, and what it shows, exact numerics only."""
     still, optics = study.parameters(), study.exact
     found = run_study(still, optics, study.draws, min(study.draws, REFITS), study.seed)
-    figure = plot_crossfit(found.panels, forecast(still, optics.nominal).error("separation"))
+    figure = plot_crossfit(
+        found.panels, forecast(still, optics.nominal, options=AS_PUBLISHED).error("separation")
+    )
     words = "Fitted less true separation: data by columns, the locus fitted by rows; marks are exact biases."
     frames = len(PAPER_COLUMNS) * len(SETTINGS) * study.draws
     timings = [(f"the cross-fit's 16 panels and their row auto, {frames:,} frames", found.seconds)]

@@ -8,7 +8,7 @@ import numpy as np
 import paper_numbers as paper
 from matplotlib.figure import Figure
 from paper_numerics import PUBLIC_LOCI, area_of_diameters_as_radii, normal_of_shear
-from paper_study import MICRO, PLATE_SCALE, TARGET, Part, Study
+from paper_study import AS_PUBLISHED, MICRO, PLATE_SCALE, TARGET, Part, Study
 
 from jitterkit.detectors import Detector
 from jitterkit.forecast import forecast
@@ -145,7 +145,8 @@ def detector(study: Study) -> Part:
     scene = study.parameters(flux=study.photons)
     for noise in READ_NOISE:
         camera = Detector(gain=_FINE, read_noise=noise)
-        found = [forecast(scene, o.nominal, camera).error("separation") for o in (study.sampled, study.exact)]
+        optics = study.sampled.nominal, study.exact.nominal
+        found = [forecast(scene, one, camera, AS_PUBLISHED).error("separation") for one in optics]
         what = f"σ(separation), read noise {noise:g} e-"
         part.add(what, "µas", "", *(MICRO * e for e in found), remark="by the true area")
     none = study.forecasts(Mvn.of(0.0), Mvn.of(0.0), flux=study.photons)

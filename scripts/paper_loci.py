@@ -11,7 +11,7 @@ import paper_numbers as paper
 from astropy.table import QTable
 from matplotlib.figure import Figure
 from paper_numerics import PUBLIC_LOCI, SAMPLES_OF_NORMAL, normal_of_construction, normal_of_shear
-from paper_study import MICRO, PLATE_SCALE, TARGET, Part, Study
+from paper_study import AS_PUBLISHED, MICRO, PLATE_SCALE, TARGET, Part, Study
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Sweep, forecast, sweep
@@ -80,7 +80,12 @@ def _angles(study: Study) -> np.ndarray:
 
 
 def _swept(study: Study, locus: Callable[..., Locus], optics: OpticalSystem, axes) -> Sweep:
-    return sweep(lambda **size: forecast(study.parameters(locus(*size.values())), optics.nominal), axes)
+    return sweep(
+        lambda **size: forecast(
+            study.parameters(locus(*size.values())), optics.nominal, options=AS_PUBLISHED
+        ),
+        axes,
+    )
 
 
 def _draw_streaks(study: Study, swept: dict[tuple[str, str], Sweep]) -> Figure:
@@ -157,7 +162,7 @@ def normals(study: Study) -> Part:
         }
         points = len(SHEARS) * len(axes["sigma_major"]) * len(axes["angle"])
         part.timings.append((f"three normals, {name} numerics, {points} points", time.perf_counter() - began))
-        still = forecast(study.parameters(), optics.nominal).error("separation")
+        still = forecast(study.parameters(), optics.nominal, options=AS_PUBLISHED).error("separation")
         for shear, one in swept.items():
             part.tables[f"normals_{shear:g}_{name}"] = _table(one, still)
         figure = plot_shears(

@@ -21,6 +21,7 @@ from jitterkit.forward import Parameters, expected_image
 from jitterkit.loci import Locus, Stable
 from jitterkit.optics import OpticalSystem, Pupil, grid_for, lines, toliman_pupil
 from jitterkit.photons import annulus_area
+from jitterkit.refit import FitOptions
 from jitterkit.scene import Binary
 
 MICRO = 1e6
@@ -82,6 +83,10 @@ class Part:
         self.rows.append(Row(quantity, unit, where, paper, public, exact, remark))
 
 
+AS_PUBLISHED = FitOptions(hold=("background",))
+"""The paper's frames have no sky, and its fits know that."""
+
+
 @dataclass(frozen=True)
 class Study:
     """The paper's scene, in the paper's numerics and in exact ones.
@@ -125,7 +130,7 @@ class Study:
     def forecasts(self, public: Locus | None = None, exact: Locus | None = None, **scene) -> list[Forecast]:
         """Forecasts in the paper's numerics and in exact ones."""
         return [
-            forecast(self.parameters(locus, **scene), optics.nominal)
+            forecast(self.parameters(locus, **scene), optics.nominal, options=AS_PUBLISHED)
             for locus, optics in ((public, self.sampled), (exact, self.exact))
         ]
 

@@ -12,7 +12,7 @@ from jitterkit.batch.finder import SCORE, Estimated, Finder
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.survey import Survey
-from jitterkit.batch.verdict import judge, scale_hint
+from jitterkit.batch.verdict import OUTLIERS, judge, left_out, scale_hint
 from jitterkit.errors import FrameError, JitterkitError, UndeterminedError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
@@ -77,6 +77,9 @@ class OpticsMeasurer:
         if isinstance(estimated, FitResult):
             return estimated
         message = estimated.doubt
+        if estimated.left_out:
+            frame = frame.told(flags=(*frame.flags, OUTLIERS))
+            message = " ".join(filter(None, [message, left_out(estimated.left_out)]))
         if estimated.searched is not None or self.name != SCORE:
             data, parameters, otf = estimated.data, estimated.parameters, estimated.otf
             misfit = pearson(blurred_image(estimated.estimate, parameters, otf), data)

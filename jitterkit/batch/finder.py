@@ -26,7 +26,7 @@ from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
-from jitterkit.locate import locate_binary, locate_star
+from jitterkit.locate import Residual, locate_binary, locate_star
 from jitterkit.loci import Mvn
 from jitterkit.optics import OTF, Optics
 from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, SceneChoice, Status, choose_scene
@@ -75,6 +75,8 @@ class Estimated:
         What else the frame may show that looks the same, in a sentence.
     fit : FitResult or None
         With the best of the loci, by the finder's options, where it has been made already.
+    left_out : int
+        Pixels that do not belong to the image, which the data are without.
     """
 
     data: Data
@@ -84,6 +86,7 @@ class Estimated:
     searched: OTF | None = None
     doubt: str = ""
     fit: FitResult | None = None
+    left_out: int = 0
 
     @cached_property
     def otf(self) -> OTF:
@@ -182,7 +185,8 @@ class Finder:
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """What scene a frame shows at first sight; None if it shows none."""
         try:
-            found = self._found(frame, Data.of(frame, censored=self.censored), rough=True)
+            data = self._without_outliers(frame, Data.of(frame, censored=self.censored))
+            found = self._found(frame, data, rough=True)
         except Exception as error:
             if out_of_memory(error):
                 raise
@@ -242,7 +246,8 @@ class Finder:
 
     def _located(self, frame: Frame, data: Data, rough: bool) -> Estimated | FitResult:
         """What a frame shows that is searched through."""
-        found = self._found(frame, data, rough=rough and self.kernel == SCORE)
+        clean = self._without_outliers(frame, data)
+        found = self._found(frame, clean, rough=rough and self.kernel == SCORE)
         if isinstance(found, FitResult):
             return found
         start = found.start
@@ -255,10 +260,19 @@ class Finder:
         if rough or self.kernel != SCORE:  # any other estimate takes the place of this one
             estimate = KernelEstimate(np.asarray(start.parameters.locus.moments()), start.covariance, SCORE)
         else:
-            estimate = estimate_score(data, start.parameters, start.otf, hold=self.options.hold)
+            estimate = estimate_score(clean, start.parameters, start.otf, hold=self.options.hold)
         known = self.known.get(self.grid(frame))
         doubt = found.doubt or ("" if known is None or known.scene != found.scene else known.doubt)
-        return Estimated(data, start.parameters, estimate, self.optics(frame), start.otf, doubt, found.fit)
+        left_out = int(np.count_nonzero(data.used) - np.count_nonzero(clean.used))
+        told = start.parameters, estimate, self.optics(frame), start.otf, doubt, found.fit, left_out
+        return Estimated(clean, *told)
+
+    def _without_outliers(self, frame: Frame, data: Data) -> Data:
+        """Data without pixels that no star can have made: a search would take them for stars."""
+        if not np.any(data.used):
+            return data
+        dark = Residual.of_dark(data, self.optics(frame).nominal)
+        return data.without(dark.outliers(0.0, surely=True))
 
     def _found(self, frame: Frame, data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
         """Find the stars, or say why not."""

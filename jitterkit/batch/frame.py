@@ -12,10 +12,14 @@ import math
 import time
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from jitterkit.batch.finder import Finder
-from jitterkit.batch.verdict import judge, midpoint_pixel, position_angle
+from jitterkit.batch.verdict import OUTLIERS, further_stars, judge, left_out, midpoint_pixel, position_angle
 from jitterkit.errors import out_of_memory
 from jitterkit.frames import Frame, RawFrame
+from jitterkit.likelihood import Data
+from jitterkit.locate import Residual
 from jitterkit.loci import locus_class
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, fit_best_locus, fit_locus
 from jitterkit.refit.rays import find_rays
@@ -24,8 +28,8 @@ __all__ = ["Processed", "Processor"]
 
 log = logging.getLogger(__name__)
 
-_RAY_ROUNDS = 3
-"""Times that a frame is fitted again without what rays hit: the first fit is bent by them."""
+_ROUNDS = 3
+"""Times that a frame is fitted again without what does not belong: the first fit is bent by it."""
 
 _UNUSED = "The prior holds this frame only and was not used."
 
@@ -124,21 +128,32 @@ class Processor(Finder):
         return replace(self.options, priors=self.priors.joined(told))
 
     def _fit(self, frame: Frame) -> tuple[Frame, FitResult]:
-        """Fit a frame; one hit by rays is fitted again without their pixels."""
-        result = self._fit_once(frame)
-        for _ in range(_RAY_ROUNDS if self.rays and result.residual is not None else 0):
-            hit = find_rays(result.residual)
+        """Fit a frame, and again without pixels that do not belong to it."""
+        (result, before), after = self._fit_once(frame), 0
+        for _ in range(_ROUNDS):
+            hit, flag = self._do_not_belong(frame, result)
             if not hit.any():
                 break
-            flags = tuple(dict.fromkeys((*frame.flags, "rays_masked")))
-            frame = replace(frame, mask=frame.mask | hit, flags=flags)
-            result = self._fit_once(frame)
-        return frame, result
+            after += int(hit.sum()) if flag == OUTLIERS else 0
+            frame = replace(frame, mask=frame.mask | hit, flags=_with(frame.flags, flag))
+            result, before = self._fit_once(frame)
+        return frame, _remark_left_out(result, before + after)
 
-    def _fit_once(self, frame: Frame) -> FitResult:
+    def _do_not_belong(self, frame: Frame, result: FitResult) -> tuple[np.ndarray, str]:
+        """Pixels that a fit leaves over, and the flag that says so of the frame."""
+        if result.residual is None or result.image is None or result.parameters is None:
+            return np.zeros(frame.shape, bool), ""
+        if self.rays and (rays := find_rays(result.residual)).any():
+            return rays, "rays_masked"
+        data = Data.of(frame).without(~np.isfinite(result.residual))
+        left = Residual(data, result.image, self.optics(frame).nominal, result.parameters.locus)
+        return left.outliers(float(result.parameters.background)), OUTLIERS
+
+    def _fit_once(self, frame: Frame) -> tuple[FitResult, int]:
+        """Fit a frame, and say how many pixels the search for its stars left out."""
         found = self.estimate(frame, rough=True)
         if isinstance(found, FitResult):
-            return found
+            return found, 0
         estimate, where = found.estimate, (found.data, found.optics, found.parameters)
         options = self.options_of(frame)
         common = (*where, estimate.moments, found.otf, options)
@@ -149,11 +164,12 @@ class Processor(Finder):
             result = fit_best_locus(*common, estimate.covariance, sure=found.searched is None)
         else:
             result = fit_locus(self.locus, *common, sure=found.searched is None)
-        result = judge(frame, replace(result, estimate=estimate), self.instrument.plate_scale)
+        result = further_stars(replace(result, estimate=estimate))
+        result = judge(frame, result, self.instrument.plate_scale)
         if found.doubt and result.status.usable:
             flags = (*result.flags, "maybe_pair")
             result = replace(result, message=f"{result.message} {found.doubt}", flags=flags)
-        return self._remark_unused(frame, result)
+        return self._remark_unused(frame, result), found.left_out
 
     def _remark_unused(self, frame: Frame, result: FitResult) -> FitResult:
         """The result, with a remark where a prior was given and nothing of it holds for this frame."""
@@ -161,3 +177,15 @@ class Processor(Finder):
             return result
         message = f"{result.message or result.status.value} {_UNUSED}"
         return replace(result, message=message, flags=(*result.flags, "prior_unused"))
+
+
+def _remark_left_out(result: FitResult, pixels: int) -> FitResult:
+    """The result, with a remark where single pixels were left out."""
+    if not pixels:
+        return result
+    message = f"{result.message or result.status.value} {left_out(pixels)}"
+    return replace(result, message=message, flags=_with(result.flags, OUTLIERS))
+
+
+def _with(flags: tuple[str, ...], flag: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*flags, flag)))

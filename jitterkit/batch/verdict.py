@@ -12,11 +12,49 @@ from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.absurd import absurdity
+from jitterkit.scene import Stars
 
-__all__ = ["judge", "midpoint_pixel", "position_angle", "scale_hint", "why_unusable"]
+__all__ = [
+    "OUTLIERS",
+    "further_stars",
+    "judge",
+    "left_out",
+    "midpoint_pixel",
+    "position_angle",
+    "scale_hint",
+    "why_unusable",
+]
 
 _OUTLIER = 8.0
 """Sigmas: chance makes one pixel in 1e15 stand out so far."""
+
+
+OUTLIERS = "outliers_left_out"
+"""Flag of a frame of which single pixels were left out."""
+
+
+def left_out(pixels: int) -> str:
+    """That single pixels were left out, in a sentence."""
+    return f"{pixels} pixel{'s' * (pixels != 1)} that stood out alone left out."
+
+
+def further_stars(result: FitResult) -> FitResult:
+    """The result, with a remark where stars beside those of the scene were fitted."""
+    scene = None if result.parameters is None else result.parameters.scene
+    if scene is None or scene.others is None or isinstance(scene, Stars):
+        return result
+    x, y, flux = (np.asarray(part) for part in scene.sources())
+    brightest = np.asarray(scene.others.flux).argmax() + len(x) - len(scene.others.x)
+    fainter = (
+        f"{2.5 * np.log10(flux[0] / flux[brightest]):.2g} mag fainter than A"
+        if flux[brightest] > 0
+        else "dark"
+    )
+    apart = np.hypot(x[brightest] - x[0], y[brightest] - y[0])
+    count = len(scene.others.x)
+    which = "the brightest " * (count > 1)
+    said = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
+    return replace(result, message=f"{result.message} {said}", flags=(*result.flags, "further_stars"))
 
 
 def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
@@ -94,7 +132,7 @@ def _sky_hint(result: FitResult) -> str:
     if abs(mean) * np.sqrt(count) < _OUTLIER:
         return ""
     side = "above" if mean > 0 else "below"
-    return f"The frame lies {side} the model all over: free the background (--background) if there is sky."
+    return f"The frame lies {side} the model all over: leave out --no-background if there may be sky."
 
 
 def scale_hint(frame: Frame, expected: float) -> str:

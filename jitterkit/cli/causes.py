@@ -72,7 +72,7 @@ def causes(
     y: options.MiddleY = 0.0,
     flux: options.Flux = None,
     contrast: options.Contrast = 3.37,
-    background: options.Background = False,
+    background: options.Background = True,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -107,8 +107,8 @@ def causes(
     scene = pair_before(telescope, flux, separation=separation, theta=theta, x=x, y=y, contrast=contrast)
     jitter = build_locus(locus, given)
     setting = _setting(telescope, scene, jitter, diffusion, seeing, aberration or [])
-    if background:
-        setting = replace(setting, hold=())
+    if not background:
+        setting = replace(setting, hold=("background",))
     found = tell_causes(setting, jitter)
     sets = further_data(found, Offer(frames=frames, telemetry=known, diversity=refocus))
     table, remedy = data_table(found, sets), remedy_sentence(found, sets, goal)

@@ -87,7 +87,7 @@ def estimate(
     ] = 1,
     deblur: Annotated[Path | None, _directory("Write each frame without its blur, to look at.")] = None,
     scene: options.SceneName = "auto",
-    background: options.Background = False,
+    background: options.Background = True,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
     bias: options.Bias = None,
@@ -190,7 +190,11 @@ def _check_no_optics(instrument: str | None, scene: str, background: bool) -> No
     """Refuse what is said of known optics where there are none."""
     from jitterkit.errors import ConfigurationError, ErrorCode
 
-    told = {"--instrument": instrument is not None, "--scene": scene != "auto", "--background": background}
+    told = {
+        "--instrument": instrument is not None,
+        "--scene": scene != "auto",
+        "--no-background": not background,
+    }
     given = [name for name, is_told in told.items() if is_told]
     if given:
         raise ConfigurationError(

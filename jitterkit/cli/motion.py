@@ -159,7 +159,7 @@ def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
     from jitterkit.scene import Binary
 
     blurred = Product(locus, Mvn(jnp.zeros(3)))
-    known = FitOptions(hold=("background", *blurred.names[:-3]))
+    known = FitOptions(hold=blurred.names[:-3])
     otf, aberrations = telescope.optics(), jnp.zeros(len(telescope.aberrations))
     rows = []
     for turn in (0.0, 90.0):

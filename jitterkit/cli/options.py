@@ -74,7 +74,11 @@ SceneName = Annotated[
     ),
 ]
 Background = Annotated[
-    bool, typer.Option("--background", help="Fit a constant background too, for frames with sky.")
+    bool,
+    typer.Option(
+        "--background/--no-background",
+        help="Fit a constant background; held at zero, sky of 1 e-/pixel biases a separation by 43 µas.",
+    ),
 ]
 Censored = Annotated[
     bool,

@@ -51,7 +51,7 @@ def make_processor(
             help="Look for cosmic rays in what the fit leaves over, and fit again without their pixels.",
         ),
     ] = False,
-    background: options.Background = False,
+    background: options.Background = True,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
     bias: options.Bias = None,

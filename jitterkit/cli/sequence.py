@@ -65,7 +65,7 @@ def sequence(
         ),
     ] = None,
     censored: options.Censored = False,
-    background: options.Background = False,
+    background: options.Background = True,
     gain: options.Gain = None,
     read_noise: options.ReadNoise = None,
     bias: options.Bias = None,

@@ -69,7 +69,7 @@ class CompressedFit(NamedTuple):
         """Parameters of the normal, with the locus and what follows it; with the names of the aberrations."""
         scene, by = normal.scene, self.moved
         return Parameters(
-            type(scene)(*(getattr(scene, name) + by.get(name, 0.0) for name in scene.names)),
+            scene.at([value + by.get(name, 0.0) for name, value in scene.values.items()]),
             self.locus,
             np.asarray(normal.aberrations) + [by.get(name, 0.0) for name in aberrations],
             normal.background + by.get("background", 0.0),

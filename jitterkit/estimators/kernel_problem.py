@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 import scipy.linalg
 import scipy.optimize
@@ -159,7 +158,7 @@ def _place(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes
 
 def _displaced(template: Parameters, otf: OTF, x: float, y: float) -> np.ndarray:
     """The sharp template (ny, nx), without background, moved by ``x, y`` arcsec."""
-    scene = eqx.tree_at(lambda s: (s.x, s.y), template.scene, (template.scene.x + x, template.scene.y + y))
+    scene = template.scene.shifted(x, y)
     still = Parameters(
         scene, Stable.of(), template.aberrations, diffusion=template.diffusion, shutter=template.shutter
     )

@@ -39,7 +39,7 @@ def estimate_score(
     otf: OTF,
     *,
     steps: int = 4,
-    hold: Collection[str] = ("background",),
+    hold: Collection[str] = (),
     shape: float | None = None,
 ) -> KernelEstimate:
     """Estimate second moments by Fisher scoring from zero jitter, and test the shape of the blur.

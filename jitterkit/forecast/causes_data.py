@@ -11,7 +11,6 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -235,7 +234,7 @@ def _in_light(setting: Setting, spectrum: Spectrum, share: float) -> Setting:
     assert isinstance(optics, OpticalSystem)
     old = optics.grid
     grid = grid_for(optics.pupil, spectrum, old.shape, old.plate_scale, old.pad)
-    scene = eqx.tree_at(lambda s: s.flux, setting.scene, setting.scene.flux * share)
+    scene = setting.scene.brightened(share)
     ratio = setting.ratio * _mean(spectrum) / _mean(optics.spectrum)
     return replace(setting, optics=replace(optics, spectrum=spectrum, grid=grid), scene=scene, ratio=ratio)
 

@@ -118,7 +118,7 @@ class Setting:
     seeing: float | None = None
     ratio: float = 1.0
     square: bool = False
-    hold: Collection[str] = ("background",)
+    hold: Collection[str] = ()
 
     @cached_property
     def otf(self) -> OTF:

@@ -19,6 +19,7 @@ from jitterkit.forecast.ensemble import Draws, linearised_draws
 from jitterkit.forward import Parameters
 from jitterkit.loci import Locus
 from jitterkit.optics.system import Optics
+from jitterkit.refit import FitOptions
 
 __all__ = ["AUTO", "AUTO_FRAME", "CANDIDATES", "Panel", "cross_fit"]
 
@@ -75,6 +76,7 @@ def cross_fit(
     draws: int,
     rng: np.random.Generator,
     detector: Detector | None = None,
+    options: FitOptions | None = None,
 ) -> Iterator[Panel]:
     """Fit data of several kinds with several loci, one step a frame.
 
@@ -91,6 +93,7 @@ def cross_fit(
         Noisy frames of each setting; the rows of a column see the same ones.
     rng : numpy.random.Generator
     detector : Detector, optional
+    options : FitOptions, optional
 
     Yields
     ------
@@ -110,18 +113,23 @@ def cross_fit(
         settings: list[tuple[list[CrossFit], Draws]] = []
         for locus in loci:
             frame = still.with_locus(locus)
-            fits = [noise_free_fit(frame, row, optics, detector, otf) for row in named]
+            where = frame, optics, detector, otf, options
+            fits = [_fitted(row, *where) for row in named]
             if choosing:
                 others = [one for one in CANDIDATES if one not in named]
-                fits += [f for f in (_tried(frame, one, optics, detector, otf) for one in others) if f]
+                fits += [f for f in (_tried(one, *where) for one in others) if f]
             settings.append((fits, linearised_draws(fits, draws, rng)))
         for row in rows:
             yield _panel(name, row, settings, truth)
 
 
-def _tried(frame: Parameters, locus: str, optics, detector, otf) -> CrossFit | None:
+def _fitted(locus: str, frame: Parameters, optics, detector, otf, options) -> CrossFit:
+    return noise_free_fit(frame, locus, optics, detector, otf, options)
+
+
+def _tried(locus: str, *where) -> CrossFit | None:
     try:
-        return noise_free_fit(frame, locus, optics, detector, otf)
+        return _fitted(locus, *where)
     except JitterkitError:
         return None
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -95,7 +96,7 @@ class Looker:
 
     optics: Optics
     locus: str = "mvn"
-    known: tuple[str, ...] = ("background",)
+    known: tuple[str, ...] = ()
     priors: Priors = field(default_factory=Priors)
     diffusion: bool = False
     censored: bool = False
@@ -197,7 +198,11 @@ class Looker:
         return Message(time, at, *eliminate(score, information, shared, own, fit.covariance))
 
     def at(self, parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-        """Parameters with some of them as given, by name."""
+        """Parameters with some of them as given, by name; further stars keep their places in the sky."""
+        scene = parameters.scene
+        dx, dy = (values.get(name, float(getattr(scene, name))) - float(getattr(scene, name)) for name in "xy")
+        light = values.get("flux", float(scene.flux)) / float(scene.flux)
+        parameters = eqx.tree_at(lambda p: p.scene, parameters, scene.shifted(dx, dy).brightened(light))
         if self.diffusion and parameters.diffusion is None:
             p = parameters
             parameters = Parameters(

@@ -115,6 +115,11 @@ class Data(eqx.Module):
         keep = np.asarray(is_clear(jnp.asarray(image), self))
         return Data(self.electrons, self.read_variance, keep, response=self.response)
 
+    def without(self, pixels: np.ndarray) -> Data:
+        """The same without some pixels (ny, nx), which are marked true."""
+        used = np.asarray(self.used) & ~pixels
+        return eqx.tree_at(lambda d: (d.electrons, d.used), self, (np.where(used, self.electrons, 0.0), used))
+
     @property
     def offset(self) -> Float[Array | np.ndarray, "ny nx"]:
         """What is added to electrons and image to make both of them Poisson."""

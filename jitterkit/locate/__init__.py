@@ -1,12 +1,17 @@
 """Finding the stars, and starting values for everything else."""
 
-from jitterkit.locate.pair import FoundPair, find_pairs, find_star, residual_star, resolution
-from jitterkit.locate.start import Start, locate_binary, locate_star, polished, with_best_signs
+from jitterkit.locate.further import with_further_stars
+from jitterkit.locate.matched_filter import resolution
+from jitterkit.locate.pair import FoundPair, find_pairs, find_star
+from jitterkit.locate.residual import Residual
+from jitterkit.locate.search import locate_binary, locate_star
+from jitterkit.locate.start import Start, polished, with_best_signs
 from jitterkit.locate.warm import ReferenceFrame, WarmStart
 
 __all__ = [
     "FoundPair",
     "ReferenceFrame",
+    "Residual",
     "Start",
     "WarmStart",
     "find_pairs",
@@ -14,7 +19,7 @@ __all__ = [
     "locate_binary",
     "locate_star",
     "polished",
-    "residual_star",
     "resolution",
     "with_best_signs",
+    "with_further_stars",
 ]

@@ -16,12 +16,21 @@ from scipy.ndimage import maximum_filter
 
 from jitterkit.conventions import offsets
 from jitterkit.likelihood import Data
+from jitterkit.locate.matched_filter import (
+    correlate,
+    embed,
+    ratio,
+    resolution,
+    spectrum_of_star,
+    star_at,
+    vertex,
+)
 from jitterkit.loci.base import Locus
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary, Star
 
-__all__ = ["FoundPair", "find_pairs", "find_star", "residual_star", "resolution"]
+__all__ = ["FoundPair", "find_pairs", "find_star"]
 
 Place = tuple[float, float]
 
@@ -69,36 +78,6 @@ def find_star(data: Data, otf: OTF, jitter: Locus | None = None) -> Star | None:
     return Star(*field.peak(single, flat), field.match.ravel()[flat] / field.power.ravel()[flat])
 
 
-def residual_star(data: Data, image: np.ndarray, otf: OTF, jitter: Locus | None = None) -> tuple[Star, float]:
-    """Find the star that would mend an expected image most.
-
-    Parameters
-    ----------
-    data, otf, jitter
-        As for :func:`find_pairs`.
-    image : (ny, nx) array
-        Expected electrons without that star.
-
-    Returns
-    -------
-    star : Star
-    gain : float
-        Chi-squared that it would explain if nothing else changed.  What is near a star of the image explains
-        less: there the fit that made the image has used it up.
-    """
-    counts = np.maximum(np.asarray(image) + np.asarray(data.offset), np.finfo(float).tiny)
-    weight = np.where(data.used, np.asarray(data.weight) / counts, 0.0)
-    grid, optics = otf.grid, _template(otf, jitter)
-    match = _correlate(_embed((np.asarray(data.electrons) - image) * weight, grid), optics, grid)
-    squares = fft.rfft2(fft.irfft2(optics, s=grid.fine_shape) ** 2)
-    power = _correlate(_embed(weight, grid), squares, grid)
-    gain = _ratio(np.clip(match, 0, None) ** 2, power)
-    row, column = np.unravel_index(int(gain.argmax()), gain.shape)
-    y, x = (offsets(n, grid.plate_scale) for n in grid.shape)
-    star = Star(x[column], y[row], match[row, column] / max(power[row, column], np.finfo(float).tiny))
-    return star, float(gain[row, column])
-
-
 def find_pairs(
     data: Data, otf: OTF, jitter: Locus | None = None, *, bright: Place | None = None, most: int = 4
 ) -> list[FoundPair]:
@@ -139,13 +118,6 @@ def find_pairs(
     return sorted(pairs, key=lambda pair: -pair.gain)
 
 
-def resolution(otf: OTF) -> float:
-    """Finest detail the optics pass [arcsec]: one over the highest frequency of a hundredth's contrast."""
-    fy, fx = otf.grid.frequencies
-    passed = np.abs(np.asarray(otf.value)) > 0.01
-    return float(1 / max(np.hypot(fy, fx)[passed].max(), 1 / (otf.grid.plate_scale * max(otf.grid.shape))))
-
-
 @dataclass(frozen=True)
 class _Field:
     """Inner products of a frame, a constant and the template at every pixel.
@@ -167,24 +139,24 @@ class _Field:
 
     @classmethod
     def of(cls, data: Data, otf: OTF, jitter: Locus | None) -> _Field:
-        grid, optics = otf.grid, _template(otf, jitter)
+        grid, optics = otf.grid, spectrum_of_star(otf, jitter)
         frame_used = np.asarray(data.used, float)
         count = max(frame_used.sum(), 1.0)
         electrons = np.asarray(data.electrons) * frame_used
         level = electrons.sum() / count
         variance = np.asarray((np.clip(electrons, 0, None) + data.offset) / data.weight)
         noise = (variance * frame_used).sum() / count
-        used = _embed(frame_used, grid)
+        used = embed(frame_used, grid)
         squares = fft.rfft2(fft.irfft2(optics, s=grid.fine_shape) ** 2)
-        light = _correlate(used, optics, grid)
-        power = _correlate(used, squares, grid) - light**2 / count
-        varied = _embed((electrons - level) * frame_used, grid)
-        match = _correlate(varied, optics, grid)
+        light = correlate(used, optics, grid)
+        power = correlate(used, squares, grid) - light**2 / count
+        varied = embed((electrons - level) * frame_used, grid)
+        match = correlate(varied, optics, grid)
         return cls(grid, optics, used, varied, match, power, light, noise)
 
     def single(self) -> np.ndarray:
         """Chi-squared explained by one star at each place."""
-        return _ratio(np.clip(self.match, 0, None) ** 2, self.power * self.noise)
+        return ratio(np.clip(self.match, 0, None) ** 2, self.power * self.noise)
 
     def beside(self, first: Place):
         """Chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
@@ -194,9 +166,9 @@ class _Field:
 
     def _beside(self, first: Place):
         count = max(self.used.sum(), 1.0)
-        star = self._star(first) * self.used
+        star = star_at(first, self.optics, self.grid) * self.used
         light = star.sum()
-        cross = _correlate(star, self.optics, self.grid) - light * self.light / count
+        cross = correlate(star, self.optics, self.grid) - light * self.light / count
         a, u = (star**2).sum() - light**2 / count, (star * self.data).sum()
         b, v = self.power, self.match
         determinant = a * b - cross**2
@@ -258,54 +230,10 @@ class _Field:
         y, x = self._axes()
         scale = self.grid.plate_scale
         return (
-            float(x[column] + scale * _vertex(values[row, :], int(column))),
-            float(y[row] + scale * _vertex(values[:, column], int(row))),
+            float(x[column] + scale * vertex(values[row, :], int(column))),
+            float(y[row] + scale * vertex(values[:, column], int(row))),
         )
 
     def _axes(self) -> tuple[np.ndarray, np.ndarray]:
         y, x = (offsets(n, self.grid.plate_scale) for n in self.grid.shape)
         return y, x
-
-    def _star(self, place: Place) -> np.ndarray:
-        """The template at an offset from the frame's centre, on the fine array."""
-        fy, fx = self.grid.frequencies
-        cy, cx = self.grid.centre
-        ramp = np.exp(-2j * np.pi * fx * (place[0] + cx)) * np.exp(-2j * np.pi * fy * (place[1] + cy))
-        return fft.irfft2(self.optics * ramp, s=self.grid.fine_shape)
-
-
-def _template(otf: OTF, jitter: Locus | None) -> np.ndarray:
-    """Transfer function of a star on the frame's pixels."""
-    fy, fx = otf.grid.frequencies
-    optics = np.asarray(otf.value) * otf.grid.refine**2
-    if not otf.pixel_included:
-        optics = optics * np.sinc(otf.grid.plate_scale * fx) * np.sinc(otf.grid.plate_scale * fy)
-    return optics if jitter is None else optics * np.asarray(jitter.transfer(fx, fy))
-
-
-def _vertex(values: np.ndarray, i: int) -> float:
-    """Offset of a parabola's vertex from sample ``i``, within half a sample."""
-    if not 0 < i < len(values) - 1:
-        return 0.0
-    left, middle, right = values[i - 1 : i + 2]
-    bend = left - 2 * middle + right
-    if bend >= 0 or min(left, right) <= 0:
-        return 0.0
-    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5))
-
-
-def _embed(frame: np.ndarray, grid: Grid) -> np.ndarray:
-    """A frame on the fine array, zero outside and between its pixels."""
-    fine = np.zeros(grid.fine_shape)
-    grid.crop(fine)[...] = frame
-    return fine
-
-
-def _correlate(fine: np.ndarray, spectrum: np.ndarray, grid: Grid) -> np.ndarray:
-    """Inner product of an array with a pattern centred on each pixel of the frame."""
-    return grid.crop(fft.irfft2(fft.rfft2(fine) * np.conj(spectrum), s=grid.fine_shape))
-
-
-def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
-    positive = denominator > 0
-    return np.where(positive, numerator / np.where(positive, denominator, 1.0), 0.0)

@@ -1,14 +1,8 @@
-"""From a frame to starting values for a fit.
-
-A faint companion of a bright star hides in the mismatch between the star and its template.  So the
-search goes round: candidates are fitted briefly with the jitter and the aberrations free, and if the
-best of them does not describe the frame, the template takes its jitter and aberrations and the
-search begins anew.
-"""
+"""Where a fit begins: a scene that was found, fitted briefly with everything free."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -18,22 +12,18 @@ import numpy as np
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.linearisation import SETTLED, climb_and_expand
-from jitterkit.locate.pair import FoundPair, find_pairs, find_star, resolution
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics.anchor import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Binary, Scene
+from jitterkit.scene import Scene
 from jitterkit.scoring import Prior
 
-__all__ = ["Start", "locate_binary", "locate_star", "polished", "with_best_signs"]
+__all__ = ["Start", "polished", "with_best_signs"]
 
-_ROUNDS = 4
-_GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
-_WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _ADDED = 0.02  # deviance per pixel that the optics of a start may add by being off
 _SQUARED = 0.6  # share of its slope that an aberration has about no aberrations, if it shows by its square
@@ -82,77 +72,6 @@ class Start:
         return misfit.chi2 < misfit.pixels + _SURE * misfit.spread
 
 
-def locate_star(
-    data: Data, optics: Optics, hold: Collection[str] = ("background",), *, rough: bool = False
-) -> Start | None:
-    """Find a star anywhere in a frame and starting values for all of its parameters.
-
-    Parameters
-    ----------
-    data, optics, hold, rough
-        As for :func:`locate_binary`.
-
-    Returns
-    -------
-    start : Start or None
-        None if no star rises above the noise.
-    """
-    otf, jitter, best = optics.nominal, None, None
-    for _ in range(_ROUNDS):
-        star = find_star(data, otf, jitter)
-        if star is None:
-            break
-        trial = polished(data, optics, otf, star, jitter, hold, rough=rough)
-        if best is not None and not trial.deviance_dof < _WORTH_IT * best.deviance_dof:
-            break
-        best = trial
-        if best.describes(data):
-            break
-        otf, jitter = best.otf, best.parameters.locus
-    return None if best is None else with_best_signs(best, data, optics, hold, rough=rough)
-
-
-def locate_binary(
-    data: Data, optics: Optics, hold: Collection[str] = ("background",), *, rough: bool = False
-) -> Start | None:
-    """Find a binary anywhere in a frame and starting values for all of its parameters.
-
-    Parameters
-    ----------
-    data : Data
-    optics : Optics
-    hold : collection of str
-        Parameters that the fit to come will hold: the background, unless there is sky.
-    rough : bool
-        Whether to leave the last steps to a fit of everything that is to follow.
-
-    Returns
-    -------
-    start : Start or None
-        None if no star rises above the noise.
-    """
-    otf: OTF = optics.nominal
-    jitter: Locus | None = None
-    best: Start | None = None
-    tried: list[Binary] = []
-    near = 0.1 * resolution(otf)
-    for _ in range(_ROUNDS):
-        before = np.inf if best is None else best.deviance_dof
-        for pair in _candidates(data, otf, jitter, best):
-            if not _is_new(pair.scene, tried, near):
-                continue
-            tried.append(pair.scene)
-            trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
-            if best is None or trial.deviance_dof < best.deviance_dof:
-                best = trial
-            if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
-                return with_best_signs(best, data, optics, hold, rough=rough)
-        if best is None or best.deviance_dof > _WORTH_IT * before:
-            break
-        otf, jitter = best.otf, best.parameters.locus
-    return None if best is None else with_best_signs(best, data, optics, hold, rough=rough)
-
-
 def with_best_signs(
     start: Start, data: Data, optics: Optics, hold: Collection[str], *, rough: bool = False
 ) -> Start:
@@ -162,7 +81,7 @@ def with_best_signs(
     ----------
     start : Start
     data, optics, hold, rough
-        As for :func:`locate_binary`.
+        As for :func:`~jitterkit.locate.locate_binary`.
 
     Returns
     -------
@@ -203,24 +122,6 @@ def with_best_signs(
     return polished(data, optics, start.otf, p.scene, p.locus, hold)
 
 
-def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:
-    """Pairs to try: companions of the star that the best so far has found, then any."""
-    if best is not None:
-        (x, _), (y, _), _ = best.parameters.scene.sources()
-        yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)
-    yield from find_pairs(data, otf, jitter, most=3)
-
-
-def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
-    """Whether a pair lies further [arcsec] from those already tried."""
-    return all(np.abs(_places(scene) - _places(other)).max() > near for other in tried)
-
-
-def _places(scene: Binary) -> np.ndarray:
-    x, y, _ = scene.sources()
-    return np.array([x, y])
-
-
 def polished(
     data: Data,
     optics: Optics,
@@ -236,7 +137,7 @@ def polished(
     Parameters
     ----------
     data, optics, hold, rough
-        As for :func:`locate_binary`.
+        As for :func:`~jitterkit.locate.locate_binary`.
     otf : OTF
         Optics to begin with, about any state.
     scene : Scene

@@ -59,7 +59,7 @@ _SURE = 5.0
 """Standard deviations by which chi-squared may exceed what is expected of it."""
 
 _OF_LIGHT = ("flux", "background")
-"""Parameters about which a frame says less, the more light it has."""
+"""How parameters are called about which a frame says less, the more light it has."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class ReferenceFrame:
         parameters: Parameters,
         system: OpticalSystem,
         anchor: Anchor,
-        hold: Collection[str] = ("background",),
+        hold: Collection[str] = (),
     ) -> ReferenceFrame | None:
         """From what fits one frame.
 
@@ -220,11 +220,11 @@ class ReferenceFrame:
             return None
         cut = _cleared(cut, near * light)
         start = _moved(self.parameters, beside * self.optics.system.grid.plate_scale)
-        start = eqx.tree_at(lambda p: p.scene.flux, start, start.scene.flux * light)
+        start = eqx.tree_at(lambda p: p.scene, start, start.scene.brightened(light))
         return self._fitted(start, cut, light, corner)
 
     def _fitted(self, start: Parameters, cut: Data, light: float, corner: np.ndarray) -> WarmStart | None:
-        root = np.sqrt(np.array([1 / light if name in _OF_LIGHT else light for name in self.names]))
+        root = np.sqrt(np.array([1 / light if name.startswith(_OF_LIGHT) else light for name in self.names]))
         optics = replace(self.optics, photons=max(float(start.scene.flux), 1.0))
         end, otf, _ = climb_and_expand(
             start,
@@ -267,9 +267,8 @@ def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
 
 
 def _moved(parameters: Parameters, by) -> Parameters:
-    """Move the pair by ``(y, x)`` [arcsec]."""
-    scene = parameters.scene
-    return eqx.tree_at(lambda p: (p.scene.y, p.scene.x), parameters, (scene.y + by[0], scene.x + by[1]))
+    """Move the stars by ``(y, x)`` [arcsec]."""
+    return eqx.tree_at(lambda p: p.scene, parameters, parameters.scene.shifted(by[1], by[0]))
 
 
 def _cleared(data: Data, image: np.ndarray) -> Data:

@@ -27,12 +27,12 @@ from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import (
+    Residual,
     Start,
     find_pairs,
     locate_binary,
     locate_star,
     polished,
-    residual_star,
     resolution,
 )
 from jitterkit.loci import Mvn, axis_variances, covariance_on_axis, principal_axes
@@ -50,7 +50,7 @@ __all__ = ["DECIDED", "SCENES", "SceneChoice", "choose_scene"]
 SCENES = (Star.name, Binary.name)
 """Names of the scenes that can be searched for."""
 
-_OF_PAIRS = set(Binary.names) - set(Star.names)
+_OF_PAIRS = set(Binary.own) - set(Star.own)
 """Parameters that one star has not."""
 
 COMPANIONS = 0.05
@@ -231,7 +231,7 @@ class _Frame:
         """Pairs that a frame may show in place of a star; ``pair`` has been searched for."""
         hold, parameters = self.options.hold, star.parameters
         image = np.asarray(expected_image(parameters, star.otf))
-        other, gain = residual_star(self.data, image, star.otf, parameters.locus)
+        other, gain = Residual(self.data, image, star.otf, parameters.locus).star()
         if gain > _STANDS_OUT:
             scene = _with_companion(parameters.scene, other)
             yield polished(self.data, self.optics, star.otf, scene, parameters.locus, hold, rough=self.rough)

@@ -66,8 +66,7 @@ class FitOptions:
     Attributes
     ----------
     hold : collection of str
-        Parameters to keep at their starting value.  The background is held at zero by default,
-        because a detector's bias is subtracted; free it (``hold=()``) where there is sky.
+        Parameters to keep at their starting value: ``("background",)`` where a frame surely has no sky.
     priors : Priors
     tolerance : float
         Length of a step, in standard errors, below which the fit has arrived; below 1e-4 the optics are as
@@ -79,7 +78,7 @@ class FitOptions:
         Whether :func:`~jitterkit.refit.choose.fit_best_locus` may fit no jitter to a frame that shows none.
     """
 
-    hold: Collection[str] = ("background",)
+    hold: Collection[str] = ()
     priors: Priors = field(default_factory=Priors)
     tolerance: float = _USUAL
     nodes: int | None = None

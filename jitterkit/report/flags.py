@@ -31,6 +31,8 @@ FLAGS: dict[str, str] = {
     "rays_masked": "pixels hit by cosmic rays were found by the fit and masked",
     "outlier": "the frame contradicts the others of its sequence and was not counted",
     "maybe_pair": "one star was fitted, and two closer than the resolution would look alike",
+    "outliers_left_out": "single pixels that do not belong to the image were found and left out",
+    "further_stars": "stars beside those of the scene were found and fitted",
 }
 
 

@@ -28,7 +28,7 @@ _SCENE = {
     "theta": ("TRUTHETA", "[deg] true direction A to B, ccw from +x"),
     "x": ("TRUX", "[arcsec] true place, from the frame centre"),
     "y": ("TRUY", "[arcsec] true place, from the frame centre"),
-    "flux": ("TRUFLUX", "[electron] true, all stars, whole plane"),
+    "flux": ("TRUFLUX", "[electron] true, star or pair, whole plane"),
     "contrast": ("TRUCONT", "true flux of A over flux of B"),
 }
 _SIZES = {
@@ -166,7 +166,14 @@ def _numbers(simulated: Simulated) -> dict[str, float]:
 
 
 def _scene_cards(scene: Scene) -> Cards:
-    return {_SCENE[name][0]: (float(getattr(scene, name)), _SCENE[name][1]) for name in scene.names}
+    cards: Cards = {}
+    for name, value in scene.values.items():
+        kind, _, number = name.partition("_")
+        card, comment = _SCENE[kind]
+        if number:
+            card, comment = f"{card[:6]}{number}", f"{comment}, star {number}"
+        cards[card] = (value, comment)
+    return cards
 
 
 def _jitter_cards(locus: Locus) -> Cards:

@@ -26,7 +26,7 @@ def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
         "contrast": (1.0, "must be at least one: A is the brighter star"),
         "background": (0.0, "must not be negative, in electrons per pixel"),
     }
-    values = {name: float(getattr(scene, name)) for name in scene.names}
+    values = scene.values
     for name, value in {
         **values,
         "jitter": float(locus.coords.sum()),

@@ -239,8 +239,7 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
 
 
 def _moved(scene: Scene, changes: dict[str, float]) -> Scene:
-    values = {name: getattr(scene, name) for name in scene.names}
-    return type(scene)(**(values | changes))
+    return scene.at(list((scene.values | changes).values()))
 
 
 def _read_out(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:

@@ -240,7 +240,7 @@ class Example:
         middle, whole = (np.array(one.origin) + np.array(one.shape[::-1]) / 2 for one in (frame, self.frame))
         x, y = (whole - middle) * self._scale
         scene = self.truth.binary
-        moved = eqx.tree_at(lambda s: (s.x, s.y), scene, (scene.x + x, scene.y + y))
+        moved = scene.shifted(x, y)
         free = np.array([name not in held for name in self.processor.instrument.aberrations], bool)
         aberrations = jnp.where(free, self.truth.aberrations, 0.0)
         return eqx.tree_at(lambda p: (p.scene, p.aberrations), self.truth, (moved, aberrations))

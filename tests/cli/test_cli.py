@@ -201,7 +201,7 @@ def useless_frames(where):
             ErrorCode.CONFLICT,
             ["nnls", "--oversample", "--estimator score"],
         ),
-        ("estimate . --blind --background", ErrorCode.CONFLICT, ["--background", "--blind"]),
+        ("estimate . --blind --no-background", ErrorCode.CONFLICT, ["--no-background", "--blind"]),
         ("estimate . --stars -i smallsat", ErrorCode.CONFLICT, ["--instrument", "--stars"]),
         (
             "estimate . --reference dark.fits -i smallsat",

@@ -58,7 +58,7 @@ def test_a_fit_without_noise_has_the_errors_forecast(bench):
     truth = bench.under(Mvn.of(0.2, 0.1, 20.0))
     # a prior about the truth leaves the fit there
     known = moments_prior(truth.locus.moments(), np.eye(3) * 1e-8)
-    options = FitOptions(priors=Priors({"noll7": (0.0, 0.05)}).joined(known))
+    options = FitOptions(("background",), priors=Priors({"noll7": (0.0, 0.05)}).joined(known))
     found = forecast(truth, bench.otf, options=options)
     fitted = fit_frame(expected_data(truth, bench.otf), bench.optics, truth, bench.otf, options)
     unit = np.sqrt(np.outer(np.diag(found.covariance), np.diag(found.covariance)))

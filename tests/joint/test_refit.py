@@ -29,7 +29,7 @@ from jitterkit.joint.look import _alike
 from jitterkit.joint.refit import _record, _told
 from jitterkit.loci import Linear, Mvn
 from jitterkit.refit import FitResult, Priors, Status
-from jitterkit.scene import Binary, Star
+from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.shutter import Drifting
 
 STEP = 0.1
@@ -41,7 +41,7 @@ def exposures(optics, count, rng, *, loci=None, states=None, scenes=None, veloci
     """Frames of counted electrons, ``STEP`` apart."""
     made = []
     for i in range(count):
-        scene = {name: float(getattr(SCENE, name)) for name in Binary.names}
+        scene = {name: float(getattr(SCENE, name)) for name in Binary.own}
         scene |= {} if scenes is None else {name: float(values[i]) for name, values in scenes.items()}
         state = np.zeros(2) if states is None else states[i]
         shutter = None if velocity is None else Drifting(line_time, velocity, 4)
@@ -63,6 +63,23 @@ def test_equal_frames_are_one_frame_of_their_sum(optics, rng):
     single = refit_sequence(frames[:1], Looker(optics), SequenceOptions(laws=laws))
     assert joint.separation[0] == pytest.approx(5.0, abs=1e-7)
     assert joint.separation[1] == pytest.approx(single.separation[1] / np.sqrt(6), rel=1e-5)
+
+
+def test_a_third_star_is_fitted_in_every_frame_wherever_the_pair_stands(optics, rng, monkeypatch):
+    """Without it no frame is described."""
+    exposed, further = [], FurtherStars(-2.5, 3.0, 4e3)
+    for i, (dx, dy) in enumerate([(0.0, 0.0), (0.7, -0.4), (-0.9, 0.3), (0.2, 0.8)]):
+        scene = Binary(**SCENE.values, others=further).shifted(dx, dy)
+        image = np.asarray(expected_image(Parameters(scene, Mvn.of(0.1), np.zeros(2), 30.0), optics.nominal))
+        frame = Frame(rng.poisson(image).astype(float), 0.0, exposure=STEP, plate_scale=0.375)
+        exposed.append(Exposure(f"frame {i}", (i + 0.5) * STEP, frame))
+    laws = SequenceOptions(laws={"aberrations": Constant()})
+    joint = refit_sequence(exposed, Looker(optics), laws)
+    assert all(record.status is Status.OK for record in joint.records)
+    assert abs(joint.separation[0] - 5.0) < 3.5 * joint.separation[1]
+    monkeypatch.setattr("jitterkit.locate.search.with_further_stars", lambda start, *_, **__: start)
+    with refused(ErrorCode.MODEL_MISMATCH):
+        refit_sequence(exposed, Looker(optics), laws)
 
 
 def test_separation_is_unbiased_and_its_error_honest(optics, rng):
@@ -291,31 +308,32 @@ def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
 
 
 def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
-    # 5 shared and 3 x 6 own parameters, slopes by central differences of images: no elimination, no filter
+    # 5 shared and 3 x 7 own parameters, slopes by central differences of images: no elimination, no filter
     loci = [Mvn.of(0.15, 0.05, angle) for angle in (10.0, 70.0, 130.0)]
     scenes = {"x": np.array([0.1, -0.3, 0.2]), "y": np.array([0.0, 0.2, -0.2])}
     frames = exposures(optics, 3, None, loci=loci, scenes=scenes)
     shared = {"separation": 1e-4, "theta": 1e-3, "contrast": 1e-4, "noll7": 0.01, "noll8": 0.01}
     own = {"x": 1e-4, "y": 1e-4, "flux": 10.0, "mvn_xx": 1e-5, "mvn_xy": 1e-5, "mvn_yy": 1e-5}
-    information = np.zeros((23, 23))
+    own |= {"background": 1e-3}
+    information = np.zeros((26, 26))
     for i, locus in enumerate(loci):
-        scene = {name: float(getattr(SCENE, name)) for name in Binary.names}
+        scene = {name: float(getattr(SCENE, name)) for name in Binary.own}
         scene |= {name: float(values[i]) for name, values in scenes.items()}
         known = (
             scene
             | dict(zip(locus.names, np.asarray(locus.coords), strict=True))
-            | {"noll7": 0.0, "noll8": 0.0}
+            | {"noll7": 0.0, "noll8": 0.0, "background": 0.0}
         )
 
         def image(values):
             parts = [values[name] for name in locus.names]  # noqa: B023 (called within its turn of the loop)
             state = np.array([values["noll7"], values["noll8"]])
-            binary = Binary(**{name: values[name] for name in Binary.names})
-            truth = Parameters(binary, Mvn(jnp.array(parts)), state)
+            binary = Binary(**{name: values[name] for name in Binary.own})
+            truth = Parameters(binary, Mvn(jnp.array(parts)), state, values["background"])
             return np.asarray(expected_image(truth, optics.otf(state, derivatives=False)))
 
-        slopes = np.zeros((23, *optics.grid.shape))
-        slots = [*range(5), *range(5 + 6 * i, 11 + 6 * i)]
+        slopes = np.zeros((26, *optics.grid.shape))
+        slots = [*range(5), *range(5 + 7 * i, 12 + 7 * i)]
         for slot, (name, step) in zip(slots, (shared | own).items(), strict=True):
             ends = [image({**known, name: known[name] + sign * step}) for sign in (1, -1)]
             slopes[slot] = (ends[0] - ends[1]) / (2 * step)

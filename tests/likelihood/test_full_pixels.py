@@ -55,7 +55,7 @@ def test_the_score_is_the_slope_of_the_deviance(truth, otf, free, rng, censored)
     for slot, name, change in ((0, "separation", 1e-4), (4, "flux", 1.0), (5, "contrast", 1e-4)):
         ends = []
         for sign in (1, -1):
-            scene = {n: float(getattr(truth.scene, n)) for n in Binary.names}
+            scene = {n: float(getattr(truth.scene, n)) for n in Binary.own}
             scene[name] += sign * change
             moved = Parameters(Binary(**scene), truth.locus, truth.aberrations, truth.background)
             ends.append(float(deviance(moved, otf, data)))

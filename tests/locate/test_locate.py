@@ -7,8 +7,7 @@ import pytest
 from jitterkit.conventions import offsets
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
-from jitterkit.locate import find_pairs, locate_binary, locate_star, residual_star
-from jitterkit.locate.pair import resolution
+from jitterkit.locate import Residual, find_pairs, locate_binary, locate_star, resolution
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
@@ -141,7 +140,7 @@ def test_a_star_in_the_residual_explains_the_chi_squared_of_its_light(plain_otf)
     otf, variance = plain_otf, 30.0
     dark = np.zeros(otf.grid.shape)
     one = np.asarray(expected_image(Parameters(Star(3 * 0.375, -2 * 0.375, 100.0), Stable.of()), otf))
-    star, gain = residual_star(Data(one, variance), dark, otf)
+    star, gain = Residual(Data(one, variance), dark, otf).star()
     places = offsets(one.shape[1], 0.375), offsets(one.shape[0], 0.375)
     nearest = [axis[np.argmin(np.abs(axis - v))] for axis, v in zip(places, (1.125, -0.75), strict=True)]
     assert (float(star.x), float(star.y)) == pytest.approx(nearest)

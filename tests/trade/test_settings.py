@@ -33,7 +33,7 @@ def test_held_aberrations_join_what_is_held(plain):
     assert options.tolerance == 0.01
     assert not options.may_be_still
     assert Settings(jitter="seen").options(plain).may_be_still
-    assert Settings().options(plain).hold == ("background",)
+    assert Settings().options(plain).hold == ()
 
 
 def test_the_balanced_preset_is_what_is_done_without_any(plain):

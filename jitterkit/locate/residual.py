@@ -1,0 +1,237 @@
+"""Stars and single pixels that stand out of what a model leaves of a frame.
+
+A star is told from a pixel by how much of the pixel it explains: all of it, if it is one, and otherwise no
+more than the share of its own light in one pixel.  The two are parted where their ratio is, halfway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import fft, ndimage, special
+
+from jitterkit.conventions import offsets
+from jitterkit.likelihood import Data
+from jitterkit.locate.matched_filter import (
+    correlate,
+    embed,
+    ratio,
+    resolution,
+    spectrum_of_star,
+    star_at,
+    vertex,
+)
+from jitterkit.loci.base import Locus
+from jitterkit.optics.otf import OTF
+from jitterkit.scene import FurtherStars, Scene, Star
+
+__all__ = ["Residual"]
+
+SURE = 6.0
+"""Standard errors of its flux from which a further star is one: the best of some ten thousand places reaches
+4 by chance."""
+
+_AT_ONCE, _MOST = 0.3, 50
+"""Share of the most significant star from which others are taken beside it, and how many: what is fainter may
+be its pattern, where its place is off."""
+
+_FALSE = 1e-3
+"""Chance that noise makes a pixel of a frame stand out."""
+
+_JOINED, _LARGEST = 3.0, 4
+"""Sigmas of the neighbours that belong to a pixel that stands out, and how many together are still alone."""
+
+_HALF = 0.5
+"""Share of a pixel's chi-squared: a star between pixels, sharper than they are, explains more."""
+
+_SEEN = 0.5
+"""Share of the pixels about one that must be used for it to be alone."""
+
+_OF_LIGHT = 0.3
+"""Share of the stars' light on a pixel, or beside it, that it must be off by: a model of the optics may be
+wrong by less."""
+
+_FEW = 0.002
+"""Share of the pixels above which it is the model that is wrong."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What an expected image leaves of a frame.
+
+    Attributes
+    ----------
+    data : Data
+    image : (ny, nx) array
+        Expected electrons.
+    otf : OTF
+    jitter : Locus, optional
+    """
+
+    data: Data
+    image: np.ndarray
+    otf: OTF
+    jitter: Locus | None = None
+
+    @classmethod
+    def of_dark(cls, data: Data, otf: OTF) -> Residual:
+        """What the median of a frame leaves of it: all of its stars."""
+        level = np.median(np.asarray(data.electrons)[np.asarray(data.used)])
+        return cls(data, np.full(data.used.shape, max(level, 0.0)), otf)
+
+    @cached_property
+    def sigmas(self) -> np.ndarray:
+        """``(data - image)/sigma``, zero where a pixel does not count."""
+        return (np.asarray(self.data.electrons) - self.image) * np.sqrt(self._weight)
+
+    def star(self) -> tuple[Star, float]:
+        """The star that would mend the image most, and the chi-squared that it would explain.
+
+        What is near a star of the image explains less in truth: there the fit that made the image has used
+        it up.
+        """
+        match, power = self._products
+        gain = ratio(np.clip(match, 0, None) ** 2, power)
+        row, column = np.unravel_index(int(gain.argmax()), gain.shape)
+        y, x = self._axes
+        flux = match[row, column] / max(power[row, column], np.finfo(float).tiny)
+        return Star(x[column], y[row], flux), float(gain[row, column])
+
+    def further_stars(self, scene: Scene) -> FurtherStars | None:
+        """Stars that stand out, further than the resolution from those of a scene; None without any.
+
+        One after the other: what a star explains is taken away before the next is looked for.
+        """
+        found: list[tuple[float, float, float]] = []
+        left, least = self, SURE
+        while len(found) < _MOST and (star := left._outstanding(scene, least)) is not None:
+            found.append(star)
+            x, y, flux = star
+            scene = scene.joined(FurtherStars(x, y, flux))
+            image = self.otf.grid.crop(star_at((x, y), self._spectrum, self.otf.grid))
+            left = replace(left, image=left.image + flux * image)
+            least = max(least, _AT_ONCE * self._significance.max())
+        return FurtherStars(*zip(*found, strict=True)) if found else None
+
+    def _outstanding(self, scene: Scene, least: float) -> tuple[float, float, float] | None:
+        """Place [arcsec] and flux of the most significant star, if it is by more than so many errors."""
+        signs = np.where(self._clear_of(scene), self._significance, 0.0)
+        signs = np.where(signs**2 > self._of_pixels, signs, 0.0)
+        row, column = np.unravel_index(int(signs.argmax()), signs.shape)
+        if not signs[row, column] > least:
+            return None
+        (match, power), (y, x), scale = self._products, self._axes, self.otf.grid.plate_scale
+        return (
+            float(x[column] + scale * vertex(signs[row, :], int(column))),
+            float(y[row] + scale * vertex(signs[:, column], int(row))),
+            float(match[row, column] / power[row, column]),
+        )
+
+    def is_all_stars(self, scene: Scene) -> bool:
+        """Whether nothing stands out darker than it should, as it does where the model is wrong."""
+        dark = np.where(self._clear_of(scene), -self._significance, 0.0)
+        return not np.any((dark > SURE) & (dark**2 > self._of_pixels))
+
+    def outliers(self, background: float, *, surely: bool = False) -> np.ndarray:
+        """Single pixels that do not belong to the image: cosmic rays, hot and dead pixels.
+
+        Parameters
+        ----------
+        background : float
+            Electrons a pixel of the image that are not the stars' light.
+        surely : bool
+            Whether the image may lack stars, whose blur is not known: a star must explain less than half of
+            an outlier, which must be bright.
+
+        Returns
+        -------
+        outliers : (ny, nx) bool array
+            Nothing where there are so many that the model is to blame.
+        """
+        used, sigmas = np.asarray(self.data.used), self.sigmas
+        none, chance = np.zeros_like(used), _FALSE / max(used.sum(), 1)
+        if not np.any(np.abs(sigmas) > special.ndtri(1 - chance)):  # no Poisson law has shorter tails above
+            return none
+        around = ndimage.uniform_filter(used.astype(float), size=3, mode="constant")
+        seeds = used & (around > _SEEN) & (self._chance < chance)
+        light = ndimage.maximum_filter(self.image - background, size=3)
+        seeds &= np.abs(np.asarray(self.data.electrons) - self.image) > _OF_LIGHT * light
+        share = min(np.sqrt(self._of_one_pixel), _HALF if surely else 1.0)
+        found = none.copy()
+        for sign in (1.0,) if surely else (1.0, -1.0):
+            groups, _ = ndimage.label(sign * sigmas > _JOINED, structure=np.ones((3, 3)))
+            for group in np.unique(groups[seeds & (groups > 0)]):
+                own = groups == group
+                star = np.max(sign * self._significance, where=ndimage.binary_dilation(own), initial=0.0)
+                if own.sum() <= _LARGEST and star**2 < share * (sigmas[own] ** 2).sum():
+                    found |= own
+        return found if found.sum() <= max(_FEW * used.sum(), _LARGEST) else none
+
+    @cached_property
+    def _spectrum(self) -> np.ndarray:
+        return spectrum_of_star(self.otf, self.jitter)
+
+    @cached_property
+    def _counts(self) -> np.ndarray:
+        return np.maximum(self.image + np.asarray(self.data.offset), np.finfo(float).tiny)
+
+    @cached_property
+    def _weight(self) -> np.ndarray:
+        return np.where(self.data.used, np.asarray(self.data.weight) / self._counts, 0.0)
+
+    @cached_property
+    def _chance(self) -> np.ndarray:
+        """Of a reading so far from its mean, on its side: those of a Poisson law, read noise included."""
+        weight = np.asarray(self.data.weight)
+        mean = weight * self._counts
+        count = np.maximum(weight * (np.asarray(self.data.electrons) + np.asarray(self.data.offset)), 0.0)
+        above = special.gammainc(np.maximum(count, np.finfo(float).tiny), mean)
+        return np.where(count > mean, above, special.gammaincc(count + 1, mean))
+
+    @cached_property
+    def _products(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the residual with a star at each pixel, and of that star with itself, both weighted."""
+        grid, optics = self.otf.grid, self._spectrum
+        left = (np.asarray(self.data.electrons) - self.image) * self._weight
+        match = correlate(embed(left, grid), optics, grid)
+        squares = fft.rfft2(fft.irfft2(optics, s=grid.fine_shape) ** 2)
+        power = correlate(embed(self._weight, grid), squares, grid)
+        return match, np.maximum(power, np.finfo(float).tiny)
+
+    @cached_property
+    def _of_one_pixel(self) -> float:
+        """Share of a pixel's chi-squared that a star there explains: as much as the star has in one pixel."""
+        step = self.otf.grid.refine
+        star = fft.irfft2(self._spectrum, s=self.otf.grid.fine_shape)[::step, ::step]
+        return float(star[0, 0] ** 2 / (star**2).sum())
+
+    @cached_property
+    def _significance(self) -> np.ndarray:
+        """Flux of a star at each pixel, in its standard errors."""
+        match, power = self._products
+        return match / np.sqrt(power)
+
+    @cached_property
+    def _of_pixels(self) -> np.ndarray:
+        """Chi-squared of the most outstanding pixel within one of each."""
+        return ndimage.maximum_filter(self.sigmas**2, size=3)
+
+    @cached_property
+    def _fineness(self) -> float:
+        return resolution(self.otf)
+
+    @property
+    def _axes(self) -> tuple[np.ndarray, np.ndarray]:
+        y, x = (offsets(n, self.otf.grid.plate_scale) for n in self.otf.grid.shape)
+        return y, x
+
+    def _clear_of(self, scene: Scene) -> np.ndarray:
+        """Where no star of a scene is nearer than the resolution."""
+        y, x = self._axes
+        apart = [
+            np.hypot(x - xs, y[:, None] - ys)
+            for xs, ys, _ in zip(*map(np.asarray, scene.sources()), strict=True)
+        ]
+        return np.min(apart, axis=0) > self._fineness

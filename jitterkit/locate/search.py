@@ -1,0 +1,124 @@
+"""Search a frame for its stars, and find starting values for everything else.
+
+A faint companion of a bright star hides in the mismatch between the star and its template.  So the
+search goes round: candidates are fitted briefly with the jitter and the aberrations free, and if the
+best of them does not describe the frame, the template takes its jitter and aberrations and the
+search begins anew.  What stands out in the end is a further star.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+import numpy as np
+
+from jitterkit.likelihood import Data
+from jitterkit.locate.further import with_further_stars
+from jitterkit.locate.matched_filter import resolution
+from jitterkit.locate.pair import FoundPair, find_pairs, find_star
+from jitterkit.locate.start import Start, polished, with_best_signs
+from jitterkit.loci.base import Locus
+from jitterkit.optics.otf import OTF
+from jitterkit.optics.system import Optics
+from jitterkit.scene import Binary
+
+__all__ = ["locate_binary", "locate_star"]
+
+_ROUNDS = 4
+_GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
+_WORTH_IT = 0.97  # a round that improves the deviance by less was the last
+
+
+def locate_star(
+    data: Data, optics: Optics, hold: Collection[str] = (), *, rough: bool = False
+) -> Start | None:
+    """Find a star anywhere in a frame and starting values for all of its parameters.
+
+    Parameters
+    ----------
+    data, optics, hold, rough
+        As for :func:`locate_binary`.
+
+    Returns
+    -------
+    start : Start or None
+        None if no star rises above the noise.
+    """
+    otf, jitter, best = optics.nominal, None, None
+    for _ in range(_ROUNDS):
+        star = find_star(data, otf, jitter)
+        if star is None:
+            break
+        trial = polished(data, optics, otf, star, jitter, hold, rough=rough)
+        if best is not None and not trial.deviance_dof < _WORTH_IT * best.deviance_dof:
+            break
+        best = trial
+        if best.describes(data):
+            break
+        otf, jitter = best.otf, best.parameters.locus
+    return None if best is None else with_best_signs(best, data, optics, hold, rough=rough)
+
+
+def locate_binary(
+    data: Data, optics: Optics, hold: Collection[str] = (), *, rough: bool = False
+) -> Start | None:
+    """Find a binary anywhere in a frame and starting values for all of its parameters.
+
+    Parameters
+    ----------
+    data : Data
+    optics : Optics
+    hold : collection of str
+        Parameters that the fit to come will hold.
+    rough : bool
+        Whether to leave the last steps to a fit of everything that is to follow.
+
+    Returns
+    -------
+    start : Start or None
+        None if no star rises above the noise.
+    """
+    otf: OTF = optics.nominal
+    jitter: Locus | None = None
+    best: Start | None = None
+    tried: list[Binary] = []
+    near = 0.1 * resolution(otf)
+    for _ in range(_ROUNDS):
+        before = np.inf if best is None else best.deviance_dof
+        for pair in _candidates(data, otf, jitter, best):
+            if not _is_new(pair.scene, tried, near):
+                continue
+            tried.append(pair.scene)
+            trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
+            if best is None or trial.deviance_dof < best.deviance_dof:
+                best = trial
+            if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
+                return _finished(best, data, optics, hold, rough)
+        if best is None or best.deviance_dof > _WORTH_IT * before:
+            break
+        otf, jitter = best.otf, best.parameters.locus
+    return None if best is None else _finished(best, data, optics, hold, rough)
+
+
+def _finished(pair: Start, data: Data, optics: Optics, hold: Collection[str], rough: bool) -> Start:
+    """A pair with the best signs of its aberrations and the stars that stand out beside it."""
+    pair = with_best_signs(pair, data, optics, hold, rough=rough)
+    return with_further_stars(pair, data, optics, hold, rough=rough)
+
+
+def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:
+    """Pairs to try: companions of the star that the best so far has found, then any."""
+    if best is not None:
+        (x, _), (y, _), _ = best.parameters.scene.sources()
+        yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)
+    yield from find_pairs(data, otf, jitter, most=3)
+
+
+def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
+    """Whether a pair lies further [arcsec] from those already tried."""
+    return all(np.abs(_places(scene) - _places(other)).max() > near for other in tried)
+
+
+def _places(scene: Binary) -> np.ndarray:
+    x, y, _ = scene.sources()
+    return np.array([x, y])
