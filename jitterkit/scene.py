@@ -124,6 +124,11 @@ class Scene(eqx.Module):
             others = FurtherStars(*map(jnp.concatenate, both))
         return self._with(others.brightest_first())
 
+    def with_others(self, kept: np.ndarray) -> "Scene":
+        """The same with some of its further stars, which are marked true."""
+        assert self.others is not None
+        return self._with(FurtherStars(*(part[np.asarray(kept)] for part in _arrays(self.others))))
+
     @abstractmethod
     def _with(self, others: FurtherStars) -> "Scene":
         """The same with these further stars and no other."""

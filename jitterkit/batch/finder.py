@@ -26,11 +26,11 @@ from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
-from jitterkit.locate import Residual, locate_binary, locate_star
+from jitterkit.locate import Residual, locate_binary, locate_star, locate_stars
 from jitterkit.loci import Mvn
 from jitterkit.optics import OTF, Optics
 from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, SceneChoice, Status, choose_scene
-from jitterkit.scene import Binary, Star
+from jitterkit.scene import Star
 
 __all__ = ["AUTO", "SCORE", "Estimated", "Finder", "GridKey"]
 
@@ -54,7 +54,7 @@ SCORE = "score"
 AUTO = "auto"
 """In place of a scene's name: the simplest that the frame supports."""
 
-_SEARCHES = dict(zip(SCENES, (locate_star, locate_binary), strict=True))
+_SEARCHES = dict(zip(SCENES, (locate_star, locate_binary, locate_stars), strict=True))
 
 
 @dataclass
@@ -106,7 +106,7 @@ class Finder:
     kernel : str
         Name of the estimator.
     scene : str
-        ``"auto"``, ``"star"`` or ``"binary"``.
+        ``"auto"``, ``"star"``, ``"binary"`` or ``"stars"``.
     options : FitOptions
         Its priors hold for every frame.
     censored : bool
@@ -293,7 +293,7 @@ class Finder:
         choice = None
         # a frame of a run need not be as the run is
         if start is not None and (scene == self.scene or start.describes(data)):
-            choice = SceneChoice(start, math.inf if scene == Binary.name else -math.inf)
+            choice = SceneChoice(start, -math.inf if scene == Star.name else math.inf)
         elif self.scene == AUTO:
             choice = choose_scene(data, optics, self.options, rough=rough)
         if choice is None:

@@ -21,8 +21,9 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import find_files
 from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
-from jitterkit.report.outputs import CONFIGURATION, REPORT, RUN, SUMMARY, TABLE, make_directory
+from jitterkit.report.outputs import CONFIGURATION, REPORT, RUN, STARS, SUMMARY, TABLE, make_directory
 from jitterkit.report.row import Row
+from jitterkit.report.star_table import star_table
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, write_table
 
@@ -167,6 +168,8 @@ def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterab
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
         temporary.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     write_table(directory / TABLE, table, overwrite=True)
+    if (stars := star_table(table)) is not None:
+        write_table(directory / STARS, stars, overwrite=True)
     write_summary(directory / SUMMARY, summary, overwrite=True)
     write_report(directory / REPORT, ledger.pictures(), table, summary, overwrite=True)
     return Run(table, summary, directory)

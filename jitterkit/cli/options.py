@@ -69,7 +69,7 @@ SceneName = Annotated[
     str,
     typer.Option(
         "--scene",
-        metavar="auto|star|binary",
+        metavar="auto|star|binary|stars",
         help="What the frames show: auto is the simplest scene that they support.",
     ),
 ]

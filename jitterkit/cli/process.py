@@ -179,7 +179,7 @@ def _tell(run) -> None:
         )
     elif fitted:
         size = ellipse_size(jitter["major"], jitter["minor"])
-        typer.echo(f"jitter of one star, 1 sigma, {size} from {fitted} frames")
+        typer.echo(f"jitter, 1 sigma, {size} from {fitted} frames")
     if together := say_loci(run.summary["loci"]):
         say(together)
     say(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")

@@ -15,6 +15,14 @@ from jitterkit.cli.runtime import prepare_jax, say
 __all__ = ["simulate"]
 
 
+_SCENES: dict[str, tuple[str, ...]] = {
+    "star": ("separation", "theta", "contrast"),
+    "binary": (),
+    "stars": ("separation", "theta", "contrast", "flux"),
+}
+"""Scenes, and the options that each has no use for."""
+
+
 def simulate(
     context: typer.Context,
     output: Annotated[
@@ -61,8 +69,21 @@ def simulate(
         ),
     ] = None,
     scene: Annotated[
-        str, typer.Option(metavar="star|binary", help="One star, at --x and --y, or a pair.")
+        str,
+        typer.Option(
+            metavar="star|binary|stars",
+            help="One star, at --x and --y, a pair, or the stars of --stars, moved by --x and --y.",
+        ),
     ] = "binary",
+    stars: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TABLE",
+            help="Table (ECSV or CSV) with columns x, y (arcsec from the centre) and flux (electrons): the "
+            "stars of --scene stars, or further stars beside another scene.",
+            show_default=False,
+        ),
+    ] = None,
     separation: options.Separation = 10.0,
     theta: options.Theta = 180.0,
     x: options.MiddleX = 0.0,
@@ -95,11 +116,10 @@ def simulate(
 
     from jitterkit.frames import write_fits, write_tiff
     from jitterkit.instruments import load_instrument
-    from jitterkit.scene import Binary, Star
-    from jitterkit.simulate import fits_header, simulate_sequence, tiff_metadata
+    from jitterkit.scene import Binary, FurtherStars, Star
+    from jitterkit.simulate import fits_header, read_stars, simulate_sequence, tiff_metadata
 
-    scenes = {"star": Star, "binary": Binary}
-    _check_scene(scene, scenes, context)
+    _check_scene(scene, stars, context)
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
@@ -124,12 +144,18 @@ def simulate(
             "x": drawn.get("x", x) + generator.uniform(-5, 5, frames),
             "y": drawn.get("y", y) + generator.uniform(-5, 5, frames),
         }
-    photons = telescope.flux if flux is None else flux
-    pair = {"separation": separation, "theta": theta, "contrast": contrast} if scene == "binary" else {}
-    stars = scenes[scene](x=x, y=y, flux=photons, **pair)
+    place = {"x": x, "y": y, "flux": telescope.flux if flux is None else flux}
+    lamps: Any
+    if scene == "stars":
+        assert stars is not None
+        lamps = read_stars(stars).shifted(x, y)
+    else:
+        pair = {"separation": separation, "theta": theta, "contrast": contrast}
+        lamps = Binary(**pair, **place) if scene == "binary" else Star(**place)
+        lamps = lamps if stars is None else lamps.joined(FurtherStars(*read_stars(stars).sources()))
     sequence = simulate_sequence(
         telescope,
-        stars,
+        lamps,
         pointing.loci,
         frames,
         aberrations=aberrations * generator.standard_normal((frames, len(telescope.aberrations))),
@@ -155,20 +181,25 @@ def simulate(
         say(f"wrote {path}")
 
 
-def _check_scene(scene: str, scenes, context: typer.Context) -> None:
+def _check_scene(scene: str, stars: Path | None, context: typer.Context) -> None:
     """Refuse an unknown scene, and what is said of a pair where there is none."""
     from jitterkit.errors import ConfigurationError, ErrorCode
 
-    if scene not in scenes:
+    if scene not in _SCENES:
         raise ConfigurationError(
             ErrorCode.UNKNOWN_NAME,
-            f"There is no scene {scene!r} to simulate; give one of {', '.join(scenes)}.",
+            f"There is no scene {scene!r} to simulate; give one of {', '.join(_SCENES)}.",
         )
-    for name in ("separation", "theta", "contrast"):
+    if scene == "stars" and stars is None:
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE, "--scene stars needs a table of them: give --stars."
+        )
+    for name in _SCENES[scene]:
         source = context.get_parameter_source(name)
-        if scene == "star" and source is not None and source.name == "COMMANDLINE":
+        if source is not None and source.name == "COMMANDLINE":
             raise ConfigurationError(
-                ErrorCode.CONFLICT, f"One star has no --{name}; leave it out, or give --scene binary."
+                ErrorCode.CONFLICT,
+                f"--scene {scene} has no --{name}; leave it out, or give --scene binary.",
             )
 
 

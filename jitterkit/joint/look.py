@@ -200,7 +200,9 @@ class Looker:
     def at(self, parameters: Parameters, values: Mapping[str, float]) -> Parameters:
         """Parameters with some of them as given, by name; further stars keep their places in the sky."""
         scene = parameters.scene
-        dx, dy = (values.get(name, float(getattr(scene, name))) - float(getattr(scene, name)) for name in "xy")
+        dx, dy = (
+            values.get(name, float(getattr(scene, name))) - float(getattr(scene, name)) for name in "xy"
+        )
         light = values.get("flux", float(scene.flux)) / float(scene.flux)
         parameters = eqx.tree_at(lambda p: p.scene, parameters, scene.shifted(dx, dy).brightened(light))
         if self.diffusion and parameters.diffusion is None:

@@ -4,7 +4,7 @@ from jitterkit.locate.further import with_further_stars
 from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual
-from jitterkit.locate.search import locate_binary, locate_star
+from jitterkit.locate.search import bright_stars, locate_binary, locate_star, locate_stars
 from jitterkit.locate.start import Start, polished, with_best_signs
 from jitterkit.locate.warm import ReferenceFrame, WarmStart
 
@@ -14,10 +14,12 @@ __all__ = [
     "Residual",
     "Start",
     "WarmStart",
+    "bright_stars",
     "find_pairs",
     "find_star",
     "locate_binary",
     "locate_star",
+    "locate_stars",
     "polished",
     "resolution",
     "with_best_signs",

@@ -10,21 +10,19 @@ from jitterkit.forward import expected_image
 from jitterkit.likelihood import Data
 from jitterkit.locate.residual import Residual
 from jitterkit.locate.start import Start, polished
-from jitterkit.loci.base import Locus
-from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Scene
+from jitterkit.scene import Scene, Stars
 
 __all__ = ["with_further_stars"]
 
-_ROUNDS = 4
+_ROUNDS = 8
 """Times that further stars are looked for: faint ones show when bright ones are explained."""
 
 _SEEN = 4.0
 """Standard errors of its flux that a further star must keep when everything is fitted."""
 
-_MOST = 12
-"""Further stars beside a pair; what leaves more is no pair, or its optics are not as they are said to be."""
+_MOST = {"binary": 12, "stars": 60}
+"""Stars of a scene; what shows more is another, or its optics are not as they are said to be."""
 
 
 def with_further_stars(
@@ -41,39 +39,42 @@ def with_further_stars(
     Returns
     -------
     start : Start
-        The same where nothing stands out; and where, all further stars taken away, something still does: it
-        is the model then that does not describe the frame, and stars would hide that.
+        The same where nothing stands out; and that of a pair where, all further stars taken away, something
+        still does: it is the model then that does not describe the frame, and stars would hide that.
 
     Notes
     -----
     *Fails when* a star is nearer to another than the resolution, or as faint as the error of the model.
     """
 
-    def settled(otf: OTF, scene: Scene, jitter: Locus) -> Start:
-        return polished(data, optics, otf, scene, jitter, hold)
+    def settled(near: Start, scene: Scene) -> Start:
+        return polished(data, optics, near.otf, scene.tidied(), near.parameters.locus, hold)
 
-    found = start
+    found, is_field = start, isinstance(start.parameters.scene, Stars)
     for _ in range(_ROUNDS):
         scene = found.parameters.scene
         image = np.asarray(expected_image(found.parameters, found.otf))
         left = Residual(data, image, found.otf, found.parameters.locus)
         further = left.further_stars(scene)
         if further is None:
-            return found if found is start or left.is_all_stars(scene) else start
+            return found if found is start or is_field or left.is_all_stars(scene) else start
         if rough:  # what haste has left looks like stars
-            rough, found = False, settled(found.otf, scene, found.parameters.locus)
+            rough, found = False, settled(found, scene)
             continue
         scene = scene.joined(further)
-        if len(scene.sources()[0]) > _MOST:
+        if len(scene.sources()[0]) > _MOST[scene.name]:
             break
-        found = settled(found.otf, scene, found.parameters.locus)
-        if not _is_sound(found):
-            break
-    return start
+        found = settled(found, scene)
+        sound = _are_sound(found)
+        if not sound.all():
+            if not is_field:
+                break
+            found = settled(found, found.parameters.scene.with_others(sound))
+    return found if is_field else start
 
 
-def _is_sound(start: Start) -> bool:
-    """Whether the further stars shine, stand in the frame, and outshine no star of the pair itself.
+def _are_sound(start: Start) -> np.ndarray:
+    """Which further stars shine, stand in the frame, and outshine no star of a pair.
 
     A pair of which one is fainter than a further star may be one star, taken for two.
     """
@@ -84,5 +85,5 @@ def _is_sound(start: Start) -> bool:
     errors = np.sqrt(np.diag(start.covariance_of(names)))
     height, width = (n * grid.plate_scale / 2 for n in grid.shape)
     _, _, own = scene.stars()
-    inside = (np.abs(x) < width) & (np.abs(y) < height)
-    return bool(np.all(inside & (flux > _SEEN * errors) & (flux < np.min(np.asarray(own)))))
+    brightest = np.inf if isinstance(scene, Stars) else np.min(np.asarray(own))
+    return (np.abs(x) < width) & (np.abs(y) < height) & (flux > _SEEN * errors) & (flux < brightest)

@@ -99,25 +99,25 @@ class Residual:
         flux = match[row, column] / max(power[row, column], np.finfo(float).tiny)
         return Star(x[column], y[row], flux), float(gain[row, column])
 
-    def further_stars(self, scene: Scene) -> FurtherStars | None:
-        """Stars that stand out, further than the resolution from those of a scene; None without any.
+    def further_stars(self, scene: Scene | None = None, apart: float = 1.0) -> FurtherStars | None:
+        """Stars that stand out, so many resolutions from those of a scene and each other; None without any.
 
         One after the other: what a star explains is taken away before the next is looked for.
         """
         found: list[tuple[float, float, float]] = []
         left, least = self, SURE
-        while len(found) < _MOST and (star := left._outstanding(scene, least)) is not None:
+        while len(found) < _MOST and (star := left._outstanding(scene, least, apart)) is not None:
             found.append(star)
             x, y, flux = star
-            scene = scene.joined(FurtherStars(x, y, flux))
+            scene = Star(x, y, flux) if scene is None else scene.joined(FurtherStars(x, y, flux))
             image = self.otf.grid.crop(star_at((x, y), self._spectrum, self.otf.grid))
             left = replace(left, image=left.image + flux * image)
             least = max(least, _AT_ONCE * self._significance.max())
         return FurtherStars(*zip(*found, strict=True)) if found else None
 
-    def _outstanding(self, scene: Scene, least: float) -> tuple[float, float, float] | None:
+    def _outstanding(self, scene: Scene | None, least: float, apart: float):
         """Place [arcsec] and flux of the most significant star, if it is by more than so many errors."""
-        signs = np.where(self._clear_of(scene), self._significance, 0.0)
+        signs = np.where(self._clear_of(scene, apart), self._significance, 0.0)
         signs = np.where(signs**2 > self._of_pixels, signs, 0.0)
         row, column = np.unravel_index(int(signs.argmax()), signs.shape)
         if not signs[row, column] > least:
@@ -227,11 +227,11 @@ class Residual:
         y, x = (offsets(n, self.otf.grid.plate_scale) for n in self.otf.grid.shape)
         return y, x
 
-    def _clear_of(self, scene: Scene) -> np.ndarray:
-        """Where no star of a scene is nearer than the resolution."""
+    def _clear_of(self, scene: Scene | None, apart: float = 1.0) -> np.ndarray | bool:
+        """Where no star of a scene is nearer than so many resolutions."""
+        if scene is None:
+            return True
         y, x = self._axes
-        apart = [
-            np.hypot(x - xs, y[:, None] - ys)
-            for xs, ys, _ in zip(*map(np.asarray, scene.sources()), strict=True)
-        ]
-        return np.min(apart, axis=0) > self._fineness
+        places = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
+        distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in places]
+        return np.min(distances, axis=0) > apart * self._fineness

@@ -16,16 +16,18 @@ from jitterkit.likelihood import Data
 from jitterkit.locate.further import with_further_stars
 from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
+from jitterkit.locate.residual import Residual
 from jitterkit.locate.start import Start, polished, with_best_signs
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, FurtherStars, Stars
 
-__all__ = ["locate_binary", "locate_star"]
+__all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
+_APART = 3.0  # resolutions between stars that are told apart before the blur is known
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 
 
@@ -100,10 +102,38 @@ def locate_binary(
     return None if best is None else _finished(best, data, optics, hold, rough)
 
 
-def _finished(pair: Start, data: Data, optics: Optics, hold: Collection[str], rough: bool) -> Start:
-    """A pair with the best signs of its aberrations and the stars that stand out beside it."""
-    pair = with_best_signs(pair, data, optics, hold, rough=rough)
-    return with_further_stars(pair, data, optics, hold, rough=rough)
+def locate_stars(
+    data: Data, optics: Optics, hold: Collection[str] = (), *, rough: bool = False
+) -> Start | None:
+    """Find the stars of a field and starting values for all of its parameters.
+
+    Parameters
+    ----------
+    data, optics, hold, rough
+        As for :func:`locate_binary`.
+
+    Returns
+    -------
+    start : Start or None
+        None if no star rises above the noise.
+    """
+    found = bright_stars(data, optics.nominal)
+    if found is None:
+        return None
+    scene = Stars.of(found.x, found.y, found.flux)
+    start = polished(data, optics, optics.nominal, scene, None, hold, rough=rough)
+    return _finished(start, data, optics, hold, rough)
+
+
+def bright_stars(data: Data, otf: OTF) -> FurtherStars | None:
+    """Find stars that an image shows without a fit, well apart and not much fainter than the brightest."""
+    return Residual.of_dark(data, otf).further_stars(apart=_APART)
+
+
+def _finished(start: Start, data: Data, optics: Optics, hold: Collection[str], rough: bool) -> Start:
+    """With the best signs of its aberrations and the stars that stand out beside it."""
+    start = with_best_signs(start, data, optics, hold, rough=rough)
+    return with_further_stars(start, data, optics, hold, rough=rough)
 
 
 def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:

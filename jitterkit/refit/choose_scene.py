@@ -1,5 +1,7 @@
-"""Choose the scene of a frame: one star, or a pair.
+"""Choose the scene of a frame: one star, a pair, or several stars.
 
+0. Where three bright peaks or more are far apart, stars are searched for; if they describe the frame beyond
+   doubt, or nothing else does, they are the answer.
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
    than blur and resolution, with a companion beyond doubt, is the answer.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
@@ -29,9 +31,11 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import (
     Residual,
     Start,
+    bright_stars,
     find_pairs,
     locate_binary,
     locate_star,
+    locate_stars,
     polished,
     resolution,
 )
@@ -43,11 +47,11 @@ from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.weigh import weight_of_evidence
-from jitterkit.scene import Binary, Scene, Star
+from jitterkit.scene import Binary, Scene, Star, Stars
 
 __all__ = ["DECIDED", "SCENES", "SceneChoice", "choose_scene"]
 
-SCENES = (Star.name, Binary.name)
+SCENES = (Star.name, Binary.name, Stars.name)
 """Names of the scenes that can be searched for."""
 
 _OF_PAIRS = set(Binary.own) - set(Star.own)
@@ -66,6 +70,9 @@ DECIDED = 3.0
 _WIDE, _FAR_OUT, _CLEAR = 1.0, 6.0, 8.0
 """Of a pair beyond doubt: its separation in resolutions, and in 1 sigma of its blur (a star that vibrates is
 fitted by two with 4.4 at most); its faint star's flux in errors."""
+
+_SHINING = 4.0
+"""Errors of its flux that each of several stars must shine by."""
 
 _APART, _BRIGHT = 1.5, 100.0
 """Separation, in resolutions, and contrast of two peaks that an image shows without a fit."""
@@ -160,12 +167,17 @@ def choose_scene(
     if _OF_PAIRS & {*options.hold, *options.priors.terms}:  # who knows them knows that there is a pair
         pair = frame.pair()
         return None if pair is None else SceneChoice(pair, math.inf)
+    several = frame.stars() if frame.looks_like_several() else None
+    if several is not None and frame.beyond_doubt(several):
+        return SceneChoice(several, math.inf)
     pair = frame.pair() if frame.looks_like_a_pair() else None
     if pair is not None and frame.beyond_doubt(pair):
         return SceneChoice(pair, math.inf)
     star = locate_star(data, optics, frame.options.hold, rough=rough)
     if star is None:
         return None
+    if several is not None and several.describes(data):
+        return frame.best_of(star, pair, several)
     pairs = list(frame.pairs_instead(star, pair))
     if not pairs:
         return SceneChoice(star, -math.inf)
@@ -214,18 +226,34 @@ class _Frame:
             and float(scene.contrast) < _BRIGHT
         )
 
-    def beyond_doubt(self, pair: Start) -> bool:
-        """Whether a pair describes the frame, and no blur of one star could."""
-        scene = pair.parameters.scene
-        assert isinstance(scene, Binary)
-        major, _, _ = principal_axes(pair.parameters.locus.moments())
-        separation, contrast = abs(float(scene.separation)), float(scene.contrast)
-        error = float(np.sqrt(pair.covariance_of(("contrast",))[0, 0]))
+    def looks_like_several(self) -> bool:
+        """Whether more than two bright peaks stand apart."""
+        found = bright_stars(self.data, self.optics.nominal)
+        return found is not None and len(found.x) > 2
+
+    def stars(self) -> Start | None:
+        """Three stars or more, if they stay so many when everything is fitted."""
+        found = locate_stars(self.data, self.optics, self.options.hold, rough=self.rough)
+        return found if found is not None and len(found.parameters.scene.sources()[0]) > 2 else None
+
+    def beyond_doubt(self, start: Start) -> bool:
+        """Whether stars describe the frame, and no blur of one star could."""
+        scene = start.parameters.scene
+        major, _, _ = principal_axes(start.parameters.locus.moments())
+        x, y, _ = (np.asarray(part) for part in scene.sources())
+        apart = np.hypot(x - x[:, None], y - y[:, None])[np.triu_indices(len(x), 1)]
         return bool(
-            separation > max(_WIDE * self.fineness, _FAR_OUT * major)
-            and min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
-            and pair.describes(self.data)
+            apart.min() > max(_WIDE * self.fineness, _FAR_OUT * major)
+            and _is_clear(start)
+            and start.describes(self.data)
         )
+
+    def best_of(self, star: Start, pair: Start | None, several: Start) -> SceneChoice:
+        """The simplest that describes the frame: two or more stars do where nothing else does."""
+        if star.describes(self.data):
+            return SceneChoice(star, -math.inf)
+        simpler = pair is not None and pair.describes(self.data)
+        return SceneChoice(pair if simpler and pair is not None else several, math.inf)
 
     def pairs_instead(self, star: Start, pair: Start | None) -> Iterator[Start]:
         """Pairs that a frame may show in place of a star; ``pair`` has been searched for."""
@@ -335,6 +363,17 @@ class _Frame:
         within = float(log_ndtr((contrast - 1) / fit.error("contrast")))  # B is not the brighter
         density = COMPANIONS / (separation * 360.0 * contrast * math.log(_FAINTEST))
         return math.log(density) + within if contrast < _FAINTEST else -math.inf
+
+
+def _is_clear(start: Start) -> bool:
+    """Whether the fluxes of all stars but the brightest are far from none."""
+    scene, names = start.parameters.scene, start.names
+    if isinstance(scene, Binary):
+        contrast, error = float(scene.contrast), math.sqrt(start.covariance_of(("contrast",))[0, 0])
+        return min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
+    fluxes = [name for name in names if name.startswith("flux_")]
+    values = np.array([scene.values[name] for name in fluxes])
+    return bool(np.all(values > _SHINING * np.sqrt(np.diag(start.covariance_of(fluxes)))))
 
 
 def _has_a_size(fit: FitResult) -> bool:

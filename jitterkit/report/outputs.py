@@ -16,6 +16,7 @@ __all__ = [
     "ENDS",
     "REPORT",
     "RUN",
+    "STARS",
     "SUMMARY",
     "TABLE",
     "check_directory",
@@ -23,10 +24,10 @@ __all__ = [
     "make_directory",
 ]
 
-RUN = "results.ecsv", "summary.json", "report.html", "configuration.json"
-"""What a run leaves behind; the last says with what settings and versions."""
+RUN = "results.ecsv", "summary.json", "report.html", "configuration.json", "stars.ecsv"
+"""What a run leaves behind: its settings and versions before the stars of frames that show more than two."""
 
-TABLE, SUMMARY, REPORT, CONFIGURATION = RUN
+TABLE, SUMMARY, REPORT, CONFIGURATION, STARS = RUN
 
 ENDS = (".png", ".kernel.fits", ".deblurred.fits")
 """Of the names of an estimate's picture, kernel and deblurred image."""

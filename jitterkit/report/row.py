@@ -17,6 +17,7 @@ import numpy as np
 from jitterkit.conventions import axis_angle, direction_angle
 from jitterkit.report.columns import COLUMNS, aberration_column
 from jitterkit.report.flags import FLAGS, encode_flags
+from jitterkit.report.star_table import encode_stars
 from jitterkit.report.words import printable
 
 if TYPE_CHECKING:  # at run time a table is read without JAX
@@ -90,6 +91,7 @@ def make_row(
         "chi2_dof": float(result.chi2_dof),
         "dof": int(result.dof),
         "candidates": _candidates(result.candidates),
+        "stars": encode_stars(result),
         "iterations": int(result.iterations),
         "seconds": float(result.seconds),
     }
@@ -132,7 +134,7 @@ def _crlb(result: FitResult, name: str) -> float:
 
 def _names(result: FitResult, parameters: Parameters, aberrations: Sequence[str] | None) -> Sequence[str]:
     """Names of the aberrations, one for each value or none at all."""
-    known = {*SCENE, *parameters.locus.names, "background"}
+    known = {*parameters.scene.names, *parameters.locus.names, "background"}
     names = [name for name in result.names if name not in known] if aberrations is None else aberrations
     return names if len(names) == len(parameters.aberrations) else ()
 

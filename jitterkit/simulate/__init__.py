@@ -3,12 +3,14 @@
 from jitterkit.simulate.cards import fits_header, tiff_metadata, truth_cards
 from jitterkit.simulate.checks import check_reach, check_scene
 from jitterkit.simulate.frames import Simulated, simulate_frame, simulate_sequence
+from jitterkit.simulate.stars import read_stars
 
 __all__ = [
     "Simulated",
     "check_reach",
     "check_scene",
     "fits_header",
+    "read_stars",
     "simulate_frame",
     "simulate_sequence",
     "tiff_metadata",

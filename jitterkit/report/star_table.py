@@ -1,0 +1,80 @@
+"""The table of the stars of frames that show more than a pair."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:  # at run time a table is read without JAX
+    from astropy.table import QTable
+
+    from jitterkit.refit.result import FitResult
+
+__all__ = ["encode_stars", "star_table"]
+
+_NUMBERS = {
+    "x": ("arcsec", "offset from the frame's centre"),
+    "x_err": ("arcsec", "standard error of x"),
+    "y": ("arcsec", "offset from the frame's centre"),
+    "y_err": ("arcsec", "standard error of y"),
+    "flux": ("electron", "electrons per frame, inside the frame or not"),
+    "flux_err": ("electron", "standard error of flux"),
+}
+"""Columns of a star: unit and meaning."""
+
+
+def encode_stars(result: FitResult) -> str:
+    """All stars of a frame as JSON, a list of numbers each; empty where it shows no further star."""
+    if result.parameters is None or result.parameters.scene.others is None:
+        return ""
+    import jax  # loaded already by whoever holds a FitResult
+
+    scene = result.parameters.scene
+    values = np.array(list(scene.values.values()))
+    slopes = jax.jacfwd(lambda v: scene.at(v).sources())(values)
+    places = [name in result.names for name in scene.names]
+    slots = [result.names.index(name) for name in scene.names if name in result.names]
+    covariance = np.zeros((len(values), len(values)))
+    covariance[np.ix_(places, places)] = result.covariance[np.ix_(slots, slots)]
+    numbers = []
+    for value, slope in zip(scene.sources(), map(np.asarray, slopes), strict=True):
+        with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
+            numbers += [np.asarray(value), np.sqrt(np.einsum("ij,jk,ik->i", slope, covariance, slope))]
+    rounded = [
+        [float(f"{v:.9g}") if np.isfinite(v) else None for v in star] for star in zip(*numbers, strict=True)
+    ]
+    return json.dumps(rounded, separators=(",", ":"))
+
+
+def star_table(results: QTable) -> QTable | None:
+    """The stars of all frames of a results table that show more than a pair; None if none does.
+
+    Parameters
+    ----------
+    results : QTable
+        As :func:`~jitterkit.report.table.make_table` binds it.
+
+    Returns
+    -------
+    stars : QTable or None
+        Columns ``file``, ``frame``, ``star`` (from 1; A and B of a pair are 1 and 2), ``x``, ``y`` [arcsec]
+        and ``flux`` [electron] with their errors.
+    """
+    from astropy.table import QTable
+    from astropy.units import Unit
+
+    rows = [
+        (str(row["file"]), int(row["frame"]), number, *(np.nan if v is None else v for v in star))
+        for row in results
+        if row["stars"]
+        for number, star in enumerate(json.loads(row["stars"]), 1)
+    ]
+    if not rows:
+        return None
+    table = QTable(rows=rows, names=["file", "frame", "star", *_NUMBERS])
+    for name, (unit, meaning) in _NUMBERS.items():
+        table[name] = table[name] << Unit(unit)
+        table[name].info.description = meaning
+    return table
