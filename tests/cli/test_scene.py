@@ -36,7 +36,7 @@ def test_a_star_is_processed_without_a_word_about_it(guide, tmp_path):
         app, ["process", str(guide), "-i", "plain", "--locus", "mvn", "-o", str(tmp_path / "out")]
     )
     assert done.exit_code == 0, done.output
-    assert "jitter of one star" in done.stdout
+    assert "jitter, 1 sigma" in done.stdout
     assert "separation" not in done.stdout
     table = QTable.read(tmp_path / "out" / "results.ecsv")
     assert list(table["scene"]) == ["star", "star"]
@@ -46,7 +46,7 @@ def test_a_star_is_processed_without_a_word_about_it(guide, tmp_path):
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "guide-0.fits" in report
     text = re.sub(r"<[^>]*>", " ", report)
-    assert "Jitter of one star" in text
+    assert "Jitter, 1σ" in text
     assert not re.search(r"\b(nan|Separation|Contrast)\b", text)
 
 
