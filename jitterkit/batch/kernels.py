@@ -18,6 +18,7 @@ from jitterkit.batch.plan import Batch, count_frames, plan_batches
 from jitterkit.batch.stream import in_threads
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError, UndeterminedError, code_of, out_of_memory
 from jitterkit.frames import RawFrame, find_files
+from jitterkit.frames.duplicates import Duplicates
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
@@ -70,7 +71,7 @@ def estimate_files(
         correlations, axes, length and shape where the estimator knows them, significance, digest of the
         pixels, message.
         In arcsec; in pixels if a frame has no scale.  The frame that is the reference of the others has the
-        status ``reference``.
+        status ``reference``, one with the pixels of an earlier one ``duplicate``.
     """
     files = find_files(paths)
     batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), measurer.together)
@@ -79,9 +80,10 @@ def estimate_files(
         return partial(_begin, measurer.among(batch, hdu))
 
     rows: list[dict[str, Any]] = []
+    known = Duplicates()
     for batch, results in in_threads(batches, begin, _measure, hdu=hdu, threads=measurer.threads):
         for (path, index), result in zip(batch.items, results, strict=True):
-            rows.append(_row(path, index, measurer, result, keep))
+            rows.append(_row(path, index, measurer, result, known, keep))
             if watch is not None and index == 0:
                 watch(printable(path.name))
     return _table(rows)
@@ -164,10 +166,15 @@ def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
     return row[name] / (row["scale"] if math.isfinite(row["scale"]) else 1.0) ** power
 
 
-def _row(path: Path, index: int, measurer: Measurer, result: _Result, keep) -> dict[str, Any]:
+def _row(
+    path: Path, index: int, measurer: Measurer, result: _Result, known: Duplicates, keep
+) -> dict[str, Any]:
     if isinstance(result, Exception):
         return _blank(path, index, measurer, FitResult.from_error(_status(result), result))
     measured, digest = result
+    if isinstance(measured, Measured):
+        original = known.original(digest, f"{printable(path)} [{index}]")
+        measured = FitResult.duplicate_of(original) if original else measured
     return _measured_row(path, index, measurer, measured, keep) | {"digest": digest}
 
 

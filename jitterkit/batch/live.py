@@ -17,6 +17,7 @@ from pathlib import Path
 
 from jitterkit.batch.arrivals import Arrivals
 from jitterkit.batch.configuration import settings
+from jitterkit.batch.duplicates import duplicate_marker
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger import Ledger
 from jitterkit.batch.plan import Batch
@@ -126,9 +127,9 @@ def watch_directory(
     begin = Ledger.resume if resume else partial(Ledger.create, overwrite=overwrite)
     with begin(output, settings(processor, [directory], hdu=hdu), {"command": command}) as ledger:
         work = partial(process_batches, processor=processor, hdu=hdu, threads=threads, ranks=ledger.ranks)
-        watch = watch or (lambda row: None)
-        arrivals = Arrivals(directory, hdu, _told_before(ledger, before or watch))
-        watched = _Watch(ledger, work, watch, arrivals.again)
+        mark, watch = duplicate_marker(), watch or (lambda row: None)
+        arrivals = Arrivals(directory, hdu, _told_before(ledger, mark, before or watch))
+        watched = _Watch(ledger, work, lambda row: watch(mark(row)), arrivals.again)
         for burst in _bursts(arrivals, stop, idle, partial(sleep, poll), poll):
             watched.work_through(burst)
         if left := arrivals.left():
@@ -141,11 +142,13 @@ def watch_directory(
         return conclude(ledger, output, processor, unfinished)
 
 
-def _told_before(ledger: Ledger, tell: Callable[[Row], None]) -> frozenset[tuple[str, int]]:
+def _told_before(
+    ledger: Ledger, mark: Callable[[Row], Row], tell: Callable[[Row], None]
+) -> frozenset[tuple[str, int]]:
     """Tell the rows of an earlier session; returns the names of their files and their places."""
     told = set()
     for row in ledger.rows():
-        tell(row)
+        tell(mark(row))
         # the directory may have been named otherwise
         told.add((row["file"], row["frame"]))
     return frozenset(told)

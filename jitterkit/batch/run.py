@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from astropy.table import QTable
+
 from jitterkit.batch.configuration import settings, versions
+from jitterkit.batch.duplicates import duplicate_marker
 from jitterkit.batch.frame import Processor
 from jitterkit.batch.ledger import LEDGER, Ledger
 from jitterkit.batch.ledger_match import FILES
@@ -22,6 +26,7 @@ from jitterkit.frames import find_files
 from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
 from jitterkit.report.outputs import CONFIGURATION, REPORT, RUN, STARS, SUMMARY, TABLE, make_directory
+from jitterkit.report.pictures import FrameReport
 from jitterkit.report.row import Row
 from jitterkit.report.star_table import star_table
 from jitterkit.report.summary import summarise, write_summary
@@ -57,8 +62,8 @@ class Run:
 
     @property
     def failures(self) -> int:
-        """Frames without usable numbers."""
-        return int(sum(status != "ok" for status in self.table["status"]))
+        """Frames without usable numbers, duplicates not counted."""
+        return int(sum(status not in ("ok", "duplicate") for status in self.table["status"]))
 
 
 def process_files(
@@ -134,15 +139,16 @@ def process_files(
         count, done = partial(count_frames, hdu=hdu), ledger.done()
         ledger.check_files(files, count, size)
         counts = ledger.frame_counts(files, count)
+        mark = duplicate_marker()
         if tell := before or watch:
             for row in ledger.rows():
-                tell(row)
+                tell(mark(row))
         missing = (batch for batch in plan_batches(files, counts, size) if batch.number not in done)
         for part in engine(missing, processor, hdu=hdu, ranks=ledger.ranks):
             ledger.add(part.batch.number, part.rows, part.pictures)
             if watch is not None:
                 for row in part.rows:
-                    watch(row)
+                    watch(mark(row))
         return conclude(ledger, directory, processor)
 
 
@@ -162,7 +168,8 @@ def batch_size(shape: tuple[int, int]) -> int:
 
 def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterable[Row] = ()) -> Run:
     """Table, summary and report of all that the ledger holds, and of rows that it is not to keep."""
-    table = make_table(chain(ledger.rows(), more), _provenance(processor, ledger.notes.get("command", "")))
+    rows = map(duplicate_marker(), chain(ledger.rows(), more))
+    table = make_table(rows, _provenance(processor, ledger.notes.get("command", "")))
     summary = summarise(table)
     described = {name: value for name, value in ledger.configuration.items() if name != FILES}
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
@@ -171,8 +178,16 @@ def conclude(ledger: Ledger, directory: Path, processor: Processor, more: Iterab
     if (stars := star_table(table)) is not None:
         write_table(directory / STARS, stars, overwrite=True)
     write_summary(directory / SUMMARY, summary, overwrite=True)
-    write_report(directory / REPORT, ledger.pictures(), table, summary, overwrite=True)
+    write_report(
+        directory / REPORT, _without_duplicates(ledger.pictures(), table), table, summary, overwrite=True
+    )
     return Run(table, summary, directory)
+
+
+def _without_duplicates(pictures: Iterable[FrameReport], table: QTable) -> Iterator[FrameReport]:
+    duplicates = table[np.asarray(table["status"]) == "duplicate"]
+    names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))
+    return (one for one in pictures if (one.row["path"], one.row["frame"]) not in names)
 
 
 def _provenance(processor: Processor, command: str) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 from jitterkit.batch.finder import Finder
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
+from jitterkit.frames.duplicates import Duplicates
 from jitterkit.joint import Exposure
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitResult, Status
@@ -23,7 +26,7 @@ class FileExposures:
     Parameters
     ----------
     paths : sequence of str or Path
-        Files, and directories whose FITS and TIFF files are taken in order of name.
+        Files, and directories of FITS and TIFF files.
     finder : Finder
         Calibrates them, and cuts the stars out of large ones.
     hdu : int, optional
@@ -33,13 +36,20 @@ class FileExposures:
 
     Attributes
     ----------
+    files : list of Path
+        By the times in their headers, those without one last.  If no header has a time, or if some have none
+        and a cadence is given, in the natural order of their names: f2 before f10.
     timed : bool
-        Whether headers or the cadence said when; known once the frames have been gone over.
+        Whether headers or the cadence say when the frames were taken.
 
     Raises
     ------
     FrameError
         If a path does not exist or holds no frame.
+
+    Notes
+    -----
+    A frame with the pixels of an earlier one is passed on without them, with the status ``duplicate``.
     """
 
     def __init__(
@@ -50,22 +60,25 @@ class FileExposures:
         hdu: int | None = None,
         cadence: float | None = None,
     ) -> None:
-        self.files = find_files(paths)
         self.finder, self.hdu, self.cadence = finder, hdu, cadence
-        self.timed = True
+        files = sorted(find_files(paths), key=_natural)
+        times = {path: time for path in files if (time := _begun(path, hdu)) is not None}
+        known = {path: time for path, time in times.items() if math.isfinite(time)}
+        self.timed = cadence is not None or bool(known)
+        self._times = {} if cadence is not None and len(known) < len(times) else known
+        self.files = sorted(files, key=lambda path: self._times.get(path, math.inf))
 
     def __iter__(self) -> Iterator[Exposure]:
-        clock = _Clock(self.cadence)
+        clock, known = _Clock(self.cadence, self._times), Duplicates()
         for path in self.files:
             index = 0
             try:
                 with open_frames(path, hdu=self.hdu) as file:
                     for index in range(len(file)):
-                        yield self._exposure(file[index], clock)
+                        yield self._exposure(file[index], clock, known)
             except FrameError as error:
                 name = path.name if index == 0 else f"{path.name}[{index}]"
                 yield Exposure(name, clock.lost(), None, FitResult.from_error(Status.UNREADABLE, error))
-        self.timed = clock.timed
 
     @cached_property
     def optics(self) -> Optics:
@@ -85,9 +98,11 @@ class FileExposures:
                 told, code = str(error), error.code
         raise JitterkitError(code, f"No frame of the sequence can be used; the last: {told}")
 
-    def _exposure(self, raw: RawFrame, clock: _Clock) -> Exposure:
+    def _exposure(self, raw: RawFrame, clock: _Clock, known: Duplicates) -> Exposure:
         try:
             frame = self.finder.calibrate(raw)
+            if original := known.original(frame.digest, f"{raw.path} [{raw.index}]"):
+                return Exposure(raw.name, math.nan, None, FitResult.duplicate_of(original))
             optics, when = self.finder.optics(frame), clock.middle(frame)
         except JitterkitError as error:
             return Exposure(raw.name, clock.lost(), None, self.finder.trouble(error))
@@ -97,36 +112,54 @@ class FileExposures:
         return Exposure(raw.name, when, None, FitResult(Status.MISMATCH, told))
 
 
+def _natural(path: Path) -> list[tuple[str, int, str]]:
+    """Key of a natural order of names: digits that stand together count as a number."""
+    parts = re.findall(r"[0-9]+|[^0-9]", str(path))
+    return [("0", int(part), part) if part.isdecimal() else (part, 0, part) for part in parts]
+
+
+def _begun(path: Path, hdu: int | None) -> float | None:
+    """Return the time in a file's header [s], NaN if it has none; None if the file cannot be read."""
+    try:
+        with open_frames(path, hdu=hdu) as file:
+            text = file.metadata.value("time", "")
+    except JitterkitError:
+        return None
+    try:
+        return (datetime.fromisoformat(text) - datetime(2000, 1, 1)).total_seconds()
+    except ValueError:
+        return math.nan
+
+
 class _Clock:
     """When frames were taken: by their headers, or one after the other."""
 
-    def __init__(self, cadence: float | None) -> None:
-        self.cadence, self.timed = cadence, True
-        self._zero: datetime | None = None
+    def __init__(self, cadence: float | None, times: Mapping[Path, float]) -> None:
+        self._cadence, self._times = cadence, times
+        self._zero: float | None = None
         self._count = 0
 
     def lost(self) -> float:
         """The time of a frame of which nothing is known; its place in the sequence counts."""
         self._count += 1
-        return float("nan")
+        return math.nan
 
     def middle(self, frame: Frame) -> float:
         """Middle of an exposure, s from the beginning of the first."""
         exposure = frame.exposure or 0.0
-        step = self.cadence or exposure or 1.0
-        known = frame.metadata.time
-        if known is None and self._zero is not None:
+        step = self._cadence or exposure or 1.0
+        if self._cadence is not None or not self._times:
+            self._count += 1
+            return (self._count - 1) * step + exposure / 2
+        assert frame.path is not None
+        begun, known = self._times.get(frame.path), frame.metadata.time
+        if begun is None or known is None:
             raise FrameError(
                 ErrorCode.MISSING_VALUE,
-                frame.path or frame.name,
+                frame.path,
                 "does not say when it was taken, as others do",
                 "give the --cadence",
             )
-        if known is None or self.cadence is not None:
-            self.timed = self.timed and self.cadence is not None
-            self._count += 1
-            return (self._count - 1) * step + exposure / 2
-        when = datetime.fromisoformat(str(known.value))
-        self._zero = self._zero or when
-        begun = (when - self._zero).total_seconds() + frame.index * step * frame.several
-        return begun + (0.0 if "DATE-AVG" in known.source else exposure / 2)
+        begun += frame.index * step * frame.several - ("-AVG" in known.source) * exposure / 2
+        self._zero = begun if self._zero is None else self._zero
+        return begun - self._zero + exposure / 2

@@ -248,9 +248,9 @@ def _prepare(
     """Calibrate a frame here; fit it there."""
     ready: Frame | FitResult | RawFrame
     if isinstance(raw, JitterkitError):
-        metadata, ready = None, FitResult.from_error(Status.UNREADABLE, raw)
+        metadata, digest, ready = None, "", FitResult.from_error(Status.UNREADABLE, raw)
     else:
-        metadata, ready = raw.metadata, _calibrated(alone, raw)
+        metadata, digest, ready = raw.metadata, raw.digest, _calibrated(alone, raw)
     del raw  # a camera's whole frame need not wait with the stars that were cut out of it
 
     def fit(last: bool) -> tuple[Processed, Row]:
@@ -271,6 +271,7 @@ def _prepare(
             pixel=done.pixel,
             pa=done.pa,
             aberrations=alone.instrument.aberrations,
+            digest=digest,
         )
         return done, row
 

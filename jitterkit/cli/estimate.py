@@ -142,7 +142,7 @@ def estimate(
     for row in table[table["message"] != ""]:
         status = "" if row["status"] == "ok" else f" {row['status']}"
         say(f"{row['file']} [{row['frame']}]{status}: {row['message']}")
-    if set(table["status"]) - {"ok", "reference"}:
+    if set(table["status"]) - {"ok", "reference", "duplicate"}:
         raise typer.Exit(SOME_FAILED)
 
 

@@ -170,7 +170,7 @@ def _tell(run) -> None:
         say(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
     if len(places) > _LISTED:
         say(f"... and {len(places) - _LISTED} more, which the table and the report have")
-    fitted = len(run.table) - run.failures
+    fitted = int(sum(run.table["status"] == "ok"))
     separation, jitter = run.summary["separation"], run.summary["jitter"]
     pairs = separation["n"]
     if pairs:

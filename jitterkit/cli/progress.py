@@ -40,9 +40,9 @@ class Tally:
         if now is not None:
             self._note(now)
         separation, error = row["separation"], row["separation_err"]
-        if row["status"] != "ok":
+        if row["status"] not in ("ok", "duplicate"):
             self.failed += 1
-        elif 0 < error < float("inf"):
+        elif row["status"] == "ok" and 0 < error < float("inf"):
             self._first = (
                 separation if self._weight == 0 else self._first
             )  # sums about it keep the last digits

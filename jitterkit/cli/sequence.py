@@ -97,6 +97,7 @@ def sequence(
     from jitterkit.instruments import load_instrument
     from jitterkit.joint import Looker, SequenceOptions, refit_sequence
     from jitterkit.loci.trace_locus import read_trace
+    from jitterkit.refit import Status
 
     held = () if background else ("background",)
     overrides = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
@@ -110,9 +111,13 @@ def sequence(
     with watching(len(exposures.files), "files") as advance:
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:
-        say("No header says when its frame was taken: they are taken to follow each other without a pause.")
+        say(
+            "No header says when its frame was taken: they are taken in the natural order of their names, to "
+            "follow each other without a pause."
+        )
     _write(fit, output, overwrite)
-    if not fit.combined.kept.all() or len(fit.messages) < len(fit.records):
+    duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
+    if not fit.combined.kept.all() or len(fit.messages) + duplicates < len(fit.records):
         raise typer.Exit(SOME_FAILED)
 
 

@@ -92,7 +92,7 @@ class RawFrame(Placed):
         difference.  A region has its own.
         """
         found = hashlib.sha256(f"{self.data.shape}".encode())
-        found.update(np.ascontiguousarray(self.data, dtype="<f8").data)
+        found.update(np.ascontiguousarray(self.data + 0.0, dtype="<f8").data)  # -0 is 0
         return found.hexdigest()[:16]
 
     @classmethod

@@ -224,16 +224,16 @@ class _Run:
 
     def _frames(self, number: int) -> Iterator[Exposure]:
         """The frames, watched, in the order of time."""
-        last = -math.inf
+        before, last = "", -math.inf
         for exposure in self.exposures:
             if exposure.frame is not None:
                 if not exposure.time > last:
                     raise ConfigurationError(
                         ErrorCode.OUT_OF_RANGE,
-                        f"{exposure.name} was taken at {exposure.time:g} s, not after the frame before it "
-                        f"({last:g} s); give the frames in the order of time, each once, or their cadence.",
+                        f"{exposure.name} was taken at {exposure.time:.9g} s, not after {before} "
+                        f"({last:.9g} s); if the clock of the headers is too coarse, give the --cadence.",
                     )
-                last = exposure.time
+                before, last = exposure.name, exposure.time
             yield exposure
             self.watch(number, exposure.name)
 

@@ -32,6 +32,7 @@ class Status(enum.Enum):
     MISMATCH = "the frame does not suit this instrument"
     UNDETERMINED = "the image does not constrain the blur, or what scene it shows"
     REFERENCE = "the frame is the reference that others are compared with"
+    DUPLICATE = "the frame has the pixels of another one of the run, and is not counted again"
     FAILED = "the fit broke down"
 
     @property
@@ -49,6 +50,7 @@ _CODES = {
     Status.MISMATCH: ErrorCode.WRONG_INSTRUMENT,
     Status.UNDETERMINED: ErrorCode.NOT_CONSTRAINED,
     Status.REFERENCE: ErrorCode.IS_REFERENCE,
+    Status.DUPLICATE: ErrorCode.DUPLICATE,
 }
 """Code of a status for which no error was raised; any other status without one is internal."""
 
@@ -157,6 +159,11 @@ class FitResult:
             In place of the error's own.
         """
         return cls(status, str(error) if message is None else message, code=code_of(error))
+
+    @classmethod
+    def duplicate_of(cls, name: str) -> FitResult:
+        """Make the result of a frame with the same pixels as another one, which counts in its place."""
+        return cls(Status.DUPLICATE, f"{Status.DUPLICATE.value}: see {name}.")
 
     @property
     def reason(self) -> str:

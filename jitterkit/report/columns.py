@@ -88,6 +88,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("stars", "all stars of a frame that shows more than a pair, as JSON; see stars.ecsv", kind=str),
     Column("iterations", "steps of the fit", kind=int),
     Column("seconds", "time the frame took", "s"),
+    Column("digest", "identifies the raw pixels of the frame", kind=str),
     Column("path", "the file as it was given", kind=str),
 )
 """In the order of the table; the aberrations, whose names the telescope gives, follow ``shape_err``."""

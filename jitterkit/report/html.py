@@ -174,7 +174,7 @@ class _Listing:
     def __init__(self, table: QTable) -> None:
         self.length = len(table)
         self._columns = {name: np.asarray(table[name]) for name in table.colnames}
-        self._failed = np.flatnonzero(self._columns["status"] != "ok")
+        self._failed = np.flatnonzero(~np.isin(self._columns["status"], ("ok", "duplicate")))
         self.failures = len(self._failed)
         self.step = max(1, math.ceil(self.length / MAX_ROWS))
         paths, counts = np.unique(self._columns["path"], return_counts=True)

@@ -43,6 +43,7 @@ def make_row(
     pixel: tuple[float, float] = (math.nan, math.nan),
     pa: float = math.nan,
     aberrations: Sequence[str] | None = None,
+    digest: str = "",
 ) -> Row:
     """Make the row of one frame.
 
@@ -65,6 +66,8 @@ def make_row(
     aberrations : sequence of str, optional
         Names of all aberrations, ``otf.names``; by default those that were free, which is enough
         unless only some were.
+    digest : str
+        ``RawFrame.digest``, by which duplicates are recognised.
 
     Returns
     -------
@@ -94,6 +97,7 @@ def make_row(
         "stars": encode_stars(result),
         "iterations": int(result.iterations),
         "seconds": float(result.seconds),
+        "digest": digest,
     }
     if result.parameters is not None:
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance

@@ -148,11 +148,14 @@ def test_a_tiff_gives_what_its_fits_gives(telescope, processor, tmp_path, rng, d
     write_tiff(
         tmp_path / "frame.tif", simulated.raw.data.astype(np.uint16), metadata=tiff_metadata(simulated)
     )
-    table = process_files([tmp_path], tmp_path / "out", processor).table
-    assert list(table["status"]) == ["ok", "ok"]
+    fits, tiff = (
+        process_files([tmp_path / f"frame.{end}"], tmp_path / f"out_{end}", processor).table[0]
+        for end in ("fits", "tif")
+    )
+    assert fits["status"] == tiff["status"] == "ok"
     # upside down, theta would be -75
-    assert table["theta"][0] == table["theta"][1]
-    assert abs(table["theta"][0].value - 75.0) < 0.5
+    assert fits["theta"] == tiff["theta"]
+    assert abs(fits["theta"].value - 75.0) < 0.5
 
 
 def test_a_world_coordinate_system_gives_a_position_angle(telescope, processor, tmp_path, rng, drawn):

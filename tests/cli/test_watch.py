@@ -83,8 +83,9 @@ def test_who_asks_once_is_waited_for_and_who_asks_twice_is_not(listening, capsys
 def test_frames_are_watched_for_and_the_result_is_told_as_process_tells_it(tmp_path):
     night = tmp_path / "night"
     night.mkdir()
-    for name in ("a", "b"):
-        runner.invoke(app, ["simulate", str(night / f"{name}.fits"), "-i", "plain"], catch_exceptions=False)
+    for seed, name in enumerate("ab"):
+        simulated = ["simulate", str(night / f"{name}.fits"), "-i", "plain", "--seed", str(seed)]
+        runner.invoke(app, simulated, catch_exceptions=False)
     (night / "half.fits").write_bytes((night / "a.fits").read_bytes()[:-4000])
     options = ["-i", "plain", "--locus", "stable", "--idle", "0.2", "--poll", "0.05"]
     done = runner.invoke(app, ["watch", str(night), "-o", str(night / "out"), *options])

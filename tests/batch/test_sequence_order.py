@@ -1,0 +1,121 @@
+"""The order, the times and the duplicates of the frames of a sequence, without any fit."""
+
+import shutil
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from jitterkit.batch import FileExposures
+from jitterkit.frames import Frame
+from jitterkit.refit import FitResult, Status
+
+EXPOSURE = 0.5
+
+
+class Plain:
+    """A finder that takes pixels for electrons; all frames have one optics."""
+
+    def calibrate(self, raw):
+        about = {"path": raw.path, "index": raw.index, "several": raw.several, "digest": raw.digest}
+        return Frame(raw.data, 1.0, exposure=EXPOSURE, metadata=raw.metadata, **about)
+
+    def optics(self, frame):
+        return "optics"
+
+    def trouble(self, error):
+        return FitResult.from_error(Status.MISMATCH, error)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(name, seconds=None, seed=0, planes=None, **cards):
+        shape = (4, 4) if planes is None else (planes, 4, 4)
+        values = np.random.default_rng([seed, *name.encode()]).integers(0, 999, shape).astype(np.int16)
+        header = fits.Header(cards)
+        if seconds is not None:
+            header["DATE-OBS"] = f"2027-03-01T03:00:{seconds:06.3f}"
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        fits.writeto(tmp_path / name, values, header)
+
+    return write
+
+
+def gone_over(directory, **options):
+    exposures = FileExposures([directory], Plain(), **options)
+    first, second = list(exposures), list(exposures)
+    said = [[(e.name, e.problem and e.problem.message) for e in frames] for frames in (first, second)]
+    assert said[0] == said[1]
+    np.testing.assert_equal([e.time for e in first], [e.time for e in second])
+    return exposures, first
+
+
+def test_frames_come_in_the_order_of_their_times(write, tmp_path):
+    times = {"f1.fits": 7.0, "f2.fits": 1.0, "f10.fits": 2.5, "z.fits": 1.5}
+    for name, seconds in times.items():
+        write(name, seconds)
+    exposures, frames = gone_over(tmp_path)
+    assert exposures.timed
+    assert [e.name for e in frames] == ["f2.fits", "z.fits", "f10.fits", "f1.fits"]
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 0.75, 1.75, 6.25], atol=1e-9)
+
+
+def test_frames_without_times_come_in_the_natural_order_of_their_names(write, tmp_path):
+    for name in ("f10.fits", "f2.fits", "f1.fits", "e.fits", "f.fits", "f2b.fits"):
+        write(name)
+    exposures, frames = gone_over(tmp_path)
+    assert not exposures.timed
+    assert [e.name for e in frames] == ["e.fits", "f.fits", "f1.fits", "f2.fits", "f2b.fits", "f10.fits"]
+    np.testing.assert_allclose(np.diff([e.time for e in frames]), EXPOSURE)
+
+
+def test_a_frame_without_a_time_among_others_is_left_out_with_a_reason(write, tmp_path):
+    for name, seconds in {"a.fits": None, "b.fits": 2.0, "c.fits": 1.0}.items():
+        write(name, seconds)
+    _, frames = gone_over(tmp_path)
+    assert [e.name for e in frames] == ["c.fits", "b.fits", "a.fits"]
+    assert [e.frame is None for e in frames] == [False, False, True]
+    assert "--cadence" in frames[-1].problem.message
+
+
+def test_with_a_cadence_such_frames_count_in_the_order_of_their_names(write, tmp_path):
+    for name, seconds in {"a10.fits": None, "a2.fits": 5.0, "a1.fits": 9.0}.items():
+        write(name, seconds)
+    exposures, frames = gone_over(tmp_path, cadence=3.0)
+    assert exposures.timed
+    assert [e.name for e in frames] == ["a1.fits", "a2.fits", "a10.fits"]
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 3.25, 6.25])
+
+
+def test_equal_times_come_in_the_order_of_names_and_a_cadence_tells_them_apart(write, tmp_path):
+    for name in ("f10.fits", "f9.fits"):
+        write(name, 4.0)
+    write("f11.fits", 3.0)
+    _, frames = gone_over(tmp_path, cadence=2.0)
+    assert [e.name for e in frames] == ["f11.fits", "f9.fits", "f10.fits"]
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 2.25, 4.25])
+
+
+def test_the_mean_time_of_an_exposure_is_its_middle(write, tmp_path):
+    """Zero is the beginning of the first exposure, as telemetry counts, whichever card there is."""
+    write("a.fits", **{"DATE-AVG": "2027-03-01T03:00:01.250"})
+    write("b.fits", seconds=2.0)
+    _, frames = gone_over(tmp_path)
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 1.25], atol=1e-9)
+
+
+def test_a_duplicate_is_passed_on_without_pixels_and_takes_no_time(write, tmp_path):
+    write("a.fits")
+    shutil.copy(tmp_path / "a.fits", tmp_path / "b.fits")
+    write("c.fits")
+    with fits.open(tmp_path / "c.fits") as hdus:
+        plane = hdus[0].data
+    fits.writeto(tmp_path / "d.fits", np.stack([plane + 1, plane, plane + 1]).astype(np.int32))
+    _, frames = gone_over(tmp_path)
+    assert [e.frame is None for e in frames] == [False, True, False, False, True, True]
+    originals = {1: "a.fits [0]", 4: "c.fits [0]", 5: "d.fits [0]"}
+    for place, name in originals.items():
+        assert frames[place].problem.status is Status.DUPLICATE
+        assert str(tmp_path / name) in frames[place].problem.message
+    times = [e.time for e in frames if e.frame is not None]
+    np.testing.assert_allclose(times, [0.25, 0.75, 1.25])
