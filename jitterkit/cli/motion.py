@@ -33,7 +33,8 @@ def motion(
             metavar="FILE.csv",
             help="A spectrum: columns f,x,y[,xy] in Hz and arcsec²/Hz (one-sided); lines: "
             "frequency,amplitude,angle[,minor] in Hz, arcsec (zero to peak) and degrees; both, one below the "
-            "other; or a pointing trace t,x,y in s and arcsec.",
+            "other; or a pointing trace t,x,y in s and arcsec, or rates t,wx,wy in arcsec/s. The header may "
+            "give other units: x [mas].",
             show_default=False,
         ),
     ],
@@ -56,6 +57,16 @@ def motion(
             metavar="HZ",
             help="Of a pointing loop (a fine tip/tilt stage) that takes out what is slower: a first-order "
             "integrator leaves f²/(f²+bandwidth²) of the power.",
+            show_default=False,
+        ),
+    ] = None,
+    kind: options.SpectrumKind = None,
+    rates: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNIT",
+            help="Unit of the rates in a trace whose header does not say it, such as deg/s; they are "
+            "integrated.",
             show_default=False,
         ),
     ] = None,
@@ -98,7 +109,7 @@ def motion(
     from jitterkit.report.table import write_table
 
     telescope = load_instrument(instrument)
-    moved = read_motion(file)
+    moved = read_motion(file, kind=kind, rates=rates, tell=say)
     assessed = assess_motion(moved, _exposure(telescope, exposure), cadence=cadence, bandwidth=bandwidth)
     for sentence in motion_sentences(assessed, telescope.plate_scale):
         say(sentence)

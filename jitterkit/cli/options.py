@@ -36,6 +36,7 @@ __all__ = [
     "Shear",
     "Sigma",
     "Sizes",
+    "SpectrumKind",
     "TableOutput",
     "Theta",
     "overrides",
@@ -99,6 +100,17 @@ TableOutput = Annotated[
     typer.Option("--output", "-o", metavar="FILE.ecsv", help="Also keep the table.",
                  show_default=False),
 ]  # fmt: skip
+
+SpectrumKind = Annotated[
+    str | None,
+    typer.Option(
+        "--kind",
+        metavar="bins|curve",
+        help="What the rows of a spectrum are: bins of a measured one, such as Welch's, that hold power, "
+        "or points of a drawn curve, with power laws between them. By default their spacing tells.",
+        show_default=False,
+    ),
+]
 
 # a jitter, by its name and sizes
 LocusName = Annotated[

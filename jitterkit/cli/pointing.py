@@ -93,8 +93,10 @@ def traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order: 
         raise ConfigurationError(error.code, f"{path}: {error}") from None
 
 
-def shaken(path: Path, telescope, frames: int, row_order: int, generator) -> Pointing:
-    """Consecutive frames in a motion drawn from the spectrum in a file.
+def shaken(
+    path: Path, telescope, frames: int, row_order: int, generator, kind: str | None = None
+) -> Pointing:
+    """Consecutive frames in a motion drawn from the spectrum in a file, of bins or a curve (``kind``).
 
     Raises
     ------
@@ -106,7 +108,7 @@ def shaken(path: Path, telescope, frames: int, row_order: int, generator) -> Poi
     from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.motion import PowerSpectrum, read_motion, simulate_exposures
 
-    motion = read_motion(path)
+    motion = read_motion(path, kind=kind, tell=say)
     if not isinstance(motion, PowerSpectrum):
         raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{path} is a trace; give it by --trace.")
     exposure = _exposure(telescope, "a --spectrum to shake it")

@@ -59,6 +59,7 @@ def simulate(
             show_default=False,
         ),
     ] = None,
+    kind: options.SpectrumKind = None,
     drift: Annotated[
         str | None,
         typer.Option(
@@ -128,7 +129,7 @@ def simulate(
     row_order = -1 if tiff else 1
     if spectrum is not None:
         _check_alone("--spectrum", given, locus, **{"--trace": trace, "--drift": drift})
-        pointing = shaken(spectrum, telescope, frames, row_order, generator)
+        pointing = shaken(spectrum, telescope, frames, row_order, generator, kind)
     elif trace is not None:
         _check_alone("--trace", {}, "stable", **{"--drift": drift})
         pointing = traced(trace, telescope, locus, given, row_order)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.loci import trace_gaps
 
 __all__ = ["motion_unknown", "smear_allowed", "velocity_between_frames", "velocity_from_trace"]
 
@@ -115,7 +116,7 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
     Raises
     ------
     ConfigurationError
-        If the trace does not cover the exposures, or these have no length.
+        If the trace does not cover the exposures, or has a gap in one, or these have no length.
     """
     if not exposure > 0:
         raise ConfigurationError(
@@ -133,5 +134,12 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
             f"{np.nanmin(begin):g} to {np.nanmax(end):g} s after the first one began; give a longer record, "
             "on that clock.",
         )
+    for gap in trace_gaps(t):
+        if np.any((begin < t[gap + 1] - slack) & (end > t[gap] + slack)):
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The telemetry has a gap from {t[gap]:g} to {t[gap + 1]:g} s, in which a frame is exposed; "
+                "leave out the frame, or the telemetry.",
+            )
     ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
     return np.nan_to_num(np.stack(ends, axis=1) / exposure)

@@ -23,7 +23,7 @@ from jitterkit.loci.smear import Smear
 from jitterkit.loci.stable import Stable
 from jitterkit.loci.streak import Streak
 from jitterkit.loci.tones import Tones
-from jitterkit.loci.trace_locus import Trace, read_trace
+from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
 
 __all__ = [
     "LOCI",
@@ -44,6 +44,7 @@ __all__ = [
     "Trace",
     "axis_variances",
     "covariance_on_axis",
+    "is_trace",
     "jitter_cards",
     "locus_class",
     "locus_name",
@@ -51,6 +52,7 @@ __all__ = [
     "principal_axes",
     "rasterise",
     "read_trace",
+    "trace_gaps",
 ]
 
 LOCI: dict[str, type[Locus]] = {

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from astropy.units import Unit
 
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 
-__all__ = ["CsvRow", "csv_rows", "row_numbers"]
+__all__ = ["CsvRow", "csv_rows", "heading", "row_numbers", "unit_factor"]
 
 CsvRow = tuple[int, list[str]]
 """Number of the line in the file, and its cells."""
@@ -38,6 +40,53 @@ def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
             reading_code(error), f"{path}: cannot be read ({error}); {remedy}."
         ) from None
     return [(n, [cell.strip() for cell in next(csv.reader([line]))]) for n, line in lines]
+
+
+def heading(cell: str) -> tuple[str, str]:
+    """Take a cell of a header apart: the name in lower case, and the unit behind it; empty without one.
+
+    >>> heading("X [mas]"), heading("t (s)"), heading("xy")
+    (('x', 'mas'), ('t', 's'), ('xy', ''))
+    """
+    found = re.fullmatch(r"([^\[(]+?)\s*[\[(](.*)[\])]", cell.strip())
+    name, unit = found.groups() if found else (cell, "")
+    return name.strip().lower(), unit.strip()
+
+
+def unit_factor(column: str, unit: str, *wanted: str) -> tuple[float, str]:
+    """Find what a unit is, and the factor to it.
+
+    Parameters
+    ----------
+    column : str
+        Name, for a complaint.
+    unit : str
+        As written; ``²`` and ``√Hz`` too.
+    *wanted : str
+        Units of different dimensions.
+
+    Returns
+    -------
+    factor : float
+    wanted : str
+        The one of its dimension.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no unit, or has none of the dimensions.
+    """
+    text = re.sub(r"(√|(?<!sq)rt ?)\(?Hz\)?", "sqrt(Hz)", unit.replace("²", "2"))
+    for one in wanted:
+        try:
+            return float(Unit(text).to(one)), one
+        except (ValueError, TypeError):  # a wrong dimension is a TypeError too
+            continue
+    raise ConfigurationError(
+        ErrorCode.UNKNOWN_UNIT,
+        f"The unit {unit!r} of the column {column} is not one of {', '.join(wanted)}; give one that can be "
+        "converted to it.",
+    )
 
 
 def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 import pathlib
+from collections.abc import Callable
 from typing import ClassVar, Self
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.integrate import cumulative_simpson
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes
-from jitterkit.loci.csv_table import csv_rows, row_numbers
+from jitterkit.loci.csv_table import csv_rows, heading, row_numbers, unit_factor
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
-__all__ = ["Trace", "read_trace"]
+__all__ = ["Trace", "is_trace", "read_trace", "trace_gaps"]
 
 _NODES, _IN_ALL = 3, 64
 """Nodes between two samples at least, and in a whole trace."""
@@ -143,43 +145,119 @@ class Trace(Locus):
         return places.reshape(-1, 2), (jnp.diff(self.times)[:, None] * w).ravel()
 
 
-def read_trace(path: str | pathlib.Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def trace_gaps(t) -> np.ndarray:
+    """Find the gaps in a record.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times in seconds, ascending.
+
+    Returns
+    -------
+    gaps : (g,) int array
+        Samples after which there is a gap: the next is more than 3.5 usual steps away, four steps in five
+        being no longer than the usual one.  None in a path of ten pieces or fewer.
+    """
+    steps = np.diff(np.asarray(t, float))
+    if len(steps) <= _PATH:
+        return np.zeros(0, int)
+    return np.flatnonzero(steps > _GAP * np.quantile(steps, _USUAL, method="lower"))
+
+
+def is_trace(cells: list[str]) -> bool:
+    """Tell whether a line is the header of a trace."""
+    return heading(cells[0])[0] in ("t", "time")
+
+
+def read_trace(
+    path: str | pathlib.Path, rates: str | None = None, tell: Callable[[str], None] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Read a record of the pointing from a CSV table.
 
     Parameters
     ----------
     path : str or Path
-        A line ``t,x,y`` and then numbers: seconds, ascending, and arcsec.  Empty lines and lines that
-        begin with ``#`` are skipped.
+        A line ``t,x,y`` and then numbers: seconds, ascending, and arcsec, unless a unit in brackets follows
+        the name: ``t [ms],x [mas],y [mas]``.  Rates ``t,wx,wy``, in arcsec/s without a unit, are integrated,
+        as are columns whose unit is one of a rate.  Empty lines and lines that begin with ``#`` are skipped.
+    rates : str, optional
+        Unit of rates whose header does not say that they are, or in what unit: ``deg/s``.
+    tell : callable, optional
+        Called with a sentence where rates were integrated.
 
     Returns
     -------
     t, x, y : (n,) arrays
-        For :meth:`Trace.of`.
+        For :meth:`Trace.of`; s and arcsec.
 
     Raises
     ------
     ConfigurationError
         If the file is not such a table; the message names the file, the line and the column.
+
+    Notes
+    -----
+    Rates are integrated by Simpson's rule.  How far the pointing went in a gap is not known: each piece
+    between gaps has its own mean as zero.
     """
     path = pathlib.Path(path)
     cells = csv_rows(path, "give a CSV of t,x,y")
-    if not cells or cells[0][1] != list(_COLUMNS):
-        found = ",".join(cells[0][1]) if cells else "nothing"
-        raise ConfigurationError(
-            ErrorCode.MALFORMED,
-            f"{path}: begins with {found!r}; its first line must be t,x,y (s, arcsec, arcsec).",
-        )
     try:
+        factors, integrate = _columns(cells[0][1] if cells else [], rates)
         table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
-        _check(*table.T)
+        t, x, y = (table * factors).T
+        _check(t, x, y)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
-    t, x, y = table.T
+    if integrate:
+        x, y = _integral(t, np.stack([x, y], axis=1)).T
+        if tell is not None:
+            tell("The trace holds rates, which were integrated.")
     return t, x, y
 
 
+def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
+    """Factors to s, arcsec and arcsec or arcsec/s; and whether the columns are rates."""
+    names, units = zip(*map(heading, cells), strict=True) if cells else ((), ())
+    named_rates = names[1:] == ("wx", "wy")
+    if not cells or not is_trace(cells) or not (named_rates or names[1:] == ("x", "y")):
+        raise ConfigurationError(
+            ErrorCode.MALFORMED,
+            f"begins with {','.join(cells) or 'nothing'!r}; its first line must be t,x,y (s, arcsec, arcsec) "
+            "or, for rates, t,wx,wy (s, arcsec/s, arcsec/s).",
+        )
+    found = [
+        unit_factor(name, unit or rates or ("arcsec/s" if named_rates else "arcsec"), "arcsec/s", "arcsec")
+        for name, unit in zip(names[1:], units[1:], strict=True)
+    ]
+    kinds = {kind for _, kind in found}
+    if len(kinds) > 1 or (kinds == {"arcsec"} and (named_rates or rates)):
+        raise ConfigurationError(
+            ErrorCode.CONFLICT,
+            f"The columns {cells[1]} and {cells[2]} are not two angles or two rates; give both units alike, "
+            "and a rate's unit, such as deg/s, for rates.",
+        )
+    time, _ = unit_factor("t", units[0] or "s", "s")
+    return [time, *(factor for factor, _ in found)], kinds == {"arcsec/s"}
+
+
+def _integral(t: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Integrals (n, 2) of rates, piece by piece between gaps, each about its mean."""
+    angles = []
+    for piece in np.split(np.arange(len(t)), trace_gaps(t) + 1):
+        angle = cumulative_simpson(rates[piece], x=t[piece], axis=0, initial=0)
+        duration = t[piece[-1]] - t[piece[0]]
+        mean = np.trapezoid(angle, t[piece], axis=0) / duration if duration > 0 else angle[0]
+        angles.append(angle - mean)
+    return np.concatenate(angles)
+
+
 _COLUMNS = ("t", "x", "y")
+
+_GAP, _USUAL, _PATH = 3.5, 0.8, 10
+"""Usual steps to a gap, so that two lost samples in a row are bridged; quantile of the steps that is the
+usual one; and steps of a path that somebody drew, in which there are no gaps."""
 
 
 def _check(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:

@@ -43,6 +43,10 @@ class Assessment:
         Of a typical frame.
     frames : int or None
         Exposures in a record.
+    left_out : int
+        Exposures in which it has gaps, which were left out.
+    step : float or None
+        Usual time between samples of a record, s.
     """
 
     exposure: float
@@ -55,6 +59,8 @@ class Assessment:
     steps: np.ndarray
     locus: Locus
     frames: int | None = None
+    left_out: int = 0
+    step: float | None = None
 
     @property
     def names(self) -> str:
@@ -100,9 +106,17 @@ def assess_motion(
         left = motion if bandwidth is None else Record(motion.t, *follow(*motion, bandwidth))
         seen, before = (measure_exposures(record, exposure, cadence) for record in (left, motion))
         split, frames = seen.split(), len(seen.starts)
-        locus = smeared_locus(split)
         return Assessment(
-            *times, trace_spectrum(left), (), split, before.split(), seen.steps(), locus, frames
+            *times,
+            trace_spectrum(left),
+            (),
+            split,
+            before.split(),
+            seen.steps(),
+            smeared_locus(split),
+            frames,
+            left_out=seen.planned - frames,
+            step=float(np.median(np.diff(motion.t))),
         )
     remaining = motion if bandwidth is None else close_loop(motion, bandwidth)
     return Assessment(

@@ -5,89 +5,219 @@ Reach for :func:`read_motion`, which tells them by their headers.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci import read_trace
-from jitterkit.loci.csv_table import CsvRow, csv_rows, row_numbers
+from jitterkit.loci import is_trace, read_trace
+from jitterkit.loci.csv_table import CsvRow, csv_rows, heading, row_numbers, unit_factor
+from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
 __all__ = ["read_motion"]
 
-_TRACE = ("t", "x", "y")
-_DENSITIES = (("f", "x", "y"), ("f", "x", "y", "xy"))
-_LINES = (("frequency", "amplitude", "angle"), ("frequency", "amplitude", "angle", "minor"))
+_DENSITIES = ("f", "x", "y", "xy")
+_LINES = ("frequency", "amplitude", "angle", "minor")
+_UNITS = {
+    "f": ("Hz",),
+    "x": ("arcsec2/Hz", "arcsec/sqrt(Hz)"),
+    "y": ("arcsec2/Hz", "arcsec/sqrt(Hz)"),
+    "xy": ("arcsec2/Hz",),
+    "frequency": ("Hz",),
+    "amplitude": ("arcsec",),
+    "angle": ("deg",),
+    "minor": ("arcsec",),
+}
+"""Of each column, that of a column without a unit first."""
+
 _FORMATS = (
     "give a table of densities f,x,y[,xy] (Hz, arcsec²/Hz), of lines frequency,amplitude,angle[,minor] (Hz, "
     "arcsec, degrees), the one below the other, or a trace t,x,y (s, arcsec)"
 )
 
+Tell = Callable[[str], None]
 
-def read_motion(path: str | Path) -> PowerSpectrum | Record:
+
+def read_motion(
+    path: str | Path,
+    *,
+    kind: str | None = None,
+    rates: str | None = None,
+    tell: Tell = lambda sentence: None,
+) -> PowerSpectrum | Record:
     """Read a table of motion.
 
     Parameters
     ----------
     path : str or Path
-        CSV.  Tables begin with a header: ``f,x,y`` or ``f,x,y,xy`` for one-sided densities,
+        CSV.  Tables begin with a header: ``f,x,y`` or ``f,x,y,xy`` for densities,
         ``frequency,amplitude,angle`` (or with ``minor``) for lines; a file may hold one of each, one below
-        the other.  A file that begins with ``t,x,y`` is a trace.  Empty lines, and lines that begin with
-        ``#``, are skipped.
+        the other.  A unit in brackets may follow a name: ``x [mas²/Hz]``.  Columns ``asd_x,asd_y``, or those
+        in arcsec/√Hz, are roots of densities.  Negative frequencies, or a comment that says two-sided, make
+        densities two-sided.  A file that begins with ``t,x,y`` or ``t,wx,wy`` is a trace
+        (:func:`~jitterkit.loci.read_trace`).  Empty lines, and lines that begin with ``#``, are skipped.
+    kind : str, optional
+        What rows of densities are: ``bins`` of a measured spectrum, which hold power, or points of a drawn
+        ``curve``, with power laws between them.  By default
+        :func:`~jitterkit.motion.bins.recognise_rows` tells.
+    rates : str, optional
+        Unit of rates in a trace that does not say so, which are integrated.
+    tell : callable, optional
+        Called with sentences that say how the table was understood.
 
     Returns
     -------
     motion : PowerSpectrum or Record
+        A density at 0 Hz is left out.  Of bins, what stands out is a line.
 
     Raises
     ------
     ConfigurationError
-        If the file is not such a table; the message names file, line and remedy.
+        If the file is not such a table, or it cannot be told what its rows are; the message names file, line
+        and remedy.
     """
     path = Path(path)
+    if kind not in (None, *KINDS):
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_NAME, f"Rows cannot be {kind!r}; give one of {', '.join(KINDS)}."
+        )
     rows = csv_rows(path, _FORMATS)
-    if rows and tuple(rows[0][1]) == _TRACE:
-        return Record(*read_trace(path))
+    trace = bool(rows) and is_trace(rows[0][1])
+    if (trace and kind is not None) or (not trace and rates is not None):
+        given, other = ("--kind", "densities") if trace else ("--rates", "a trace")
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{path}: {given} is for {other}; leave it out.")
+    if trace:
+        return Record(*read_trace(path, rates, tell))
     try:
-        return _spectrum(rows)
+        densities, lines = _tables(rows)
+        random = _random(densities, kind, _says_two_sided(path), tell)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
+    return PowerSpectrum(random.frequencies, random.density, (*random.lines, *lines))
 
 
-def _spectrum(rows: list[CsvRow]) -> PowerSpectrum:
-    tables: dict[tuple[str, ...], list[tuple[int, list[float]]]] = {}
-    header: tuple[str, ...] = ()
+class _Header(NamedTuple):
+    """Columns of a table: their names, factors to their units, and whether densities are given as roots."""
+
+    names: tuple[str, ...]
+    factors: tuple[float, ...]
+    roots: bool = False
+
+    def numbers(self, row: CsvRow) -> dict[str, float]:
+        """The numbers of a line by column, in the units of :data:`_UNITS`."""
+        values = dict(zip(self.names, row_numbers(row, self.names), strict=True))
+        scaled = {name: values[name] * factor for name, factor in zip(self.names, self.factors, strict=True)}
+        return {name: scaled[name] ** 2 if self.roots and name in "xy" else scaled[name] for name in scaled}
+
+
+def _header(cells: list[str]) -> _Header | None:
+    """Read a header; None of a line that is none."""
+    cut = [heading(cell) for cell in cells]
+    names = tuple(re.sub(r"^(psd|asd)_?(?=[xy])|_(psd|asd)$", "", name) for name, _ in cut)
+    names = tuple("f" if name in ("frequency", "freq") and "x" in names else name for name in names)
+    if names not in (_DENSITIES[:3], _DENSITIES, _LINES[:3], _LINES):
+        return None
+    named = [name for name, _ in cut if "asd" in name]
+    factors, kinds = [], []
+    for name, (_, unit) in zip(names, cut, strict=True):
+        wanted = _UNITS[name][::-1] if named else _UNITS[name]
+        factor, kind = unit_factor(name, unit or wanted[0], *wanted)
+        factors.append(factor)
+        kinds.append(kind)
+    roots = [kind == "arcsec/sqrt(Hz)" for kind in kinds[1:]]
+    if any(roots) and not all(roots):
+        raise ConfigurationError(
+            ErrorCode.CONFLICT,
+            f"{','.join(cells)!r} mixes densities and their roots; give x and y alike, and no xy with roots.",
+        )
+    return _Header(names, tuple(factors), all(roots))
+
+
+def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
+    """The rows of densities and the lines of a file."""
+    tables: dict[str, list[dict[str, float]]] = {}
+    lines: list[Line] = []
+    header: _Header | None = None
     for n, cells in rows:
-        kind = next((kind for kind in (_DENSITIES, _LINES) if tuple(cells) in kind), None)
-        if kind is not None:
-            if tables.keys() & set(kind):
+        if (new := _header(cells)) is not None:
+            header = new
+            if header.names[0] in tables:
                 raise ConfigurationError(
                     ErrorCode.DUPLICATE,
                     f"line {n} begins a second table of one kind; put all its rows into one.",
                 )
-            header = tuple(cells)
-            tables[header] = []
-        elif not header:
+            tables[header.names[0]] = []
+        elif header is None:
             raise ConfigurationError(ErrorCode.MALFORMED, f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
         else:
-            tables[header].append((n, row_numbers((n, cells), header)))
-    densities, lines = (
-        [row for header in kind for row in tables.get(header, [])] for kind in (_DENSITIES, _LINES)
-    )
+            tables[header.names[0]].append({"line": n} | header.numbers((n, cells)))
+    lines = [_line(row) for row in tables.get("frequency", [])]
+    densities = tables.get("f", [])
     if not (densities or lines):
         raise ConfigurationError(ErrorCode.MALFORMED, f"holds no motion; {_FORMATS}.")
-    if len(densities) == 1:
+    return densities, lines
+
+
+def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, tell: Tell) -> PowerSpectrum:
+    """The spectrum of a table of densities."""
+    if not rows:
+        return PowerSpectrum()
+    f = np.array([row["f"] for row in rows])
+    density = np.array([[row["x"], row.get("xy", 0.0), row["y"]] for row in rows])
+    if np.any(f < 0):
+        f, density = _folded(f, density)
+        tell("The densities have negative frequencies, which were added to the positive ones.")
+    elif two_sided:
+        density = 2 * density
+        tell("The table says that it is two-sided: its densities were doubled.")
+    if f[0] == 0:
+        f, density = f[1:], density[1:]
+        tell("The row at 0 Hz was left out: a constant offset is no motion.")
+    if len(f) == 1:
+        line = int(rows[-1]["line"])
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"line {line} is the only density; give two or more.")
+    curve = PowerSpectrum(f, density)  # refuses what is no spectrum
+    found = kind or recognise_rows(f, density)
+    spectrum = spectrum_of_bins(f, density) if found == "bins" else curve
+    read = "bins of a measured spectrum" if found == "bins" else "points of a curve, power laws between them"
+    other = "curve" if found == "bins" else "bins"
+    tell(
+        f"The {len(f)} rows of densities were read as {read}"
+        + ("." if kind else f" (--kind {other}: not so).")
+    )
+    if spectrum.lines:
+        listed = ", ".join(f"{line.frequency:.5g}" for line in spectrum.lines)
+        tell(f"Lines that stand out of the bins, and are listed as lines: {listed} Hz.")
+    return spectrum
+
+
+def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One-sided densities of two-sided ones, in ascending order."""
+    both, place = np.unique(np.abs(f), return_inverse=True)
+    sums = np.zeros((len(both), density.shape[1]))
+    np.add.at(sums, place, density)
+    return both, sums
+
+
+def _says_two_sided(path: Path) -> bool:
+    """Whether a comment says that densities are two-sided."""
+    with path.open(encoding="utf-8-sig") as handle:
+        comments = " ".join(line for line in handle if line.startswith("#")).lower()
+    found = {kind for kind in ("one", "two") if re.search(rf"\b{kind}[- ]?sided", comments)}
+    if len(found) > 1:
         raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"line {densities[0][0]} is the only density; give two or more."
+            ErrorCode.CONFLICT, "the comments say one-sided and two-sided; leave one of the words out."
         )
-    table = np.array([[*row, 0.0][:4] for _, row in densities]).reshape(-1, 4)
-    return PowerSpectrum(table[:, 0], table[:, [1, 3, 2]], tuple(_line(n, row) for n, row in lines))
+    return found == {"two"}
 
 
-def _line(n: int, row: list[float]) -> Line:
+def _line(row: dict[str, float]) -> Line:
     try:
-        return Line(*row)
+        return Line(*(row[name] for name in _LINES if name in row))
     except ConfigurationError as error:
-        raise ConfigurationError(error.code, f"line {n}: {error}") from None
+        raise ConfigurationError(error.code, f"line {row['line']}: {error}") from None

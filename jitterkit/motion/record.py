@@ -13,6 +13,8 @@ import numpy as np
 from scipy import signal
 
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.loci import trace_gaps
+from jitterkit.motion.bins import spectrum_of_bins
 from jitterkit.motion.spectrum import PowerSpectrum
 from jitterkit.motion.split import Split, check_cadence
 
@@ -49,12 +51,18 @@ class Exposures:
         exposures from the middle.
     jitters : (n, 3) array
         Second moments about the smear, arcsec².
+    numbers : (n,) int array
+        Places in the row of exposures, from 0; those are missing in which the record has a gap.
+    planned : int
+        Exposures in the row, with those that are missing.
     """
 
     starts: np.ndarray
     means: np.ndarray
     smears: np.ndarray
     jitters: np.ndarray
+    numbers: np.ndarray
+    planned: int
 
     def split(self) -> Split:
         """Mean over the exposures, for comparison with that of a spectrum.
@@ -70,8 +78,8 @@ class Exposures:
         )
 
     def steps(self) -> np.ndarray:
-        """Second moments (3,) of the motion from one exposure to the next, arcsec²; zero of a single one."""
-        steps = _squares(np.diff(self.means, axis=0))
+        """Second moments (3,) of the motion from one exposure to the next, arcsec²; zero without a pair."""
+        steps = _squares(np.diff(self.means, axis=0)[np.diff(self.numbers) == 1])
         return steps.mean(axis=0) if len(steps) else np.zeros(3)
 
 
@@ -89,7 +97,8 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
     Returns
     -------
     exposures : Exposures
-        As many as the record holds.
+        As many as the record holds, without those in which it has a gap
+        (:func:`~jitterkit.loci.trace_gaps`).
 
     Raises
     ------
@@ -106,9 +115,24 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
             "shorter exposure.",
         )
     starts = cadence * np.arange(count)
+    numbers = np.flatnonzero(_is_covered(t, starts, exposure))
+    if not len(numbers):
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"The trace has {len(trace_gaps(t))} gaps, the longest of {np.diff(t).max():g} s, and all of its "
+            f"{count} exposures of {exposure:g} s have one; give a better trace or a shorter exposure.",
+        )
     middle = places.mean(axis=0)
-    means, smears, jitters = _project(t, places - middle, starts, exposure)
-    return Exposures(starts + record.t[0], means + middle, smears, jitters)
+    means, smears, jitters = (v[numbers] for v in _project(t, places - middle, starts, exposure))
+    return Exposures(starts[numbers] + record.t[0], means + middle, smears, jitters, numbers, count)
+
+
+def _is_covered(t: np.ndarray, starts: np.ndarray, exposure: float) -> np.ndarray:
+    """Which exposures (n,) are without a gap."""
+    gaps, slack = trace_gaps(t), 1e-9 * exposure
+    after = np.searchsorted(t[gaps + 1], starts + slack, side="right")  # the first gap that ends later
+    begin = np.append(t[gaps], np.inf)[after]
+    return begin >= starts + exposure - slack
 
 
 def trace_spectrum(record: Record, segments: int = _SEGMENTS) -> PowerSpectrum:
@@ -117,32 +141,34 @@ def trace_spectrum(record: Record, segments: int = _SEGMENTS) -> PowerSpectrum:
     Parameters
     ----------
     record : Record
-        Times that are not equally spaced are made so by straight lines.
+        Times that are not equally spaced are made so by straight lines; of a record with gaps the longest
+        piece is used.
     segments : int
         Into which it is cut, under Hann's window; more are smoother and begin at a higher frequency.
 
     Returns
     -------
     spectrum : PowerSpectrum
-        Without lines: a vibration is a peak of the density, as wide as a segment resolves.  Empty where a
-        record of two or three samples has no two frequencies.
+        Of bins; a vibration that stands out of them is a line.  Empty where a record of two or three samples
+        has no two frequencies.
 
     Notes
     -----
     *Fails when* most of the power is slower than a segment: it leaks upwards.  :func:`measure_exposures` does
     not need a spectrum.
     """
-    n = len(record.t)
+    piece = max(np.split(np.arange(len(record.t)), trace_gaps(record.t) + 1), key=len)
+    n, times = len(piece), record.t[piece] - record.t[piece[0]]
     if n < _FEWEST:
         return PowerSpectrum()
-    t = np.linspace(record.t[0], record.t[-1], n)
-    x, y = (np.interp(t, record.t, values) for values in (record.x, record.y))
+    t = np.linspace(0.0, times[-1], n)
+    x, y = (np.interp(t, times, values[piece]) for values in (record.x, record.y))
     options = {"fs": (n - 1) / (t[-1] - t[0]), "nperseg": max(n // segments, min(n, 16))}
     f, xx = signal.welch(x, **options)
     _, yy = signal.welch(y, **options)
     _, xy = signal.csd(x, y, **options)
     # the row at zero has lost the mean of its segment
-    return PowerSpectrum(f[1:], np.stack([xx, xy.real, yy], axis=1)[1:])
+    return spectrum_of_bins(f[1:], np.stack([xx, xy.real, yy], axis=1)[1:])
 
 
 def _project(t, places, starts, exposure) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

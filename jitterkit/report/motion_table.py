@@ -80,6 +80,13 @@ def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
     if assessed.frames is not None:
         doubt = "; their mean says little" if assessed.frames < _FEW else ""
         said.append(f"{assessed.frames} exposures in the trace{doubt}.")
+        if assessed.left_out:
+            said.append(f"{assessed.left_out} more were left out: the trace has gaps in them.")
+        if assessed.step is not None and assessed.step > assessed.exposure / 2:
+            said.append(
+                f"The samples of the trace are {assessed.step:g} s apart: what is faster is not in it. See "
+                "that its times are in s."
+            )
     after, before = assessed.split, assessed.unguided
     if assessed.bandwidth is not None:
         said.append(

@@ -117,6 +117,63 @@ def test_a_trace_is_split_and_a_loop_takes_its_slow_part(tmp_path):
     assert any("10 Hz" in line for line in of_loop)
 
 
+def total(done) -> float:
+    """The rms along x of the row of all sources, mas."""
+    names = next(line for line in done.stdout.splitlines() if "jitter_x" in line).split()
+    row = next(line for line in done.stdout.splitlines() if line.split()[:1] == ["all"]).split()
+    values = zip(names[::-1], row[::-1], strict=False)
+    return sum(float(value) ** 2 for name, value in values if name.endswith("_x")) ** 0.5
+
+
+def test_what_the_rows_of_a_spectrum_are_is_said_and_can_be_given(tmp_path):
+    """100 bins of 1e-6 arcsec²/Hz, one of them with a line of 0.01 arcsec²."""
+    path = tmp_path / "psd.csv"
+    density = np.full(101, 1e-6)
+    density[61] += 0.01
+    np.savetxt(path, np.c_[np.arange(101), density, density], delimiter=",", header="f,x,y", comments="")
+    done = assess(path, "--no-loss")
+    assert done.exit_code == 0, done.output
+    assert total(done) == pytest.approx(1e3 * (0.01 + 1e-4) ** 0.5, rel=1e-3)
+    (line,) = [row.split() for row in done.stdout.splitlines() if row.split()[:1] == ["line"]]
+    assert line[1] == "61"
+    for words in (["100 rows", "bins", "--kind curve"], ["0 Hz"], ["stand out", "61 Hz"]):
+        assert any(all(word in said for word in words) for said in done.stderr.splitlines()), words
+    curve = assess(path, "--no-loss", "--kind", "curve")
+    assert any("points of a curve" in said for said in curve.stderr.splitlines())
+    assert total(curve) < 0.6 * total(done)
+
+
+def test_rates_in_a_unit_that_is_given_are_integrated(tmp_path, told):
+    path, t = tmp_path / "gyro.csv", np.arange(0, 5, 0.001)
+    rates = 0.1 * 2 * np.pi * 70 * np.cos(2 * np.pi * 70 * t) / 3600
+    path.write_text("t,x,y\n" + "\n".join(f"{a},{b},0" for a, b in zip(t, rates, strict=True)))
+    done = assess(path, "--no-loss", "--rates", "deg/s")
+    assert done.exit_code == 0, done.output
+    assert total(done) == pytest.approx(
+        70.7, rel=0.02
+    )  # straight lines of 1 ms leave out (2 pi 70 / 1000)² / 12
+    assert "integrated" in done.stderr
+    told(assess(path, "--rates", "deg"), ErrorCode.CONFLICT, path, "deg/s")
+
+
+def test_exposures_with_a_gap_are_left_out_with_a_word(tmp_path):
+    path, t = tmp_path / "trace.csv", np.arange(0, 5, 0.001)
+    path.write_text("t,x,y\n" + "\n".join(f"{a},{a % 1},0" for a in t if not 1.05 < a < 1.95))
+    done = assess(path, "--no-loss")
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^39 exposures in the trace", done.stderr, re.MULTILINE)
+    assert re.search(r"^10 more .*gaps", done.stderr, re.MULTILINE)
+
+
+def test_samples_further_apart_than_half_an_exposure_are_remarked_on(tmp_path):
+    """Times in ms pass for s."""
+    path, t = tmp_path / "trace.csv", np.arange(0, 5000, 1.0)
+    path.write_text("t,x,y\n" + "\n".join(f"{a},{a % 2},0" for a in t))
+    assert any("1 s apart" in said for said in assess(path, "--no-loss").stderr.splitlines())
+    path.write_text(path.read_text().replace("t,", "t [ms],", 1))
+    assert not any("s apart: what" in said for said in assess(path, "--no-loss").stderr.splitlines())
+
+
 def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path):
     path = tmp_path / "shaken.fits"
     arguments = [

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from refusals import refused
 
+from jitterkit.errors import ErrorCode
 from jitterkit.joint.velocity import motion_unknown, velocity_between_frames, velocity_from_trace
 
 
@@ -41,3 +43,12 @@ def test_telemetry_is_averaged_over_each_exposure():
     expected = [(np.sin(2 * np.pi * (m + 0.1)) - np.sin(2 * np.pi * (m - 0.1))) / 0.2 for m in (0.2, 0.7)]
     assert np.allclose(found[[0, 2], 0], expected, atol=1e-3)
     assert np.array_equal(found[1], [0.0, 0.0])
+
+
+def test_telemetry_with_a_gap_in_an_exposure_is_refused():
+    t = np.linspace(0, 1, 1001)
+    t = t[(t < 0.4005) | (t > 0.5995)]
+    trace = (t, np.sin(t), t)
+    assert velocity_from_trace(trace, [0.2, 0.8], 0.2).shape == (2, 2)
+    with refused(ErrorCode.OUT_OF_RANGE, "0.4", "0.6 s"):
+        velocity_from_trace(trace, [0.2, 0.65], 0.2)

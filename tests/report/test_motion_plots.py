@@ -73,8 +73,8 @@ def test_the_budget_of_a_record_is_that_of_its_exposures_and_its_spectrum_is_sai
     expected = [2 * np.sqrt(100 * 101 / 12), 2 / np.sqrt(12), 0]
     np.testing.assert_allclose([bar.get_height() for bar in budget.patches], expected, atol=1e-6)
     assert [label.get_text() for label in budget.get_xticklabels()] == ["displacement", "smear", "jitter"]
-    # eight segments of 125 samples
-    assert spectrum.get_title() == "Welch's estimate: nothing below 0.8 Hz"
+    # eight segments of 125 samples: the first bin is at 0.8 Hz
+    assert spectrum.get_title() == "Welch's estimate: nothing below 0.4 Hz"
 
 
 def test_a_record_too_short_for_a_spectrum_is_said_to_be():

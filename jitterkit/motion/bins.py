@@ -1,0 +1,186 @@
+"""Tables of a measured power spectrum: bins that hold power, and lines that stand out of them.
+
+Reach for :func:`recognise_rows`, which tells a table of bins from the points of a drawn curve, and for
+:func:`spectrum_of_bins`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.loci.base import axis_variances
+from jitterkit.motion.integrals import panel_integrals
+from jitterkit.motion.spectrum import Line, PowerSpectrum
+
+__all__ = ["KINDS", "recognise_rows", "spectrum_of_bins"]
+
+KINDS = ("bins", "curve")
+"""What the rows of a table of densities may be."""
+
+_UNIFORM = 0.3
+"""Of a step, by which the rows of a uniform table may lie off, rounded as they were printed."""
+
+_BANDS = 10.5
+"""Rows a decade from which uniform ratios are taken for bins, less 1: third octaves have ten."""
+
+_SOME, _MANY = 8, 16
+"""Uniform rows that make a table of bins; rows of any other spacing up to which they are a drawn curve."""
+
+_ALIKE = 0.01
+"""Share by which the power of both readings may differ for the choice not to matter."""
+
+_NEAR, _FAR = 4, 20
+"""Rows beside a line from which the background is taken: the main lobe of any usual window ends before."""
+
+_STANDS_OUT = 30.0
+"""Ratio to the background from which a row is a line.  The rows of a single periodogram, which scatter most,
+reach it once in 1e9."""
+
+_LOBE, _FALLEN, _NARROW = 8, 3.0, 4
+"""Rows on either side that a line's lobe may have, ratio to the background at which it ends, and rows above
+half its height: what is wider than a window's lobe is a resonance, and no line."""
+
+_GAP = 1e-12
+"""Share of a frequency over which one bin changes to the next."""
+
+
+def recognise_rows(frequencies: np.ndarray, density: np.ndarray) -> str:
+    """Tell whether the rows of a table are bins of a measured spectrum or points of a drawn curve.
+
+    Parameters
+    ----------
+    frequencies : (n,) array
+        Hz, ascending and positive.
+    density : (n, 3) array
+        As in :class:`~jitterkit.motion.spectrum.PowerSpectrum`.
+
+    Returns
+    -------
+    kind : str
+        ``bins`` for 8 rows or more at equal steps, or at equal ratios of ten a decade or closer;
+        ``curve`` for fewer than 16 rows at other steps, or where the power is the same either way.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be told and the power differs by more than 1 %.
+    """
+    n = len(frequencies)
+    linear = _is_uniform(frequencies)
+    if n >= _SOME and (linear or _is_banded(frequencies)):
+        return "bins"
+    if n < 4 or (n < _MANY and not linear):
+        return "curve"
+    powers = [
+        float(panel_integrals(spectrum)[1].sum(axis=(0, 1))[[0, 2]].sum())
+        for spectrum in (_steps(frequencies, density), PowerSpectrum(frequencies, density))
+    ]
+    if abs(powers[0] - powers[1]) <= _ALIKE * max(powers):
+        return "curve"
+    raise ConfigurationError(
+        ErrorCode.MISSING_VALUE,
+        f"{n} rows from {frequencies[0]:g} to {frequencies[-1]:g} Hz may be bins of a measured spectrum "
+        f"({powers[0]:.3g} arcsec² in all) or points of a drawn curve ({powers[1]:.3g} arcsec²); give --kind "
+        "bins or --kind curve.",
+    )
+
+
+def spectrum_of_bins(frequencies: np.ndarray, density: np.ndarray) -> PowerSpectrum:
+    """Make a spectrum of the bins of a measured one, such as Welch's.
+
+    Parameters
+    ----------
+    frequencies : (n,) array
+        Middles of the bins, Hz, ascending and positive.
+    density : (n, 3) array
+        As in :class:`~jitterkit.motion.spectrum.PowerSpectrum`.
+
+    Returns
+    -------
+    spectrum : PowerSpectrum
+        The density is constant within a bin, so that the power is the sum of densities times widths.  Rows
+        that stand out by a factor of 30 and no wider than a window's lobe are lines, of the power they have
+        above their surroundings; the rest stays in the bins.
+    """
+    edges = _edges(frequencies)
+    left, lines = _without_lines(frequencies, np.diff(edges), density)
+    return _steps(frequencies, left, lines)
+
+
+def _steps(frequencies: np.ndarray, density: np.ndarray, lines: tuple[Line, ...] = ()) -> PowerSpectrum:
+    edges = _edges(frequencies)
+    ends = np.stack([edges[:-1], edges[1:] * (1 - _GAP)], axis=1).ravel()
+    return PowerSpectrum(ends, np.repeat(density, 2, axis=0), lines)
+
+
+def _edges(frequencies: np.ndarray) -> np.ndarray:
+    """Edges (n + 1,) of bins: half-way between the rows, on the scale on which these are uniform."""
+    if _is_uniform(frequencies):
+        step = (frequencies[-1] - frequencies[0]) / (len(frequencies) - 1)
+        first = max(frequencies[0] - step / 2, 0.0)
+        return np.concatenate([[first], frequencies[0] + step * (np.arange(len(frequencies)) + 0.5)])
+    ratios = _is_banded(frequencies)
+    f = np.log(frequencies) if ratios else frequencies
+    middles = (f[1:] + f[:-1]) / 2
+    edges = np.concatenate([[2 * f[0] - middles[0]], middles, [2 * f[-1] - middles[-1]]])
+    return np.exp(edges) if ratios else np.maximum(edges, 0.0)
+
+
+def _is_uniform(values: np.ndarray) -> bool:
+    line = np.linspace(values[0], values[-1], len(values))
+    return bool(np.all(np.abs(values - line) <= _UNIFORM * (line[1] - line[0])))
+
+
+def _is_banded(frequencies: np.ndarray) -> bool:
+    """Whether rows are at equal ratios, close enough for bins."""
+    decades = np.log10(frequencies[-1] / frequencies[0])
+    return _is_uniform(np.log(frequencies)) and len(frequencies) - 1 >= (_BANDS - 1) * decades
+
+
+def _without_lines(
+    frequencies: np.ndarray, widths: np.ndarray, density: np.ndarray
+) -> tuple[np.ndarray, tuple[Line, ...]]:
+    """Densities without the lines in them, and these."""
+    power = density[:, 0] + density[:, 2]
+    around, lines, left = _background(power), [], density.copy()
+    free = np.ones(len(power), bool)
+    for peak in np.flatnonzero(power > _STANDS_OUT * around)[::-1]:
+        rows = _lobe(power, int(peak), around[peak], free)
+        if (
+            not free[peak]
+            or power[peak] < power[rows].max()
+            or np.sum(power[rows] > power[peak] / 2) > _NARROW
+        ):
+            continue
+        free[rows] = False
+        share = np.clip(1 - around[peak] / power[rows], 0, 1)[:, None]
+        part = share * density[rows] * widths[rows, None]
+        left[rows] *= 1 - share
+        major, minor, angle = axis_variances(part.sum(axis=0))
+        middle = np.average(frequencies[rows], weights=part[:, 0] + part[:, 2])
+        lines.append(Line(float(middle), (2 * major) ** 0.5, angle, (2 * max(minor, 0.0)) ** 0.5))
+    return left, tuple(lines[::-1])
+
+
+def _background(power: np.ndarray) -> np.ndarray:
+    """Median (n,) of the rows on the louder side, so that a slope is no line; infinite if a side has none."""
+    padded = np.concatenate([np.full(_FAR, np.nan), power, np.full(_FAR, np.nan)])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, _FAR - _NEAR + 1)
+    sides = [windows[: len(power)], windows[_FAR + _NEAR :][: len(power)]]
+    both = [np.full(len(power), np.inf) for _ in sides]
+    for median, side in zip(both, sides, strict=True):
+        known = np.isfinite(side).any(axis=1)
+        median[known] = np.nanmedian(side[known], axis=1)
+    return np.maximum(*both)
+
+
+def _lobe(power: np.ndarray, peak: int, around: float, free: np.ndarray) -> np.ndarray:
+    """Rows of a line about its peak."""
+    high = (power > _FALLEN * around) & free
+    first = last = peak
+    while first > max(peak - _LOBE, 0) and high[first - 1]:
+        first -= 1
+    while last < min(peak + _LOBE, len(power) - 1) and high[last + 1]:
+        last += 1
+    return np.arange(first, last + 1)
