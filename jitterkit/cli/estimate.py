@@ -67,12 +67,7 @@ def estimate(
             show_default=False,
         ),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE.ecsv", help="Write the table there too.", show_default=False
-        ),
-    ] = None,
+    output: options.TableOutput = None,
     plot: Annotated[
         Path | None, _directory("Draw kernel, transfer function and residual of each frame.")
     ] = None,
@@ -204,10 +199,10 @@ def _check_no_optics(instrument: str | None, scene: str, background: bool) -> No
 
 
 def _check_outputs(table: Path | None, directories: tuple[Path | None, ...], overwrite: bool) -> None:
-    from jitterkit.report.outputs import ENDS, check_directory, check_file
+    from jitterkit.report.outputs import ENDS, check_directory, check_table
 
     if table is not None:
-        check_file(table, overwrite)
+        check_table(table, overwrite)
     for directory, end in zip(directories, ENDS, strict=True):
         if directory is not None:
             check_directory(directory, [f"*{end}"], overwrite)

@@ -85,12 +85,7 @@ def motion(
             show_default=False,
         ),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE.ecsv", help="Write the budget there too.", show_default=False
-        ),
-    ] = None,
+    output: options.TableOutput = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Say what an exposure sees of a motion: displacement, smear and jitter, regime, locus, and the cost.

@@ -97,9 +97,14 @@ PlateScale = Annotated[float | None, typer.Option(help="Plate scale, arcsec/pixe
 Exposure = Annotated[float | None, typer.Option(help="Exposure time, s.", show_default=False)]
 TableOutput = Annotated[
     Path | None,
-    typer.Option("--output", "-o", metavar="FILE.ecsv", help="Also keep the table.",
-                 show_default=False),
-]  # fmt: skip
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE.ecsv",
+        help="Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.",
+        show_default=False,
+    ),
+]
 
 SpectrumKind = Annotated[
     str | None,

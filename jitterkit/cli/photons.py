@@ -71,12 +71,7 @@ def photons(
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw spectra and throughput.", show_default=False),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE.ecsv", help="Write the table as ECSV.", show_default=False
-        ),
-    ] = None,
+    output: options.TableOutput = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Count the photons of alpha Cen AB in an exposure, beside the paper's."""

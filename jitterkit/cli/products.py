@@ -15,17 +15,18 @@ __all__ = ["check_products", "deliver", "write_picture"]
 
 
 def check_products(plot: Path | None, output: Path | None, overwrite: bool) -> None:
-    """Refuse a picture that is no PNG, a table that is no ECSV, and files that cannot be written.
+    """Refuse a picture that is no PNG, a table of unknown ending, and files that cannot be written.
 
     Raises
     ------
     ConfigurationError
     """
-    from jitterkit.report.outputs import check_file
+    from jitterkit.report.outputs import check_file, check_table
 
-    for path, ending in ((plot, ".png"), (output, ".ecsv")):
-        if path is not None:
-            check_file(path, overwrite, ending)
+    if plot is not None:
+        check_file(plot, overwrite, ".png")
+    if output is not None:
+        check_table(output, overwrite)
 
 
 def deliver(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -19,9 +20,12 @@ __all__ = [
     "STARS",
     "SUMMARY",
     "TABLE",
+    "TABLES",
     "check_directory",
     "check_file",
+    "check_table",
     "make_directory",
+    "table_ending",
 ]
 
 RUN = "results.ecsv", "summary.json", "report.html", "configuration.json", "stars.ecsv"
@@ -31,6 +35,10 @@ TABLE, SUMMARY, REPORT, CONFIGURATION, STARS = RUN
 
 ENDS = (".png", ".kernel.fits", ".deblurred.fits")
 """Of the names of an estimate's picture, kernel and deblurred image."""
+
+
+TABLES = (".ecsv", ".csv", ".fits", ".parquet", ".json")
+"""Endings of the names of tables, each of which gives another format."""
 
 
 def check_directory(directory: Path, patterns: Iterable[str], overwrite: bool) -> None:
@@ -97,6 +105,40 @@ def check_file(path: Path, overwrite: bool, ending: str = "") -> None:
         raise ConfigurationError(
             ErrorCode.EXISTS, f"{path} exists; give --overwrite to replace it, or another name."
         )
+
+
+def check_table(path: Path, overwrite: bool) -> None:
+    """Refuse a table that cannot be written under its name.
+
+    Raises
+    ------
+    ConfigurationError
+        As from :func:`check_file` and :func:`table_ending`.
+    """
+    table_ending(path)
+    check_file(path, overwrite)
+
+
+def table_ending(path: Path) -> str:
+    """Return the ending of a table's name, which gives its format: one of :data:`TABLES`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the ending is another one, or its format needs a package that is not installed.
+    """
+    ending = path.suffix.lower()
+    if ending not in TABLES:
+        raise ConfigurationError(
+            ErrorCode.WRONG_SUFFIX, f"{path} is no name of a table; it must end in {', '.join(TABLES)}."
+        )
+    if ending == ".parquet" and find_spec("pyarrow") is None:
+        raise ConfigurationError(
+            ErrorCode.MISSING_PACKAGE,
+            f'{path} needs pyarrow, which is not installed; run: pip install "jitterkit[parquet]", or '
+            "choose another ending.",
+        )
+    return ending
 
 
 def _unwritable(directory: Path, problem: str) -> ConfigurationError:

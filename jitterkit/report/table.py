@@ -1,13 +1,15 @@
 """The results table: one row a frame, units on the columns, whole on disk.
 
-:func:`make_table` binds rows, :func:`write_table` writes ``results.ecsv`` and :func:`read_table` reads
-it back to the last digit.  Any astropy can read the file without jitterkit.
+:func:`make_table` binds rows, :func:`write_table` writes any table in the format of its file's ending, and
+:func:`read_table` reads ECSV back to the last digit.  Any astropy can read the file without jitterkit.
 """
 
 from __future__ import annotations
 
+import json
+import warnings
 from array import array
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,12 @@ from typing import Any
 import numpy as np
 from astropy.table import MaskedColumn, QTable
 from astropy.units import Unit
+from astropy.utils.exceptions import AstropyUserWarning
 
 from jitterkit.frames.whole import replacing
 from jitterkit.report.columns import COLUMNS, Column, aberration_columns
 from jitterkit.report.flags import flag_meanings
+from jitterkit.report.outputs import table_ending
 from jitterkit.report.row import Row
 from jitterkit.report.words import printable
 
@@ -99,17 +103,33 @@ def _natural(name: str) -> tuple[str, int, str]:
 
 
 def write_table(path: str | Path, table: QTable, *, overwrite: bool = False) -> None:
-    """Write a table as ECSV, whole or not at all.
+    """Write a table, whole or not at all, in the format of its file's ending.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.ecsv``, ``.fits`` and ``.parquet`` keep units, descriptions and metadata; FITS has the metadata in
+        comments, as JSON, and text that is not ASCII with escapes.  ``.json`` has an object with ``meta``,
+        ``units`` and ``rows``, in which NaN is null.  ``.csv`` is a line of names and one for each row.
+    table : QTable
+    overwrite : bool
+        Whether a file of that name may be replaced.
 
     Raises
     ------
+    ConfigurationError
+        If the ending is another one, or its format needs a package that is not installed.
     FrameError
         If the file exists and may not be overwritten, or cannot be written.
     """
-    with (
-        replacing(Path(path), overwrite) as temporary,
-        temporary.open("w", encoding="utf-8", newline="\n") as file,
-    ):
+    path = Path(path)
+    write = _WRITERS[table_ending(path)]
+    with replacing(path, overwrite) as temporary:
+        write(temporary, table)
+
+
+def _write_ecsv(path: Path, table: QTable) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
         head = _ecsv(table[:0])
         file.writelines(head)
         for start in range(0, len(table), _CHUNK):
@@ -132,6 +152,62 @@ def _quoted(line: str) -> str:
     """
     first, space, rest = line.partition(" ")
     return f'"{first}"{space}{rest}' if line.startswith("#") else line
+
+
+def _write_csv(path: Path, table: QTable) -> None:
+    bare = table.copy()
+    for name in bare.colnames:
+        bare[name].info.format = None  # all digits
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        bare.write(file, format="ascii.csv")
+
+
+def _write_fits(path: Path, table: QTable) -> None:
+    ascii_only = table.copy()
+    for name in table.colnames:
+        if table[name].dtype.kind == "U":
+            ascii_only[name] = np.char.decode(
+                np.char.encode(table[name], "ascii", "backslashreplace"), "ascii"
+            )
+        ascii_only[name].info.description = _ascii(table[name].info.description or "")
+    plain = {str(key): value for key, value in _plain(table.meta).items()}
+    ascii_only.meta = {"comments": [json.dumps({key: value}) for key, value in plain.items()]}
+    with warnings.catch_warnings():  # of electron, which FITS does not know and astropy keeps in comments
+        warnings.simplefilter("ignore", AstropyUserWarning)
+        ascii_only.write(path, format="fits")
+
+
+def _ascii(text: str) -> str:
+    return text.encode("ascii", "backslashreplace").decode()
+
+
+def _write_parquet(path: Path, table: QTable) -> None:
+    table.write(path, format="parquet")
+
+
+def _write_json(path: Path, table: QTable) -> None:
+    columns = {name: getattr(table[name], "value", table[name]) for name in table.colnames}
+    rows = [
+        dict(zip(columns, cells, strict=True)) for cells in zip(*map(_cells, columns.values()), strict=True)
+    ]
+    units = {name: str(table[name].unit) for name in columns if getattr(table[name], "unit", None)}
+    whole = {"meta": _plain(table.meta), "units": units, "rows": rows}
+    path.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
+
+
+def _cells(values: np.ndarray) -> list:
+    """Cells of a column as JSON knows them."""
+    cells = np.asarray(values).tolist()
+    return [None if isinstance(cell, float) and not np.isfinite(cell) else cell for cell in cells]
+
+
+_WRITERS: dict[str, Callable[[Path, QTable], None]] = {
+    ".ecsv": _write_ecsv,
+    ".csv": _write_csv,
+    ".fits": _write_fits,
+    ".parquet": _write_parquet,
+    ".json": _write_json,
+}
 
 
 def read_table(path: str | Path) -> QTable:
