@@ -70,7 +70,7 @@ class Trace(Locus):
         ------
         ConfigurationError
             If the times do not ascend, a number is not finite, fewer than two samples lie in the exposure, or
-            the record does not cover it.
+            the record does not cover it or has a gap (:func:`trace_gaps`) over more than a tenth of it.
         """
         t, x, y = (np.asarray(v, float) for v in (t, x, y))
         _check(t, x, y)
@@ -91,6 +91,13 @@ class Trace(Locus):
                 f"to {end:g} s; shorten the exposure or give a longer trace.",
             )
         begin, end = max(begin, t[0]), min(end, t[-1])
+        for gap in trace_gaps(t):
+            if min(end, t[gap + 1]) - max(begin, t[gap]) > _BRIDGED * (end - begin):
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE,
+                    f"The trace has no samples from {t[gap]:g} to {t[gap + 1]:g} s, in the exposure from "
+                    f"{begin:g} to {end:g} s; give a trace without this gap, or another exposure.",
+                )
         times = np.concatenate([[begin], t[inside], [end]])
         places = np.stack([np.interp(times, t, x), np.interp(times, t, y)], axis=1)
         times = (times - begin) / (end - begin)
@@ -252,6 +259,9 @@ def _integral(t: np.ndarray, rates: np.ndarray) -> np.ndarray:
         angles.append(angle - mean)
     return np.concatenate(angles)
 
+
+_BRIDGED = 0.1
+"""Share of an exposure over which a gap is bridged: it changes second moments by as much at most."""
 
 _COLUMNS = ("t", "x", "y")
 

@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
-from jitterkit.loci import read_trace, trace_gaps
+from jitterkit.loci import Trace, read_trace, trace_gaps
 
 T = np.arange(0, 2, 0.001)
 ANGLES = 0.1 * np.sin(2 * np.pi * 5 * T), 0.05 * np.cos(2 * np.pi * 3 * T)
@@ -97,3 +97,11 @@ def test_gaps_are_holes_of_several_steps():
     t[70:] += 2.0  # two samples were lost
     assert list(trace_gaps(t)) == [49]
     assert list(trace_gaps([0.0, 1.0, 100.0])) == []  # a path of two pieces
+
+
+def test_a_trace_with_a_gap_in_the_exposure_is_refused():
+    t = T[(T < 0.4005) | (T > 0.5995)]
+    x = np.sin(t)
+    assert Trace.of(t, x, x, 0.0, 0.4).moments()[0] > 0
+    with refused(ErrorCode.OUT_OF_RANGE, "0.4", "0.6 s", "0.3", "0.7 s"):
+        Trace.of(t, x, x, 0.3, 0.4)
