@@ -172,10 +172,10 @@ def _row(
     if isinstance(result, Exception):
         return _blank(path, index, measurer, FitResult.from_error(_status(result), result))
     measured, digest = result
-    if isinstance(measured, Measured):
-        original = known.original(digest, f"{printable(path)} [{index}]")
-        measured = FitResult.duplicate_of(original) if original else measured
-    return _measured_row(path, index, measurer, measured, keep) | {"digest": digest}
+    row = _measured_row(path, index, measurer, measured, keep)
+    if row["status"] == "ok" and (original := known.original(digest, f"{printable(path)} [{index}]")):
+        row = _blank(path, index, measurer, FitResult.duplicate_of(original))
+    return row | {"digest": digest}
 
 
 def _status(error: Exception) -> Status:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from jitterkit.batch import process_files
+from jitterkit.batch import Finder, process_files
+from jitterkit.batch.by_optics import OpticsMeasurer
+from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.stream import Done
 from jitterkit.frames import write_fits
 from jitterkit.refit import FitResult, Status
@@ -122,3 +124,14 @@ def test_a_run_that_is_resumed_knows_the_pixels_of_the_time_before(run):
     done = run(resume=True, watch=lambda row: told.append(row["status"]))
     assert list(done.table["status"]) == EXPECTED
     assert told == EXPECTED
+
+
+def test_an_estimate_counts_a_duplicate_once(night, telescope):
+    """A prior made of the table would else count its photons twice."""
+    table = estimate_files([night], OpticsMeasurer(Finder(telescope)))
+    numbers = table["sxx"].value[table["status"] == "ok"]
+    assert list(table["file"][table["status"] == "ok"]) == ["a copy.fits", "b.fits"]
+    assert np.isfinite(numbers).all()
+    assert set(table["status"]) == {"ok", "duplicate"}
+    assert np.isnan(table["sxx"].value[table["status"] == "duplicate"]).all()
+    assert len(set(table["digest"])) == 2
