@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.kernel_estimate import is_detected
@@ -79,7 +80,8 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
         scale, outliers = scale_hint(frame, expected_scale), _outlier_hint(frame, result)
         jitter = "" if scale or outliers else _jitter_hint(result)
-        sky = "" if jitter else _sky_hint(result)  # the wings of a blur look like sky
+        unitless = NORMALISED in frame.flags
+        sky = "" if jitter or unitless else _sky_hint(result)  # the wings of a blur look like sky
         hints = filter(None, (scale, outliers, jitter, sky))
         return replace(result, message=" ".join([result.message, *hints]))
     return result

@@ -77,7 +77,7 @@ def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None) -> None:
         raise FrameError(
             ErrorCode.UNKNOWN_UNIT,
             where,
-            "is in electrons",
+            f"is in {raw.unit}",
             f"give the {kind} frames as they were read, in ADU",
         )
     if earlier is not None and raw.shape != earlier.shape:

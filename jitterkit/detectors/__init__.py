@@ -4,6 +4,7 @@
 """
 
 from jitterkit.detectors.detector import Detector
+from jitterkit.detectors.pixel_units import NORMALISED
 from jitterkit.detectors.presets import DETECTORS, detector_preset
 
-__all__ = ["DETECTORS", "Detector", "detector_preset"]
+__all__ = ["DETECTORS", "NORMALISED", "Detector", "detector_preset"]

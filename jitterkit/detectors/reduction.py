@@ -7,7 +7,7 @@ current, flat; and beside the counts their noise, the level at which they end an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from jitterkit.detectors.coupling import beside, decouple, decoupled_variance
 from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
 from jitterkit.detectors.linearity import collected, slope
 from jitterkit.detectors.maps import piece
+from jitterkit.detectors.pixel_units import GUESSED, NORMALISED, in_counts, is_normalised
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Known, Metadata
 
@@ -23,6 +24,9 @@ __all__ = ["reduce"]
 
 _ROUNDING = 1e-12
 """By this share a charge may miss the level of a full well and still be at it."""
+
+_PROOF = 1.5
+"""Times the largest reading of a converter: division by a flat lifts a clipped pixel by less."""
 
 Values = np.ndarray | float
 
@@ -40,7 +44,13 @@ class _Counts:
 
 def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
     """Turn a frame as it was read into electrons; see :meth:`Detector.calibrate`."""
+    normalised, whole = is_normalised(raw), detector
+    raw = in_counts(raw)
     metadata = inform(detector, raw.metadata)
+    beyond = _disproves(raw, metadata, detector.largest)
+    if beyond:
+        detector = replace(detector, bits=None)
+        metadata = inform(detector, raw.metadata)
     counts = (_of_adu if raw.unit == "adu" else _of_electrons)(detector, raw, metadata)
     response = _piece(detector, "flat", raw) if raw.unit == "adu" else 1.0
     bad = _bad(detector, raw) | counts.unknown
@@ -58,7 +68,7 @@ def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
         origin=raw.origin,
         several=raw.several,
         saturated=int(np.sum(full)),
-        flags=_flags(detector, raw, metadata, bool(np.any(full))),
+        flags=(*_flags(whole, raw, metadata, bool(np.any(full)), beyond), *[NORMALISED] * normalised),
         response=response,
         ceiling=counts.ceiling / response,
         full=full & ~bad,
@@ -143,11 +153,26 @@ def _bad(detector: Characteristics, raw: RawFrame) -> np.ndarray:
     return bad if detector.flat is None else bad | (_piece(detector, "flat", raw) <= 0)
 
 
-def _flags(detector: Characteristics, raw: RawFrame, metadata: Metadata, saturated: bool) -> tuple[str, ...]:
+def _disproves(raw: RawFrame, metadata: Metadata, largest: float) -> bool:
+    """Whether readings lie so far above the converter's largest that another made them, or a gain is wrong.
+
+    Of a frame in electrons the level rests on a gain that its header may have from before it was converted.
+    """
+    good = raw.data[~raw.mask]
+    if math.isinf(largest) or not good.size:
+        return False
+    bias, gain = metadata.value("bias"), metadata.value("gain")
+    top = good.max() - bias if raw.unit == "adu" else good.max() / gain
+    return bool(top > _PROOF * (largest - bias))
+
+
+def _flags(
+    detector: Characteristics, raw: RawFrame, metadata: Metadata, saturated: bool, beyond: bool
+) -> tuple[str, ...]:
     converted = raw.unit == "adu"
     needed = ASSUMED if converted else ("read_noise",)
     flags = [f"{name}_assumed" for name in needed if _nobody_said(getattr(metadata, name))]
-    beyond = converted and bool(np.any((raw.data > detector.largest) & ~raw.mask))
+    beyond = beyond or (converted and bool(np.any((raw.data > detector.largest) & ~raw.mask)))
     dark = detector.dark_current is not None and bool(np.any(detector.dark_current))
     undated = converted and dark and metadata.exposure is None
     conditions = {"saturated": saturated, "above_adc_range": beyond, "dark_not_subtracted": undated}
@@ -155,7 +180,7 @@ def _flags(detector: Characteristics, raw: RawFrame, metadata: Metadata, saturat
 
 
 def _nobody_said(known: Known) -> bool:
-    return known.source.startswith(("preset", "assumed"))
+    return known.source.startswith(GUESSED)
 
 
 def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:

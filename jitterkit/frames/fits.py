@@ -22,12 +22,14 @@ from astropy.io import fits
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Unit
-from jitterkit.frames.header import resolve_header
+from jitterkit.frames.header import rate_of_brightness, resolve_header
 from jitterkit.frames.header_blocks import ends_early, open_bytes, refuse_missing_data, walk
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pixels import Pixels
 from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.plainheader import PlainHeader
+from jitterkit.frames.planes import refuse_colour, rows_from_the_top
+from jitterkit.frames.sky import turned_over
 from jitterkit.frames.wcs import celestial_wcs
 
 _REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
@@ -59,6 +61,7 @@ class FitsFile(FrameFile):
 
     def __init__(self, path: Path, hdu: int | None) -> None:
         super().__init__(path)
+        self._factor = 1.0
         with translated(path) as caught:
             self._handle = open_bytes(path)
             try:
@@ -76,13 +79,27 @@ class FitsFile(FrameFile):
         self._count, self.shape = math.prod(planes), (ny, nx)
         wcs, messages = celestial_wcs(header)
         inherit = _header(primary) if unit.number and header.get("INHERIT") is not False else None
+        refuse_colour(self.path, unit.shape, header, inherit)
+        from_top, odd = rows_from_the_top(header, inherit)
+        if wcs is not None and from_top:
+            wcs = turned_over(wcs, ny)
         metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
+        rate = rate_of_brightness(header, metadata.unit, inherit)
+        if rate is not None:
+            self._factor, known = rate
+            metadata = metadata.override(known.source, unit=known)
         lossy = _lossy(unit, header) if unit.packed else []
-        self.metadata = metadata.warn(*header.warnings, *messages, *lossy)
+        metadata = metadata.warn(*header.warnings, *messages, *lossy, *odd)
+        self.metadata = metadata.reordered(-1) if from_top else metadata
 
     def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
         data, blank = self._pixels.plane(index)
-        return data, NONE_MASKED if blank is None else blank, self.metadata
+        mask = NONE_MASKED if blank is None else blank
+        if self._factor != 1.0:
+            data *= self._factor
+        if self.metadata.row_order == -1:
+            data, mask = np.ascontiguousarray(data[::-1]), mask[::-1] if mask.ndim else mask
+        return data, mask, self.metadata
 
     def read_through(self) -> None:
         """Read every frame, and a gzip to its end, where its checksum stands."""

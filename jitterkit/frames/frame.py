@@ -18,7 +18,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames.header import resolve_header
-from jitterkit.frames.metadata import Metadata, resolve_unit
+from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.placed import (
     NONE_MASKED,
     Placed,
@@ -27,6 +27,7 @@ from jitterkit.frames.placed import (
     number_or_map,
     require_positive,
 )
+from jitterkit.frames.units import resolve_unit
 
 __all__ = ["Frame", "RawFrame"]
 
@@ -38,8 +39,8 @@ class RawFrame(Placed):
     Parameters
     ----------
     data : (ny, nx) float64 array
-        Pixel values, ADU or electrons as ``metadata.unit`` says (ADU where it is None); row index
-        upwards.  Values that are not finite are set to 0 and masked.
+        Pixel values in ``metadata.unit`` (ADU where it is None); row index upwards.  Values that are not
+        finite are set to 0 and masked.
     mask : (ny, nx) bool array, optional
         True where a pixel is unusable.
     metadata : Metadata
@@ -81,7 +82,7 @@ class RawFrame(Placed):
 
     @property
     def unit(self) -> str:
-        """``"adu"`` or ``"electron"``; ADU where nothing is known."""
+        """``"adu"``, ``"electron"`` or another; ADU where nothing is known."""
         return self.metadata.value("unit", "adu")
 
     @cached_property
@@ -130,10 +131,9 @@ class RawFrame(Placed):
         header = getattr(ccd, "header", None) or getattr(ccd, "meta", None) or {}
         wcs = getattr(ccd, "wcs", None)
         metadata = resolve_header(header, wcs=None if wcs is None else wcs.celestial)
-        unit = resolve_unit(str(getattr(ccd, "unit", None) or ""))
-        if unit is None:
-            metadata = metadata.warn(f"the unit {ccd.unit} is neither ADU nor electrons and is taken as ADU")
-        metadata = metadata.override("argument CCDData.unit", unit=unit or "adu")
+        text = str(getattr(ccd, "unit", None) or "")
+        unit = Known(resolve_unit(text) or text, "", "argument CCDData.unit")
+        metadata = metadata.override(unit.source, unit=unit)
         if getattr(ccd, "uncertainty", None) is not None:
             metadata = metadata.warn("the uncertainty is not used: variance comes from gain and read noise")
         mask = getattr(ccd, "mask", None)

@@ -1,11 +1,9 @@
-"""From a FITS-like header to :class:`Metadata`: aliases, precedence, and disbelief.
+"""From a FITS-like header to :class:`Metadata`: keywords, precedence, and disbelief.
 
 Reach for :func:`resolve_header`.  It never raises for what a header says: a value that is
 malformed, negative or absurd is ignored with a warning that quotes it.  Keywords mean what the
-observatories and the amateur capture programs write:
+observatories and the amateur capture programs write (:mod:`~jitterkit.frames.dialects`):
 
-* ``GAIN`` is e-/ADU at observatories, but a *camera setting* in amateur capture software, where
-  ``EGAIN`` holds e-/ADU (and 0 when the program does not know it).
 * ``XPIXSZ`` is the pixel *after* binning (SBFITSEXT and every program that follows it), ``PIXSIZE1``
   before.
 * ``DATAMAX`` should be the highest trustworthy value, but many programs write the highest present.
@@ -13,32 +11,26 @@ observatories and the amateur capture programs write:
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Mapping
 from typing import Any
 
-from jitterkit.frames.cards import ALIASES, Cards
-from jitterkit.frames.metadata import QUANTITIES, Known, Metadata, resolve_unit
+from jitterkit.frames.cards import Cards, Number
+from jitterkit.frames.gains import resolve_gain
+from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
 from jitterkit.frames.sky import plate_scale
 from jitterkit.frames.times import resolve_time
+from jitterkit.frames.units import RATES, resolve_unit
 
-__all__ = ["CAPTURE_SOFTWARE", "resolve_header"]
-
-#: Programs in whose files GAIN is a camera setting.
-CAPTURE_SOFTWARE = (
-    "n.i.n.a", "nina", "nighttime imaging", "sharpcap", "asiair", "asi air", "zwo", "asistudio", "asiimg",
-    "firecapture", "astro photography tool", "kstars", "ekos", "indi", "sequence generator", "sgpro", "phd2",
-    "astrodmx", "voyager", "maxim", "theskyx", "ezcap", "toupsky",
-)  # fmt: skip
-SOFTWARE_KEYS = ("SWCREATE", "SOFTWARE", "CREATOR", "PROGRAM", "ORIGIN")
-
-#: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
-PLAUSIBLE_GAIN = (0.01, 30.0)
+__all__ = ["rate_of_brightness", "resolve_header"]
 
 ARCSEC_PER_RADIAN = 206264.80624709636
 
-ELECTRONS_PER_ADU = re.compile(r"(?:\be-?|electrons?)\s*(?:/|per)\s*(?:adu|dn|count)", re.I)
-ADU_PER_ELECTRON = re.compile(r"(?:adu|dn|counts?)\s*(?:/|per)\s*(?:e\b|e-|(?:photo-?)?electron)", re.I)
+_UNSAID = ("none", "na", "n/a", "unknown", "undefined", "null", "raw", "unitless", "unspecified")
+"""Texts of ``BUNIT`` that say nothing, in lower case."""
+
+_CONVERSIONS = ("PHOTMJSR", "FLUXCONV")
+"""Keywords of JWST and Spitzer: MJy/sr that one count per second stands for."""
 
 
 def resolve_header(
@@ -66,129 +58,187 @@ def resolve_header(
 
     Notes
     -----
-    Precedence: EGAIN > EPERADU > GAIN; WCS > PIXSCALE and its like > FOCALLEN with XPIXSZ.
-    A WCS and a PIXSCALE that differ by more than 1 % earn a warning.
+    Precedence: EGAIN > EPERADU > CVF > CONAD > GAIN; WCS > PIXSCALE and its like > FOCALLEN with XPIXSZ.
+    A WCS and a PIXSCALE that differ by more than 1 % earn a warning.  A ``unit`` that is none of
+    :data:`~jitterkit.frames.units.COUNTS` and :data:`~jitterkit.frames.units.RATES` is kept as written: a
+    detector refuses it by name.
     """
-    layers = [(header, hdu)] + ([] if inherit is None else [(inherit, 0)])
-    cards = Cards(layers)
-    gain = _gain(cards)
+    cards = Cards([(header, hdu)] + ([] if inherit is None else [(inherit, 0)]))
+    gain, unit, bias = resolve_gain(cards), _unit(cards), None
+    number = _first(cards, "bias")
+    if number is not None:
+        bias = _in(number, "adu", gain, None, cards)
     return Metadata(
         exposure=cards.first("exposure"),
         gain=gain,
         read_noise=_read_noise(cards, gain),
-        saturation=_saturation(cards),
-        bias=cards.first("bias"),
+        saturation=_saturation(cards, gain, bias, "adu" if unit is None else unit.value),
+        bias=bias,
         plate_scale=_plate_scale(cards, wcs, hdu),
+        line_time=_line_time(cards),
         time=resolve_time(cards),
-        unit=_unit(cards),
+        unit=unit,
         wcs=wcs,
     ).warn(*cards.warnings)
 
 
-def _gain(cards: Cards) -> Known | None:
-    egain = cards.find("EGAIN")
-    for key in ALIASES["gain"]:
-        card = None if _is_unknown_egain(cards, key) else cards.believable("gain", key)
-        if card is None:
-            continue
-        value, words, source = card
-        objection = _not_electrons_per_adu(cards, key, value, words, egain is not None)
-        if objection is None:
-            return Known(value, "e-/ADU", source)
-        cards.warnings.append(f"{key} = {value:g} {objection} and is ignored")
-    return None
+def _first(cards: Cards, name: str) -> Number | None:
+    found = (cards.believable(name, key) for key in cards.keywords(name))
+    return next((number for number in found if number is not None), None)
 
 
-def _is_unknown_egain(cards: Cards, key: str) -> bool:
-    card = cards.number(key) if key == "EGAIN" else None
-    return card is not None and card[0] == 0
-
-
-def _not_electrons_per_adu(cards: Cards, key: str, value: float, words: str, has_egain: bool) -> str | None:
-    """Say why a gain is not to be taken as e-/ADU, or None."""
-    if ELECTRONS_PER_ADU.search(words):
+def _in(number: Number, unit: str, gain: Known | None, bias: Known | None, cards: Cards) -> Known | None:
+    """Convert a level between electrons and ADU; None with a warning where that cannot be done."""
+    stated, word = number.counted or unit, {"adu": "ADU", "electron": "e-"}
+    if stated == unit:
+        return Known(number.value, word[unit], number.source)
+    if stated in RATES or gain is None:
+        said = f"{number.key} = {number.value:g} is in {word.get(stated, stated)}"
+        why = "which is not converted" if stated in RATES else "and the gain is unknown"
+        cards.warnings.append(f"{said}, {why}; it is ignored")
         return None
-    if ADU_PER_ELECTRON.search(words):
-        return f"is in ADU per electron by its comment {words!r}"
-    if key != "GAIN":
-        return None
-    if has_egain:
-        return "stands beside an EGAIN, so it is a camera setting"
-    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if _captures(s)), None)
-    if software is not None:
-        return f"was written by {software}, so it is a camera setting"
-    low, high = PLAUSIBLE_GAIN
-    return None if low <= value <= high else "is not plausible as e-/ADU, so it is a camera setting"
-
-
-def _captures(software: str) -> bool:
-    # whole words, so that "India" is not INDI
-    names = "|".join(map(re.escape, CAPTURE_SOFTWARE))
-    return re.search(rf"(?<![a-z])({names})(?![a-z])", software.lower()) is not None
+    zero = 0.0 if bias is None else bias.value
+    if unit == "adu":
+        value = number.value / gain.value + zero
+        return Known(value, "ADU", f"{number.source} in e- over {gain.source}")
+    return Known((number.value - zero) * gain.value, "e-", f"{number.source} in ADU times {gain.source}")
 
 
 def _read_noise(cards: Cards, gain: Known | None) -> Known | None:
-    for key in ALIASES["read_noise"]:
-        card = cards.believable("read_noise", key)
-        if card is None:
-            continue
-        value, words, source = card
-        if not re.search(r"\b(adu|dn)\b", words, re.I) or ELECTRONS_PER_ADU.search(words):
-            return Known(value, "e-", source)
-        if gain is not None:
-            return Known(value * gain.value, "e-", f"{source} in ADU times {gain.source}")
-        cards.warnings.append(f"{key} = {value:g} is in ADU and the gain is unknown; it is ignored")
+    for key in cards.keywords("read_noise"):
+        number = cards.believable("read_noise", key)
+        known = None if number is None else _in(number, "electron", gain, None, cards)
+        if known is not None:
+            return known
     return None
 
 
-def _saturation(cards: Cards) -> Known | None:
-    known = cards.first("saturation")
+def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str) -> Known | None:
+    """The level in the unit of the pixels, ADU or electrons, once the exposure has made counts of rates."""
+    number = _first(cards, "saturation")
+    if number is None:
+        return None
+    if unit not in ("adu", "electron") and not number.counted:
+        cards.warnings.append(
+            f"{number.key} = {number.value:g} has no unit beside pixels in {unit} and is ignored"
+        )
+        return None
+    known = _in(number, unit.removesuffix("/s") if unit in RATES else unit, gain, bias, cards)
     if known is None or "DATAMAX" not in known.source:
         return known
-    if known.value != round(known.value):
-        cards.warnings.append(f"DATAMAX = {known.value:g} is the data's maximum and is ignored")
+    if number.value != round(number.value):
+        cards.warnings.append(f"DATAMAX = {number.value:g} is the data's maximum and is ignored")
         return None
-    cards.warnings.append(f"saturation is DATAMAX = {known.value:g}, which may be the data's maximum")
+    cards.warnings.append(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
     return known
 
 
 def _plate_scale(cards: Cards, wcs: Any, hdu: int) -> Known | None:
-    said = cards.first("plate_scale")
+    said = cards.first("plate_scale") or _scale_from_area(cards)
     if wcs is None:
-        return said or _scale_from_optics(cards)
+        return _scale_without_sky(cards, said)
     scale, warning = plate_scale(wcs)
     cards.warnings += [] if warning is None else [warning]
     problem = QUANTITIES["plate_scale"].problem(scale)
     if problem is not None:
         cards.warnings.append(f"the WCS's scale = {scale:g} {problem} and is ignored")
-        return said or _scale_from_optics(cards)
+        return _scale_without_sky(cards, said)
     if said is not None and abs(said.value / scale - 1) > 0.01:
         cards.warnings.append(f"{said.source} = {said.value:g} differs from the WCS's {scale:g} arcsec/pixel")
     return Known(scale, "arcsec/pixel", f"header WCS (HDU {hdu})")
 
 
-def _scale_from_optics(cards: Cards) -> Known | None:
-    focal, pixel, unbinned = cards.number("FOCALLEN"), cards.number("XPIXSZ"), cards.number("PIXSIZE1")
-    if focal is None or focal[0] <= 0 or (pixel is None and unbinned is None):
+def _scale_without_sky(cards: Cards, said: Known | None) -> Known | None:
+    optics = _scale_from_optics(cards)
+    if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
+        told = f"{optics.source} = {optics.value:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} differs from {told} arcsec/pixel")
+    elif said is not None and optics is None and _binning(cards) > 1:
+        told = f"the binning of {_binning(cards):g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {told}")
+    return said or optics
+
+
+def _scale_from_area(cards: Cards) -> Known | None:
+    """The side of a pixel whose area on the sky JWST writes, in arcsec²."""
+    area = cards.number("PIXAR_A2")
+    if area is None or not 0 < area[0] < math.inf:
         return None
-    bins = cards.number("XBINNING")
-    factor = 1.0 if bins is None else max(bins[0], 1.0)
-    if pixel is not None and factor > 1:
-        cards.warnings.append(f"XPIXSZ = {pixel[0]:g} is taken to include the binning of {factor:g}")
-    size, key = (pixel[0], "XPIXSZ") if pixel else (unbinned[0] * factor, "PIXSIZE1*XBINNING")  # type: ignore[index]
-    scale = ARCSEC_PER_RADIAN * size * 1e-3 / focal[0]
+    return Known(math.sqrt(area[0]), "arcsec/pixel", area[2])
+
+
+def _scale_from_optics(cards: Cards) -> Known | None:
+    focal = cards.quantity("focal_length", "FOCALLEN")
+    pixel, unbinned = (cards.quantity("pixel_size", key) for key in ("XPIXSZ", "PIXSIZE1"))
+    if focal is None or focal.value <= 0 or (pixel is None and unbinned is None):
+        return None
+    factor = _binning(cards)
+    if pixel is not None:
+        size, key = pixel.value, "XPIXSZ"
+        if factor > 1:
+            cards.warnings.append(f"XPIXSZ = {size:g} is taken to include the binning of {factor:g}")
+    else:
+        size, key = unbinned.value * factor, "PIXSIZE1*XBINNING"  # type: ignore[union-attr]
+    scale = ARCSEC_PER_RADIAN * size * 1e-3 / focal.value
     problem = QUANTITIES["plate_scale"].problem(scale)
     if problem is not None:
         cards.warnings.append(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
         return None
-    return Known(scale, "arcsec/pixel", focal[2].replace("FOCALLEN", f"{key}/FOCALLEN"))
+    return Known(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
+
+
+def _binning(cards: Cards) -> float:
+    bins = cards.number("XBINNING")
+    return 1.0 if bins is None else max(bins[0], 1.0)
+
+
+def _line_time(cards: Cards) -> Known | None:
+    known = cards.first("line_time")
+    rolling = next((k for k in ("SHUTTER", "SHUTMODE") if "rolling" in cards.text(k).lower()), None)
+    if known is None and rolling is not None:
+        said = f"{rolling} = {cards.text(rolling)!r}"
+        cards.warnings.append(
+            f"{said} and no LINETIME says how long a row takes: a drift shifts rows against each other; "
+            "give line_time in the instrument file"
+        )
+    return known
 
 
 def _unit(cards: Cards) -> Known | None:
     card = cards.find("BUNIT")
     if card is None:
         return None
-    unit = resolve_unit(str(card[0]))
-    if unit is None:
-        cards.warnings.append(f"BUNIT = {card[0]!r} is neither ADU nor electrons and is taken as ADU")
-    return Known(unit or "adu", "", card[2])
+    text = str(card[0]).strip()
+    unit = resolve_unit(text)
+    if unit is None and text.lower() in _UNSAID:
+        cards.warnings.append(f"BUNIT = {text!r} says no unit and is taken as ADU")
+        unit = "adu"
+    return Known(unit or text, "", card[2])
+
+
+def rate_of_brightness(
+    header: Mapping[str, Any], unit: Known | None, inherit: Mapping[str, Any] | None = None
+) -> tuple[float, Known] | None:
+    """Find how a header converts surface brightness to counts.
+
+    Parameters
+    ----------
+    header, inherit : mapping
+        As in :func:`resolve_header`.
+    unit : Known or None
+        What that says of the pixels.
+
+    Returns
+    -------
+    factor, unit : (float, Known) or None
+        By what pixels in MJy/sr are multiplied, and the unit that they have then: ``"adu/s"``.  None for
+        other pixels, and where the header has neither of :data:`_CONVERSIONS`.
+    """
+    if unit is None or "".join(str(unit.value).lower().split()) not in ("mjy/sr", "mjysr-1", "mjy.sr-1"):
+        return None
+    cards = Cards([(header, 0)] + ([] if inherit is None else [(inherit, 0)]))
+    for key in _CONVERSIONS:
+        card = cards.number(key)
+        if card is not None and 0 < card[0] < math.inf:
+            return 1 / card[0], Known("adu/s", "", f"{unit.source} in MJy/sr over {key}")
+    return None

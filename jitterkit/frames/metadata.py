@@ -16,29 +16,19 @@ from functools import lru_cache
 from typing import Any
 
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 
 __all__ = [
     "QUANTITIES",
     "RANKS",
     "ROWS_ARE_COLUMNS",
-    "UNITS",
     "Known",
     "Metadata",
     "Quantity",
-    "resolve_unit",
 ]
 
 #: The first words of a source, from the most to the least authoritative.
 RANKS = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
-
-#: Spellings of the unit of a pixel value, in lower case and without blanks.
-UNITS = {
-    "adu": "adu", "adus": "adu", "adu/pixel": "adu", "adu/pix": "adu", "count": "adu", "counts": "adu",
-    "ct": "adu", "cts": "adu", "dn": "adu", "dns": "adu", "datanumber": "adu", "digitalnumber": "adu",
-    "electron": "electron", "electrons": "electron", "e": "electron", "e-": "electron", "el": "electron",
-    "elec": "electron", "e-/pixel": "electron", "e-/pix": "electron", "electron/pixel": "electron",
-    "electrons/pixel": "electron", "photoelectron": "electron", "photoelectrons": "electron",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -97,23 +87,6 @@ def _rank(source: str) -> int:
     return next(matches, RANKS.index("header"))
 
 
-def resolve_unit(text: str) -> str | None:
-    """Read the unit of a pixel value leniently.
-
-    Parameters
-    ----------
-    text : str
-        As found in ``BUNIT`` or a TOML: ``"e-"``, ``"electrons"``, ``"counts"``, ``"DN"``, ``""``.
-
-    Returns
-    -------
-    unit : {"adu", "electron"} or None
-        None where the text says neither; an empty text is ``"adu"``.
-    """
-    word = "".join(text.split()).lower().strip("[]()")
-    return "adu" if not word else UNITS.get(word)
-
-
 def checked(name: str, value: Any) -> Any:
     """Return the value as the named field holds it, or raise ConfigurationError with a sentence."""
     if name == "time":
@@ -121,7 +94,7 @@ def checked(name: str, value: Any) -> Any:
     if name == "unit":
         unit = resolve_unit(str(value))
         if unit is None:
-            message = f"unit = {value!r} is neither of 'adu' and 'electron'; say which."
+            message = f"unit = {value!r} is none of {', '.join(map(repr, COUNTS + RATES))}; say which."
             raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, message)
         return unit
     code = ErrorCode.WRONG_TYPE if isinstance(value, bool) else ErrorCode.OUT_OF_RANGE
@@ -148,7 +121,8 @@ class Metadata:
     read_noise : Known, optional
         Standard deviation of the read-out noise [e-].
     saturation : Known, optional
-        Level at and above which a pixel is not to be trusted [ADU].
+        Level at and above which a pixel is not to be trusted [ADU]; that of a header is in electrons where
+        the pixels are, and its unit says so.
     bias : Known, optional
         Level of an unexposed pixel [ADU].
     plate_scale : Known, optional
@@ -160,7 +134,8 @@ class Metadata:
     time : Known, optional
         Start (or middle, the source says which) of the exposure, ISO 8601, UTC.
     unit : Known, optional
-        Of the pixel values, ``"adu"`` or ``"electron"``; ADU is meant where this is None.
+        Of the pixel values, ``"adu"`` or ``"electron"``, or a rate: ``"adu/s"`` or ``"electron/s"``.  Any
+        other is as a header has it, and refused by a detector; ADU is meant where this is None.
     wcs : astropy.wcs.WCS, optional
         Celestial part of the frame's world coordinates, for the *original* frame's 0-based pixels.
     warnings : tuple of str

@@ -1,13 +1,14 @@
 """The time of an exposure, from the many ways headers write it.
 
-:func:`resolve_time` returns ISO 8601 in UTC.  The start of the exposure is preferred: DATE-OBS
-(with TIME-OBS or UT where the date stands alone), then MJD-OBS, then DATE-AVG, the middle.
+:func:`resolve_time` returns ISO 8601 in UTC.  The start of the exposure is preferred: DATE-BEG, DATE-OBS
+(with TIME-OBS or UT where the date stands alone), MJD-BEG, MJD-OBS; then the middle: DATE-AVG, MJD-AVG.
 """
 
 from __future__ import annotations
 
 import re
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
+from typing import Any
 
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Known
@@ -17,6 +18,17 @@ __all__ = ["resolve_time"]
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART")
 MJD_EPOCH = datetime(1858, 11, 17)
 OLD_DATE = re.compile(r"(\d\d)/(\d\d)/(\d\d)$")
+
+_DATE = re.compile(
+    r"(?P<date>\d{4}([-/.])\d{1,2}\2\d{1,2})"
+    r"((T|\s+)(?P<hours>\d{1,2}):(?P<minutes>\d{1,2})(:(?P<seconds>\d{1,2}([.,]\d*)?))?)?"
+    r"\s*(Z|UTC?|GMT|(?P<sign>[-+])(?P<east>\d\d):?(?P<more>\d\d))?",
+    re.I,
+)
+"""ISO 8601, and what is near it: slashes, blanks, single digits, 60 seconds."""
+
+_SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB": "tcb", "TCG": "tcg"}
+"""Time scales of ``TIMESYS`` that are converted to UTC."""
 
 
 def resolve_time(cards: Cards) -> Known | None:
@@ -32,10 +44,14 @@ def resolve_time(cards: Cards) -> Known | None:
     time : Known or None
         Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.
     """
-    system = cards.text("TIMESYS").upper()
-    if system not in ("", "UTC", "UT"):
-        cards.warnings.append(f"TIMESYS = {system!r} is not UTC; the time is left as written")
-    return _date(cards, "DATE-OBS") or _mjd(cards) or _date(cards, "DATE-AVG")
+    return (
+        _date(cards, "DATE-BEG")
+        or _date(cards, "DATE-OBS")
+        or _mjd(cards, "MJD-BEG")
+        or _mjd(cards, "MJD-OBS")
+        or _date(cards, "DATE-AVG")
+        or _mjd(cards, "MJD-AVG")
+    )
 
 
 def _date(cards: Cards, key: str) -> Known | None:
@@ -48,40 +64,69 @@ def _date(cards: Cards, key: str) -> Known | None:
     if when is None:
         cards.warnings.append(f"{key} = {text!r} is not a date and is ignored")
         return None
-    if "T" in text or " " in text:
-        return Known(when.isoformat(), "UTC", source)
-    return _with_time(cards, when, source)
+    if ":" not in text:
+        when, source = _with_time(cards, when, source)
+    return _in_utc(cards, when, source)
 
 
-def _parse(text: str) -> datetime | None:
-    """Read ISO 8601 or the ``dd/mm/yy`` of the years 1900 to 1999."""
-    old = OLD_DATE.match(text)
-    if old is not None:
-        text = f"19{old[3]}-{old[2]}-{old[1]}"
+def _parse(text: str) -> Any:
+    """Read a date or time of day on it; None of what is neither.
+
+    A 60th second, which UTC has now and then, is that of the minute after, as in the time of computers.
+    """
+    old = OLD_DATE.match(text)  # of the years 1900 to 1999
+    match = _DATE.fullmatch(f"19{old[3]}-{old[2]}-{old[1]}" if old else text)
+    if match is None:
+        return None
+    year, month, day = (int(part) for part in re.split(r"[-/.]", match["date"]))
     try:
-        when = datetime.fromisoformat(text)
-        return when if when.tzinfo is None else when.astimezone(UTC).replace(tzinfo=None)
+        if match["hours"] is None:
+            return datetime(year, month, day).date()
+        hours, minutes = int(match["hours"]), int(match["minutes"])
+        seconds = float((match["seconds"] or "0").replace(",", "."))
+        if hours > 23 or minutes > 59 or seconds >= 61:
+            return None
+        when = datetime(year, month, day, hours, minutes) + timedelta(seconds=seconds)
+        if match["sign"]:
+            ahead = timedelta(hours=int(match["east"]), minutes=int(match["more"]))
+            when -= ahead if match["sign"] == "+" else -ahead
+        return when
     except (ValueError, OverflowError):  # the latter of the last hour of the year 9999, west of Greenwich
         return None
 
 
-def _with_time(cards: Cards, day: datetime, source: str) -> Known:
+def _with_time(cards: Cards, day: Any, source: str) -> tuple[Any, str]:
     """Add the time of day where a keyword of its own has it; otherwise the date stands alone."""
     for key in TIME_KEYS:
         text = cards.text(key)
-        whole = _parse(f"{day.date().isoformat()}T{text}") if text else None
+        whole = _parse(f"{day.isoformat()}T{text}") if text else None
         if whole is not None:
-            return Known(whole.isoformat(), "UTC", source.replace(" (HDU", f" and {key} (HDU"))
+            return whole, source.replace(" (HDU", f" and {key} (HDU")
         if text:
             cards.warnings.append(f"{key} = {text!r} is not a time of day and is ignored")
-    return Known(day.date().isoformat(), "UTC", source)
+    return day, source
 
 
-def _mjd(cards: Cards) -> Known | None:
-    card = cards.number("MJD-OBS")
+def _mjd(cards: Cards, key: str) -> Known | None:
+    card = cards.number(key)
     if card is None:
         return None
     if not 0 < card[0] < 200000:
-        cards.warnings.append(f"MJD-OBS = {card[0]:g} is not a date and is ignored")
+        cards.warnings.append(f"{key} = {card[0]:g} is not a date and is ignored")
         return None
-    return Known((MJD_EPOCH + timedelta(days=card[0])).isoformat(timespec="milliseconds"), "UTC", card[2])
+    return _in_utc(cards, MJD_EPOCH + timedelta(days=card[0]), card[2], "milliseconds")
+
+
+def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Known:
+    """Convert to UTC by the header's time scale; a date alone is left as written."""
+    system = cards.text("TIMESYS").upper().partition("(")[0].strip()
+    if system not in ("", "UTC", "UT", "GMT"):
+        if system in _SCALES and isinstance(when, datetime):
+            from astropy.time import Time  # 0.2 s, and few headers need it
+
+            when = Time(when, scale=_SCALES[system]).utc.to_datetime(leap_second_strict="silent")
+            source = f"{source} less {system} - UTC"
+        else:
+            cards.warnings.append(f"TIMESYS = {system!r} is not UTC; the time is left as written")
+    text = when.isoformat(timespec=precision) if isinstance(when, datetime) else when.isoformat()
+    return Known(text, "UTC", source)

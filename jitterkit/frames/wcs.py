@@ -12,6 +12,7 @@ from astropy.wcs import WCS
 
 from jitterkit.frames.framefile import collected, one_line
 from jitterkit.frames.plainheader import PlainHeader
+from jitterkit.frames.sky import celestial_frame
 
 __all__ = ["celestial_wcs"]
 
@@ -79,6 +80,17 @@ def _made(cards: str) -> tuple[WCS | None, tuple[str, ...]]:
     said += map(one_line, caught)
     if celestial is None:
         return None, ()
-    if not 0 < abs(np.linalg.det(celestial.pixel_scale_matrix)) < np.inf:
+    if {whole.wcs.lng, whole.wcs.lat} != {0, 1}:
+        return None, ("the WCS has the sky along other axes than those of the image and is ignored",)
+    matrix = celestial.pixel_scale_matrix
+    if not 0 < abs(np.linalg.det(matrix)) < np.inf:
         return None, ("the WCS cannot be inverted and is ignored",)
+    if np.array_equal(np.abs(matrix), np.eye(2)):
+        return None, ("the WCS has the default scale of 1 degree a pixel, so it says none and is ignored",)
+    if celestial_frame(celestial) is None:
+        said.append(f"the WCS's frame ({_frame_of(celestial)}) is not converted: no position angle is given")
     return celestial, tuple(dict.fromkeys(said))
+
+
+def _frame_of(wcs: WCS) -> str:
+    return " ".join(filter(None, (*wcs.wcs.ctype, wcs.wcs.radesys)))

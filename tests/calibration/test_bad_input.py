@@ -57,7 +57,7 @@ def test_a_missing_exposure(rng, tmp_path):
 
 def test_electrons(rng, tmp_path):
     write_fits(tmp_path / "a.fits", frames(rng, 100), header={"BUNIT": "electron"})
-    with refused(ErrorCode.UNKNOWN_UNIT, tmp_path / "a.fits", "electrons", "flat", "ADU", error=FrameError):
+    with refused(ErrorCode.UNKNOWN_UNIT, tmp_path / "a.fits", "electron", "flat", "ADU", error=FrameError):
         open_stacks("flat", [tmp_path])
 
 

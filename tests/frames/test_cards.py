@@ -6,8 +6,7 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 from jitterkit.frames import read_frames, write_fits
-from jitterkit.frames.cards import ALIASES
-from jitterkit.frames.header import SOFTWARE_KEYS
+from jitterkit.frames.dialects import ALIASES, SOFTWARE_KEYS
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.times import TIME_KEYS
 
@@ -53,8 +52,8 @@ def test_of_two_cards_the_first_counts_as_with_astropy(key, values):
 @pytest.mark.parametrize("name", ["a.fits", "a.fits.fz"])
 def test_of_two_cards_pixels_and_exposure_depend_on_the_first(tmp_path, name):
     """The file has a BZERO of 32768 already; of pixels that are not compressed astropy obeys the last."""
-    path = write_fits(tmp_path / name, IMAGE, header={"EXPTIME": 2.0, "GAIN": 1.5})
-    cards = {"BZERO": 7.0, "BSCALE": 3.0, "EXPTIME": 9.0, "GAIN": "1.5 / again", "BLANK": -32765}
+    path = write_fits(tmp_path / name, IMAGE, header={"EXPTIME": 2.0, "EGAIN": 1.5})
+    cards = {"BZERO": 7.0, "BSCALE": 3.0, "EXPTIME": 9.0, "EGAIN": "1.5 / again", "BLANK": -32765}
     frame = only(with_cards(path, *(card(*item) for item in cards.items()), card("BLANK", -32760)))
     packed = int(name.endswith("fz"))
     header = fits.getheader(path, packed)
@@ -133,7 +132,7 @@ def test_remarks_stay_where_one_of_them_looks_empty():
 def test_an_extension_inherits_from_the_primary_header_unless_it_says_no(
     tmp_path, inherit, exposure, compressed
 ):
-    image = (fits.CompImageHDU if compressed else fits.ImageHDU)(IMAGE, fits.Header({"GAIN": 2.0}))
+    image = (fits.CompImageHDU if compressed else fits.ImageHDU)(IMAGE, fits.Header({"EGAIN": 2.0}))
     fits.HDUList([fits.PrimaryHDU(header=fits.Header({"EXPTIME": 4.0})), image]).writeto(tmp_path / "a.fits")
     metadata = only(with_cards(tmp_path / "a.fits", card("INHERIT", inherit))).metadata
     assert metadata.value("exposure") == exposure

@@ -24,7 +24,7 @@ def imagej(path, stack):
 
 
 MAKERS = {
-    "a.fits": lambda path: write_fits(path, STACK, header={"EXPTIME": 1.0, "GAIN": 2.0}),
+    "a.fits": lambda path: write_fits(path, STACK, header={"EXPTIME": 1.0, "EGAIN": 2.0}),
     "a.fits.fz": lambda path: write_fits(path, STACK.astype(np.float32)),
     "a.fits.gz": lambda path: write_fits(path, STACK),
     "a.tif": lambda path: write_tiff(path, STACK),

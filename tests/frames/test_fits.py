@@ -164,9 +164,9 @@ def test_a_header_that_contradicts_itself_is_refused(tmp_path):
 
 
 def test_a_card_that_cannot_be_read_is_a_warning(tmp_path):
-    path = write_fits(tmp_path / "a.fits", IMAGE, header={"EXPTIME": 2.0, "GAIN": 1.5})
+    path = write_fits(tmp_path / "a.fits", IMAGE, header={"EXPTIME": 2.0, "EGAIN": 1.5})
     path.write_bytes(
-        path.read_bytes().replace(b"GAIN    =                  1.5", b"GAIN    =    'unclosed  1.5  x")
+        path.read_bytes().replace(b"EGAIN   =                  1.5", b"EGAIN   =    'unclosed  1.5  x")
     )
     metadata = only(path).metadata
     assert metadata.exposure.value == 2.0

@@ -205,7 +205,6 @@ def test_a_ccddata_in_electrons_with_an_uncertainty_is_read_with_a_warning():
     assert any("uncertainty" in text for text in raw.metadata.warnings)
 
 
-def test_a_ccddata_in_other_units_is_taken_as_adu_with_a_warning():
+def test_a_ccddata_in_another_unit_keeps_its_name():
     raw = RawFrame.from_ccddata(CCDData(IMAGE, unit="Jy"))
-    assert raw.unit == "adu"
-    assert "Jy" in raw.metadata.warnings[0]
+    assert (raw.unit, raw.metadata.unit.source) == ("Jy", "argument CCDData.unit")

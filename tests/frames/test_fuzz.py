@@ -56,7 +56,7 @@ def tiff(path, **options):
 
 
 MAKERS = {
-    "a.fits": lambda path: write_fits(path, STACK, header={"EXPTIME": 1.0, "GAIN": 2.0}).read_bytes(),
+    "a.fits": lambda path: write_fits(path, STACK, header={"EXPTIME": 1.0, "EGAIN": 2.0}).read_bytes(),
     "a.fits.gz": lambda path: write_fits(path, STACK).read_bytes(),
     "a.fits.fz": lambda path: write_fits(path, STACK).read_bytes(),
     "plain.tif": lambda path: tiff(path, metadata=None),

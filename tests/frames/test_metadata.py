@@ -7,7 +7,7 @@ from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import Known, Metadata
-from jitterkit.frames.metadata import resolve_unit
+from jitterkit.frames.units import resolve_unit
 
 LAYERS = {
     "command line": 1.0,
@@ -64,7 +64,9 @@ def test_a_value_nobody_can_mean_is_refused(name, value, code, told):
 @pytest.mark.parametrize(
     ("text", "unit"),
     [("e-", "electron"), ("Electrons", "electron"), ("counts", "adu"), ("ADU", "adu"), ("DN", "adu"),
-     ("", "adu"), (" [ADU] ", "adu"), ("photo electrons", "electron"), ("Jy/beam", None), ("ADU/s", None)],
+     ("", "adu"), (" [ADU] ", "adu"), ("photo electrons", "electron"), ("Jy/beam", None), ("ADU/s", "adu/s"),
+     ("e-/pixel/s", "electron/s"), ("electrons s-1", "electron/s"), ("count.s**-1", "adu/s"),
+     ("DN per second", "adu/s"), ("cps", "adu/s"), ("electron/min", None)],
 )  # fmt: skip
 def test_units_are_read_leniently(text, unit):
     assert resolve_unit(text) == unit

@@ -1,0 +1,173 @@
+"""Units that headers write: of pixel values, times, angles and noise, and where in a card they count.
+
+:func:`resolve_unit` is for pixel values; :func:`stated_unit` finds the unit in a card's value or comment;
+:func:`factor` converts it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
+
+__all__ = ["COUNTS", "RATES", "UNITS", "factor", "resolve_unit", "stated_unit"]
+
+#: Units of pixel values that a detector converts; the exposure turns the rates into counts.
+COUNTS = ("adu", "electron")
+RATES = ("adu/s", "electron/s")
+
+#: Spellings of the unit of a pixel value, in lower case, without blanks and "per pixel".
+UNITS: Mapping[str, str] = {
+    **dict.fromkeys(
+        ("adu", "adus", "count", "counts", "ct", "cts", "dn", "dns", "datanumber", "digitalnumber"), "adu"
+    ),
+    **dict.fromkeys(
+        ("electron", "electrons", "e", "e-", "el", "elec", "photoelectron", "photoelectrons",
+         "photo-electron", "photo-electrons"), "electron"
+    ),
+    "cps": "adu/s",
+}  # fmt: skip
+
+_PER_PIXEL = re.compile(r"(/|per)pix(el)?s?")
+_PER_SECOND = re.compile(
+    r"(?P<counts>.+?)((/|per)(s|secs?|seconds?)|[.*]?(s|sec|second)(\*\*|\^)?\(?-1\)?)", re.I
+)
+
+
+def resolve_unit(text: str) -> str | None:
+    """Read the unit of a pixel value leniently.
+
+    Parameters
+    ----------
+    text : str
+        As found in ``BUNIT`` or a TOML: ``"e-"``, ``"electrons"``, ``"counts/s"``, ``"DN"``, ``""``.
+
+    Returns
+    -------
+    unit : {"adu", "electron", "adu/s", "electron/s"} or None
+        None where the text says none of them; an empty text is ``"adu"``.
+    """
+    word = _PER_PIXEL.sub("", "".join(text.split()).lower().strip("[]()"))
+    if not word:
+        return "adu"
+    rate = _PER_SECOND.fullmatch(word)
+    counts = UNITS.get(rate["counts"]) if rate else None
+    return f"{counts}/s" if counts in COUNTS else UNITS.get(word)
+
+
+def _spelled(table: Mapping[float, str]) -> dict[str, float]:
+    return {word: value for value, words in table.items() for word in words.split()}
+
+
+_SECONDS = _spelled(
+    {
+        1.0: "s sec secs second seconds",
+        1e-3: "ms msec msecs millisec millisecs millisecond milliseconds",
+        1e-6: "us µs usec usecs microsec microsecond microseconds",
+        1e-9: "ns nsec nanosecond nanoseconds",
+        60.0: "min mins minute minutes",
+        3600.0: "h hr hrs hour hours",
+        86400.0: "d day days",
+    }
+)
+_ARCSECONDS = _spelled(
+    {
+        1.0: 'arcsec arcsecs arcsecond arcseconds asec "',
+        1e-3: "mas marcsec milliarcsec milliarcsecond milliarcseconds",
+        1e-6: "uas µas microarcsec microarcsecond microarcseconds",
+        60.0: "arcmin arcmins arcminute arcminutes amin",
+        3600.0: "deg degs degree degrees",
+        206264.80624709636: "rad radian radians",
+    }
+)
+_MILLIMETRES = _spelled(
+    {
+        1.0: "mm millimeter millimeters millimetre millimetres",
+        10.0: "cm centimeter centimeters centimetre centimetres",
+        1000.0: "m meter meters metre metres",
+        25.4: "in inch inches",
+        1e-3: "um µm micron microns micrometer micrometers micrometre micrometres",
+    }
+)
+_PIXELS = ("", "/pixel", "/pixels", "/pix", "/px", "/p")
+_FACTORS = {
+    "exposure": _SECONDS,
+    "line_time": _SECONDS,
+    "focal_length": _MILLIMETRES,
+    "pixel_size": {word: 1e3 * value for word, value in _MILLIMETRES.items()},
+    "plate_scale": {word + pixel: value for word, value in _ARCSECONDS.items() for pixel in _PIXELS},
+}
+"""Factors to the unit of a quantity, by the spelling of the unit; mm of a focal length, um of a pixel."""
+
+_CLAUSE_ONLY = ("min", "h", "d", "in", "m")
+"""Units that are words or letters of other meaning where prose goes on behind them: "min exposure"."""
+
+
+@cache
+def factor(name: str, unit: str) -> float | str | None:
+    """Return what a unit means for a quantity.
+
+    Parameters
+    ----------
+    name : str
+        A field of :class:`~jitterkit.frames.metadata.Metadata`.
+    unit : str
+        As written in a header.
+
+    Returns
+    -------
+    meaning : float, str or None
+        The factor to the unit of the quantity; for what is counted ``"adu"`` or ``"electron"``; None of a
+        unit that is unknown or has another dimension.
+    """
+    word = re.sub(r"\s+per\s+|\s*/\s*", "/", unit.strip(" []().,;:").lower())
+    word = re.sub(r"^in\s+|\s+rms$", "", word)
+    if name in _FACTORS:
+        return _FACTORS[name].get(word)
+    return resolve_unit(word) if word else None
+
+
+def stated_unit(name: str, comment: str, default: float | str) -> str | None:
+    """Find the unit that a comment states for its number.
+
+    Parameters
+    ----------
+    name : str
+        The quantity.
+    comment : str
+    default : float or str
+        What :func:`factor` says of the unit that is meant where none is stated.
+
+    Returns
+    -------
+    unit : str or None
+        The text in brackets, or at the beginning, or after "in" or a comma at the end; it may be unknown.
+        None where the comment states none.  A comment that names other units only, in none of these
+        places, is returned whole: its number may be in either.
+    """
+
+    def known(text: str) -> bool:
+        return factor(name, text) is not None
+
+    comment = re.sub(r"\s+per\s+", "/", " ".join(comment.split()), flags=re.I)
+    square = [text for text in re.findall(r"\[([^]]*)\]", comment) if text.strip()]
+    found = next(filter(known, (*square, *re.findall(r"\(([^)]*)\)", comment))), None)
+    if found is not None or square:
+        return found or square[0]
+    start = re.match(r"(?:in |units?:? ?)?([^\s,;:()]+?)(\.?(?=$|[,;:(])|(?= ))", comment, re.I)
+    if start and known(start[1]):
+        clause = comment[start.end() :].startswith(" ") and start[1].lower() in _CLAUSE_ONLY
+        return comment if clause else start[1]
+    end = re.search(r"(?:\bin |, ?|= ?)([^\s,;:()]+?)\.?$", comment, re.I)
+    if end and known(end[1]):
+        return end[1]
+    return _only_other_units(comment, lambda text: factor(name, text), default)
+
+
+def _only_other_units(
+    comment: str, meaning: Callable[[str], float | str | None], default: float | str
+) -> str | None:
+    """The comment where it mentions units, and not the one that is meant by default."""
+    words = (word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1)
+    mentioned = {meaning(word) for word in words} - {None}
+    return comment if mentioned and default not in mentioned else None
