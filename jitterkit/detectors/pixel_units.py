@@ -64,7 +64,7 @@ def in_counts(raw: RawFrame) -> RawFrame:
     metadata = raw.metadata.override(counted.source, unit=counted)
     bias = metadata.bias
     if counted.value == "adu" and (bias is None or bias.rank >= RANKS.index("instrument file")):
-        metadata = metadata.override(known.source, bias=0.0)
+        metadata = metadata.override("argument, as the pixels are a rate", bias=0.0)
     return replace(raw, data=raw.data * exposure.value, metadata=metadata)
 
 

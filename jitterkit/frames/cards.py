@@ -22,7 +22,7 @@ __all__ = ["Cards", "Number"]
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
 """What is counted, and the unit that is meant where none is stated."""
 
-_NO_TIME = re.compile(r"\b(number(?! of)|no\.|index|identifier|id)", re.I)
+_NO_TIME = re.compile(r"\b(number(?! of \w*sec)|no\.|index|identifier|id)", re.I)
 """Comment of a keyword that numbers exposures."""
 
 
@@ -138,19 +138,6 @@ class Cards:
         if unit is None and key == "XPOSURE":
             unit = self.text("TIMEUNIT")  # of the times that FITS 4.0 defines
         return factor(name, unit) if unit else ""
-
-    def _meaning(self, name: str, key: str, behind: str, comment: str) -> float | str | None:
-        """What :func:`factor` says of the unit of a card; the empty text where it has none."""
-        if name == "gain":  # has rules of its own
-            return ""
-        unit = behind or stated_unit(name, comment, _DEFAULTS.get(name, 1.0))
-        if unit is None and key == "XPOSURE":
-            unit = self.text("TIMEUNIT")  # of the times that FITS 4.0 defines
-        return factor(name, unit) if unit else ""
-
-    def _time_unit(self, key: str) -> str:
-        """The unit of the times that FITS 4.0 defines, where the header changes it."""
-        return self.text("TIMEUNIT") if key == "XPOSURE" else ""
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
         """Mean over the amplifiers that read the image."""

@@ -127,11 +127,10 @@ def turned_over(wcs: Any, rows: int) -> Any:
     from astropy.wcs import Sip
 
     turned, matrix = wcs.deepcopy(), wcs.pixel_scale_matrix @ np.diag([1.0, -1.0])
-    turned.wcs.cdelt = [1.0, 1.0]
-    if turned.wcs.has_cd():
+    if wcs.wcs.has_cd():
         turned.wcs.cd = matrix
     else:
-        turned.wcs.pc = matrix
+        turned.wcs.pc, turned.wcs.cdelt = matrix, [1.0, 1.0]
     turned.wcs.crpix = [wcs.wcs.crpix[0], rows + 1 - wcs.wcs.crpix[1]]
     if wcs.sip is not None:
         turned.sip = Sip(*_mirrored(wcs.sip), turned.wcs.crpix)

@@ -158,6 +158,8 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
     if start and known(start[1]):
         clause = comment[start.end() :].startswith(" ") and start[1].lower() in _CLAUSE_ONLY
         return comment if clause else start[1]
+    if start and known(start[1].partition("/")[0]):
+        return start[1]
     end = re.search(r"(?:\bin |, ?|= ?)([^\s,;:()]+?)\.?$", comment, re.I)
     if end and known(end[1]):
         return end[1]

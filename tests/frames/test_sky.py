@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from astropy.coordinates import SkyCoord
 from astropy.io import fits
-from astropy.wcs import WCS
+from astropy.wcs import WCS, Sip
 
 from jitterkit.frames import resolve_header, sky_position_angle
 from jitterkit.frames.plainheader import PlainHeader
-from jitterkit.frames.sky import plate_scale
+from jitterkit.frames.sky import plate_scale, turned_over
 from jitterkit.frames.wcs import celestial_wcs
 
 SCALE = 0.375
@@ -75,6 +76,98 @@ def test_the_wcs_beats_pixscale_and_a_disagreement_is_a_warning():
     assert "WCS" in metadata.plate_scale.source
     assert "header PIXSCALE (HDU 0) = 0.5" in metadata.warnings[0]
     assert "0.375 arcsec/pixel" in metadata.warnings[0]
+
+
+def icrs_angle(wcs, x, y, theta):
+    """Position angle by astropy's coordinates, of a step of a hundredth of a pixel."""
+    here, there = (
+        wcs.pixel_to_world(x + s * np.cos(np.radians(theta)), y + s * np.sin(np.radians(theta))).icrs
+        for s in (0.0, 0.01)
+    )
+    return here.position_angle(there).deg
+
+
+@pytest.mark.parametrize(
+    ("ctype", "radesys", "equinox"),
+    [
+        (("RA---TAN", "DEC--TAN"), "FK5", 2000.0),
+        (("RA---TAN", "DEC--TAN"), "FK5", 1975.0),
+        (("RA---TAN", "DEC--TAN"), "FK4", 1950.0),
+        (("RA---TAN", "DEC--TAN"), "FK4-NO-E", 1950.0),
+        (("GLON-TAN", "GLAT-TAN"), "", None),
+        (("ELON-TAN", "ELAT-TAN"), "", None),
+    ],
+)
+def test_the_position_angle_is_from_the_north_of_icrs_in_every_frame(ctype, radesys, equinox):
+    wcs = tangent(rotation=33.0)
+    wcs.wcs.ctype, wcs.wcs.radesys = list(ctype), radesys
+    if equinox is not None:
+        wcs.wcs.equinox = equinox
+    if ctype[0].startswith("ELON"):  # which astropy's own pixel_to_world does not know
+        lon, lat = wcs.pixel_to_world_values(
+            [20.0, 20.0 + 0.01 * np.cos(1)], [100.0, 100.0 + 0.01 * np.sin(1)]
+        )
+        here, there = SkyCoord(lon, lat, unit="deg", frame="barycentricmeanecliptic").icrs
+        expected = here.position_angle(there).deg
+    else:
+        expected = icrs_angle(wcs, 20.0, 100.0, np.degrees(1))
+    got = sky_position_angle(wcs, 20.0, 100.0, np.degrees(1))
+    assert abs(apart(got, expected)) < 1e-3  # 1e-7 degrees of the two steps in half a pixel of 1e-4
+
+
+def test_axes_in_the_other_order_give_the_same_angle():
+    wcs = tangent(rotation=33.0)
+    other = WCS(naxis=2)
+    other.wcs.ctype, other.wcs.crval = list(wcs.wcs.ctype)[::-1], wcs.wcs.crval[::-1]
+    other.wcs.crpix, other.wcs.cd = wcs.wcs.crpix, wcs.wcs.cd[::-1]
+    made, warnings = celestial_wcs(plain(other.to_header()))
+    assert warnings == []
+    assert sky_position_angle(made, 20.0, 100.0, 57.0) == pytest.approx(
+        sky_position_angle(wcs, 20.0, 100.0, 57.0), abs=1e-6
+    )
+    assert plate_scale(made)[0] == pytest.approx(SCALE, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "ctype", [("TLON-TAN", "TLAT-TAN"), ("HPLN-TAN", "HPLT-TAN"), ("RA---TAN", "DEC--TAN")]
+)
+def test_coordinates_that_are_not_of_the_stars_give_no_angle(ctype):
+    wcs = tangent()
+    wcs.wcs.ctype = list(ctype)
+    wcs.wcs.radesys = "GAPPT" if ctype[0].startswith("RA") else ""
+    assert np.isnan(sky_position_angle(wcs, 20.0, 100.0, 57.0))
+
+
+def test_a_sky_that_does_not_lie_along_the_axes_of_the_image_is_not_used():
+    cards = {"CTYPE1": "RA---TAN", "CTYPE2": "FREQ", "CTYPE3": "DEC--TAN"}
+    wcs, warnings = celestial_wcs(plain(fits.Header({**cards, "CDELT1": -1e-4, "CDELT3": 1e-4, "NAXIS": 3})))
+    assert wcs is None
+    assert "axes" in warnings[0]
+
+
+def test_a_default_scale_of_one_degree_is_none():
+    cards = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CDELT1": 1.0, "CDELT2": 1.0}
+    wcs, warnings = celestial_wcs(plain(fits.Header(cards)))
+    assert wcs is None
+    assert "1 degree" in warnings[0]
+
+
+@pytest.mark.parametrize("keep", ["cd", "pc", "sip"])
+def test_turned_rows_keep_their_places_on_the_sky(keep):
+    wcs = tangent(rotation=33.0)
+    if keep == "pc":
+        wcs = WCS(wcs.to_header())
+        assert wcs.wcs.has_pc()
+    if keep == "sip":
+        a, b = np.zeros((3, 3)), np.zeros((3, 3))
+        a[2, 0], a[0, 1], a[1, 1], b[0, 2], b[1, 0] = 1e-5, 2e-3, 3e-5, -2e-5, 1e-3
+        wcs.sip = Sip(a, b, None, None, wcs.wcs.crpix)
+    turned = turned_over(wcs, 128)
+    y = np.array([0.0, 20.0, 127.0])
+    np.testing.assert_allclose(
+        turned.pixel_to_world_values(30.0, 127.0 - y), wcs.pixel_to_world_values(30.0, y), atol=1e-10
+    )
+    assert plate_scale(turned)[0] == pytest.approx(plate_scale(wcs)[0], rel=1e-12)
 
 
 def plain(header):
