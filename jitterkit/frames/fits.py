@@ -8,7 +8,6 @@ nothing is believed of a header that the file cannot hold.  The pixels are read 
 from __future__ import annotations
 
 import functools
-import gzip
 import math
 import re
 import warnings
@@ -20,6 +19,7 @@ import numpy as np
 from astropy.io import fits
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.checksums import checksum_warnings, read_to_end
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Unit
 from jitterkit.frames.header import rate_of_brightness, resolve_header
@@ -61,7 +61,7 @@ class FitsFile(FrameFile):
 
     def __init__(self, path: Path, hdu: int | None) -> None:
         super().__init__(path)
-        self._factor = 1.0
+        self._factor, self._verified = 1.0, False
         with translated(path) as caught:
             self._handle = open_bytes(path)
             try:
@@ -73,7 +73,8 @@ class FitsFile(FrameFile):
 
     def _choose(self, unit: Unit, primary: Unit) -> None:
         refuse_missing_data(unit, self._handle)
-        header, self._pixels = _opened(self._handle, unit)
+        self._header, self._pixels = _opened(self._handle, unit)
+        header = self._header
         self.hdu, self.dtype = unit.number, self._pixels.dtype
         *planes, ny, nx = unit.shape
         self._count, self.shape = math.prod(planes), (ny, nx)
@@ -93,6 +94,7 @@ class FitsFile(FrameFile):
         self.metadata = metadata.reordered(-1) if from_top else metadata
 
     def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
+        self._verify()
         data, blank = self._pixels.plane(index)
         mask = NONE_MASKED if blank is None else blank
         if self._factor != 1.0:
@@ -101,13 +103,12 @@ class FitsFile(FrameFile):
             data, mask = np.ascontiguousarray(data[::-1]), mask[::-1] if mask.ndim else mask
         return data, mask, self.metadata
 
-    def read_through(self) -> None:
-        """Read every frame, and a gzip to its end, where its checksum stands."""
-        super().read_through()
-        if isinstance(self._handle, gzip.GzipFile):
-            with translated(self.path):
-                for _ in iter(lambda: self._handle.read(1 << 20), b""):
-                    pass
+    def _verify(self) -> None:
+        """Hold the file against its checksums when its first frame is read."""
+        if not self._verified:
+            wrong = checksum_warnings(self._handle, self._pixels.unit, self._header)
+            read_to_end(self._handle)
+            self.metadata, self._verified = self.metadata.warn(*wrong), True
 
     def close(self) -> None:
         """Close the file."""
