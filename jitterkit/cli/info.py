@@ -62,10 +62,16 @@ def _instrument(thing: str) -> list[tuple[str, str, str, str]]:
 
 
 def _frames(path: Path, hdu: int | None) -> tuple[list[tuple[str, str, str, str]], tuple[str, ...]]:
+    from jitterkit.detectors.pixel_units import NORMALISED, is_normalised
+    from jitterkit.errors import FrameError
     from jitterkit.frames import open_frames
 
     with open_frames(path, hdu=hdu) as file:
-        return file.describe(), file.metadata.warnings
+        try:
+            first = file[0]
+        except FrameError as error:  # what the header says is known all the same
+            return file.describe(), (*file.metadata.warnings, str(error))
+        return file.describe(), (*first.metadata.warnings, *[NORMALISED] * is_normalised(first))
 
 
 def _tell(title, rows: list[tuple[str, str, str, str]], warnings: tuple[str, ...] = ()) -> None:

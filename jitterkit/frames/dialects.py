@@ -77,19 +77,20 @@ DIALECTS = (
 )  # fmt: skip
 
 OBSERVATORIES = re.compile(
-    r"\b(NOAO|NOIRLAB|KPNO|CTIO|WIYN|SOAR|GEMINI-(NORTH|SOUTH)|GMOS|SAAO|ESO|STSCI|HST|SPITZER|CFHT|SUBARU|"
+    r"\b(NOAO(?!-IRAF)|NOIRLAB|KPNO|CTIO|WIYN|SOAR|GEMINI-(NORTH|SOUTH)|GMOS|SAAO|ESO(?!-MIDAS)|STSCI|HST|SPITZER|CFHT|SUBARU|"
     r"KECK|LCOGT|OCIW|MAGELLAN|MMTO|LBTO|PALOMAR|LICK|CAHA|CALAR ALTO|SDSS|2MASS|UKIRT|AAO|SIDING SPRING|"
     r"IUCAA|IIA|MCDONALD|PAN-?STARRS|DECAM)\b",
     re.I,
 )
 """Who means e-/ADU by GAIN, in the observatory, telescope, instrument or origin of a header."""
 
-#: Programs in whose files GAIN is a camera setting.
+#: Programs and makes of cameras in whose files GAIN is a camera setting.
 CAPTURE_SOFTWARE = (
     "n.i.n.a", "nina", "nighttime imaging", "sharpcap", "asiair", "asi air", "zwo", "asistudio", "asiimg",
     "firecapture", "astro photography tool", "kstars", "ekos", "indi", "sequence generator", "sgpro", "phd2",
     "astrodmx", "voyager", "maxim", "theskyx", "ezcap", "toupsky", "siril", "astap", "indigo", "ain imager",
     "ccdciel", "qhy", "pixinsight", "astroart", "apt", "nebulosity", "stellarmate", "seestar", "dwarf",
     "altaircapture", "player one", "prism", "deepskystacker", "oacapture", "lucam", "astroimager",
+    "toupcam", "touptek", "svbony", "atik", "altair", "canon", "nikon",
 )  # fmt: skip
-SOFTWARE_KEYS = ("SWCREATE", "SOFTWARE", "CREATOR", "PROGRAM", "SWMODIFY", "APPLICAT", "ORIGIN")
+SOFTWARE_KEYS = ("SWCREATE", "SOFTWARE", "CREATOR", "PROGRAM", "SWMODIFY", "APPLICAT", "ORIGIN", "INSTRUME")

@@ -30,6 +30,7 @@ from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.planes import refuse_colour, rows_from_the_top
 from jitterkit.frames.sky import turned_over
+from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
 
 _REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
@@ -89,13 +90,15 @@ class FitsFile(FrameFile):
         if rate is not None:
             self._factor, known = rate
             metadata = metadata.override(known.source, unit=known)
+        elif metadata.value("unit", "adu") not in COUNTS + RATES:
+            odd.append(f"the pixels are in {metadata.value('unit')}, which is neither ADU nor electrons")
         lossy = _lossy(unit, header) if unit.packed else []
         metadata = metadata.warn(*header.warnings, *messages, *lossy, *odd)
         self.metadata = metadata.reordered(-1) if from_top else metadata
 
     def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
-        self._verify()
         data, blank = self._pixels.plane(index)
+        self._verify()
         mask = NONE_MASKED if blank is None else blank
         if self._factor != 1.0:
             data *= self._factor

@@ -64,7 +64,7 @@ def _date(cards: Cards, key: str) -> Known | None:
     if when is None:
         cards.warnings.append(f"{key} = {text!r} is not a date and is ignored")
         return None
-    if ":" not in text:
+    if not isinstance(when, datetime):
         when, source = _with_time(cards, when, source)
     return _in_utc(cards, when, source)
 
@@ -77,7 +77,7 @@ def _parse(text: str) -> Any:
     old = OLD_DATE.match(text)  # of the years 1900 to 1999
     match = _DATE.fullmatch(f"19{old[3]}-{old[2]}-{old[1]}" if old else text)
     if match is None:
-        return None
+        return _compact(text)
     year, month, day = (int(part) for part in re.split(r"[-/.]", match["date"]))
     try:
         if match["hours"] is None:
@@ -92,6 +92,18 @@ def _parse(text: str) -> Any:
             when -= ahead if match["sign"] == "+" else -ahead
         return when
     except (ValueError, OverflowError):  # the latter of the last hour of the year 9999, west of Greenwich
+        return None
+
+
+def _compact(text: str) -> Any:
+    """Read ISO 8601 without separators."""
+    try:
+        return (
+            datetime.strptime(text, "%Y%m%dT%H%M%S")
+            if "T" in text
+            else datetime.strptime(text, "%Y%m%d").date()
+        )
+    except ValueError:
         return None
 
 

@@ -32,7 +32,7 @@ def test_a_file_that_was_not_changed_is_not_warned_of(tmp_path, compressed):
 def test_changed_pixels_do_not_have_their_checksum(tmp_path):
     path = written(tmp_path / "a.fits")
     content = bytearray(path.read_bytes())
-    content[-2880] ^= 1  # the first pixel: the image takes less than two blocks
+    content[-2880] ^= 1  # of a pixel: the image takes 34 bytes of its second block
     path.write_bytes(bytes(content))
     (warning,) = warnings_of(path)
     assert "DATASUM" in warning

@@ -92,6 +92,8 @@ NUMBERS = [  # cards, quantity, value or None, what a warning names
     ({"GAIN": 1.9}, "gain", None, "GAIN = 1.9"),
     ({"GAIN": 1, "BUNIT": "electron"}, "gain", None, "GAIN = 1"),
     ({"GAIN": 1.9, "TELESCOP": "APO 80 mm"}, "gain", None, "GAIN = 1.9"),
+    ({"GAIN": 10, "RDNOISE": 2, "INSTRUME": "ZWO ASI183MM Pro"}, "gain", None, "ZWO"),
+    ({"GAIN": 10, "ORIGIN": "NOAO-IRAF FITS Image Kernel July 2003"}, "gain", None, "GAIN = 10"),
     ({**SIRIL, "GAIN": 10, "CVF": 3.7}, "gain", 3.7, ""),
     *[({key: program, "GAIN": 10, "RDNOISE": 2}, "gain", None, program) for key, program in (
         ("PROGRAM", "Siril 1.2.1"), ("PROGRAM", "PixInsight 1.8.9"), ("SOFTWARE", "ASTAP, version 2024"),
@@ -172,6 +174,8 @@ TIMES = [  # cards, time in UTC; the leap seconds are those of IERS Bulletin C
     ({"DATE-OBS": "2023-05-10", "TIME-OBS": "9:00:48.5"}, "2023-05-10T09:00:48.500000"),
     ({"DATE-OBS": "2023-05-10T19:01:25", "TIMESYS": "TAI"}, "2023-05-10T19:00:48"),
     ({"DATE-OBS": "2023-05-10T19:01:57.184", "TIMESYS": "TT"}, "2023-05-10T19:00:48"),
+    ({"DATE-OBS": "20230510T190048"}, "2023-05-10T19:00:48"),
+    ({"DATE-OBS": 20230510, "TIME-OBS": "19:00:48"}, "2023-05-10T19:00:48"),
     ({"DATE-OBS": "10/05/2023"}, None),
     ({"DATE-OBS": "2023-13-10T19:00:48"}, None),
     ({"DATE-OBS": "2023-05-10T25:00:48"}, None),
