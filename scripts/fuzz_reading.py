@@ -30,6 +30,8 @@ REFUSALS = frozenset(
         ErrorCode.MISSING_PACKAGE,
     }
 )
+#: Codes that a detector refuses a frame with, of a file that is whole.
+UNCONVERTED = frozenset({ErrorCode.UNKNOWN_UNIT, ErrorCode.MISSING_VALUE})
 MOST_FRAMES, MOST_PIXELS = 20, 1 << 22  # of a file that are read, and of a frame that is calibrated
 
 
@@ -67,7 +69,7 @@ def examine(path: Path) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         refusal = _refusal(_read_all, path)
-        if refusal is not None and is_whole(path):
+        if refusal is not None and not refusal.startswith(tuple(UNCONVERTED)) and is_whole(path):
             raise FindingError(f"is_whole says yes to what is refused: {refusal}")
         if _is_fits(path):
             from jitterkit.frames.fits import read_extensions, read_image
@@ -82,7 +84,7 @@ def _refusal(read: Callable[[Path], Any], path: Path) -> str | None:
     try:
         read(path)
     except FrameError as error:
-        if error.code not in REFUSALS:
+        if error.code not in REFUSALS | UNCONVERTED:
             raise FindingError(f"a code not about a file's contents: {error.code}, {error}") from error
         return f"{error.code}: {_kind(path, str(error))}"
     return None

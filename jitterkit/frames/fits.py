@@ -2,18 +2,16 @@
 
 Reach for :func:`open`.  The chain of HDUs is walked in :mod:`~jitterkit.frames.header_blocks` first, so that
 nothing is believed of a header that the file cannot hold.  The pixels are read one plane at a time in
-:mod:`~jitterkit.frames.pixels`; cards, tiles and coordinates are astropy's.
+:mod:`~jitterkit.frames.pixels`; headers, tiles and coordinates are astropy's.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 from astropy.io import fits
@@ -33,8 +31,8 @@ from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
 
-_REGULAR = re.compile(rb"(?=.{8}= )[A-Z0-9_-]+ *= +(-?[0-9.]+(E[-+]?[0-9]+)?|[TF]|'[^'&]+') *(/ [ -~]*)?")
-"""A card of which there is nothing to warn."""
+_READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
+"""For ``bytes.translate``: FITS allows no other bytes in a header."""
 
 _METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")
 """Compression methods that astropy can read."""
@@ -130,24 +128,6 @@ def is_plane(path: Path, hdu: int | None = None) -> bool:
         return math.prod(planes) == 1
 
 
-class _Card(NamedTuple):
-    """What a card says."""
-
-    value: Any
-    comment: str
-
-
-def _known_card(image: bytes) -> _Card | fits.Card:
-    """A card; one by the letter of the standard is read once, however many headers repeat it."""
-    return _seen(image) if _REGULAR.fullmatch(image) else fits.Card.fromstring(image)
-
-
-@functools.lru_cache(maxsize=1024)
-def _seen(image: bytes) -> _Card:
-    card = fits.Card.fromstring(image)  # asks astropy's configuration at every look
-    return _Card(card.value, card.comment)
-
-
 def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Unit]:
     """The HDU of the image asked for, and the primary HDU."""
     units: list[Unit] = []
@@ -173,7 +153,11 @@ def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Un
 
 
 def _header(unit: Unit) -> PlainHeader:
-    return PlainHeader(unit.text, _known_card)
+    text = unit.text.translate(_READABLE).decode()
+    header = PlainHeader(fits.Header.fromstring(text), text)
+    if text.encode() != unit.text:
+        header.warnings.append("the header holds bytes that are no text; read as '?'")
+    return header
 
 
 def _opened(handle: BinaryIO, unit: Unit) -> tuple[PlainHeader, Pixels]:

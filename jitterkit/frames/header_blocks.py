@@ -23,8 +23,8 @@ from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 __all__ = ["ends_early", "open_bytes", "refuse_missing_data", "walk"]
 
 BLOCK = 2880
-#: Headers of more blocks than this (720,000 cards), all HDUs together, are taken to have no END.
-MOST_HEADER_BLOCKS = 20000
+#: Headers of more blocks than this (36,000 cards, read in 0.3 s), or all HDUs together, have no END.
+MOST_HEADER_BLOCKS, MOST_BLOCKS = 1000, 20000
 #: So many HDUs are searched.
 MOST_HDUS = 1000
 #: A tile may be larger than its image, up to this side [pixel].
@@ -64,10 +64,10 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Unit]:
     FrameError
         If the primary header is none or has no END, or a header contradicts FITS.
     """
-    start, blocks = 0, MOST_HEADER_BLOCKS
+    start, blocks = 0, MOST_BLOCKS
     for number in range(MOST_HDUS):
         handle.seek(start)
-        text, read = _header(handle, blocks, b"XTENSION" if number else b"SIMPLE")
+        text, read = _header(handle, min(blocks, MOST_HEADER_BLOCKS), b"XTENSION" if number else b"SIMPLE")
         if text is ErrorCode.UNKNOWN_FORMAT and number == 0:
             raise FrameError(text, path, "does not begin as a FITS file does", "give a FITS file")
         if isinstance(text, ErrorCode) and number == 0:

@@ -1,9 +1,9 @@
-"""A FITS header as the resolver wants it: the cards that can be read, each when it is first asked for."""
+"""A FITS header as the resolver wants it: cards that can be read, and one word about each that cannot."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from jitterkit.frames.hdu import CARD
@@ -11,12 +11,9 @@ from jitterkit.frames.hdu import CARD
 __all__ = ["PlainHeader"]
 
 _REMARKS = ("COMMENT", "HISTORY")
-"""Keywords of text, which no card continues."""
+"""Keywords of text, which may stand many times."""
 
-_READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
-"""For ``bytes.translate``: FITS allows no other bytes in a header."""
-
-_VALUELESS = re.compile(rb"(HIERARCH [^=]*|.{8})= *(/.*)?")
+_VALUELESS = re.compile(r".{8}= *(/.*)?")
 """A card that names a keyword and gives it no value, which FITS calls undefined."""
 
 
@@ -27,12 +24,10 @@ class PlainHeader(Mapping[str, Any]):
 
     Parameters
     ----------
-    text : bytes
-        The cards, 80 bytes each, without END.
-    card : callable
-        Makes of a card's bytes an object with a ``value`` and a ``comment``, as
-        ``astropy.io.fits.Card.fromstring`` does.  It costs 10 microseconds, so that of 60 cards only those
-        asked for are read.
+    cards : astropy.io.fits.Header
+        Parses each card when it is first asked for.
+    text : str
+        Its cards as they stand in the file, 80 characters each, without END.
 
     Attributes
     ----------
@@ -40,54 +35,49 @@ class PlainHeader(Mapping[str, Any]):
         Of the cards read so far.
     warnings : list of str
         One for each card that was asked for and could not be read, which counts as absent, or is followed by
-        another that says otherwise, and one if the header holds bytes that are no text.
+        another that says otherwise.
     unreadable : set of str
         The keywords of the former.
     valueless : set of str
         Keywords that were asked for, and whose card has no value.
     """
 
-    def __init__(self, text: bytes, card: Callable[[bytes], Any]) -> None:
-        self._text, self._card = text.translate(_READABLE), card
+    def __init__(self, cards: Any, text: str) -> None:
+        self._text = text
+        self._cards: dict[str, list[Any]] = {}
+        for card in cards.cards:
+            self._cards.setdefault(card.keyword, []).append(card)
+        self._values: dict[str, Any] = {}
         self.comments: dict[str, str] = {}
-        self.warnings = [] if self._text == text else ["the header holds bytes that are no text; read as '?'"]
+        self.warnings: list[str] = []
         self.unreadable: set[str] = set()
         self.valueless: set[str] = set()
-        self._cards = _cards(self._text)
-        self._places: dict[str, tuple[int, int]] = {}
-        self._later: dict[str, list[tuple[int, int]]] = {}
-        for key, place in self._cards:
-            if self._places.setdefault(key, place) is not place:
-                self._later.setdefault(key, []).append(place)
-        self._values: dict[str, Any] = {key: self._remarks(key) for key in _REMARKS if key in self._places}
 
     def __getitem__(self, key: str) -> Any:
+        if key in self.unreadable or key in self.valueless:
+            raise KeyError(key)
         if key not in self._values:
-            image = self._image(*self._places[key])
-            try:
-                self._values[key], self.comments[key] = self._read(key, image)
-            except KeyError:
-                del self._places[key]
-                raise
-            if any(_said(self._image(*place)) != _said(image) for place in self._later.get(key, ())):
-                self.warnings.append(f"the header says {key} more than once; the first counts")
+            cards = self._cards[key]
+            remarks = key in _REMARKS
+            self._values[key] = "\n".join(c.value for c in cards) if remarks else self._read(key, *cards)
         return self._values[key]
 
-    def _read(self, key: str, image: bytes) -> tuple[Any, str]:
-        if _VALUELESS.fullmatch(image):
-            self.valueless.add(key)
-            raise KeyError(key)
+    def _read(self, key: str, card: Any, *later: Any) -> Any:
         try:
-            card = self._card(image)
-            return card.value, card.comment
+            value, self.comments[key] = card.value, card.comment
         except Exception:  # VerifyError and others
             self.unreadable.add(key)
-            self.warnings.append(f"the header card {image[:60].decode().strip()!r} cannot be read")
+            image = self.lines(re.compile(re.escape(key), re.I)) or key  # of a HIERARCH
+            self.warnings.append(f"the header card {image[:60].strip()!r} cannot be read")
             raise KeyError(key) from None
+        if type(value).__name__ == "Undefined":
+            self.valueless.add(key)
+            raise KeyError(key)
+        if any(_differs(other, value) for other in later):
+            self.warnings.append(f"the header says {key} more than once; the first counts")
+        return value
 
     def __contains__(self, key: object) -> bool:
-        if key not in self._places:
-            return False
         try:
             self[str(key)]
         except KeyError:
@@ -95,42 +85,19 @@ class PlainHeader(Mapping[str, Any]):
         return True
 
     def __iter__(self) -> Iterator[str]:
-        return iter([key for key in list(self._places) if key in self])
+        return iter([key for key in self._cards if key in self])
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""
-        images = (self._image(*place) for key, place in self._cards if keywords.match(key))
-        return b"".join(image for image in images if not _VALUELESS.fullmatch(image)).decode()
-
-    def _remarks(self, key: str) -> str:
-        """All cards of a keyword that may stand many times, a line each."""
-        cards = (self._text[at : at + CARD].decode() for at in range(0, len(self._text), CARD))
-        return "\n".join(card[8:].rstrip() for card in cards if card[:8].rstrip() == key)
-
-    def _image(self, start: int, end: int) -> bytes:
-        return self._text[start:end].ljust(CARD)
+        images = (self._text[at : at + CARD] for at in range(0, len(self._text), CARD))
+        return "".join(i for i in images if keywords.match(i) and not _VALUELESS.fullmatch(i))
 
 
-def _said(image: bytes) -> list[bytes]:
-    """The words of a card without its comment."""
-    return image.split(b"/")[0].split()
-
-
-def _cards(text: bytes) -> list[tuple[str, tuple[int, int]]]:
-    """The keyword of each card, and where it begins and ends, with the cards that continue it."""
-    cards: list[tuple[str, tuple[int, int]]] = []
-    continued = False
-    for at in range(0, len(text), CARD):
-        key = text[at : at + 8].decode().rstrip().upper()
-        if key == "CONTINUE" and continued:
-            cards[-1] = (cards[-1][0], (cards[-1][1][0], at + CARD))
-            continue
-        if key == "HIERARCH":
-            key = text[at + 9 : at + CARD].split(b"=")[0].decode().strip().upper()
-        if key:
-            cards.append((key, (at, at + CARD)))
-        continued = bool(key) and key not in _REMARKS
-    return cards
+def _differs(card: Any, value: Any) -> bool:
+    try:
+        return bool(card.value != value)
+    except Exception:  # it cannot be read
+        return True
