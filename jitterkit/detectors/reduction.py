@@ -47,10 +47,9 @@ def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
     normalised, whole = is_normalised(raw), detector
     raw = in_counts(raw)
     metadata = inform(detector, raw.metadata)
-    beyond = _disproves(raw, metadata, detector.largest)
-    if beyond:
-        detector = replace(detector, bits=None)
-        metadata = inform(detector, raw.metadata)
+    detector = _believed(detector, raw, metadata)
+    beyond = detector is not whole
+    metadata = inform(detector, raw.metadata) if beyond else metadata
     counts = (_of_adu if raw.unit == "adu" else _of_electrons)(detector, raw, metadata)
     response = _piece(detector, "flat", raw) if raw.unit == "adu" else 1.0
     bad = _bad(detector, raw) | counts.unknown
@@ -153,17 +152,21 @@ def _bad(detector: Characteristics, raw: RawFrame) -> np.ndarray:
     return bad if detector.flat is None else bad | (_piece(detector, "flat", raw) <= 0)
 
 
-def _disproves(raw: RawFrame, metadata: Metadata, largest: float) -> bool:
-    """Whether readings lie so far above the converter's largest that another made them, or a gain is wrong.
+def _believed(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Characteristics:
+    """The detector, without the converter and the full well that readings far above them prove wrong.
 
-    Of a frame in electrons the level rests on a gain that its header may have from before it was converted.
+    They come from another camera then, or the gain is wrong: a header of a frame in electrons may have one
+    from after it was converted.
     """
     good = raw.data[~raw.mask]
-    if math.isinf(largest) or not good.size:
-        return False
-    bias, gain = metadata.value("bias"), metadata.value("gain")
-    top = good.max() - bias if raw.unit == "adu" else good.max() / gain
-    return bool(top > _PROOF * (largest - bias))
+    if detector.bits is None or not good.size:
+        return detector
+    bias, gain, well = metadata.value("bias"), metadata.value("gain"), detector.full_well
+    charge = float((good.max() - bias) * gain if raw.unit == "adu" else good.max())
+    if charge <= _PROOF * (detector.largest - bias) * gain:
+        return detector
+    holds = well is None or detector.nonlinearity is not None or charge <= _PROOF * well
+    return replace(detector, bits=None, full_well=well if holds else None)
 
 
 def _flags(

@@ -20,7 +20,7 @@ PLAUSIBLE_GAIN = (0.01, 30.0)
 _ADU = r"(?:adus?|dn|counts?|cts?|a/d(?: units?)?|data ?numbers?)\b"
 ELECTRONS_PER_ADU = re.compile(rf"(?:\be-?|\bel(?:ec)?|electrons?)\s*(?:/|per\b)\s*{_ADU}", re.I)
 ADU_PER_ELECTRON = re.compile(rf"\b{_ADU}\s*(?:/|per\b)\s*(?:e\b|e-|el(?:ec)?\b|(?:photo-?)?electron)", re.I)
-_DECIBEL = re.compile(r"\b(d|deci)b(el)?s?\b", re.I)
+_DECIBEL = re.compile(r"(?<![a-z])(d|deci)b(el)?s?\b", re.I)
 
 
 def resolve_gain(cards: Cards) -> Known | None:

@@ -11,6 +11,7 @@ from refusals import refused
 from jitterkit.batch import Processor, finder
 from jitterkit.batch.finder import _FEWEST_USED
 from jitterkit.batch.verdict import judge
+from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, RawFrame
@@ -73,6 +74,14 @@ def test_a_fit_that_no_frame_can_show_is_implausible_however_good_it_is(x, size,
     result = judge(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375), good, 0.375)
     assert (result.status, result.reason) == (Status.POOR_FIT, "implausible")
     assert value in result.message
+
+
+@pytest.mark.parametrize("flags", [(), (NORMALISED,)])
+def test_sky_is_no_advice_where_the_unit_is_the_likely_fault(flags):
+    pair = Parameters(Binary(8.0, 30.0, 0.0, 0.0, 1e5, 3.0), Mvn.of(0.1, 0.1), np.zeros(0))
+    high = FitResult(Status.POOR_FIT, "", parameters=pair, residual=np.ones((40, 40)), dof=1600)
+    message = judge(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375, flags=flags), high, 0.375).message
+    assert ("--background" in message) == (not flags)
 
 
 def test_one_star_is_no_pair_where_a_pair_is_asked_for(processor, rng, drawn):

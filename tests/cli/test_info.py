@@ -1,10 +1,12 @@
 """``jitterkit info`` about instruments and detectors."""
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
 from jitterkit.errors import ErrorCode
+from jitterkit.frames import write_fits
 
 runner = CliRunner()
 
@@ -30,6 +32,21 @@ def test_info_tells_an_instrument_file(tmp_path):
     told = rows(runner.invoke(app, ["info", str(path)]).stdout)
     assert "instrument file cam.toml [detector] coupling" in told["coupling"]
     assert "preset smallsat" in told["plate_scale"]
+
+
+@pytest.mark.parametrize(
+    ("header", "data", "said"),
+    [
+        ({"BUNIT": "MJy/sr"}, [[1.0, 2.0], [3.0, 4.0]], "MJy/sr"),
+        ({}, [[0.1, 0.2], [0.3, 1.0]], "floats from 0 to 1"),
+        ({"EXPTIME": "2 x 30 s"}, [[1.0, 2.0], [3.0, 4.0]], "'2 x 30 s'"),
+    ],
+)
+def test_info_warns_of_what_it_does_not_use(tmp_path, header, data, said):
+    write_fits(tmp_path / "a.fits", np.array(data), header=header)
+    done = runner.invoke(app, ["info", str(tmp_path / "a.fits")])
+    assert done.exit_code == 0
+    assert said in rows(done.stdout)["warning:"]
 
 
 def test_info_of_nothing_says_so(told):

@@ -57,6 +57,15 @@ def test_floats_from_0_to_1_are_recognised():
     assert NORMALISED not in Detector().calibrate(frame(COUNTS / COUNTS.max(), "electron")).flags
 
 
+def test_a_well_is_proved_wrong_with_the_converter():
+    detector = Detector(gain=3.6, bias=0.0, bits=12, full_well=14500.0)
+    data = np.full((8, 8), 100.0)
+    data[2:6, 2:6] = 50000.0
+    assert not detector.calibrate(frame(data, "adu")).mask.any()
+    data[2:6, 2:6] = 4095.0
+    assert detector.calibrate(frame(data, "adu")).saturated == 16
+
+
 @pytest.mark.parametrize("unit", ["adu", "electron"])
 def test_readings_far_above_a_ceiling_prove_it_wrong(unit):
     detector = Detector(gain=3.6, bias=30.0, bits=12, sources={"gain": "preset imx183"})

@@ -88,6 +88,7 @@ NUMBERS = [  # cards, quantity, value or None, what a warning names
     ({"GAIN": (0.5, "[adu/electron]")}, "gain", None, "GAIN = 0.5"),
     ({"GAIN": (2.0, "e-/ADU (0.5 ADU/e-)")}, "gain", 2.0, ""),
     ({"GAIN": (1.5, "gain in dB")}, "gain", None, "dB"),
+    ({"GAIN": (1.5, "unit: 0.1dB"), "RDNOISE": 2}, "gain", None, "dB"),
     ({"GAIN": "6 dB"}, "gain", None, "dB"),
     ({"GAIN": 1.9}, "gain", None, "GAIN = 1.9"),
     ({"GAIN": 1, "BUNIT": "electron"}, "gain", None, "GAIN = 1"),
