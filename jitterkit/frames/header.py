@@ -213,7 +213,8 @@ def _unit(cards: Cards) -> Known | None:
     if unit is None and text.lower() in _UNSAID:
         cards.warnings.append(f"BUNIT = {text!r} says no unit and is taken as ADU")
         unit = "adu"
-    return Known(unit or text, "", card[2])
+    as_written = unit in RATES and text.lower() != unit
+    return Known(unit or text, "", f"{card[2]}, {text!r}" if as_written else card[2])
 
 
 def rate_of_brightness(

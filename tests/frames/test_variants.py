@@ -33,6 +33,7 @@ NUMBERS = [  # cards, quantity, value or None, what a warning names
     ({"EGAIN": "~3.7"}, "gain", None, "'~3.7'"),
     ({"EGAIN": "3.7 +/- 0.1"}, "gain", None, "'3.7 +/- 0.1'"),
     ({"EXPTIME": "1/200"}, "exposure", 0.005, ""),
+    ({"EXPTIME": "1 / 200 s"}, "exposure", 0.005, ""),
     ({"EXPTIME": "1/4 s"}, "exposure", 0.25, ""),
     ({"EXPTIME": "1/0"}, "exposure", None, "'1/0'"),
     ({"EXPTIME": "00:02:30"}, "exposure", None, "'00:02:30'"),
