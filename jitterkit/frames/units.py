@@ -47,6 +47,10 @@ def resolve_unit(text: str) -> str | None:
     unit : {"adu", "electron", "adu/s", "electron/s"} or None
         None where the text says none of them; an empty text is ``"adu"``.
     """
+    twice = re.fullmatch(r"([^([]+)[([](.+)[])]", text.strip())  # "Counts (ADU)"
+    if twice:
+        unit = resolve_unit(twice[1])
+        return unit if unit == resolve_unit(twice[2]) else None
     word = _PER_PIXEL.sub("", "".join(text.split()).lower().strip("[]()"))
     if not word:
         return "adu"

@@ -150,6 +150,8 @@ UNITS = [  # BUNIT, the unit that pixels are taken to have
     ("ELECTRONS", "electron"), ("e-", "electron"), ("ELECTRONS/S", "electron/s"), ("e-/s", "electron/s"),
     ("electron s-1", "electron/s"), ("COUNTS/S", "adu/s"), ("DN/s", "adu/s"), ("counts/sec", "adu/s"),
     ("adu.s-1", "adu/s"), ("none", "adu"), ("MJy/sr", "MJy/sr"), ("nJy", "nJy"), ("nanomaggy", "nanomaggy"),
+    ("Counts (ADU)", "adu"), ("electrons [e-]", "electron"),
+    ("electrons (per second)", "electrons (per second)"),
     ("Jy/beam", "Jy/beam"), ("mag", "mag"), ("erg/cm2/s", "erg/cm2/s"), ("e-/min", "e-/min"),
     ("10^3 electrons", "10^3 electrons"), ("W m-2", "W m-2"), ("K", "K"),
 ]  # fmt: skip
