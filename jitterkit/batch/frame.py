@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.batch.finder import Finder
+from jitterkit.batch.finder import Estimated, Finder
 from jitterkit.batch.verdict import OUTLIERS, further_stars, judge, left_out, midpoint_pixel, position_angle
 from jitterkit.errors import out_of_memory
 from jitterkit.frames import Frame, RawFrame
@@ -22,7 +22,9 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Residual
 from jitterkit.loci import locus_class
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, fit_best_locus, fit_locus
+from jitterkit.refit.over_field import say_if_blur_varies
 from jitterkit.refit.rays import find_rays
+from jitterkit.scene import Stars
 
 __all__ = ["Processed", "Processor"]
 
@@ -164,12 +166,23 @@ class Processor(Finder):
             result = fit_best_locus(*common, estimate.covariance, sure=found.searched is None)
         else:
             result = fit_locus(self.locus, *common, sure=found.searched is None)
-        result = further_stars(replace(result, estimate=estimate))
+        result = self._compared_over_field(found, further_stars(replace(result, estimate=estimate)))
         result = judge(frame, result, self.instrument.plate_scale)
         if found.doubt and result.status.usable:
             flags = (*result.flags, "maybe_pair")
             result = replace(result, message=f"{result.message} {found.doubt}", flags=flags)
         return self._remark_unused(frame, result), found.left_out
+
+    def _compared_over_field(self, found: Estimated, result: FitResult) -> FitResult:
+        """The result, with a remark where the stars of a field differ in their blur."""
+        p = result.parameters
+        if p is None or result.image is None or result.residual is None or p.scene.name != Stars.name:
+            return result
+        data = found.data.without(~np.isfinite(result.residual))
+        said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
+        if not said:
+            return result
+        return replace(result, message=f"{result.message} {said}", flags=_with(result.flags, "blur_varies"))
 
     def _remark_unused(self, frame: Frame, result: FitResult) -> FitResult:
         """The result, with a remark where a prior was given and nothing of it holds for this frame."""

@@ -32,6 +32,7 @@ FLAGS: dict[str, str] = {
     "outlier": "the frame contradicts the others of its sequence and was not counted",
     "maybe_pair": "one star was fitted, and two closer than the resolution would look alike",
     "outliers_left_out": "single pixels that do not belong to the image were found and left out",
+    "blur_varies": "the stars of the field differ in their blur: the PSF changes over it, or it rolled",
     "further_stars": "stars beside those of the scene were found and fitted",
 }
 

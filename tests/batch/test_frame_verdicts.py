@@ -81,7 +81,7 @@ def test_sky_is_no_advice_where_the_unit_is_the_likely_fault(flags):
     pair = Parameters(Binary(8.0, 30.0, 0.0, 0.0, 1e5, 3.0), Mvn.of(0.1, 0.1), np.zeros(0))
     high = FitResult(Status.POOR_FIT, "", parameters=pair, residual=np.ones((40, 40)), dof=1600)
     message = judge(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375, flags=flags), high, 0.375).message
-    assert ("--background" in message) == (not flags)
+    assert ("--no-background" in message) == (not flags)
 
 
 def test_one_star_is_no_pair_where_a_pair_is_asked_for(processor, rng, drawn):
