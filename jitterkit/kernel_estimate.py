@@ -8,12 +8,16 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
-from jitterkit.loci.base import Locus, principal_axes
+from jitterkit.errors import ErrorCode, UndeterminedError
+from jitterkit.loci.base import Locus, axis_variances, covariance_on_axis, principal_axes
 
-__all__ = ["KernelEstimate", "is_detected", "significance"]
+__all__ = ["KernelEstimate", "is_detected", "refuse_blurrier", "significance"]
 
 _DETECTED = float(chi2.isf(1e-3, 3))
 """Chi-squared of three moments that no jitter at all exceeds in one frame of a thousand."""
+
+_BLURRIER = 5.0
+"""Standard errors of a negative variance from which a reference is blurrier than the frame."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,9 @@ class KernelEstimate:
         Kernel on the frame's pixels, where the method gives one: odd sides, its centre the middle one.
     locus : Locus or None
         The locus itself, where the method fits or assumes one.
+    undetermined : str
+        A sentence on what the moments are where they are not known to be the pointing's (worse seeing, say);
+        empty where they are.  There is then no significance.
     digest : str
         Of the raw frame it was made from, ``RawFrame.digest``.  Where it is known it tells the same data;
         where it is empty the source does.
@@ -57,6 +64,7 @@ class KernelEstimate:
     shape_err: float = float("nan")
     kernel: np.ndarray | None = None
     locus: Locus | None = None
+    undetermined: str = ""
     digest: str = ""
 
     @property
@@ -72,7 +80,7 @@ class KernelEstimate:
     @cached_property
     def significance(self) -> float:
         """Chi-squared (3 degrees of freedom) against no jitter at all; NaN where that cannot be said."""
-        return significance(self.moments, self.covariance)
+        return float("nan") if self.undetermined else significance(self.moments, self.covariance)
 
     @property
     def is_undetected(self) -> bool:
@@ -105,3 +113,39 @@ def significance(moments: np.ndarray, covariance: np.ndarray) -> float:
     if values[0] < 1e-9 * values[-1]:
         return float("nan")
     return float(np.sum((vectors.T @ (moments / scale)) ** 2 / values))
+
+
+def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray, *, tolerated: float) -> None:
+    """Refuse a reference that is blurrier than the frame.
+
+    Parameters
+    ----------
+    excess, covariance : (3,) and (3, 3) array
+        Moments of the frame's blur less those of the reference's [pixels²], and their covariance.
+    tolerated : float
+        Share of the larger variance that may be missing along the other axis, as a method's errors allow for.
+
+    Raises
+    ------
+    UndeterminedError
+        If a variance is negative beyond its error and beyond what is tolerated.
+    """
+    major, minor, axis = axis_variances(excess)
+    own = covariance_on_axis(covariance, axis)
+    across = (axis + 90) % 180
+    if minor > -_BLURRIER * np.sqrt(own[2, 2]) or -minor < tolerated * major:
+        return
+    if major > _BLURRIER * np.sqrt(own[0, 0]):
+        raise UndeterminedError(
+            ErrorCode.BAD_REFERENCE,
+            f"The reference is blurrier than the frame along {across:.0f} degrees (by {-minor:.3g} pixel² of "
+            f"variance) and sharper along {axis:.0f} degrees; give one that is sharper all round.",
+        )
+    # a trail widens adaptive moments a little across it too: some deficit there is not all round
+    all_round = major < -_BLURRIER * np.sqrt(own[0, 0]) and minor > 2 * major
+    where = "all round" if all_round else f"along {across:.0f} degrees"
+    raise UndeterminedError(
+        ErrorCode.BAD_REFERENCE,
+        f"The reference is blurrier than the frame, {where} (by {-minor:.3g} pixel² of variance); "
+        "exchange them?",
+    )

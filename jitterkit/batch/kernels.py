@@ -70,8 +70,9 @@ def estimate_files(
         One row per frame: file, frame, status, reason, scene, estimator, moments with errors and their
         correlations, axes, length and shape where the estimator knows them, significance, digest of the
         pixels, message.
-        In arcsec; in pixels if a frame has no scale.  The frame that is the reference of the others has the
-        status ``reference``, one with the pixels of an earlier one ``duplicate``.
+        In arcsec; in pixels if a frame has no scale.  An undetermined frame has the length and its error
+        where they were measured, no moments and no significance.  The frame that is the reference of the
+        others has the status ``reference``, one with the pixels of an earlier one ``duplicate``.
     """
     files = find_files(paths)
     batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), measurer.together)
@@ -146,7 +147,7 @@ def _measure(frame: _Ready, last: bool) -> _Result:
 
 
 def _table(rows: list[dict[str, Any]]) -> QTable:
-    scaled = all(math.isfinite(row["scale"]) for row in rows if row["status"] == "ok")
+    scaled = all(math.isfinite(row["scale"]) for row in rows if row["scale"] is not None)
     table = QTable()
     for name in ("file", "frame", "status", "reason", "scene", "estimator", *_NUMBERS, "digest", "message"):
         power = _POWERS.get(name, 0)
@@ -163,7 +164,8 @@ def _table(rows: list[dict[str, Any]]) -> QTable:
 
 
 def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
-    return row[name] / (row["scale"] if math.isfinite(row["scale"]) else 1.0) ** power
+    scale = row["scale"] or 1.0
+    return row[name] / (scale if math.isfinite(scale) else 1.0) ** power
 
 
 def _row(
@@ -195,20 +197,24 @@ def _measured_row(
 ) -> dict[str, Any]:
     if isinstance(measured, FitResult):
         return _blank(path, index, measurer, measured)
-    estimate, message = measured.estimate, " ".join(filter(None, [measured.message, *_remarks(measured)]))
+    estimate = measured.estimate
+    message = " ".join(filter(None, [estimate.undetermined, measured.message, *_remarks(measured)]))
     if keep is not None:
         try:
             keep(measured)
         except _BREAKDOWNS as error:  # the estimate stands all the same
             message = f"{message} {error}".lstrip()
-    row = _blank(path, index, measurer, FitResult(Status.OK, message)) | {
+    status = Status.UNDETERMINED if estimate.undetermined else Status.OK
+    row = _blank(path, index, measurer, FitResult(status, message)) | {
         "scale": math.nan if measured.plate_scale is None else measured.plate_scale
     }
+    row |= {name: getattr(measured, name) for name in ("length", "length_err", "angle_err")}
+    if estimate.undetermined:
+        return row | {"angle": estimate.axes[2]}
     for name, value, spread in zip(_MOMENTS, estimate.moments, estimate.errors, strict=True):
         row |= {name: value, f"{name}_err": spread}
     row |= {name: _correlation(estimate.covariance, i, j) for name, (i, j) in CORRELATIONS.items()}
     row |= {"scene": measured.scene} | dict(zip(("major", "minor", "angle"), estimate.axes, strict=True))
-    row |= {name: getattr(measured, name) for name in ("length", "length_err", "angle_err")}
     row |= {name: getattr(estimate, name) for name in ("shape", "shape_err", "significance")}
     return row
 
@@ -240,4 +246,4 @@ def _blank(path: Path, index: int, measurer: Measurer, result: FitResult) -> dic
         "estimator": measurer.name,
         "digest": "",
     }
-    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": math.nan, "message": result.message}
+    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": None, "message": result.message}

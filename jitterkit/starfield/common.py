@@ -14,7 +14,18 @@ __all__ = ["Common", "common_moments"]
 _OUTLIER = 25.0
 """Squared distance, of three degrees of freedom, beyond which a star is a blend: 2e-5 by chance."""
 
+_WIDER = 1.3
+"""Of the smallest stars' variance across their axis: what is wider is a galaxy or a blend.  Trails and coma
+lengthen stars and leave their width."""
+
+_COLLAPSED = 0.4
+"""Share of the stars whose weight shrinks to nothing from which the sampling is too coarse: 0.7 to 0.9 of
+normal stars of FWHM 1.6 to 1.4 pixels, a tenth of those of 1.8."""
+
 _PASSES = 20
+
+_ALIKE = 0.4, 0.15
+"""Scatter of the elongation and of the size, as shares of either, below which few stars are alike."""
 
 _LEAST = 3
 """Stars from which a scatter can be told, and one told from the rest."""
@@ -33,6 +44,9 @@ class Common(NamedTuple):
         Covariance from star to star beyond the noise [pixels⁴].
     used : (n,) bool array
         Stars that agree; the rest are blends, galaxies and worse.
+    agree : bool
+        Whether these are two or more and scatter by less than 0.4 of their own elongation and 0.15 of their
+        size, noise included: so alike are few galaxies or speckles.
     chi2 : float
         Of equal moments, noise alone; its expectation is ``dof`` if they are.
     dof : int
@@ -42,6 +56,7 @@ class Common(NamedTuple):
     covariance: np.ndarray
     scatter: np.ndarray
     used: np.ndarray
+    agree: bool
     chi2: float
     dof: int
 
@@ -62,9 +77,16 @@ def common_moments(moments: Moments) -> Common:
     Raises
     ------
     UndeterminedError
-        If no star is sound.
+        If no star is sound, or many are too sharp for their pixels (code ``sampling``).
     """
-    values, noise, used = moments.moments, moments.covariance, moments.sound.copy()
+    collapsed, n = int(np.sum(~np.isfinite(moments.moments).all(1))), len(moments.moments)
+    if collapsed > _COLLAPSED * n:
+        raise UndeterminedError(
+            ErrorCode.SAMPLING,
+            f"{collapsed} of {n} stars are undersampled: narrower than a FWHM of some 1.8 pixels, their "
+            "shapes cannot be measured; use finer sampling, or known optics with --instrument.",
+        )
+    values, noise, used = moments.moments, moments.covariance, _narrow(moments)
     if not used.any():
         raise UndeterminedError(
             ErrorCode.TOO_FEW_STARS,
@@ -86,7 +108,36 @@ def common_moments(moments: Moments) -> Common:
             scatter = _scatter(values[used] - mean, noise[used], scatter)
     residual = values[used] - mean
     chi2 = float(np.einsum("na,nab,nb->", residual, np.linalg.inv(noise[used]), residual))
-    return Common(mean, covariance, scatter, used, chi2, 3 * (int(used.sum()) - 1))
+    share = 1 / np.trace(noise[used] + scatter, axis1=1, axis2=2)
+    agree = _agree(values[used], share) and bool(used.sum() > moments.sound.sum() / 2)
+    return Common(mean, covariance, scatter, used, agree, chi2, 3 * (int(used.sum()) - 1))
+
+
+def _narrow(moments: Moments) -> np.ndarray:
+    """Return which sound stars (n,) are as narrow as the narrowest that crowd together."""
+    width = np.linalg.eigvalsh(moments.moments[:, [0, 1, 1, 2]].reshape(-1, 2, 2)[moments.sound])[:, 0]
+    if len(width) < 2 * _LEAST:
+        return moments.sound.copy()
+    ordered = np.log(np.maximum(np.sort(width), np.finfo(float).tiny))
+    crowd = max(_LEAST, len(width) // 4)
+    spans = ordered[crowd - 1 :] - ordered[: len(ordered) - crowd + 1]
+    typical = np.exp(ordered[np.argmin(spans) + crowd // 2])
+    narrow = moments.sound.copy()
+    narrow[moments.sound] = width < _WIDER * typical
+    return narrow
+
+
+def _agree(values: np.ndarray, weights: np.ndarray) -> bool:
+    """Whether moments (n, 3) are alike in elongation and size."""
+    n = len(values)
+    if n < 2:
+        return False
+    # elongation by its two components, and size
+    shapes = values @ np.array([[1.0, 0.0, -1.0], [0.0, 2.0, 0.0], [1.0, 0.0, 1.0]]).T
+    mean = np.average(shapes, axis=0, weights=weights)
+    spread = np.average((shapes - mean) ** 2, axis=0, weights=weights) * n / (n - 1)
+    alike = np.sqrt([spread[:2].sum(), spread[2]]) < np.multiply(_ALIKE, [np.hypot(*mean[:2]), mean[2]])
+    return bool(alike.all())
 
 
 def _scatter(residual: np.ndarray, noise: np.ndarray, before: np.ndarray) -> np.ndarray:

@@ -42,8 +42,19 @@ _LEAST_SNR = 25.0
 """Of the light in a region; fainter stars have moments with errors beyond a tenth and biased by noise."""
 
 _BAD, _SHARP = 6.0, 1.5
-"""A pixel is bad that differs from the median of its neighbours by so many sigma, and by so many times
-the height of that median: no star wider than 1.8 pixels FWHM does."""
+"""A bad pixel differs from the median of its neighbours by so many sigma, and by so many times the height of
+that median.  So do stars sharper than a FWHM of 2 pixels, and pixels between a core and its dark ring."""
+
+_LONELY = 0.15
+"""Third highest of the eight neighbours, as a share of a pixel, up to which it is no star's: a normal star
+of FWHM 1.4 pixels has 0.24 or more, a straight track of charge nothing."""
+
+_WING, _NEAR = 0.1, 2.5
+"""Peak, as a share of a brighter one, and distance in units of the brighter one's FWHM, within which a region
+is a part of the brighter star: a piece of a diffraction ring, a speckle."""
+
+_FLAT, _LEVEL = 4, 3e-4
+"""Pixels at the frame's highest counts, to so small a share of them, that show it is a ceiling."""
 
 _LONGER = 2.5
 """Region longer than so many times the median one: a streak, a galaxy."""
@@ -53,6 +64,9 @@ _CORE = 3.0
 
 _HALVES = (8, 12, 16, 20, 24, 32, 48)
 """Half widths of a stamp [pixels]: few, so that few programs are compiled."""
+
+
+_AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,45 +145,39 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
 
     Notes
     -----
-    Background and noise are measured in boxes of 64 pixels.  Isolated pixels that stick out by
-    more than any star could (cosmic rays, dead pixels) are treated as masked.  Left out are stars
+    Background and noise are measured in boxes of 64 pixels.  Pixels that stick out by more than any star
+    could (cosmic rays, dead pixels) are treated as masked, and so are those of flat tops: four or more at the
+    frame's highest level.  A region within 2.5 FWHM of a star ten times brighter is a part of it.  Left out
+    are stars
     that hang together with another above the noise, lie within three sigma of another star, a bad pixel
     or the edge, or are 2.5 times longer than the median star: satellites, and moving objects.
 
     *Fails when* the field is so crowded that hardly a star stands alone.
     """
     image, noise, bad = _flattened(frame)
-    regions, whole = _regions(image, noise)
-    catalog = SourceCatalog(image, regions, mask=bad)
-    x, y = np.asarray(catalog.centroid).T
-    long = np.sqrt(np.linalg.eigvalsh(np.asarray(catalog.covariance))[:, -1])
-    flux = np.asarray(catalog.segment_flux)
-    variance = np.median(noise) ** 2 + np.clip(image, 0, None) / frame.response
-    bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
-    bright &= np.isfinite(x + y + long)
-    if not bright.any():
-        raise UndeterminedError(
-            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
-        )
-    typical = float(np.median(long[bright]))
-    good = bright & ~_blended(regions.data, whole) & (long < _LONGER * typical)
-    half = _half_width(typical) if half is None else half
-    order = np.argsort(-flux[good])
-    x, y, own = (a[good][order] for a in (x, y, np.asarray(catalog.labels)))
+    found = _regions(image, noise, bad, frame.response)
+    ceiling = _ceiling(frame)
+    bad |= ceiling
+    good = found.bright & ~found.blended & (found.long < _LONGER * found.typical)
+    half = _half_width(found.typical) if half is None else half
+    order = np.argsort(-found.flux[good])
+    x, y, own = (a[good][order] for a in (found.x, found.y, found.numbers))
     response = np.broadcast_to(frame.response, frame.shape)
-    stars = _cut(image, noise**2, response, bad, regions.data, x, y, own, half)
-    alone = _alone(stars, _CORE * typical)
+    stars = _cut(image, noise**2, response, bad, found.labels, x, y, own, half)
+    alone = _alone(stars, _CORE * found.typical)
     if not alone.any():
+        full = len(np.unique(found.labels[ceiling & (found.labels > 0)]))
+        why = f" ({full} of {len(found.flux)} are saturated: their tops are flat)" if full else ""
         raise UndeterminedError(
             ErrorCode.TOO_FEW_STARS,
-            "No star of the frame stands alone, clear of bad pixels and of the edge; "
+            f"No star of the frame stands alone, clear of bad pixels and of the edge{why}; "
             "choose a less crowded part of it.",
         )
     return stars.chosen(alone)
 
 
 def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image without background, noise of each pixel, and bad pixels, which are filled."""
+    """Return the image without background, its noise, and the bad pixels, which are filled."""
     if frame.mask.all():
         raise UndeterminedError(ErrorCode.NO_DATA, f"{frame.name} has no usable pixel; mask less of it.")
     box = tuple(min(_BOX, n) for n in frame.shape)
@@ -186,12 +194,58 @@ def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     noise = np.maximum(noise, np.finfo(np.float32).tiny)
     smooth = median_filter(np.where(frame.mask, 0.0, image), 3).astype(float)
     reach = _BAD * np.hypot(noise, np.sqrt(np.clip(smooth, 0, None) / frame.response))
-    bad = frame.mask | (np.abs(image - smooth) > reach + _SHARP * np.clip(smooth, 0, None))
+    odd = np.abs(image - smooth) > reach + _SHARP * np.clip(smooth, 0, None)
+    third = ndimage.rank_filter(np.where(frame.mask, 0.0, image), -3, footprint=_AROUND)
+    bad = frame.mask | (odd & ((image < 0) | (third < _LONELY * image)))
     return np.where(bad, smooth, image), noise, bad
 
 
-def _regions(image: np.ndarray, noise: np.ndarray):
-    """Regions above the sky, split where they hold several stars, and their labels before that."""
+def _ceiling(frame: Frame) -> np.ndarray:
+    """Return the pixels (ny, nx) at a level that counts do not exceed, if the frame has such a level."""
+    counts = np.where(frame.mask, -np.inf, frame.electrons * frame.response)
+    top = counts >= counts.max() * (1 - _LEVEL)
+    return top if counts.max() > 0 and top.sum() >= _FLAT else np.zeros(frame.shape, bool)
+
+
+@dataclass(frozen=True, eq=False)
+class _Regions:
+    """Regions above the sky, one a star: labels (ny, nx), and n numbers of each [pixels, electrons]."""
+
+    labels: np.ndarray
+    numbers: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    long: np.ndarray
+    flux: np.ndarray
+    bright: np.ndarray
+    blended: np.ndarray
+
+    @property
+    def typical(self) -> float:
+        """Sigma along the axis of the median star that is bright enough [pixels]."""
+        return float(np.median(self.long[self.bright]))
+
+
+def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) -> _Regions:
+    """Find the regions and measure them."""
+    regions, whole = _segments(image, noise)
+    catalog = SourceCatalog(image, regions, mask=bad)
+    x, y = np.asarray(catalog.centroid).T
+    long = np.sqrt(np.linalg.eigvalsh(np.asarray(catalog.covariance))[:, -1])
+    flux = np.asarray(catalog.segment_flux)
+    variance = np.median(noise) ** 2 + np.clip(image, 0, None) / response
+    bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
+    bright &= np.isfinite(x + y + long)
+    if not bright.any():
+        raise UndeterminedError(
+            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
+        )
+    numbers = np.asarray(catalog.labels)
+    return _Regions(regions.data, numbers, x, y, long, flux, bright, _blended(regions.data, whole))
+
+
+def _segments(image: np.ndarray, noise: np.ndarray):
+    """Split regions above the sky where they hold several stars; return them, and their labels before."""
     smooth = ndimage.gaussian_filter(image, _SMOOTHING)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NoDetectionsWarning)
@@ -201,7 +255,22 @@ def _regions(image: np.ndarray, noise: np.ndarray):
             ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
         )
     split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
+    for wing, star in _wings(smooth, split.data):
+        split.reassign_label(wing, star)
     return split, whole.data
+
+
+def _wings(image: np.ndarray, labels: np.ndarray) -> list[tuple[int, int]]:
+    """Return pairs of labels: a region that is a part of a brighter star, and that star's."""
+    numbers = np.arange(1, labels.max() + 1)
+    peaks = ndimage.maximum(image, labels, numbers)
+    at = np.array(ndimage.maximum_position(image, labels, numbers))
+    half = image > np.append(np.inf, peaks / 2)[labels]
+    fwhm = 2 * np.sqrt(ndimage.sum_labels(half, labels, numbers) / np.pi)
+    brighter = peaks * _WING > peaks[:, None]
+    near = np.hypot(*(at[:, None] - at).transpose(2, 0, 1)) < _NEAR * fwhm
+    owner = np.argmax(np.where(near & brighter, peaks, 0), axis=1)
+    return [(i + 1, owner[i] + 1) for i in np.flatnonzero((near & brighter).any(1))]
 
 
 def _blended(labels: np.ndarray, whole: np.ndarray) -> np.ndarray:

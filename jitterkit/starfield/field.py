@@ -40,7 +40,7 @@ class FieldEstimate:
     Attributes
     ----------
     kernel : KernelEstimate
-        Of the pointing, common to all stars.
+        Of the pointing, common to all stars; its ``undetermined`` says where it is no trail's.
     length, length_err : float
         Of a uniform line [arcsec]; NaN where the frame is as sharp as the reference.
     angle, angle_err : float
@@ -207,6 +207,7 @@ def _record(
         "starfield",
         source,
         locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
+        undetermined=trail.undetermined,
     )
     return FieldEstimate(
         kernel=kernel,

@@ -1,6 +1,6 @@
-"""Whether a reference is sharp enough to say anything: blurrier than the frame, as sharp, or trailed itself.
+"""Whether a reference is sharp enough to say anything: as sharp as the frame, or trailed itself.
 
-Reach for :func:`refuse_blurrier`.  All is told from the difference of the stars' adaptive moments, whose
+All is told from the difference of the stars' adaptive moments, whose
 noise has mean zero: a PSF with noise in it, fitted to stars, asks for a little blur that smooths it.
 """
 
@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.loci import axis_variances, covariance_on_axis
 from jitterkit.starfield.psf import Psf
 
-__all__ = ["elongation", "is_blurred", "refuse_blurrier"]
+__all__ = ["TOLERATED", "elongation", "is_blurred"]
 
-_BLURRIER = 5.0
-"""Sigma of a negative variance from which the reference is believed to be blurrier than the frame."""
-
-_TOLERATED = 0.25
+TOLERATED = 0.25
 """Share of the blur's larger variance that may be missing across it: a trail's length, widened or not,
 is then right to 5 %; stars sharper by 0.45 of it gave 5 % too little, by 1.4 of it 6 %, and where nothing
 is left of the trail it is invented."""
@@ -26,40 +22,6 @@ is left of the trail it is invented."""
 _ROUND, _CERTAIN = 1.1, 5.0
 """Ratio of a reference's variances along and across up to which it is round, and sigma of what is not:
 optics make ellipticities of a few percent."""
-
-
-def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray) -> None:
-    """Refuse a reference that is blurrier than the frame.
-
-    Parameters
-    ----------
-    excess, covariance : (3,) and (3, 3) array
-        Moments of the frame's stars less those of the reference's [pixels²], and of them the covariance.
-
-    Raises
-    ------
-    UndeterminedError
-        If the frame is significantly sharper, by more than a change of seeing that the line's fit allows for.
-    """
-    major, minor, axis = axis_variances(excess)
-    own = covariance_on_axis(covariance, axis)
-    across = (axis + 90) % 180
-    if minor > -_BLURRIER * np.sqrt(own[2, 2]) or -minor < _TOLERATED * major:
-        return
-    if major > _BLURRIER * np.sqrt(own[0, 0]):
-        raise UndeterminedError(
-            ErrorCode.BAD_REFERENCE,
-            f"The reference is blurrier than the frame along {across:.0f} degrees (by {-minor:.3g} pixel² of "
-            f"variance) and sharper along {axis:.0f} degrees; give one that is sharper all round.",
-        )
-    # a trail widens adaptive moments a little across it too: some deficit there is not all round
-    all_round = major < -_BLURRIER * np.sqrt(own[0, 0]) and minor > 2 * major
-    where = "all round" if all_round else f"along {across:.0f} degrees"
-    raise UndeterminedError(
-        ErrorCode.BAD_REFERENCE,
-        f"The reference is blurrier than the frame, {where} (by {-minor:.3g} pixel² of variance); "
-        "exchange them?",
-    )
 
 
 def is_blurred(excess: np.ndarray, covariance: np.ndarray) -> bool:

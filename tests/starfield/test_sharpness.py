@@ -5,8 +5,9 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode, UndeterminedError
+from jitterkit.kernel_estimate import refuse_blurrier
 from jitterkit.starfield import estimate_field, field_psf
-from jitterkit.starfield.sharpness import elongation, refuse_blurrier
+from jitterkit.starfield.sharpness import TOLERATED, elongation
 
 NOISE = 0.01**2 * np.diag([1.0, 0.5, 1.0])
 
@@ -37,14 +38,14 @@ def test_a_trailed_reference_is_refused_for_a_sharp_frame(sharp, trailed):
 )
 def test_where_and_by_how_much_the_reference_is_blurrier_is_said(excess, values):
     with refused(ErrorCode.BAD_REFERENCE, *values, error=UndeterminedError):
-        refuse_blurrier(excess, NOISE)
+        refuse_blurrier(excess, NOISE, tolerated=TOLERATED)
 
 
 @pytest.mark.parametrize(
     "excess", [line(4.0, 25.0), line(4.0, 25.0) - wider(0.15), wider(0.3), -wider(0.04), wider(0.0)]
 )
 def test_noise_and_a_small_change_of_seeing_are_not_refused(excess):
-    refuse_blurrier(excess, NOISE)  # 0.04 is four of the errors
+    refuse_blurrier(excess, NOISE, tolerated=TOLERATED)  # 0.04 is four of the errors
 
 
 @pytest.mark.parametrize("seed", [1, 2])
