@@ -10,9 +10,9 @@ import numpy as np
 
 from jitterkit.batch.measured import Measured
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames import write_fits
+from jitterkit.frames import Frame, write_fits
 from jitterkit.frames.whole import replacing
-from jitterkit.kernels import deblur, kernel_image, write_kernel
+from jitterkit.kernels import deblur, in_rows, kernel_image, write_kernel
 from jitterkit.report.outputs import ENDS, make_directory
 from jitterkit.report.plots import png
 
@@ -33,6 +33,9 @@ class Products:
         Whether files of earlier runs may be replaced.
     oversample : int
         Pixels of a kernel per detector pixel along each axis, as the tool that is to use it oversamples.
+    file_rows : bool
+        Whether kernels and images of a frame whose file begins with the top row (a TIFF) begin with it too,
+        as tools need that convolve the file's own array; by default their first row is the lowest.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class Products:
     images: Path | None = None
     overwrite: bool = False
     oversample: int = 1
+    file_rows: bool = False
     _written: set[str] = field(default_factory=set, repr=False)
     _files: set[str] = field(default_factory=set, repr=False)
 
@@ -72,9 +76,9 @@ class Products:
             with replacing(self.pictures / f"{stem}{ENDS[0]}", overwrite=True) as temporary:
                 temporary.write_bytes(picture)
         if self.images is not None:
-            _write_deblurred(self.images / f"{stem}{ENDS[2]}", measured)
+            _write_deblurred(self.images / f"{stem}{ENDS[2]}", measured, self.file_rows)
         if self.kernels is not None:
-            _write_kernel(self.kernels / f"{stem}{ENDS[1]}", measured, self.oversample)
+            _write_kernel(self.kernels / f"{stem}{ENDS[1]}", measured, self.oversample, self.file_rows)
 
     def _name(self, measured: Measured) -> str:
         """Of the products of a frame, without their ends; each is given once."""
@@ -92,41 +96,56 @@ class Products:
         return name
 
 
-def _write_kernel(path: Path, measured: Measured, oversample: int) -> None:
-    scale = measured.plate_scale
-    kernel = kernel_image(measured.estimate, scale or 1.0, oversample)
-    remark = "undetected: no jitter at all may give such a kernel" if measured.estimate.is_undetected else ""
+def _write_kernel(path: Path, measured: Measured, oversample: int, file_rows: bool) -> None:
+    estimate, scale = measured.estimate, measured.plate_scale
+    kernel, rows = kernel_image(estimate, scale or 1.0, oversample), _rows(measured.frame, file_rows)
+    remark = "undetected: no jitter at all may give such a kernel" if estimate.is_undetected else ""
     if scale is None:  # nothing to say in arcsec
-        cards: dict[str, tuple[Any, str]] = {
-            "JITRTYPE": ("Custom jitter kernel", "on pixels"),
+        kind = "Blur that is not known to be jitter" if estimate.undetermined else "Custom jitter kernel"
+        array, cards = in_rows(kernel, rows)
+        cards |= {
+            "JITRTYPE": (kind, "on pixels"),
             "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
-        } | ({"COMMENT": (remark, "")} if remark else {})
-        write_fits(path, kernel, header=cards, overwrite=True)
+        }
+        remarks = "\n".join(filter(None, (estimate.undetermined, remark)))
+        cards |= {"COMMENT": (remarks, "")} if remarks else {}
+        write_fits(path, array, header=cards, overwrite=True)
     else:
         write_kernel(
             path,
             kernel,
             plate_scale=scale,
-            estimate=measured.estimate,
+            estimate=estimate,
             oversample=oversample,
             remark=remark,
+            rows=rows,
             overwrite=True,
         )
 
 
-def _write_deblurred(path: Path, measured: Measured) -> None:
+def _write_deblurred(path: Path, measured: Measured, file_rows: bool) -> None:
     frame, scale = measured.frame, measured.plate_scale
     kernel = kernel_image(measured.estimate, scale or 1.0)
     known = "gain_assumed" not in frame.flags  # else the noise is taken from the image itself
     sharp = deblur(frame.electrons, kernel, variance=frame.variance if known else None, mask=frame.mask)
-    cards: dict[str, tuple[Any, str]] = {
+    array, cards = in_rows(sharp.astype(np.float32), _rows(frame, file_rows))
+    cards |= {
         "SOURCE": (frame.name, "frame that was deblurred"),
         "METHOD": (measured.estimate.method, "estimator of the kernel"),
         "DEBLUR": ("richardson-lucy", "to look at, not to measure"),
     }
     if scale is not None:
         cards["PIXSCALE"] = (scale, "[arcsec/pixel]")
-    write_fits(path, sharp.astype(np.float32), header=cards, overwrite=True)
+    if measured.estimate.undetermined:
+        cards["COMMENT"] = (measured.estimate.undetermined, "")
+    write_fits(path, array, header=cards, overwrite=True)
+
+
+def _rows(frame: Frame, file_rows: bool) -> str:
+    """Order of the rows of a frame's exports; nothing where the frame's own file has its lowest row first."""
+    if frame.metadata.row_order != -1:
+        return ""
+    return "TOP-DOWN" if file_rows else "BOTTOM-UP"
 
 
 def _names(measured: Measured) -> tuple[str, str]:

@@ -176,7 +176,8 @@ class SceneMeasurer:
         if sharp is None:
             return METHODS[self.method](image, plate_scale=scale)
         check_size(sharp, frame.name, frame.shape)
-        return estimate_from_reference(_filled(sharp), image, plate_scale=scale)
+        mask = sharp.mask | frame.mask
+        return estimate_from_reference(_filled(sharp), image, plate_scale=scale, mask=mask)
 
 
 def _filled(frame: Frame) -> np.ndarray:

@@ -80,6 +80,13 @@ def estimate(
             min=1, metavar="N", help="Pixels of an exported kernel per detector pixel, along each axis."
         ),
     ] = 1,
+    file_rows: Annotated[
+        bool,
+        typer.Option(
+            "--file-rows",
+            help="Write exports of a frame whose file begins with its top row (a TIFF) in that order too.",
+        ),
+    ] = False,
     deblur: Annotated[Path | None, _directory("Write each frame without its blur, to look at.")] = None,
     scene: options.SceneName = "auto",
     background: options.Background = True,
@@ -104,7 +111,7 @@ def estimate(
     from jitterkit.frames import find_files
 
     paths = find_files(files)
-    _check_options(reference, stars, blind, estimator, export, oversample)
+    _check_options(reference, stars, blind, estimator, export, oversample, file_rows, deblur)
     if reference is not None or stars or blind:
         _check_no_optics(instrument, scene, background)
     _check_outputs(output, (plot, export, deblur), overwrite)
@@ -126,7 +133,7 @@ def estimate(
         measurer.check(paths, hdu)
     else:
         measurer = _by_optics(instrument or _INSTRUMENT, estimator or "score", scene, metadata, background)
-    products = Products(plot, export, deblur, overwrite, oversample)
+    products = Products(plot, export, deblur, overwrite, oversample, file_rows)
     with watching(len(paths), "files") as advance:
         table = estimate_files(paths, measurer, hdu=hdu, watch=advance, keep=products.write)
     if output is not None:
@@ -152,7 +159,7 @@ def _by_optics(instrument, estimator, scene, metadata, background):
     return OpticsMeasurer(Finder(telescope, metadata, kernel=estimator, scene=scene, options=options))
 
 
-def _check_options(reference, stars, blind, estimator, export, oversample) -> None:
+def _check_options(reference, stars, blind, estimator, export, oversample, file_rows, deblur) -> None:
     """Refuse options that do not go together."""
     from jitterkit.errors import ConfigurationError, ErrorCode
 
@@ -167,6 +174,11 @@ def _check_options(reference, stars, blind, estimator, export, oversample) -> No
             ErrorCode.CONFLICT,
             f"--estimator {estimator} chooses among methods with known optics or, with --blind, a blind one; "
             f"leave it out with {'--reference' if reference is not None else '--stars'}.",
+        )
+    if file_rows and export is None and deblur is None:
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            "--file-rows is for exports; give --export DIR or --deblur DIR, or leave it out.",
         )
     if oversample != 1 and export is None:
         raise ConfigurationError(

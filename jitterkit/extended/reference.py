@@ -15,6 +15,7 @@ from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended.registration import register
+from jitterkit.extended.standing import fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Mvn
 from jitterkit.loci.base import principal_axes
@@ -53,6 +54,7 @@ def estimate_from_reference(
     *,
     plate_scale: float = 1.0,
     variance: tuple[float, float] | None = None,
+    mask: np.ndarray | None = None,
     kernel_side: int = 41,
 ) -> KernelEstimate:
     """Estimate the blur between two frames of the same scene.
@@ -65,6 +67,8 @@ def estimate_from_reference(
         Arcsec/pixel; without one, a pixel counts as an arcsec.
     variance : (float, float), optional
         Noise variance of a pixel in either frame; without it, the power at the highest frequencies.
+    mask : (ny, nx) bool array, optional
+        True where a pixel of either frame is unusable; it is filled from its neighbours.
     kernel_side : int
         Of the pixel kernel; odd.
 
@@ -90,8 +94,11 @@ def estimate_from_reference(
         raise ConfigurationError(
             ErrorCode.WRONG_SHAPE, f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
         )
-    drift = register(sharp, blurred)
+    drift = register(sharp, blurred, mask=mask)
     pair = [np.asarray(frame, float) for frame in (sharp, blurred)]
+    bad = np.zeros(pair[0].shape, bool) if mask is None else np.asarray(mask, bool)
+    bad = bad | standing_pixels(*(fill(frame, bad) for frame in pair))
+    pair = [fill(frame, bad) for frame in pair]
     window = np.outer(*(hann(n + 2)[1:-1] for n in pair[0].shape))
     fy, fx = np.meshgrid(fft.fftfreq(window.shape[0]), fft.rfftfreq(window.shape[1]), indexing="ij")
     norm = np.sqrt((window**2).sum())

@@ -11,11 +11,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from scipy import fft, ndimage
 from scipy.signal.windows import tukey
 from skimage.registration import phase_cross_correlation
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
+from jitterkit.extended.standing import fill, standing_pixels
 
 __all__ = ["Drift", "drifts", "register"]
 
@@ -24,6 +25,10 @@ _STEPS = 20
 
 _BAND = 0.4
 """Cycles/pixel: beyond, undersampled frames alias, and aliases move the wrong way."""
+
+_FILLINGS = 3
+"""Times that masked pixels are filled from the other frame: each divides by ten or more what filling them
+from their neighbours does to the shift."""
 
 _LEAST_ORDER = 3.0
 """Cycles in the frame: below, the window, which does not move with the scene, is part of what is seen."""
@@ -63,13 +68,17 @@ class Drift:
         return np.sqrt(np.diag(self.covariance))
 
 
-def register(reference: np.ndarray, image: np.ndarray, *, plate_scale: float = 1.0) -> Drift:
+def register(
+    reference: np.ndarray, image: np.ndarray, *, mask: np.ndarray | None = None, plate_scale: float = 1.0
+) -> Drift:
     """Measure the shift between two frames of the same scene.
 
     Parameters
     ----------
     reference, image : (ny, nx) arrays
         In the same unit up to a factor; the noise is taken from what the frames do not share.
+    mask : (ny, nx) bool array, optional
+        True where a pixel of either frame is unusable; it may hold anything, NaN too.
     plate_scale : float
         Arcsec/pixel; without one, a pixel counts as an arcsec.
 
@@ -80,12 +89,15 @@ def register(reference: np.ndarray, image: np.ndarray, *, plate_scale: float = 1
     Raises
     ------
     ConfigurationError
-        If the frames are not two images of one shape with finite values.
+        If the frames are not two images of one shape with finite values outside the mask.
     UndeterminedError
         If the frames have no scene in common.
 
     Notes
     -----
+    Pixels, columns and rows that stand out alike in both frames, more sharply than optics allow, do not
+    move with the scene and are treated as masked.
+
     *Assumes* a pure shift of less than half the frame.  *Fails when* the frames are blurred differently and
     the blur is lopsided: that moves the scene.
     """
@@ -95,31 +107,55 @@ def register(reference: np.ndarray, image: np.ndarray, *, plate_scale: float = 1
             ErrorCode.WRONG_SHAPE,
             f"Frames to register are images of one shape; got {pair[0].shape} and {pair[1].shape}.",
         )
+    bad = np.zeros(pair[0].shape, bool) if mask is None else np.asarray(mask, bool)
+    if bad.shape != pair[0].shape or bad.all():
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE if bad.shape != pair[0].shape else ErrorCode.NO_DATA,
+            f"The mask of frames {pair[0].shape} has the shape {bad.shape} and leaves {np.sum(~bad)} pixels; "
+            "give one of their shape that leaves some.",
+        )
     for name, frame in zip(("reference", "image"), pair, strict=True):
-        if not np.isfinite(frame).all():
+        lost = int(np.sum(~np.isfinite(frame[~bad])))
+        if lost:
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,
-                f"The {name} to register has {np.sum(~np.isfinite(frame))} of {frame.size} pixels that are "
-                "not finite; cut them away or fill them.",
+                f"The {name} to register has {lost} of {frame.size} pixels that are not finite; "
+                "mask them, or cut them away.",
             )
     for name, frame in zip(("reference", "image"), pair, strict=True):
-        if frame.std() == 0:
+        if frame[~bad].std() == 0:
             raise UndeterminedError(
                 ErrorCode.NO_SIGNAL,
-                f"The {name} is constant ({frame.flat[0]:g} everywhere): there is nothing to register.",
+                f"The {name} is constant ({frame[~bad][0]:g} everywhere): there is nothing to register.",
             )
-    window = _window(pair[0].shape)
-    whole = -phase_cross_correlation(*(_windowed(f, window) for f in pair), normalization=None)[0].astype(int)
-    one, two = _overlap(pair[0], pair[1], whole)
-    (y, x), covariance = _refine(one, two)
-    shift = np.array([x + whole[1], y + whole[0]]) * plate_scale
-    return Drift(float(shift[0]), float(shift[1]), covariance * plate_scale**2)
+    bad = bad | standing_pixels(*(fill(frame, bad) for frame in pair))
+    one, two = (fill(frame, bad) for frame in pair)
+    (x, y), covariance = _shift(one, two)
+    for _ in range(_FILLINGS if bad.any() else 0):  # what one frame lacks the other shows
+        one, two = (
+            np.where(bad, ndimage.shift(other, move, order=3, mode="nearest"), frame)
+            for frame, other, move in ((one, two, (-y, -x)), (two, one, (y, x)))
+        )
+        (x, y), covariance = _shift(one, two)
+    return Drift(x * plate_scale, y * plate_scale, covariance * plate_scale**2)
 
 
-def drifts(frames: Iterable[np.ndarray], *, plate_scale: float = 1.0) -> list[Drift]:
+def drifts(
+    frames: Iterable[np.ndarray], *, mask: np.ndarray | None = None, plate_scale: float = 1.0
+) -> list[Drift]:
     """Measure the shifts of a sequence of frames against its first, which is not in the list."""
     first, *others = frames
-    return [register(first, frame, plate_scale=plate_scale) for frame in others]
+    return [register(first, frame, mask=mask, plate_scale=plate_scale) for frame in others]
+
+
+def _shift(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray]:
+    """Shift (x, y) of the second frame [pixels], and its covariance."""
+    window = _window(one.shape)
+    whole = -phase_cross_correlation(*(_windowed(f, window) for f in (one, two)), normalization=None)[
+        0
+    ].astype(int)
+    (y, x), covariance = _refine(*_overlap(one, two, whole))
+    return (float(x + whole[1]), float(y + whole[0])), covariance
 
 
 def _windowed(frame: np.ndarray, window: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ looks like without it.
 """
 
 from jitterkit.kernels.deblurring import METHODS, deblur, fill_masked
-from jitterkit.kernels.files import StoredKernel, kernel_cards, read_kernel, write_kernel
+from jitterkit.kernels.files import StoredKernel, in_rows, kernel_cards, read_kernel, write_kernel
 from jitterkit.kernels.image import kernel_image, kernel_moments, locus_of
 from jitterkit.kernels.quality import KernelQuality, kernel_quality, kernel_transfer
 from jitterkit.kernels.ratio import TransferRatio, transfer_ratio
@@ -18,6 +18,7 @@ __all__ = [
     "TransferRatio",
     "deblur",
     "fill_masked",
+    "in_rows",
     "kernel_cards",
     "kernel_image",
     "kernel_moments",

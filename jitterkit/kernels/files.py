@@ -21,7 +21,7 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels.image import kernel_moments, locus_of
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
 
-__all__ = ["StoredKernel", "kernel_cards", "read_kernel", "write_kernel"]
+__all__ = ["StoredKernel", "in_rows", "kernel_cards", "read_kernel", "write_kernel"]
 
 Cards = dict[str, tuple[Any, str]]
 
@@ -72,7 +72,8 @@ def kernel_cards(
     Notes
     -----
     ``PIXELSCL`` and ``OVERSAMP`` are poppy's; ``GS_WCS`` and ``GS_SCALE`` are what GalSim's
-    ``readFromFitsHeader`` looks for; the rest is in :func:`jitterkit.loci.jitter_cards`.
+    ``readFromFitsHeader`` looks for; the rest is in :func:`jitterkit.loci.jitter_cards`.  A blur that is not
+    known to be jitter has no amplitudes of it, and ``JITRTYPE`` says so.
     """
     pixel = plate_scale / oversample
     own = estimate is None or _is_on_pixels(estimate)
@@ -82,10 +83,14 @@ def kernel_cards(
         "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
         "GS_WCS": ("PixelScale", "GalSim's name for a plain scale"),
         "GS_SCALE": (pixel, "[arcsec/pixel] for GalSim"),
-        **jitter_cards(moments, normal=_is_normal(estimate)),
     }
+    if _undetermined(estimate):
+        cards["JITRTYPE"] = ("Blur that is not known to be jitter", "see COMMENT")
+    else:
+        cards |= jitter_cards(moments, normal=_is_normal(estimate))
+    of = "blur" if _undetermined(estimate) else "pointing"
     for axis, value in zip(("SXX", "SXY", "SYY"), moments, strict=True):
-        cards[axis] = (float(value), "[arcsec2] second moment of the pointing")
+        cards[axis] = (float(value), f"[arcsec2] second moment of the {of}")
     if estimate is not None:
         cards |= _origin(estimate)
     return cards
@@ -99,6 +104,7 @@ def write_kernel(
     estimate: KernelEstimate | Locus | None = None,
     oversample: int = 1,
     remark: str = "",
+    rows: str = "",
     overwrite: bool = False,
 ) -> Path:
     """Write a kernel as a FITS image with the cards that other tools read.
@@ -112,6 +118,9 @@ def write_kernel(
         As in :func:`kernel_cards`.
     remark : str
         For the header, as a comment.
+    rows : {"", "BOTTOM-UP", "TOP-DOWN"}
+        Order of the file's rows, as in :func:`in_rows`.  The header's moments and angles are those with y
+        upwards, whatever the order.
     overwrite : bool
         Whether a file of that name may be replaced.
 
@@ -134,8 +143,31 @@ def write_kernel(
             code, f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
         )
     cards = kernel_cards(kernel, plate_scale=plate_scale, estimate=estimate, oversample=oversample)
-    cards |= {"COMMENT": (remark, "")} if remark else {}
-    return write_fits(path, kernel / kernel.sum(), header=cards, overwrite=overwrite)
+    array, order = in_rows(kernel / kernel.sum(), rows)
+    remarks = "\n".join(filter(None, (_undetermined(estimate), remark)))
+    cards |= order | ({"COMMENT": (remarks, "")} if remarks else {})
+    return write_fits(path, array, header=cards, overwrite=overwrite)
+
+
+def in_rows(array: np.ndarray, rows: str) -> tuple[np.ndarray, Cards]:
+    """Put an image in an order of rows, with the card that says so.
+
+    Parameters
+    ----------
+    array : (ny, nx) array
+        Row index upwards.
+    rows : {"", "BOTTOM-UP", "TOP-DOWN"}
+        "TOP-DOWN" puts the top row first; "" changes nothing and says nothing.
+
+    Returns
+    -------
+    array : (ny, nx) array
+    cards : dict
+        ``ROWORDER``, which capture software and jitterkit read.
+    """
+    if not rows:
+        return array, {}
+    return array[::-1] if rows == "TOP-DOWN" else array, {"ROWORDER": (rows, "which row is the first")}
 
 
 def read_kernel(path: str | Path) -> StoredKernel:
@@ -149,7 +181,8 @@ def read_kernel(path: str | Path) -> StoredKernel:
     Returns
     -------
     stored : StoredKernel
-        ``kernel, plate_scale, cards = read_kernel(path)``.  Divided by its sum, whatever that was.
+        ``kernel, plate_scale, cards = read_kernel(path)``.  Divided by its sum, whatever that was, and row
+        index upwards, whatever its ROWORDER.
 
     Raises
     ------
@@ -163,6 +196,8 @@ def read_kernel(path: str | Path) -> StoredKernel:
         raise FrameError(code, path, problem, "a kernel has odd sides, finite values and a positive sum")
     named = [header.get(name) for name in ("PIXELSCL", "GS_SCALE", "PIXSCALE")]
     scales = [float(s) for s in named if isinstance(s, int | float) and math.isfinite(s) and s > 0]
+    if header.get("ROWORDER") == "TOP-DOWN":
+        kernel = kernel[::-1]
     return StoredKernel(kernel / kernel.sum(), scales[0] if scales else None, header)
 
 
@@ -186,6 +221,11 @@ def _is_on_pixels(estimate: KernelEstimate | Locus) -> bool:
 def _moments(estimate: KernelEstimate | Locus | None) -> np.ndarray:
     assert estimate is not None
     return np.asarray(estimate.moments if isinstance(estimate, KernelEstimate) else estimate.moments())
+
+
+def _undetermined(estimate: KernelEstimate | Locus | None) -> str:
+    """Why the blur is not known to be jitter; empty where it is."""
+    return estimate.undetermined if isinstance(estimate, KernelEstimate) else ""
 
 
 def _is_normal(estimate: KernelEstimate | Locus | None) -> bool:

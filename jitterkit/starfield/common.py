@@ -122,8 +122,9 @@ def _narrow(moments: Moments) -> np.ndarray:
     crowd = max(_LEAST, len(width) // 4)
     spans = ordered[crowd - 1 :] - ordered[: len(ordered) - crowd + 1]
     typical = np.exp(ordered[np.argmin(spans) + crowd // 2])
+    noise = np.sqrt(np.trace(moments.covariance[moments.sound], axis1=1, axis2=2) / 3)
     narrow = moments.sound.copy()
-    narrow[moments.sound] = width < _WIDER * typical
+    narrow[moments.sound] = width < _WIDER * typical + np.sqrt(_OUTLIER) * noise
     return narrow
 
 

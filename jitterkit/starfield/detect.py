@@ -270,7 +270,7 @@ def _wings(image: np.ndarray, labels: np.ndarray) -> list[tuple[int, int]]:
     brighter = peaks * _WING > peaks[:, None]
     near = np.hypot(*(at[:, None] - at).transpose(2, 0, 1)) < _NEAR * fwhm
     owner = np.argmax(np.where(near & brighter, peaks, 0), axis=1)
-    return [(i + 1, owner[i] + 1) for i in np.flatnonzero((near & brighter).any(1))]
+    return [(int(i) + 1, int(owner[i]) + 1) for i in np.flatnonzero((near & brighter).any(1))]
 
 
 def _blended(labels: np.ndarray, whole: np.ndarray) -> np.ndarray:

@@ -1,0 +1,82 @@
+"""Parts of two frames that stand still while the scene moves: hot and dead pixels, columns and rows.
+
+Reach for :func:`standing_pixels`.  They are told from the scene by their sharpness: optics spread the
+light of a point over neighbouring pixels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.stats import median_abs_deviation
+
+from jitterkit.vision import median_filter
+
+__all__ = ["fill", "standing_pixels"]
+
+_STRIKING = 8.0
+"""Standard deviations of all pixels' excess: chance makes none of them."""
+
+_LONELY = 0.15
+"""Third highest of the eight neighbours, as a share of a pixel, up to which no optics made it: a normal star
+of FWHM 1.4 pixels has 0.24 or more.  The same for the second highest of four neighbouring lines."""
+
+_STUCK = 0.9
+"""Share of equal values in a dead line; noise makes them differ elsewhere."""
+
+_ALIKE = 0.5
+"""Difference of the excesses in both frames, as a share of the larger, of what stands still."""
+
+_AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], bool)
+_BESIDE = np.array([1, 1, 0, 1, 1], bool)
+
+
+def standing_pixels(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Find pixels that stand out in two frames alike, and more sharply than optics allow.
+
+    Parameters
+    ----------
+    one, two : (ny, nx) arrays
+        Finite.
+
+    Returns
+    -------
+    standing : (ny, nx) bool array
+    """
+    excess = [frame - median_filter(frame, 5) for frame in (one, two)]
+    standing = _alike(*excess) & np.all([_is_lonely(part, _AROUND, 3) for part in excess], axis=0)
+    for axis in (0, 1):
+        levels = [np.median(frame, axis=axis) for frame in (one, two)]
+        excess = [level - ndimage.median_filter(level, 7) for level in levels]
+        lines = _alike(*excess) & np.all([_is_lonely(part, _BESIDE, 2) for part in excess], axis=0)
+        standing |= np.expand_dims(lines | _is_stuck(one == two, axis), axis)
+    return standing
+
+
+def fill(frame: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """Give bad pixels the value of the nearest good one."""
+    if not bad.any():
+        return frame
+    nearest = ndimage.distance_transform_edt(bad, return_distances=False, return_indices=True)
+    return frame[tuple(nearest)]
+
+
+def _alike(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Which excesses are striking, and alike in two frames."""
+    striking = [
+        np.abs(a) > _STRIKING * median_abs_deviation(a, axis=None, scale="normal") for a in (one, two)
+    ]
+    larger = np.maximum(np.abs(one), np.abs(two))
+    return striking[0] & striking[1] & (np.abs(one - two) < _ALIKE * larger)
+
+
+def _is_lonely(excess: np.ndarray, footprint: np.ndarray, rank: int) -> np.ndarray:
+    """Which values stand out, up or down, from their neighbours but for the ``rank - 1`` most alike."""
+    up = ndimage.rank_filter(excess, -rank, footprint=footprint)
+    down = ndimage.rank_filter(excess, rank - 1, footprint=footprint)
+    return np.where(excess > 0, up, -down) < _LONELY * np.abs(excess)
+
+
+def _is_stuck(equal: np.ndarray, axis: int) -> np.ndarray:
+    """Which rows or columns have the same values in both frames, where most others have not."""
+    return (equal.mean(axis) > _STUCK) & (equal.mean() < 1 - _STUCK)
