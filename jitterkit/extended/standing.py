@@ -15,7 +15,7 @@ from jitterkit.vision import median_filter
 __all__ = ["fill", "standing_pixels"]
 
 _STRIKING = 8.0
-"""Standard deviations of all pixels' excess: chance makes none of them."""
+"""Standard deviations of all pixels' excess: neither chance nor texture makes so many."""
 
 _LONELY = 0.15
 """Third highest of the eight neighbours, as a share of a pixel, up to which no optics made it: a normal star
@@ -44,12 +44,12 @@ def standing_pixels(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     standing : (ny, nx) bool array
     """
     excess = [frame - median_filter(frame, 5) for frame in (one, two)]
-    standing = _alike(*excess) & np.all([_is_lonely(part, _AROUND, 3) for part in excess], axis=0)
+    spread = [_spread(part) for part in excess]
+    standing = _alike(excess, spread) & np.all([_is_lonely(part, _AROUND, 3) for part in excess], axis=0)
     for axis in (0, 1):
-        levels = [np.median(frame, axis=axis) for frame in (one, two)]
-        excess = [level - ndimage.median_filter(level, 7) for level in levels]
-        lines = _alike(*excess) & np.all([_is_lonely(part, _BESIDE, 2) for part in excess], axis=0)
-        standing |= np.expand_dims(lines | _is_stuck(one == two, axis), axis)
+        lines = [np.median(part, axis=axis) for part in excess]
+        odd = _alike(lines, spread) & np.all([_is_lonely(line, _BESIDE, 2) for line in lines], axis=0)
+        standing |= np.expand_dims(odd | _is_stuck(one == two, axis), axis)
     return standing
 
 
@@ -61,13 +61,16 @@ def fill(frame: np.ndarray, bad: np.ndarray) -> np.ndarray:
     return frame[tuple(nearest)]
 
 
-def _alike(one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """Which excesses are striking, and alike in two frames."""
-    striking = [
-        np.abs(a) > _STRIKING * median_abs_deviation(a, axis=None, scale="normal") for a in (one, two)
-    ]
-    larger = np.maximum(np.abs(one), np.abs(two))
-    return striking[0] & striking[1] & (np.abs(one - two) < _ALIKE * larger)
+def _spread(excess: np.ndarray) -> float:
+    """Return the standard deviation of noise and texture."""
+    return float(median_abs_deviation(excess, axis=None, scale="normal"))
+
+
+def _alike(excess: list[np.ndarray], spread: list[float]) -> np.ndarray:
+    """Return which excesses are striking, and alike in two frames."""
+    one, two = excess
+    striking = (np.abs(one) > _STRIKING * spread[0]) & (np.abs(two) > _STRIKING * spread[1])
+    return striking & (np.abs(one - two) < _ALIKE * np.maximum(np.abs(one), np.abs(two)))
 
 
 def _is_lonely(excess: np.ndarray, footprint: np.ndarray, rank: int) -> np.ndarray:

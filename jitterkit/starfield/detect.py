@@ -19,9 +19,10 @@ from scipy import ndimage
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
+from jitterkit.starfield.stamps import Stars, cut_out, stand_alone
 from jitterkit.vision import median_filter
 
-__all__ = ["Stars", "find_stars"]
+__all__ = ["find_stars"]
 
 _BOX = 64
 """Side of a box of the background [pixels]: some ten trailed stars wide."""
@@ -59,68 +60,15 @@ _FLAT, _LEVEL = 4, 3e-4
 _LONGER = 2.5
 """Region longer than so many times the median one: a streak, a galaxy."""
 
-_CORE = 3.0
-"""Radius, in sigmas of the typical star, within which nothing else may lie."""
+_CORE = 3.0, 2.0
+"""Radius within which nothing else may lie, in sigmas and in FWHM of the typical star; the smaller counts: a
+star with a halo has a large sigma."""
 
 _HALVES = (8, 12, 16, 20, 24, 32, 48)
 """Half widths of a stamp [pixels]: few, so that few programs are compiled."""
 
 
 _AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], bool)
-
-
-@dataclass(frozen=True, eq=False)
-class Stars:
-    """Isolated stars of one frame, each in a stamp of its own.
-
-    Attributes
-    ----------
-    x, y : (n,) array
-        Centres in the frame, pixels; centroids, good to a tenth.
-    electrons : (n, s, s) array
-        Background subtracted; s is odd, and the stamp's middle pixel the one nearest to the centre.
-    sky_variance : (n, s, s) array
-        Of sky and read-out [electrons²]; a star's own photon noise comes on top.
-    response : (n, s, s) array
-        What the electrons were divided by, as in :class:`~jitterkit.frames.frame.Frame`.
-    used : (n, s, s) bool array
-        False for pixels that are bad, beyond the frame or part of another star.
-    frame_shape : (int, int)
-        ``(ny, nx)`` of the frame.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    electrons: np.ndarray
-    sky_variance: np.ndarray
-    response: np.ndarray
-    used: np.ndarray
-    frame_shape: tuple[int, int]
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    @property
-    def middle(self) -> np.ndarray:
-        """Middle pixel ``(n, 2)`` of each stamp, columns x and y."""
-        return np.stack([np.rint(self.x), np.rint(self.y)], axis=1).astype(int)
-
-    @property
-    def variance(self) -> np.ndarray:
-        """Of ``electrons`` (n, s, s), photon noise of the star included; without it where not used."""
-        return self.sky_variance + np.where(self.used, np.clip(self.electrons, 0, None), 0.0) / self.response
-
-    def chosen(self, which: np.ndarray) -> Stars:
-        """Some of the stars, by index or boolean array."""
-        return Stars(
-            self.x[which],
-            self.y[which],
-            self.electrons[which],
-            self.sky_variance[which],
-            self.response[which],
-            self.used[which],
-            self.frame_shape,
-        )
 
 
 def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
@@ -148,9 +96,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     Background and noise are measured in boxes of 64 pixels.  Pixels that stick out by more than any star
     could (cosmic rays, dead pixels) are treated as masked, and so are those of flat tops: four or more at the
     frame's highest level.  A region within 2.5 FWHM of a star ten times brighter is a part of it.  Left out
-    are stars
-    that hang together with another above the noise, lie within three sigma of another star, a bad pixel
-    or the edge, or are 2.5 times longer than the median star: satellites, and moving objects.
+    are stars that hang together with another above the noise, lie within three sigma of another star, a bad
+    pixel or the edge, or are 2.5 times longer than the median star: satellites, and moving objects.
 
     *Fails when* the field is so crowded that hardly a star stands alone.
     """
@@ -163,8 +110,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     order = np.argsort(-found.flux[good])
     x, y, own = (a[good][order] for a in (found.x, found.y, found.numbers))
     response = np.broadcast_to(frame.response, frame.shape)
-    stars = _cut(image, noise**2, response, bad, found.labels, x, y, own, half)
-    alone = _alone(stars, _CORE * found.typical)
+    stars = cut_out(image, noise**2, response, bad, found.labels, x, y, own, half)
+    alone = stand_alone(stars, found.core)
     if not alone.any():
         full = len(np.unique(found.labels[ceiling & (found.labels > 0)]))
         why = f" ({full} of {len(found.flux)} are saturated: their tops are flat)" if full else ""
@@ -219,11 +166,17 @@ class _Regions:
     flux: np.ndarray
     bright: np.ndarray
     blended: np.ndarray
+    fwhm: np.ndarray
 
     @property
     def typical(self) -> float:
         """Sigma along the axis of the median star that is bright enough [pixels]."""
         return float(np.median(self.long[self.bright]))
+
+    @property
+    def core(self) -> float:
+        """Radius within which nothing else may lie [pixels]."""
+        return min(_CORE[0] * self.typical, _CORE[1] * float(np.median(self.fwhm[self.bright])))
 
 
 def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) -> _Regions:
@@ -241,7 +194,17 @@ def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) ->
             ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
         )
     numbers = np.asarray(catalog.labels)
-    return _Regions(regions.data, numbers, x, y, long, flux, bright, _blended(regions.data, whole))
+    return _Regions(
+        regions.data,
+        numbers,
+        x,
+        y,
+        long,
+        flux,
+        bright,
+        _blended(image, regions.data, whole),
+        _fwhm(image, regions.data),
+    )
 
 
 def _segments(image: np.ndarray, noise: np.ndarray):
@@ -265,46 +228,32 @@ def _wings(image: np.ndarray, labels: np.ndarray) -> list[tuple[int, int]]:
     numbers = np.arange(1, labels.max() + 1)
     peaks = ndimage.maximum(image, labels, numbers)
     at = np.array(ndimage.maximum_position(image, labels, numbers))
-    half = image > np.append(np.inf, peaks / 2)[labels]
-    fwhm = 2 * np.sqrt(ndimage.sum_labels(half, labels, numbers) / np.pi)
+    fwhm = _fwhm(image, labels)
     brighter = peaks * _WING > peaks[:, None]
     near = np.hypot(*(at[:, None] - at).transpose(2, 0, 1)) < _NEAR * fwhm
     owner = np.argmax(np.where(near & brighter, peaks, 0), axis=1)
     return [(int(i) + 1, int(owner[i]) + 1) for i in np.flatnonzero((near & brighter).any(1))]
 
 
-def _blended(labels: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Which regions were part of a larger one."""
-    _, first = np.unique(labels, return_index=True)
-    parents = whole.ravel()[first[labels.ravel()[first] > 0]]
-    return np.bincount(parents)[parents] > 1
+def _fwhm(image: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Return the diameter of a disc as large as the part of each region above half its peak [pixels]."""
+    numbers = np.unique(labels[labels > 0])
+    level = np.full(labels.max() + 1, np.inf)
+    level[numbers] = ndimage.maximum(image, labels, numbers) / 2
+    return 2 * np.sqrt(ndimage.sum_labels(image > level[labels], labels, numbers) / np.pi)
+
+
+def _blended(image: np.ndarray, labels: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Which regions are faint parts of a larger one, or share it with another that is not faint."""
+    numbers, first = np.unique(labels, return_index=True)
+    parents = whole.ravel()[first[numbers > 0]]
+    peaks = ndimage.maximum(image, labels, numbers[numbers > 0])
+    highest = np.zeros(whole.max() + 1)
+    np.maximum.at(highest, parents, peaks)
+    faint = peaks < _WING * highest[parents]
+    return faint | (np.bincount(parents[~faint], minlength=len(highest))[parents] > 1)
 
 
 def _half_width(sigma: float) -> int:
     """Half a stamp for stars of a size: seven sigmas of what is seen above the sky."""
     return next((h for h in _HALVES if h >= 7 * sigma), _HALVES[-1])
-
-
-def _cut(image, variance, response, bad, labels, x, y, own, half: int) -> Stars:
-    """Stamps about stars; what lies beyond the frame is not used."""
-    shape = image.shape
-    image, variance = (np.pad(a, half) for a in (image, variance))
-    bad, response = np.pad(bad, half, constant_values=True), np.pad(response, half, constant_values=1.0)
-    labels = np.pad(labels, half)
-    grid = np.arange(2 * half + 1)
-    rows = np.rint(y).astype(int)[:, None, None] + grid[:, None]
-    columns = np.rint(x).astype(int)[:, None, None] + grid
-    stamps = labels[rows, columns]
-    others = (stamps > 0) & (stamps != own[:, None, None])
-    others = ndimage.binary_dilation(others, np.ones((1, 3, 3), bool), iterations=2)
-    used = ~bad[rows, columns] & ~others
-    image, variance, response = (a[rows, columns] for a in (image, variance, response))
-    return Stars(x, y, image, variance, response, used, shape)
-
-
-def _alone(stars: Stars, radius: float) -> np.ndarray:
-    """Which stars have every pixel within a radius [pixels]."""
-    half = stars.used.shape[-1] // 2
-    grid = np.arange(-half, half + 1)
-    core = np.hypot(*np.meshgrid(grid, grid)) < max(radius, 2.0)
-    return np.all(stars.used | ~core, axis=(1, 2))

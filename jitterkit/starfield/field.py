@@ -19,9 +19,10 @@ from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
 from jitterkit.starfield.common import Common, common_moments
-from jitterkit.starfield.detect import Stars, find_stars
+from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.moments import Moments, adaptive_moments
 from jitterkit.starfield.psf import Psf, field_psf
+from jitterkit.starfield.stamps import Stars
 from jitterkit.starfield.trail import Trail, trail_against, trail_alone
 from jitterkit.starfield.verdict import Verdict, judge
 

@@ -19,8 +19,8 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Locus
 from jitterkit.optics import OTF
 from jitterkit.scene import Star
-from jitterkit.starfield.detect import Stars
 from jitterkit.starfield.moments import Moments
+from jitterkit.starfield.stamps import Stars
 
 __all__ = ["JointFit", "fit_joint"]
 

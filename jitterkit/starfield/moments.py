@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.starfield.detect import Stars
+from jitterkit.starfield.stamps import Stars
 
 __all__ = ["Moments", "adaptive_moments"]
 

@@ -14,8 +14,9 @@ import numpy as np
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.starfield.common import common_moments
-from jitterkit.starfield.detect import Stars, find_stars
+from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.moments import Moments, adaptive_moments
+from jitterkit.starfield.stamps import Stars
 
 __all__ = ["Psf", "field_psf", "stack_psf"]
 

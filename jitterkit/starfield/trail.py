@@ -12,19 +12,19 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
 
 from jitterkit.kernel_estimate import refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis
 from jitterkit.optics import OTF, empirical_otf
+from jitterkit.starfield.certainty import coarse_sampling, compatible_with_zero, disagreement, root_error
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core
-from jitterkit.starfield.detect import Stars
 from jitterkit.starfield.joint import JointFit, fit_joint
 from jitterkit.starfield.misfit import doubt_of, misfit_under
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.psf import Psf, stack_psf
 from jitterkit.starfield.sharpness import TOLERATED, elongation, is_blurred
+from jitterkit.starfield.stamps import Stars
 
 __all__ = ["Trail", "trail_against", "trail_alone"]
 
@@ -37,20 +37,6 @@ _WIDER = 5.0
 _CHANGED = {"wider": 0.1, "narrower": 0.5}
 """Share of a change of seeing that the line may have taken for its own variance: 0.05 of Moffat stars of
 FWHM 3.6 pixels against 3.0, 0.3 to 0.4 of 2.5 against 3.0 and of 1.6 against 2.8."""
-
-_SURE = float(chi2.isf(1e-3, 2))
-"""Chi-squared of a line's two coordinates that no trail at all exceeds in one frame of a thousand."""
-
-_SYSTEMATIC = 2.0
-"""Systematic errors of a length's square that a trail exceeds: changes of seeing and focus without one made
-0.4 of them at most."""
-
-_COARSE = 0.75, 0.03
-"""Variance across a star [pixels²] below which the sampling is coarse (FWHM 2.0 pixels), and the error that
-moments then have [pixels²]: trails of 1.5 over a FWHM of 1.6 to 1.9 come out 0.05 to 0.09 too long."""
-
-_FEW = 8
-"""Stars below which they must be alike."""
 
 _CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would tell."
 
@@ -121,15 +107,15 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     length = core.line.describe()["length"]
     doubt, remarks = doubt_of(core.misfit, "A round Moffat core under a line", length, major - minor)
     line = Linear.of(length, axis)
-    coarse, coarsely = _coarse(minor)
+    coarse, coarsely = coarse_sampling(minor)
     along = 12 * (noise[0] + coarse)
-    why = _compatible_with_zero(length, 12 * noise[0], 12 * coarse, doubt) or _disagreement(common)
+    why = compatible_with_zero(length, 12 * noise[0], 12 * coarse, doubt) or disagreement(common)
     return Trail(
         line,
         np.asarray(line.moments()),
         common.covariance,
         length,
-        float(np.hypot(_root_error(length**2, along), doubt)),
+        float(np.hypot(root_error(length**2, along), doubt)),
         axis,
         _axis_error(major - minor, noise[1] + 2 * coarse),
         common.used,
@@ -188,11 +174,14 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     major, minor, _ = axis_variances(excess)
     poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
     doubt, remarks = doubt_of(poor, "A line over the reference's stars", length, major - minor)
-    fits = not remarks  # then even one star is the reference's, drawn along a line
+    fits = not remarks and not change.remarks  # then even one star is the reference's, drawn along a line
     best = min((line, normal), key=lambda fit: fit.deviance / fit.pixels)
-    coarse, coarsely = _coarse(axis_variances(psf.moments)[1])
+    coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
     systematic = 12 * (change.share + coarse)
-    why = _compatible_with_zero(length, along, systematic, doubt) or ("" if fits else _disagreement(common))
+    scatter = 12 * _elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
+    why = compatible_with_zero(length, max(along, scatter), systematic, doubt) or (
+        "" if fits else disagreement(common)
+    )
     used = np.zeros(len(stars), bool)
     used[which[best.used]] = True
     return Trail(
@@ -200,7 +189,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         np.asarray(best.locus.moments()),
         normal.covariance + psf.covariance,
         length,
-        float(np.hypot(_root_error(length**2, along + systematic), doubt)),
+        float(np.hypot(root_error(length**2, along + systematic), doubt)),
         axis,
         _axis_error(length**2, across + 24 * coarse),
         used,
@@ -216,44 +205,6 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
     guess, used = _axis_error(0.0, 1.0), common.used
     variation = common.chi2, common.dof
     return Trail(None, excess, covariance, np.nan, np.nan, axis, guess, used, variation, remarks)
-
-
-def _compatible_with_zero(length: float, noise: float, systematic: float, doubt: float) -> str:
-    """Return a sentence where a length [pixels] is not beyond its errors.
-
-    Of its square: the noise, and the systematic error [pixels²]; of itself the doubt [pixels].
-    """
-    limit = np.sqrt(_SURE) * noise + _SYSTEMATIC * np.hypot(systematic, 2 * length * doubt)
-    if length**2 > limit:
-        return ""
-    error = np.hypot(_root_error(length**2, noise + systematic), doubt)
-    return (
-        f"No trail is known: its length, {length:.2f} ± {error:.2f} pixels, is compatible with zero. "
-        "What blur there is may be seeing, focus or optics."
-    )
-
-
-def _disagreement(common: Common) -> str:
-    """Return a sentence where the stars are few and their shapes do not agree."""
-    n = int(common.used.sum())
-    if n >= _FEW or common.agree:
-        return ""
-    stars = "1 star is" if n == 1 else f"{n} stars are"
-    return (
-        f"No trail is known: {stars} too few to tell a trail from galaxies, speckles or blends unless the "
-        f"shapes of several agree; {_FEW} are needed."
-    )
-
-
-def _coarse(across: float) -> tuple[float, tuple[str, ...]]:
-    """Return the variance [pixels²] that coarse sampling may add to stars of a variance, and a remark."""
-    limit, error = _COARSE
-    if across > limit:
-        return 0.0, ()
-    return error, (
-        f"The stars are undersampled (FWHM of {np.sqrt(8 * np.log(2) * across):.1f} pixels; 2 are sampled "
-        "well enough): errors contain that.",
-    )
 
 
 def _own_elongation(psf: Psf) -> tuple[str, ...]:
@@ -308,11 +259,6 @@ def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, floa
     """Errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
     own = covariance_on_axis(covariance, axis)
     return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))
-
-
-def _root_error(square: float, error: float) -> float:
-    """Error of a root, finite at zero: that of the square over twice the root far from it."""
-    return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0))) / 2
 
 
 def _axis_error(size: float, across: float) -> float:

@@ -12,7 +12,7 @@ from jitterkit.batch.kernels import estimate_files
 from jitterkit.batch.products import Products
 from jitterkit.batch.scenes import SceneMeasurer
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames import open_frames
+from jitterkit.frames import open_frames, write_tiff
 from jitterkit.frames.fits import read_image
 from jitterkit.kernels import read_kernel
 from jitterkit.refit import read_kernel_prior
@@ -207,3 +207,44 @@ def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder
 
     (row,) = estimate_files([folder / "field.fits"], _Same(measured))
     assert ("sxx 0.125" in row["message"]) == remarked
+
+
+@pytest.mark.parametrize(("file_rows", "said"), [(False, "BOTTOM-UP"), (True, "TOP-DOWN")])
+def test_exports_of_a_tiff_say_the_order_of_their_rows(folder, tmp_path, first, file_rows, said):
+    """The trail of the view climbs to the right; with the top row first it falls along the array's rows."""
+    data = first(folder / "view.fits").data
+    write_tiff(tmp_path / "view.tif", data.astype(np.float32), metadata={"plate_scale": 0.5})
+    products = Products(kernels=tmp_path / "k", images=tmp_path / "i", file_rows=file_rows)
+    (row,) = estimate_files([tmp_path / "view.tif"], SceneMeasurer(), keep=products.write)
+    assert row["status"] == "ok", row["message"]
+    array, cards = read_image(tmp_path / "k/view.kernel.fits")
+    image, image_cards = read_image(tmp_path / "i/view.deblurred.fits")
+    assert cards["ROWORDER"] == image_cards["ROWORDER"] == said
+    y, x = (np.arange(n) - n // 2 for n in array.shape)
+    slope = np.sign(y @ array @ x)
+    assert slope == (-1 if file_rows else 1)
+    assert cards["SXY"] > 0  # with y upwards, whatever the rows
+    kernel = read_kernel(tmp_path / "k/view.kernel.fits").kernel
+    assert y @ kernel @ x > 0
+    upright = image[::-1] if file_rows else image
+    assert np.corrcoef(upright.ravel(), data.ravel())[0, 1] > 0.8
+
+
+def test_exports_of_a_frame_that_begins_with_its_lowest_row_say_nothing_of_rows(folder, tmp_path):
+    estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=Products(kernels=tmp_path).write)
+    assert "ROWORDER" not in read_kernel(tmp_path / "field.kernel.fits").cards
+
+
+def test_a_blur_that_is_no_trail_is_undetermined_and_its_kernel_says_so(folder, tmp_path):
+    products = Products(kernels=tmp_path, images=tmp_path)
+    (row,) = estimate_files([folder / "sharpfield.fits"], SceneMeasurer(stars=True), keep=products.write)
+    assert (row["status"], row["reason"]) == ("undetermined", "not_constrained")
+    assert "compatible with zero" in row["message"]
+    assert np.isnan(row["significance"])
+    assert np.isnan(row["sxx"].value)
+    assert 0 <= row["length"].to_value("arcsec") < 3 * row["length_err"].to_value("arcsec")
+    cards = read_kernel(tmp_path / "sharpfield.kernel.fits").cards
+    assert "not known to be jitter" in cards["JITRTYPE"]
+    assert not {"JITTER_MAJOR", "JITRSIGM", "JTRANGLE"} & set(cards)
+    for told in (cards, read_image(tmp_path / "sharpfield.deblurred.fits")[1]):
+        assert "compatible with zero" in str(told["COMMENT"]).replace("\n", "")  # cards of 72 characters

@@ -208,6 +208,7 @@ def useless_frames(where):
             ErrorCode.CONFLICT,
             ["--instrument", "--reference"],
         ),
+        ("estimate . --stars --file-rows", ErrorCode.MISSING_VALUE, ["--file-rows", "--export"]),
         ("estimate . --reference nowhere.fits", ErrorCode.NOT_FOUND, ["nowhere.fits"]),
         ("estimate . --reference words.txt", ErrorCode.UNKNOWN_FORMAT, ["words.txt"]),
         ("estimate . --reference dark.fits --no-stars", ErrorCode.NO_SIGNAL, ["dark.fits"]),

@@ -70,6 +70,50 @@ def test_the_pixel_kernel_lies_along_the_streak(blur, coins):
     assert np.degrees(np.arctan2(2 * sxy, sxx - syy)) / 2 == pytest.approx(20.0, abs=4.0)
 
 
+def turned_normal(scene, sigma_y, sigma_x):
+    return gaussian_filter(scene, (sigma_y, sigma_x), truncate=8)[30:-30, 30:-30]
+
+
+def in_noise(scene, seed):
+    return scene + np.random.default_rng(seed).normal(0, 1, scene.shape)
+
+
+@pytest.mark.parametrize("length", [3.0, 13.0, 30.0])
+def test_sharp_and_streaked_exchanged_are_refused(blur, coins, length):
+    sharp, streaked = pair(blur, coins, length, 40.0, 45.0)
+    with refused(ErrorCode.BAD_REFERENCE, "pixel²", error=UndeterminedError):
+        estimate_from_reference(streaked, sharp)
+
+
+@pytest.mark.parametrize(
+    ("reference", "frame"),
+    [
+        ((2.0, 2.0), (0.5, 0.5)),  # all round
+        ((1.5, 0.5), (0.5, 0.5)),  # along one axis
+        ((2.0, 0.8), (0.8, 2.0)),  # each along another
+        ((2.0, 0.5), (0.5, 4.0)),  # behind a blur eight times as large
+    ],
+)
+def test_a_reference_that_is_blurrier_along_any_axis_is_refused(coins, reference, frame):
+    one, two = (in_noise(turned_normal(coins, *sigma), k) for k, sigma in enumerate((reference, frame)))
+    with refused(ErrorCode.BAD_REFERENCE, "pixel²", error=UndeterminedError):
+        estimate_from_reference(one, two)
+
+
+def test_a_streak_is_found_in_spite_of_hot_pixels_and_a_mask(blur, coins):
+    sharp, image = pair(blur, coins, 11.0, 20.0)
+    rng, dead = np.random.default_rng(2), np.zeros(sharp.shape, bool)
+    for frame in (sharp, image):
+        frame.flat[::997] += 5 * np.ptp(frame)
+    dead[:, 100] = True
+    dead.flat[rng.choice(dead.size, 200, replace=False)] = True
+    sharp[dead], image[dead] = np.nan, np.nan
+    found = estimate_from_reference(sharp, image, mask=dead).locus.describe()
+    # as without them: 2 % for the borders
+    assert found["length"] == pytest.approx(11.0, abs=0.22)
+    assert found["angle"] == pytest.approx(20.0, abs=1.0)
+
+
 def test_bad_input_is_refused(coins):
     with refused(ErrorCode.WRONG_SHAPE, 40, error=ConfigurationError):
         estimate_from_reference(coins, coins, kernel_side=40)

@@ -83,3 +83,69 @@ def test_frames_with_holes_are_refused(gravel):
 def test_frames_that_share_too_few_pixels_are_refused(gravel):
     with refused(ErrorCode.TOO_FEW, "12 pixels", 16, error=UndeterminedError):
         register(gravel[:12, :40], gravel[:12, :40])
+
+
+def starlight(x, y, seed, fwhm):
+    """Normal stars at places moved by (x, y), in noise of 2."""
+    places, noise = np.random.default_rng(1), np.random.default_rng(seed)
+    rows, columns = np.mgrid[:200, :200]
+    image, sigma = noise.normal(0, 2, (200, 200)), fwhm / 2.355
+    for x0, y0, peak in zip(*places.uniform(20, 180, (2, 40)), 10 ** places.uniform(1, 3, 40), strict=True):
+        image += peak * np.exp(-((columns - x0 - x) ** 2 + (rows - y0 - y) ** 2) / (2 * sigma**2))
+    return image
+
+
+def hot_pixels(image):
+    image.flat[np.random.default_rng(5).choice(image.size, 65, replace=False)] += 3000
+
+
+def hot_pairs(image):
+    y, x = np.random.default_rng(5).integers(2, 190, (2, 30))
+    image[y, x] += 3000
+    image[y, x + 1] += 2000
+
+
+def hot_columns(image):
+    image[:, 100] += 500
+    image[40:, 150] += 2000
+
+
+def dead_columns(image):
+    image[:, 60] = 0
+    image[:, 120:122] = 0
+
+
+@pytest.mark.parametrize("fwhm", [1.5, 3.5])
+@pytest.mark.parametrize("pattern", [hot_pixels, hot_pairs, hot_columns, dead_columns])
+@pytest.mark.parametrize(("x", "y"), [(3.4, -2.2), (0.4, 0.3), (12.3, 5.6)])
+def test_what_stands_still_does_not_hold_the_drift(x, y, pattern, fwhm):
+    frames = starlight(0, 0, 1, fwhm), starlight(x, y, 2, fwhm)
+    for frame in frames:
+        pattern(frame)
+    drift = register(*frames)
+    # a FWHM of 1.5 pixels aliases: 0.01 without a pattern
+    assert np.hypot(drift.x - x, drift.y - y) < 0.03
+
+
+def test_sharp_stars_that_stand_still_are_no_hot_pixels():
+    drift = register(starlight(0, 0, 1, 1.5), starlight(0, 0, 2, 1.5))
+    assert np.hypot(drift.x, drift.y) < 5 * drift.errors.max()
+
+
+def test_masked_pixels_may_hold_anything_and_do_not_count(gravel):
+    one, two = shifted(gravel, 0, 0), shifted(gravel, 2.6, -1.3, seed=1)
+    mask = np.zeros(one.shape, bool)
+    mask[:, 50:53], mask[90:100, 80:95] = True, True
+    one[mask], two[mask] = np.nan, 1e9
+    drift = register(one, two, mask=mask)
+    assert drift.x == pytest.approx(2.6, abs=5 * drift.errors[0])
+    assert drift.y == pytest.approx(-1.3, abs=5 * drift.errors[1])
+    (other,) = drifts([one, two], mask=mask)
+    assert (other.x, other.y) == (drift.x, drift.y)
+
+
+def test_a_mask_of_another_shape_or_of_everything_is_refused(gravel):
+    with refused(ErrorCode.WRONG_SHAPE, (300, 300), (299, 300)):
+        register(gravel, gravel, mask=np.zeros((299, 300), bool))
+    with refused(ErrorCode.NO_DATA, "0 pixels"):
+        register(gravel, gravel, mask=np.ones(gravel.shape, bool))

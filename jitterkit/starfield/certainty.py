@@ -1,0 +1,71 @@
+"""Whether what was fitted is a trail: beyond its errors, and of stars that are stars.
+
+Worse seeing or focus lengthens nothing but makes errors; galaxies, speckles and blends are long, each in its
+own way.  What is no trail is said in a sentence, which makes the status ``undetermined``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from jitterkit.starfield.common import Common
+
+__all__ = ["coarse_sampling", "compatible_with_zero", "disagreement", "root_error"]
+
+_SURE = float(chi2.isf(1e-3, 2))
+"""Chi-squared of a line's two coordinates that no trail at all exceeds in one frame of a thousand."""
+
+_SYSTEMATIC = 2.0
+"""Systematic errors of a length's square that a trail exceeds: changes of seeing and focus without one made
+0.4 of them at most."""
+
+_COARSE = 0.75, 0.03
+"""Variance across a star [pixels²] below which the sampling is coarse (FWHM 2.0 pixels), and the error that
+moments then have [pixels²]: trails of 1.5 over a FWHM of 1.6 to 1.9 come out 0.05 to 0.09 too long."""
+
+_FEW = 8
+"""Stars below which they must be alike."""
+
+
+def compatible_with_zero(length: float, noise: float, systematic: float, doubt: float) -> str:
+    """Return a sentence where a length [pixels] is not beyond its errors.
+
+    Of its square: the noise, and the systematic error [pixels²]; of itself the doubt [pixels].
+    """
+    limit = np.sqrt(_SURE) * noise + _SYSTEMATIC * np.hypot(systematic, 2 * length * doubt)
+    if length**2 > limit:
+        return ""
+    error = np.hypot(root_error(length**2, noise + systematic), doubt)
+    return (
+        f"No trail is known: its length, {length:.2f} +/- {error:.2f} pixels, is compatible with zero. "
+        "What blur there is may be seeing, focus or optics."
+    )
+
+
+def disagreement(common: Common) -> str:
+    """Return a sentence where the stars are few and their shapes do not agree."""
+    n = int(common.used.sum())
+    if n >= _FEW or common.agree:
+        return ""
+    stars = "1 star is" if n == 1 else f"{n} stars are"
+    return (
+        f"No trail is known: {stars} too few to tell a trail from galaxies, speckles or blends unless the "
+        f"shapes of several agree; {_FEW} are needed."
+    )
+
+
+def coarse_sampling(across: float) -> tuple[float, tuple[str, ...]]:
+    """Return the variance [pixels²] that coarse sampling may add to stars of a variance, and a remark."""
+    limit, error = _COARSE
+    if across > limit:
+        return 0.0, ()
+    return error, (
+        f"The stars are undersampled (FWHM of {np.sqrt(8 * np.log(2) * across):.1f} pixels; 2 are sampled "
+        "well enough): errors contain that.",
+    )
+
+
+def root_error(square: float, error: float) -> float:
+    """Error of a root, finite at zero: that of the square over twice the root far from it."""
+    return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0))) / 2
