@@ -43,12 +43,12 @@ class KernelEstimate:
         Kernel on the frame's pixels, where the method gives one: odd sides, its centre the middle one.
     locus : Locus or None
         The locus itself, where the method fits or assumes one.
-    undetermined : str
-        A sentence on what the moments are where they are not known to be the pointing's (worse seeing, say);
-        empty where they are.  There is then no significance.
     digest : str
         Of the raw frame it was made from, ``RawFrame.digest``.  Where it is known it tells the same data;
         where it is empty the source does.
+    undetermined : str
+        A sentence that says why the blur is not known to be the pointing's (worse seeing, say), with which
+        the estimate has no significance; empty where it is known.
 
     Notes
     -----
@@ -64,8 +64,8 @@ class KernelEstimate:
     shape_err: float = float("nan")
     kernel: np.ndarray | None = None
     locus: Locus | None = None
-    undetermined: str = ""
     digest: str = ""
+    undetermined: str = ""
 
     @property
     def errors(self) -> np.ndarray:

@@ -247,4 +247,4 @@ def test_a_blur_that_is_no_trail_is_undetermined_and_its_kernel_says_so(folder, 
     assert "not known to be jitter" in cards["JITRTYPE"]
     assert not {"JITTER_MAJOR", "JITRSIGM", "JTRANGLE"} & set(cards)
     for told in (cards, read_image(tmp_path / "sharpfield.deblurred.fits")[1]):
-        assert "compatible with zero" in str(told["COMMENT"]).replace("\n", "")  # cards of 72 characters
+        assert str(told["COMMENT"]).startswith("No trail is known")
