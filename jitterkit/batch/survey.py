@@ -19,8 +19,8 @@ from jitterkit.linearisation import SETTLED
 from jitterkit.locate import ReferenceFrame
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
 from jitterkit.refit import SceneChoice
-from jitterkit.refit.choose_scene import DECIDED
 from jitterkit.refit.fit import settled
+from jitterkit.refit.weigh_scenes import DECIDED
 
 __all__ = ["Item", "Survey", "read_items"]
 

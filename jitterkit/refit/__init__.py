@@ -5,13 +5,14 @@ Reach for :func:`fit_best_locus` first; :func:`fit_locus` fits a locus of your c
 """
 
 from jitterkit.refit.choose import fit_best_locus, fit_locus, single_star
-from jitterkit.refit.choose_scene import SCENES, SceneChoice, choose_scene
+from jitterkit.refit.choose_scene import SCENES, choose_scene
 from jitterkit.refit.fit import FitOptions, fit_frame
 from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
 from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
 from jitterkit.refit.result import POOR, Candidate, FitResult, Status
 from jitterkit.refit.sampling import sample_posterior
+from jitterkit.refit.weigh_scenes import SceneChoice
 
 __all__ = [
     "POOR",

@@ -1,0 +1,271 @@
+"""Weigh two readings of a frame: one star, or a pair.
+
+The priors are proper, since they do not cancel between scenes.  A star has a companion within an e-fold of
+separation by a chance of :data:`COMPANIONS`, its difference in magnitude is uniform, its direction too.
+Jitter has a size, uniform in its logarithm, or is too small to be seen, with the same chance.  Places and
+fluxes have the same priors in both scenes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from jitterkit.forward import Parameters
+from jitterkit.kernel_estimate import significance
+from jitterkit.likelihood import Data
+from jitterkit.locate import Start, polished, resolution
+from jitterkit.loci import Mvn, principal_axes
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.refit.choose import DETECTED, fit_best_locus, fit_locus
+from jitterkit.refit.evidence import log_volume, minor_variance
+from jitterkit.refit.fit import FitOptions
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.weigh import weight_of_evidence
+from jitterkit.scene import Binary
+
+__all__ = ["COMPANIONS", "DECIDED", "FAINTEST", "SceneChoice", "Weighing"]
+
+COMPANIONS = 0.05
+"""Share of stars that have a companion, an e-fold of separation: 44 % of stars like the sun, over a normal
+law of 2.28 decades of period (Duchene & Kraus, Annu. Rev. Astron. Astrophys. 51, 269, 2013)."""
+
+FAINTEST = 1000.0
+"""Largest contrast that is searched for."""
+
+DECIDED = 3.0
+"""Logarithm of the odds, 20 to 1, from which a pair is one; by less in its favour a frame does not decide."""
+
+_SIZED = 3.0
+"""Standard errors of the total variance from which a jitter has a size, as its evidence takes for granted."""
+
+_STRAIGHT, _THIN = 4.0, 1e-3
+"""Standard errors of the minor variance within which a blur may have no width, and its share of the major: a
+fit with a straight locus has no error there."""
+
+_STREAKS = ("linear", "shm")
+"""Loci that are weighed for a straight blur whether its shape is seen or not: two stars have another."""
+
+_SURELY = 200.0
+"""Chi-squared of its moments from which no frame is fitted without jitter: odds of e^100."""
+
+_ALIKE = 9.0
+"""Deviance by which a pair may fit worse than one star, and look like it."""
+
+
+@dataclass(frozen=True)
+class SceneChoice:
+    """What scene a frame shows.
+
+    Attributes
+    ----------
+    start : Start
+        Of the scene that is more probable, fitted briefly.
+    log_odds : float
+        Logarithm of the odds of a pair against one star, priors included; infinite where only one of them
+        was worth a fit.
+    readings : str
+        Both, in words, where both were fitted.
+    alike : bool
+        Whether the odds are below 20 to 1; or a pair without jitter, closer than the resolution, fits the
+        frame as well as one star, so that only what is probable beforehand tells them apart.
+    fit : FitResult or None
+        Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
+    """
+
+    start: Start
+    log_odds: float
+    readings: str = ""
+    alike: bool = False
+    fit: FitResult | None = None
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a pair is the more probable, but not by enough."""
+        return 0 < self.log_odds < DECIDED
+
+    @property
+    def doubt(self) -> str:
+        """That a pair may look the same as the star that was chosen, in a sentence; or nothing."""
+        return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene, one of :data:`SCENES`."""
+        return self.start.parameters.scene.name
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """One way to read a frame."""
+
+    start: Start
+    fit: FitResult
+    evidence: float
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """A frame whose scene is asked for."""
+
+    data: Data
+    optics: Optics
+    options: FitOptions
+    rough: bool
+
+    @property
+    def fineness(self) -> float:
+        """Resolution of the optics, arcsec."""
+        return resolution(self.optics.nominal)
+
+    @property
+    def width(self) -> float:
+        """Of the frame, arcsec, along its longer side."""
+        grid = self.optics.nominal.grid
+        return grid.plate_scale * max(grid.shape)
+
+    def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
+        """The scene with more evidence, and by how much."""
+        frame = replace(self, optics=_anchored(self.optics, star.parameters))
+        one = _best(frame.readings_of_star(star))
+        two = _best(reading for pair in pairs for reading in frame.readings_of_pair(pair))
+        if math.isfinite(one.evidence) or math.isfinite(two.evidence):
+            log_odds = float(two.evidence - one.evidence)
+        else:  # the fit to come will say so of the better
+            log_odds = math.inf if two.fit.objective < one.fit.objective - _ALIKE else -math.inf
+        close = two.fit.of_scene("separation") < self.fineness
+        as_well = two.fit.locus == "stable" and two.fit.objective < one.fit.objective + _ALIKE
+        alike = log_odds > -DECIDED or bool(close and as_well)
+        chosen = two if log_odds > 0 else one
+        start = frame.begun(chosen) if _is_split(chosen.start) else chosen.start
+        fit = one.fit if chosen is one and one.fit.locus != "stable" else None
+        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit)
+
+    def begun(self, reading: _Reading) -> Start:
+        """Where the fit begins of a pair that was made of a blur."""
+        parameters = reading.fit.parameters or reading.start.parameters
+        otf = self.optics.otf(parameters.aberrations)
+        blur = Mvn.near(reading.fit.moments()[0]) if reading.fit.parameters else None
+        where = self.data, self.optics, otf, parameters.scene, blur
+        return polished(*where, self.options.hold, rough=self.rough)
+
+    def readings_of_star(self, start: Start) -> Iterator[_Reading]:
+        """One star with the best of the loci, with straight ones, and without jitter."""
+        common = self.common(start)
+        jittered = fit_best_locus(*common)
+        told = {one.locus: one.evidence for one in jittered.candidates}
+        if told and _is_straight(*jittered.moments()):
+            more = [name for name in _STREAKS if name not in told]
+            near = self.common(start, jittered)
+            told |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
+        yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
+        if not _surely(start):
+            yield self.still(start, common)
+
+    def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
+        """Two stars with a normal blur, and without jitter."""
+        common = self.common(start)
+        fit = fit_locus("mvn", *common)
+        yield self.jittered(start, fit, {"mvn": weight_of_evidence(fit)}, seen=_has_a_size(fit))
+        if _is_split(start) or not _surely(start):
+            yield self.still(start, common)
+
+    def common(self, start: Start, fit: FitResult | None = None):
+        """What fits are given, to begin at a start or where one ended."""
+        if fit is None or fit.parameters is None:
+            moments, parameters, otf = (
+                np.asarray(start.parameters.locus.moments()),
+                start.parameters,
+                start.otf,
+            )
+        else:
+            moments, parameters = fit.moments()[0], fit.parameters
+            otf = self.optics.otf(parameters.aberrations)
+        return self.data, self.optics, parameters, moments, otf, self.options
+
+    def jittered(self, start: Start, fit: FitResult, evidence: dict[str, float], *, seen: bool) -> _Reading:
+        """Each locus is as probable as any other before the frame is seen; what is not seen has no size."""
+        if not evidence or not seen:
+            return _Reading(start, fit, -math.inf)
+        together = float(np.logaddexp.reduce(list(evidence.values()))) - math.log(len(evidence))
+        return self.reading(start, fit, together - math.log(self.sizes))
+
+    def still(self, start: Start, common) -> _Reading:
+        fit = fit_locus("stable", *common)
+        return self.reading(start, fit, log_volume(fit) if fit.status is Status.OK else -math.inf)
+
+    def reading(self, start: Start, fit: FitResult, evidence: float) -> _Reading:
+        prior = -math.inf if fit.parameters is None else self.scene_prior(fit)
+        return _Reading(start, fit, evidence + prior if evidence == evidence else -math.inf)
+
+    @property
+    def sizes(self) -> float:
+        """Range of the logarithm of the jitter's variance: from a hundredth of the resolution to a quarter of
+        the frame.
+        """
+        return 2 * math.log(25 * self.width / self.fineness)
+
+    def scene_prior(self, fit: FitResult) -> float:
+        """Logarithm of the prior density of what a scene has beside place and light."""
+        assert fit.parameters is not None
+        scene = fit.parameters.scene
+        range_of_separations = math.log(10 * math.sqrt(2) * self.width / self.fineness)
+        if not isinstance(scene, Binary):
+            return math.log(max(1 - COMPANIONS * range_of_separations, COMPANIONS))
+        separation, contrast = float(scene.separation), float(scene.contrast)
+        within = float(log_ndtr((contrast - 1) / fit.error("contrast")))  # B is not the brighter
+        density = COMPANIONS / (separation * 360.0 * contrast * math.log(FAINTEST))
+        return math.log(density) + within if contrast < FAINTEST else -math.inf
+
+
+def _has_a_size(fit: FitResult) -> bool:
+    """Whether jitter is seen, of a variance that is positive: a pair may have taken too much of it."""
+    moments, covariance = fit.moments()
+    error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
+    return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
+
+
+def _is_split(start: Start) -> bool:
+    """Whether a pair was made of a star's blur, and not fitted yet."""
+    return start.parameters.scene.name == Binary.name and "separation" not in start.names
+
+
+def _surely(start: Start) -> bool:
+    """Whether a start shows jitter so clearly that no fit without it is worth its time."""
+    return significance(np.asarray(start.parameters.locus.moments()), start.covariance) > _SURELY
+
+
+def _best(readings: Iterable[_Reading]) -> _Reading:
+    """The most probable; of those for which nothing speaks, the one that fits best."""
+    return max(readings, key=lambda one: (one.evidence, -np.nan_to_num(one.fit.objective, nan=np.inf)))
+
+
+def _anchored(optics: Optics, parameters: Parameters) -> Optics:
+    """Optics that are expanded more cheaply near some aberrations, for many fits."""
+    if not isinstance(optics, OpticalSystem) or not len(parameters.aberrations):
+        return optics
+    anchor = Anchor.at(optics, parameters.aberrations)
+    return AnchoredOptics.about(optics, anchor, max(float(parameters.scene.flux), 1.0))
+
+
+def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether a blur may have no width."""
+    minor, error = minor_variance(moments, covariance)
+    return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
+
+
+def _said(reading: _Reading) -> str:
+    """In words."""
+    fit = reading.fit
+    if fit.parameters is None:
+        return "neither"
+    scene = fit.parameters.scene
+    major, minor, _ = principal_axes(fit.moments()[0])
+    jitter = f"a jitter of {major:.3g} x {minor:.3g} arcsec rms" if major > 0 else "no jitter"
+    if isinstance(scene, Binary):
+        return f"two stars {float(scene.separation):.4g} arcsec apart with {jitter}"
+    return f"one star with {jitter}"
