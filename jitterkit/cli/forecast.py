@@ -9,7 +9,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, parse_sizes
-from jitterkit.cli.pair import pair_before
+from jitterkit.cli.pair import OF_PAIRS, pair_before, refuse_unused
 from jitterkit.cli.products import check_products, deliver
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import prepare_jax, say
@@ -22,7 +22,12 @@ _DETECTOR = ("gain", "read_noise", "full_well")
 _SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
 
 
+_SCENES = {"star": (*OF_PAIRS, "sweep", "allow"), "binary": ()}
+"""Scenes, and the options that each has no use for: sweeps and allowances are about the separation."""
+
+
 def forecast(
+    context: typer.Context,
     instrument: options.InstrumentName = "toliman",
     locus: options.LocusName = "stable",
     length: options.Length = None,
@@ -30,6 +35,9 @@ def forecast(
     shear: options.Shear = None,
     angle: options.Angle = None,
     sizes: options.Sizes = None,
+    scene: Annotated[
+        str, typer.Option(metavar="star|binary", help="One star, at --x and --y, or a pair.")
+    ] = "binary",
     separation: options.Separation = 10.0,
     theta: options.Theta = 180.0,
     x: options.MiddleX = 0.0,
@@ -83,18 +91,21 @@ def forecast(
     sweeps, goal = parse_sweeps(sweep or []), parse_angle(target, "--target")
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
     given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
+    refuse_unused(scene, _SCENES, context)
     if allow is not None:
         _check_question(locus, given, sweeps)
     prepare_jax()
     from jitterkit.instruments import load_instrument
 
     telescope = load_instrument(instrument)
-    scene = pair_before(telescope, flux, separation=separation, theta=theta, x=x, y=y, contrast=contrast)
-    setup = _Setup(telescope, locus, given, scene)
+    pair = {"separation": separation, "theta": theta, "contrast": contrast} if scene == "binary" else {}
+    setup = _Setup(telescope, locus, given, pair_before(telescope, flux, x=x, y=y, **pair))
     if allow is not None:
         table, draw = _ask_requirement(setup, allow, fitted)
     elif sweeps:
         table, draw = _ask_sweep(setup, sweeps, goal)
+    elif scene == "star":
+        table, draw = _ask_one_star(setup)
     else:
         table, draw = _ask_one(setup, goal)
     deliver(table, lambda: draw().axes[0], plot, output, overwrite)
@@ -134,16 +145,17 @@ class _Setup:
         from jitterkit.forecast import forecast
         from jitterkit.forward import Parameters
         from jitterkit.loci import Stable
-        from jitterkit.scene import Binary
+        from jitterkit.scene import Binary, Star
         from jitterkit.simulate import check_reach, check_scene
 
         scene = {name: changes.pop(name, value) for name, value in self.scene.items()}
         state = np.array([changes.pop(name, 0.0) for name in self.telescope.aberrations])
         detector = self._detector({name: changes.pop(name) for name in _DETECTOR if name in changes})
         jitter = Stable.of() if still else build_locus(self.locus, {**self.sizes, **changes})
-        parameters, otf = Parameters(Binary(**scene), jitter, state), self.otf(state)
-        check_scene(parameters.binary, jitter)
-        check_reach(parameters.binary, jitter, otf)
+        stars = Binary(**scene) if "separation" in scene else Star(**scene)
+        parameters, otf = Parameters(stars, jitter, state), self.otf(state)
+        check_scene(stars, jitter)
+        check_reach(stars, jitter, otf)
         exposure = self.telescope.exposure or 0.0
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         if not np.all(np.isfinite(found.covariance)):
@@ -170,6 +182,18 @@ class _Setup:
         from dataclasses import replace
 
         return replace(self.telescope.detector, **changes) if changes else self.telescope.detector
+
+
+def _ask_one_star(setup: _Setup):
+    from jitterkit.report.forecast_table import parameter_table
+    from jitterkit.report.matrix_plots import plot_matrices
+    from jitterkit.report.words import angle_size
+
+    found = setup.point()
+    say(f"place: {angle_size(found.error('x'))} along x and {angle_size(found.error('y'))} along y, a frame.")
+    if found.masked:
+        say(f"{found.masked} pixels saturate, or come near it, and are left out.")
+    return parameter_table(found), lambda: plot_matrices(found)
 
 
 def _ask_one(setup: _Setup, goal: float):

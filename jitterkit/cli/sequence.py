@@ -64,6 +64,12 @@ def sequence(
             min=1e-9, help="From frame to frame, s, in place of the headers' times.", show_default=False
         ),
     ] = None,
+    scene: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|binary", help="Refuse frames that show no pair beyond doubt, or fit a pair to all."
+        ),
+    ] = "auto",
     censored: options.Censored = False,
     background: options.Background = True,
     gain: options.Gain = None,
@@ -107,7 +113,7 @@ def sequence(
         rolling=not global_shutter,
         telemetry=None if telemetry is None else read_trace(telemetry),
     )
-    looker = Looker(exposures.optics, locus, held, diffusion=diffusion, censored=censored)
+    looker = Looker(exposures.optics, locus, held, diffusion=diffusion, censored=censored, scene=scene)
     with watching(len(exposures.files), "files") as advance:
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:

@@ -9,17 +9,14 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, parse_sizes, size_option
+from jitterkit.cli.pair import OF_PAIRS, refuse_unused
 from jitterkit.cli.pointing import drifting, resting, shaken, traced
 from jitterkit.cli.runtime import prepare_jax, say
 
 __all__ = ["simulate"]
 
 
-_SCENES: dict[str, tuple[str, ...]] = {
-    "star": ("separation", "theta", "contrast"),
-    "binary": (),
-    "stars": ("separation", "theta", "contrast", "flux"),
-}
+_SCENES = {"star": OF_PAIRS, "binary": (), "stars": (*OF_PAIRS, "flux")}
 """Scenes, and the options that each has no use for."""
 
 
@@ -115,12 +112,15 @@ def simulate(
     prepare_jax()
     import numpy as np
 
+    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.frames import write_fits, write_tiff
     from jitterkit.instruments import load_instrument
     from jitterkit.scene import Binary, FurtherStars, Star
     from jitterkit.simulate import fits_header, read_stars, simulate_sequence, tiff_metadata
 
-    _check_scene(scene, stars, context)
+    refuse_unused(scene, _SCENES, context)
+    if scene == "stars" and stars is None:
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, "--scene stars needs their table: give --stars.")
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
     given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
@@ -180,28 +180,6 @@ def simulate(
             header = fits_header(simulated, telescope, seed=seed)
             write_fits(path, _stored(simulated.raw), header=header, overwrite=overwrite)
         say(f"wrote {path}")
-
-
-def _check_scene(scene: str, stars: Path | None, context: typer.Context) -> None:
-    """Refuse an unknown scene, and what is said of a pair where there is none."""
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
-    if scene not in _SCENES:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no scene {scene!r} to simulate; give one of {', '.join(_SCENES)}.",
-        )
-    if scene == "stars" and stars is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, "--scene stars needs a table of them: give --stars."
-        )
-    for name in _SCENES[scene]:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ConfigurationError(
-                ErrorCode.CONFLICT,
-                f"--scene {scene} has no --{name}; leave it out, or give --scene binary.",
-            )
 
 
 def _check_alone(option: str, sizes: dict[str, Any], locus: str, **motions: Any) -> None:

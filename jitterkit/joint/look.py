@@ -87,6 +87,8 @@ class Looker:
         Whether the frames share a charge diffusion, beyond what the optics hold, that is to be measured.
     censored : bool
         Whether full pixels count; see :meth:`jitterkit.likelihood.Data.of`.
+    scene : str
+        ``"auto"`` to refuse frames that show no pair, or ``"binary"``.
 
     Raises
     ------
@@ -100,9 +102,16 @@ class Looker:
     priors: Priors = field(default_factory=Priors)
     diffusion: bool = False
     censored: bool = False
+    scene: str = "auto"
 
     def __post_init__(self) -> None:
         locus_class(self.locus)
+        if self.scene not in ("auto", Binary.name):
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME,
+                f"A sequence is of a pair: scene {self.scene!r} is none of auto, {Binary.name}; "
+                "'jitterkit process' fits the others.",
+            )
         if self.diffusion and self.locus not in _STRAIGHT and self.priors.moments is None:
             raise ConfigurationError(
                 ErrorCode.NOT_CONSTRAINED,
@@ -139,7 +148,7 @@ class Looker:
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
         choice = None
-        if near is None:
+        if near is None and self.scene == "auto":
             choice = choose_scene(data, self.optics, FitOptions(hold=self.hold))
             if choice is not None and choice.scene != Binary.name:
                 told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."

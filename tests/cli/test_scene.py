@@ -77,6 +77,25 @@ def test_what_does_not_go_with_a_scene_is_refused(guide, tmp_path, told):
     told(runner.invoke(app, unknown), ErrorCode.UNKNOWN_NAME, "'galaxy'", "binary")
 
 
+def test_a_forecast_for_one_star_knows_no_pair(tmp_path, told):
+    command = ["forecast", "-i", "plain", "--scene", "star", "--locus", "mvn", "--sigma", "0.2"]
+    done = runner.invoke(app, [*command, "-o", str(tmp_path / "f.ecsv")])
+    assert done.exit_code == 0, done.output
+    assert "place:" in done.output
+    assert "separation" not in done.output
+    table = QTable.read(tmp_path / "f.ecsv")
+    assert not {"separation", "contrast", "theta"} & set(table["parameter"])
+    assert {"x", "y", "flux", "mvn_xx", "background"} <= set(table["parameter"])
+    told(runner.invoke(app, [*command, "--allow", "10%"]), ErrorCode.CONFLICT, "--allow")
+    told(runner.invoke(app, [*command, "--theta", "3"]), ErrorCode.CONFLICT, "--theta")
+    told(runner.invoke(app, ["forecast", "--scene", "stars"]), ErrorCode.UNKNOWN_NAME, "'stars'", "binary")
+
+
+def test_a_sequence_is_of_a_pair(guide, tmp_path, told):
+    command = ["sequence", str(guide), "-i", "plain", "--locus", "mvn", "-o", str(tmp_path / "out")]
+    told(runner.invoke(app, [*command, "--scene", "star"]), ErrorCode.UNKNOWN_NAME, "'star'", "binary")
+
+
 FIELD = "x,y,flux\n-5,4,60000\n5,5.5,30000\n5.5,-5,20000\n-3,-6,45000\n"
 
 
@@ -151,6 +170,7 @@ def test_further_stars_beside_a_pair_are_listed_with_it(field, tmp_path):
         ("x,y,flux\n1,2,-3\n", [], ErrorCode.OUT_OF_RANGE, ["s.csv"]),
         ("x,y,flux\n1,b,3\n", [], ErrorCode.MALFORMED, ["s.csv"]),
         (FIELD, ["--separation", "3"], ErrorCode.CONFLICT, ["--separation", "--scene stars"]),
+        (FIELD, ["--flux", "3"], ErrorCode.CONFLICT, ["--flux", "--scene stars"]),
     ],
 )
 def test_a_table_that_lists_no_stars_is_refused(table, options, code, values, tmp_path):
