@@ -178,6 +178,8 @@ class Processor(Finder):
         p = result.parameters
         if p is None or result.image is None or result.residual is None or p.scene.name != Stars.name:
             return result
+        if not result.status.usable:
+            return result
         data = found.data.without(~np.isfinite(result.residual))
         said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
         if not said:

@@ -26,6 +26,12 @@ __all__ = [
     "why_unusable",
 ]
 
+_BELOW = 5.0
+"""Standard errors below zero from which a background is none."""
+
+_MANY = 20.0
+"""Electrons from which a Poisson law is normal enough for that."""
+
 _OUTLIER = 8.0
 """Sigmas: chance makes one pixel in 1e15 stand out so far."""
 
@@ -77,8 +83,11 @@ def judge(frame: Frame, result: FitResult, expected_scale: float) -> FitResult:
     if absurd:
         message = f"{Status.POOR_FIT.value}: {absurd}."
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
+    outliers = _outlier_hint(frame, result)
+    if outliers and result.status is Status.OK and "misfit" not in result.flags:
+        result = replace(result, flags=(*result.flags, "misfit"))
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
-        scale, outliers = scale_hint(frame, expected_scale), _outlier_hint(frame, result)
+        scale = scale_hint(frame, expected_scale)
         jitter = "" if scale or outliers else _jitter_hint(result)
         unitless = NORMALISED in frame.flags
         sky = "" if jitter or unitless else _sky_hint(result)  # the wings of a blur look like sky
@@ -128,8 +137,13 @@ def _jitter_hint(result: FitResult) -> str:
 
 def _sky_hint(result: FitResult) -> str:
     """A sentence where the data lie above or below the model everywhere."""
-    if result.residual is None or "background" in result.names:
+    if result.residual is None:
         return ""
+    if "background" in result.names and result.parameters is not None:
+        level, error = float(result.parameters.background), result.error("background")
+        if level > -_BELOW * error:
+            return ""
+        return f"The background is {level:.3g} electrons a pixel: the bias level may be too high (--bias)."
     mean, count = float(np.nanmean(result.residual)), int(np.isfinite(result.residual).sum())
     if abs(mean) * np.sqrt(count) < _OUTLIER:
         return ""
@@ -153,6 +167,8 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
     if result.residual is None:
         return ""
     size = np.nan_to_num(np.abs(result.residual))
+    if result.image is not None:  # of few counts a Poisson law has a long tail
+        size = np.where(result.image + frame.read_variance > _MANY, size, 0.0)
     outliers = size > _OUTLIER
     count, rest = int(outliers.sum()), float((size[~outliers] ** 2).sum())
     if not 0 < count <= 0.002 * size.size or rest > 1.2 * result.dof:

@@ -8,6 +8,7 @@ import numpy as np
 
 from jitterkit.forward import expected_image
 from jitterkit.likelihood import Data
+from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.residual import Residual
 from jitterkit.locate.start import Start, polished
 from jitterkit.optics.system import Optics
@@ -20,6 +21,10 @@ _ROUNDS = 8
 
 _SEEN = 4.0
 """Standard errors of its flux that a further star must keep when everything is fitted."""
+
+_ABOUT, _GHOSTLY, _SEVERAL = 5.0, 0.01, 3
+"""Resolutions from a bright star, share of its light, and number of further stars that are none: an error of
+the optics of 15 to 18 nm made four to seven, two to four resolutions from A."""
 
 _MOST = {"binary": 12, "stars": 60}
 """Stars of a scene; what shows more is another, or its optics are not as they are said to be."""
@@ -39,8 +44,9 @@ def with_further_stars(
     Returns
     -------
     start : Start
-        The same where nothing stands out; and that of a pair where, all further stars taken away, something
-        still does: it is the model then that does not describe the frame, and stars would hide that.
+        The same where nothing stands out; and that of a pair where something does that is no star: dark
+        spots, or more than stars explain.  It is the model then that does not describe the frame, and stars
+        would hide that.
 
     Notes
     -----
@@ -56,11 +62,15 @@ def with_further_stars(
         image = np.asarray(expected_image(found.parameters, found.otf))
         left = Residual(data, image, found.otf, found.parameters.locus)
         further = left.further_stars(scene)
-        if further is None:
-            return found if found is start or is_field or left.is_all_stars(scene) else start
-        if rough:  # what haste has left looks like stars
+        if further is None and found is start:
+            return start
+        if rough and further is not None:  # what haste has left looks like stars
             rough, found = False, settled(found, scene)
             continue
+        if not left.is_all_stars(scene):
+            break
+        if further is None:
+            return found
         scene = scene.joined(further)
         if len(scene.sources()[0]) > _MOST[scene.name]:
             break
@@ -74,9 +84,10 @@ def with_further_stars(
 
 
 def _are_sound(start: Start) -> np.ndarray:
-    """Which further stars shine, stand in the frame, and outshine no star of a pair.
+    """Which further stars shine, stand in the frame, are fainter than both of a pair, and no ring about one.
 
-    A pair of which one is fainter than a further star may be one star, taken for two.
+    A pair of which one is fainter than a further star may be one star, taken for two.  Several faint stars
+    close to a bright one are what an error of the optics looks like.
     """
     scene, grid = start.parameters.scene, start.otf.grid
     assert scene.others is not None
@@ -84,6 +95,9 @@ def _are_sound(start: Start) -> np.ndarray:
     names = [name for name in scene.names if name.startswith("flux_")]
     errors = np.sqrt(np.diag(start.covariance_of(names)))
     height, width = (n * grid.plate_scale / 2 for n in grid.shape)
-    _, _, own = scene.stars()
-    brightest = np.inf if isinstance(scene, Stars) else np.min(np.asarray(own))
-    return (np.abs(x) < width) & (np.abs(y) < height) & (flux > _SEEN * errors) & (flux < brightest)
+    xs, ys, lights = (np.asarray(part) for part in scene.stars())
+    brightest = np.inf if isinstance(scene, Stars) else lights.min()
+    near = np.hypot(x[:, None] - xs, y[:, None] - ys) < _ABOUT * resolution(start.otf)
+    ring = np.any(near & (flux[:, None] < _GHOSTLY * lights), axis=1)
+    inside = (np.abs(x) < width) & (np.abs(y) < height)
+    return inside & (flux > _SEEN * errors) & (flux < brightest) & ~(ring & (ring.sum() >= _SEVERAL))

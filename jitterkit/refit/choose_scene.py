@@ -103,7 +103,7 @@ def choose_scene(
     star = locate_star(data, optics, frame.options.hold, rough=rough)
     if star is None:
         return None
-    if several is not None and several.describes(data):
+    if several is not None and frame.is_apart(several):
         return frame.best_of(star, pair, several)
     pairs = list(frame.pairs_instead(star, pair))
     if not pairs:
@@ -146,22 +146,25 @@ class _Frame(Weighing):
 
     def beyond_doubt(self, start: Start) -> bool:
         """Whether stars describe the frame, and no blur of one star could."""
-        scene = start.parameters.scene
+        every = len(start.parameters.scene.sources()[0])
+        return self.is_apart(start, every) and _is_clear(start) and start.describes(self.data)
+
+    def is_apart(self, start: Start, brightest: int = 3) -> bool:
+        """Whether the brightest of the stars are wider apart than the pieces that a blur falls into."""
         major, _, _ = principal_axes(start.parameters.locus.moments())
-        x, y, _ = (np.asarray(part) for part in scene.sources())
-        apart = np.hypot(x - x[:, None], y - y[:, None])[np.triu_indices(len(x), 1)]
-        return bool(
-            apart.min() > max(_WIDE * self.fineness, _FAR_OUT * major)
-            and _is_clear(start)
-            and start.describes(self.data)
-        )
+        x, y, flux = (np.asarray(part) for part in start.parameters.scene.sources())
+        first = np.argsort(-flux)[:brightest]
+        apart = np.hypot(x[first] - x[first, None], y[first] - y[first, None])
+        least = apart[np.triu_indices(len(first), 1)].min()
+        return bool(least > max(_WIDE * self.fineness, _FAR_OUT * major))
 
     def best_of(self, star: Start, pair: Start | None, several: Start) -> SceneChoice:
-        """The simplest that describes the frame: two or more stars do where nothing else does."""
+        """The simplest that describes the frame, or where none does the nearest."""
         if star.describes(self.data):
             return SceneChoice(star, -math.inf)
-        simpler = pair is not None and pair.describes(self.data)
-        return SceneChoice(pair if simpler and pair is not None else several, math.inf)
+        if pair is not None and pair.describes(self.data):
+            return SceneChoice(self.as_field(pair) if _is_a_field(pair.parameters.scene) else pair, math.inf)
+        return SceneChoice(several, math.inf)
 
     def pairs_instead(self, star: Start, pair: Start | None) -> Iterator[Start]:
         """Pairs that a frame may show in place of a star; ``pair`` has been searched for."""

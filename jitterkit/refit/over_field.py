@@ -21,8 +21,8 @@ __all__ = ["say_if_blur_varies", "star_moments"]
 _FALSE = 1e-4
 """Chance of such differences below which they are none of noise."""
 
-_ROLLED = 5.0
-"""Standard errors from which a roll is one."""
+_ROLLED, _ALL = 5.0, 0.9
+"""Standard errors from which a roll is one, and the share of the differences that it must explain."""
 
 
 def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[np.ndarray, np.ndarray]:
@@ -87,10 +87,17 @@ def say_if_blur_varies(parameters: Parameters, otf: OTF, image, data: Data) -> s
         return ""
     rest, values, covariance = _fitted(_of_a_roll(x, y), moments, known)
     turned, error = values[0], np.sqrt(covariance[0, 0])
-    if turned > _ROLLED * error and left - rest > 0.5 * (left - (3 * len(x) - 3)):
+    excess = left - (3 * len(x) - 3)
+    if turned > _ROLLED * error and left - rest > _ALL * excess:
         roll = np.degrees(np.sqrt(12 * turned))
         uncertain = roll * error / (2 * turned)
         return f"The field rolled by {roll:.3g} ± {uncertain:.1g} degrees during the exposure."
+    parts = same, moments, known
+    alone = [_fitted(*(np.delete(part, i, axis=0) for part in parts))[0] for i in range(len(x))]
+    odd = int(np.argmin(alone))
+    if scipy.stats.chi2.sf(alone[odd], 3 * len(x) - 6) > _FALSE:
+        where = f"star {odd + 1}, at ({x[odd]:.3g}, {y[odd]:.3g}) arcsec"
+        return f"The blur of {where}, is not that of the others: it may be two stars."
     return f"The blur differs from star to star (chi² {left:.4g} of {3 * len(x) - 3}): the PSF is not one."
 
 
