@@ -96,6 +96,7 @@ def estimate(
     saturation: options.Saturation = None,
     plate_scale: options.PlateScale = None,
     exposure: options.Exposure = None,
+    bad_bits: options.BadBits = None,
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
 ) -> None:
@@ -121,7 +122,7 @@ def estimate(
     from jitterkit.batch.products import Products
     from jitterkit.report.table import write_table
 
-    metadata = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
+    metadata = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure, bad_bits)
     if reference is not None or stars or blind:
         from jitterkit.batch.reference import sharpest
         from jitterkit.batch.scenes import SceneMeasurer

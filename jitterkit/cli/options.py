@@ -12,6 +12,7 @@ from jitterkit.cli.loci import locus_sizes, other_sizes
 __all__ = [
     "Angle",
     "Background",
+    "BadBits",
     "Bias",
     "Censored",
     "Contrast",
@@ -93,6 +94,16 @@ Gain = Annotated[float | None, typer.Option(help="Gain, e-/ADU.", show_default=F
 ReadNoise = Annotated[float | None, typer.Option(help="Read noise, e-.", show_default=False)]
 Bias = Annotated[float | None, typer.Option(help="Bias level, ADU.", show_default=False)]
 Saturation = Annotated[float | None, typer.Option(help="Saturation level, ADU.", show_default=False)]
+BadBits = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        metavar="SUM",
+        help="Bits of a DQ or MASK extension that mask a pixel, their values added up; 0 for none. By "
+        "default those that the observatory calls bad.",
+        show_default=False,
+    ),
+]
 PlateScale = Annotated[float | None, typer.Option(help="Plate scale, arcsec/pixel.", show_default=False)]
 Exposure = Annotated[float | None, typer.Option(help="Exposure time, s.", show_default=False)]
 TableOutput = Annotated[
@@ -167,6 +178,7 @@ def overrides(
     saturation: float | None,
     plate_scale: float | None,
     exposure: float | None,
+    bad_bits: int | None,
 ) -> dict[str, Any]:
     """Metadata given on the command line; what was not given is left out."""
     given = {
@@ -176,5 +188,6 @@ def overrides(
         "saturation": saturation,
         "plate_scale": plate_scale,
         "exposure": exposure,
+        "bad_bits": bad_bits,
     }
     return {name: value for name, value in given.items() if value is not None}

@@ -58,6 +58,7 @@ def make_processor(
     saturation: options.Saturation = None,
     plate_scale: options.PlateScale = None,
     exposure: options.Exposure = None,
+    bad_bits: options.BadBits = None,
     device: options.Device = None,
     float32: options.Float32 = False,
     preset: Annotated[
@@ -85,7 +86,7 @@ def make_processor(
         say(f"{prior}: {known.remark}")
     return Processor(
         modelled,
-        options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure),
+        options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure, bad_bits),
         locus=locus,
         kernel=estimator,
         scene=scene,

@@ -78,6 +78,7 @@ def sequence(
     saturation: options.Saturation = None,
     plate_scale: options.PlateScale = None,
     exposure: options.Exposure = None,
+    bad_bits: options.BadBits = None,
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
 ) -> None:
@@ -106,7 +107,7 @@ def sequence(
     from jitterkit.refit import Status
 
     held = () if background else ("background",)
-    overrides = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure)
+    overrides = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure, bad_bits)
     exposures = FileExposures(files, Finder(load_instrument(instrument), overrides), hdu=hdu, cadence=cadence)
     how = SequenceOptions(
         laws=_laws(law or []),

@@ -61,6 +61,9 @@ class Characteristics:
         are exposed at once.
     cosmic_rays : float, optional
         Hits per pixel and second, for simulations.
+    bad_bits : int, optional
+        Sum of the bits of a quality plane (DQ, MASK) that mark a pixel as unusable, in place of the
+        convention of the file's observatory.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Characteristics:
     diffusion: float | None = None
     line_time: float | None = None
     cosmic_rays: float | None = None
+    bad_bits: int | None = None
 
     def __post_init__(self) -> None:
         check_detector(vars(self))

@@ -27,6 +27,7 @@ NUMBERS: Mapping[str, Quantity] = {
     "diffusion": Quantity("pixel", 0.0, 10.0),
     "line_time": QUANTITIES["line_time"],
     "cosmic_rays": Quantity("hits per pixel and second", 0.0, 1.0),
+    "bad_bits": QUANTITIES["bad_bits"],
 }
 """The numbers of a detector with the widest range of each."""
 

@@ -47,6 +47,7 @@ def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
         metadata = supplement(metadata, name, detector.nominal(name), detector.source(name))
         if getattr(metadata, name) is None:
             metadata = metadata.override("assumed, as nothing says it", **{name: assumed})
+    metadata = supplement(metadata, "bad_bits", detector.bad_bits, detector.source("bad_bits"))
     metadata = _with_line_time(detector, metadata)
     name, level = ceiling(detector, metadata)
     # our own earlier word may rest on a gain that has been corrected since

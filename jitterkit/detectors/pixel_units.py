@@ -65,7 +65,8 @@ def in_counts(raw: RawFrame) -> RawFrame:
     bias = metadata.bias
     if counted.value == "adu" and (bias is None or bias.rank >= RANKS.index("instrument file")):
         metadata = metadata.override("argument, as the pixels are a rate", bias=0.0)
-    return replace(raw, data=raw.data * exposure.value, metadata=metadata)
+    variance = None if raw.variance is None else raw.variance * exposure.value**2
+    return replace(raw, data=raw.data * exposure.value, variance=variance, metadata=metadata)
 
 
 def is_normalised(raw: RawFrame) -> bool:

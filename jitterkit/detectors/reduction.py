@@ -13,6 +13,7 @@ import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.coupling import beside, decouple, decoupled_variance
+from jitterkit.detectors.file_variance import with_read_variance
 from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
 from jitterkit.detectors.linearity import collected, slope
 from jitterkit.detectors.maps import piece
@@ -47,6 +48,10 @@ def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
     normalised, whole = is_normalised(raw), detector
     raw = in_counts(raw)
     metadata = inform(detector, raw.metadata)
+    raw = raw.with_metadata(replace(raw.metadata, bad_bits=metadata.bad_bits))
+    if raw.variance is not None:
+        raw = with_read_variance(raw, metadata)
+        metadata = inform(detector, raw.metadata)
     detector = _believed(detector, raw, metadata)
     beyond = detector is not whole
     metadata = inform(detector, raw.metadata) if beyond else metadata
@@ -76,10 +81,13 @@ def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
 
 def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
     gain = metadata.value("gain")
-    bias, noise = (_own(detector, name, raw, metadata) for name in ("bias", "read_noise"))
+    bias = _own(detector, "bias", raw, metadata)
     clips, well = _ends(detector, metadata)
     charge, steepness = _linear(detector, np.asarray((raw.data - bias) * gain))
-    variance = (noise**2 + gain**2 / 12) / steepness**2
+    if raw.variance is None:
+        variance = (_own(detector, "read_noise", raw, metadata) ** 2 + gain**2 / 12) / steepness**2
+    else:
+        variance = raw.variance / np.square(steepness)
     clipped = raw.data >= clips
     unknown = np.zeros(raw.shape, dtype=bool)
     if detector.coupling:
@@ -103,7 +111,9 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
 def _of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
     """Electrons are another's work, and are taken as finished."""
     level = _in_electrons(detector, metadata)
-    variance = np.square(_own(detector, "read_noise", raw, metadata))
+    variance = raw.variance
+    if variance is None:
+        variance = np.square(_own(detector, "read_noise", raw, metadata))
     return _Counts(raw.data, variance, level, raw.data >= level, np.zeros(raw.shape, dtype=bool))
 
 

@@ -7,6 +7,8 @@ nothing is believed of a header that the file cannot hold.  The pixels are read 
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import math
 import warnings
 from collections.abc import Mapping
@@ -18,18 +20,13 @@ from astropy.io import fits
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.checksums import checksum_warnings, read_to_end
-from jitterkit.frames.framefile import FrameFile, translated
+from jitterkit.frames.extensions import Group, Named, files_beside, frame_groups
+from jitterkit.frames.fitsimage import FitsImage
+from jitterkit.frames.framefile import FrameFile, Planes, translated
 from jitterkit.frames.hdu import Unit
-from jitterkit.frames.header import rate_of_brightness, resolve_header
 from jitterkit.frames.header_blocks import ends_early, open_bytes, refuse_missing_data, walk
-from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pixels import Pixels
-from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.plainheader import PlainHeader
-from jitterkit.frames.planes import refuse_colour, rows_from_the_top
-from jitterkit.frames.sky import turned_over
-from jitterkit.frames.units import COUNTS, RATES
-from jitterkit.frames.wcs import celestial_wcs
 
 _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
 """For ``bytes.translate``: FITS allows no other bytes in a header."""
@@ -60,60 +57,84 @@ class FitsFile(FrameFile):
 
     def __init__(self, path: Path, hdu: int | None) -> None:
         super().__init__(path)
-        self._factor, self._verified = 1.0, False
+        self._handles: dict[Path, BinaryIO] = {}
+        self._images: dict[int, FitsImage] = {}
+        self._verified: set[int] = set()
         with translated(path) as caught:
-            self._handle = open_bytes(path)
             try:
-                self._choose(*_image_unit(path, self._handle, hdu))
+                self._hdus, broken = _chain(path, self._handle(path), hdu)
+                self._groups = _groups(path, self._handle(path), self._hdus, hdu)
+                self._add_files_beside()
+                self._starts = [0, *itertools.accumulate(map(_planes, self._groups))]
+                self._count = self._starts[-1]
+                first = self._image(0)
             except BaseException:
                 self.close()
                 raise
-        self.metadata = self.metadata.warn(*caught)
+        self.hdu, self.shape, self.dtype = first.number, first.shape, first.dtype
+        self.metadata = first.metadata.warn(*broken, *caught)
 
-    def _choose(self, unit: Unit, primary: Unit) -> None:
-        refuse_missing_data(unit, self._handle)
-        self._header, self._pixels = _opened(self._handle, unit)
-        header = self._header
-        self.hdu, self.dtype = unit.number, self._pixels.dtype
-        *planes, ny, nx = unit.shape
-        self._count, self.shape = math.prod(planes), (ny, nx)
-        wcs, messages = celestial_wcs(header)
-        inherit = _header(primary) if unit.number and header.get("INHERIT") is not False else None
-        refuse_colour(self.path, unit.shape, header, inherit)
-        from_top, odd = rows_from_the_top(header, inherit)
-        if wcs is not None and from_top:
-            wcs = turned_over(wcs, ny)
-        metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
-        rate = rate_of_brightness(header, metadata.unit, inherit)
-        if rate is not None:
-            self._factor, known = rate
-            metadata = metadata.override(known.source, unit=known)
-        elif metadata.value("unit", "adu") not in COUNTS + RATES:
-            odd.append(f"the pixels are in {metadata.value('unit')}, which is neither ADU nor electrons")
-        lossy = _lossy(unit, header) if unit.packed else []
-        metadata = metadata.warn(*header.warnings, *messages, *lossy, *odd)
-        self.metadata = metadata.reordered(-1) if from_top else metadata
+    def _handle(self, path: Path) -> BinaryIO:
+        if path not in self._handles:
+            self._handles[path] = open_bytes(path)
+        return self._handles[path]
 
-    def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
-        data, blank = self._pixels.plane(index)
-        self._verify()
-        mask = NONE_MASKED if blank is None else blank
-        if self._factor != 1.0:
-            data *= self._factor
-        if self.metadata.row_order == -1:
-            data, mask = np.ascontiguousarray(data[::-1]), mask[::-1] if mask.ndim else mask
-        return data, mask, self.metadata
+    def _add_files_beside(self) -> None:
+        for role, other in files_beside(self.path):
+            hdus, _ = _chain(other, self._handle(other), None)
+            for group in self._groups:
+                group.add_from(role, hdus)
 
-    def _verify(self) -> None:
-        """Hold the file against its checksums when its first frame is read."""
-        if not self._verified:
-            wrong = checksum_warnings(self._handle, self._pixels.unit, self._header)
-            read_to_end(self._handle)
-            self.metadata, self._verified = self.metadata.warn(*wrong), True
+    def _image(self, number: int) -> FitsImage:
+        if number not in self._images:
+            group = self._groups[number]
+            self._images[number] = FitsImage(group, self._hdus[0].header, self._opened, self._tables)
+        return self._images[number]
+
+    def _opened(self, named: Named) -> Pixels:
+        handle = self._handle(named.unit.path)
+        refuse_missing_data(named.unit, handle)
+        pixels = _pixels(handle, named)
+        if named.unit.packed and named.role == "":
+            named.header.warnings += _lossy(named.unit, named.header)
+        return pixels
+
+    def _tables(self) -> Any:
+        handle = self._handle(self.path)
+        handle.seek(0)
+        return fits.open(handle, memmap=False)
+
+    def _read(self, index: int) -> Planes:
+        number = bisect.bisect_right(self._starts, index) - 1
+        image = self._image(number)
+        read = image.read(index - self._starts[number])
+        self._verify(number, image)
+        extra = self.metadata.warnings if number == 0 else ()
+        return read._replace(metadata=image.metadata.warn(*extra, *read.metadata.warnings))
+
+    def _verify(self, number: int, image: FitsImage) -> None:
+        """Compare the HDUs of an image with their checksums when its first plane is read."""
+        if number in self._verified:
+            return
+        wrong = []
+        for pixels in image.used:
+            handle = self._handle(pixels.unit.path)
+            wrong += checksum_warnings(handle, pixels.unit, pixels.header)
+            read_to_end(handle)
+        image.metadata = image.metadata.warn(*wrong)
+        self.metadata = self.metadata.warn(*wrong) if number == 0 else self.metadata
+        self._verified.add(number)
+
+    def _contents(self) -> list[tuple[str, str, str, str]]:
+        if len(self._hdus) == 1:
+            return []
+        uses = {number: use for group in self._groups for number, use in group.units.items()}
+        return [(one.title, one.unit.what, "", uses.get(one.unit.number, "not used")) for one in self._hdus]
 
     def close(self) -> None:
         """Close the file."""
-        self._handle.close()
+        for handle in self._handles.values():
+            handle.close()
 
 
 def open(path: Path, hdu: int | None = None) -> FitsFile:
@@ -124,22 +145,35 @@ def open(path: Path, hdu: int | None = None) -> FitsFile:
 def is_plane(path: Path, hdu: int | None = None) -> bool:
     """Tell from the layout of a file alone whether it holds one frame; errors are those of :func:`open`."""
     with translated(path), open_bytes(path) as handle:
-        *planes, _, _ = _image_unit(path, handle, hdu)[0].shape
-        return math.prod(planes) == 1
+        groups = _groups(path, handle, _chain(path, handle, hdu)[0], hdu)
+        return len(groups) == 1 and _planes(groups[0]) == 1
 
 
-def _image_unit(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[Unit, Unit]:
-    """The HDU of the image asked for, and the primary HDU."""
-    units: list[Unit] = []
-    for unit in walk(path, handle):
-        units.append(unit)
-        if unit.number == hdu or (hdu is None and unit.is_image):
-            break
-    last = units[-1]
-    if last.is_image and hdu in (None, last.number):
-        return last, units[0]
-    if hdu == last.number:
-        problem = f"HDU {hdu} is not a two- or three-dimensional image but {last.what}"
+def _planes(group: Group) -> int:
+    return math.prod(group.image.unit.shape[:-2])
+
+
+def _chain(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[list[Named], list[str]]:
+    """All HDUs of a file, and a warning where those behind the image cannot be read."""
+    hdus: list[Named] = []
+    try:
+        for unit in walk(path, handle):
+            hdus.append(Named(unit, _header(unit)))
+    except FrameError as error:
+        if not any(one.unit.is_image and hdu in (None, one.unit.number) for one in hdus):
+            raise
+        return hdus, [f"what follows HDU {hdus[-1].unit.number} is not used: {error.problem}"]
+    return hdus, []
+
+
+def _groups(path: Path, handle: BinaryIO, hdus: list[Named], hdu: int | None) -> list[Group]:
+    """The images asked for, with what belongs to each."""
+    groups = frame_groups(hdus, hdu)
+    if groups:
+        return groups
+    units, last = [one.unit for one in hdus], hdus[-1].unit
+    if hdu is not None and 0 <= hdu <= last.number:
+        problem = f"HDU {hdu} is not a two- or three-dimensional image but {units[hdu].what}"
         raise FrameError(ErrorCode.NO_IMAGE, path, problem, "choose another HDU")
     if hdu is None:
         contents = [f"HDU {unit.number}: {unit.what}" for unit in units[:6]] + ["..."] * (len(units) > 6)
@@ -160,11 +194,11 @@ def _header(unit: Unit) -> PlainHeader:
     return header
 
 
-def _opened(handle: BinaryIO, unit: Unit) -> tuple[PlainHeader, Pixels]:
-    """The header of an image and its pixels; tiles are left to astropy."""
-    header = _header(unit)
+def _pixels(handle: BinaryIO, named: Named) -> Pixels:
+    """The pixels of an image; tiles are left to astropy."""
+    unit, header = named.unit, named.header
     if not unit.packed:
-        return header, Pixels(handle, unit, header)
+        return Pixels(handle, unit, header)
     method = header.get("ZCMPTYPE")
     if isinstance(method, str) and method not in _METHODS:
         problem = f"HDU {unit.number} uses {method[:40]!r} compression, which is not read"
@@ -175,7 +209,7 @@ def _opened(handle: BinaryIO, unit: Unit) -> tuple[PlainHeader, Pixels]:
     if "BLANK" not in header:  # one without a value astropy would compare with
         table.header.remove("BLANK", ignore_missing=True, remove_all=True)
     image = fits.CompImageHDU(bintable=table, do_not_scale_image_data=True)
-    return header, Pixels(handle, unit, header, image)
+    return Pixels(handle, unit, header, image)
 
 
 def _lossy(unit: Unit, header: PlainHeader) -> list[str]:
@@ -241,13 +275,9 @@ def read_extensions(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any
         If the file cannot be read.
     """
     with translated(path), open_bytes(path) as handle:
-        units = list(walk(path, handle))
-        images = {}
-        for unit in units[1:]:
-            name = str(_header(unit).get("EXTNAME", "")).strip().upper()
-            if name and unit.what.startswith("an array"):
-                images[name] = _everything(handle, unit)[0]
-        return images, _header(units[0])
+        hdus = [Named(unit, _header(unit)) for unit in walk(path, handle)]
+        named = [one for one in hdus[1:] if one.name and one.unit.what.startswith("an array")]
+        return {one.name: _everything(handle, one) for one in named}, hdus[0].header
 
 
 def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
@@ -271,10 +301,10 @@ def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
         If there is no image, or the file cannot be read.
     """
     with translated(path), open_bytes(path) as handle:
-        return _everything(handle, _image_unit(path, handle, None)[0])
+        image = _groups(path, handle, _chain(path, handle, None)[0], None)[0].image
+        return _everything(handle, image), image.header
 
 
-def _everything(handle: BinaryIO, unit: Unit) -> tuple[np.ndarray, PlainHeader]:
-    refuse_missing_data(unit, handle)
-    header, pixels = _opened(handle, unit)
-    return pixels.everything(), header
+def _everything(handle: BinaryIO, named: Named) -> np.ndarray:
+    refuse_missing_data(named.unit, handle)
+    return _pixels(handle, named).everything()

@@ -18,7 +18,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames.header import resolve_header
-from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.placed import (
     NONE_MASKED,
     Placed,
@@ -27,7 +27,8 @@ from jitterkit.frames.placed import (
     number_or_map,
     require_positive,
 )
-from jitterkit.frames.units import resolve_unit
+from jitterkit.frames.quality import ALL_BITS
+from jitterkit.frames.uncertainty import unit_of, variance_of
 
 __all__ = ["Frame", "RawFrame"]
 
@@ -55,11 +56,19 @@ class RawFrame(Placed):
         ``(x0, y0)`` of ``data[0, 0]`` in the original frame.
     several : bool
         True if the file holds other frames too; then ``name`` carries the index.
+    variance : (ny, nx) array, optional
+        Variance of ``data`` in its unit squared, the photon noise of the data mostly included, as pipelines
+        give it.  A pixel whose variance is not finite and positive is masked.
+    variance_source : str
+        Where the variance comes from: ``"ERR (HDU 2)"``.
+    quality : (ny, nx) array of int, optional
+        Bits of each pixel; ``metadata.bad_bits`` says which of them mask it.  Kept as int64, -1 where a pixel
+        is masked for another reason.
 
     Raises
     ------
     JitterkitError
-        If the data are not two-dimensional or the mask has another shape.
+        If the data are not two-dimensional or another array has another shape.
     """
 
     data: np.ndarray
@@ -70,6 +79,9 @@ class RawFrame(Placed):
     hdu: int | None = None
     origin: tuple[int, int] = (0, 0)
     several: bool = False
+    variance: np.ndarray | None = None
+    variance_source: str = "argument variance"
+    quality: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         data = image_of("data", self.data)
@@ -77,8 +89,28 @@ class RawFrame(Placed):
         bad = ~np.isfinite(data)
         if bad.any():
             data, mask = np.where(bad, 0.0, data), mask | bad
+        if self.variance is not None:
+            variance = matching("variance", self.variance, data.shape, np.float64)
+            unknown = ~(np.isfinite(variance) & (variance > 0))
+            mask = mask | unknown
+            object.__setattr__(self, "variance", np.where(unknown, 0.0, variance))
+        if self.quality is not None:
+            quality = matching("quality", self.quality, data.shape, np.int64)
+            quality = np.where(mask & ~self._flagged(quality), -1, quality)
+            object.__setattr__(self, "quality", quality)
+            mask = self._flagged(quality)
         object.__setattr__(self, "data", data)
         object.__setattr__(self, "mask", mask)
+
+    def _flagged(self, quality: np.ndarray) -> np.ndarray:
+        return (quality < 0) | (quality & int(self.metadata.value("bad_bits", ALL_BITS)) != 0)
+
+    def with_metadata(self, metadata: Metadata) -> RawFrame:
+        """Return the same pixels, of which other things are known; its ``bad_bits`` choose the mask."""
+        other = self.told(metadata=metadata)
+        if other.quality is not None:
+            vars(other)["mask"] = other._flagged(other.quality)
+        return other
 
     @property
     def unit(self) -> str:
@@ -98,7 +130,7 @@ class RawFrame(Placed):
 
     @classmethod
     def from_array(
-        cls, array: Any, *, mask: Any = None, source: str = "argument", **metadata: Any
+        cls, array: Any, *, mask: Any = None, variance: Any = None, source: str = "argument", **metadata: Any
     ) -> RawFrame:
         """Make a frame of a bare array.
 
@@ -108,6 +140,8 @@ class RawFrame(Placed):
             Any real type and byte order; of a masked array the mask is kept.
         mask : (ny, nx) bool array_like, optional
             True where a pixel is unusable, beside what is not finite.
+        variance : (ny, nx) array_like, optional
+            Of the array, its photon noise included.
         source : str
             The word to record for the metadata.
         **metadata
@@ -118,26 +152,31 @@ class RawFrame(Placed):
         own = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
         data = np.array(np.ma.getdata(array), dtype=np.float64)
         both = own | np.asarray(False if mask is None else mask, dtype=bool)
-        return cls(data, both, Metadata().override(source, **metadata))
+        return cls(data, both, Metadata().override(source, **metadata), variance=variance)
 
     @classmethod
     def from_ccddata(cls, ccd: Any) -> RawFrame:
-        """Make a frame of an ``astropy.nddata.CCDData`` or anything that looks like one.
+        """Make a frame of an ``astropy.nddata.CCDData``, an ``NDData`` or anything that looks like one.
 
-        Its ``data``, ``mask``, ``unit``, ``header`` (or ``meta``) and ``wcs`` are read.  An
-        ``uncertainty`` is not used, and a warning says so: the variance is built from gain and
-        read noise.
+        Its ``data``, ``mask``, ``unit``, ``uncertainty``, ``header`` (or ``meta``) and ``wcs`` are read.
+
+        Raises
+        ------
+        JitterkitError
+            If the unit is neither ADU, electrons, nor a rate of them, or the uncertainty has another unit
+            (code ``unknown_unit``).
         """
         header = getattr(ccd, "header", None) or getattr(ccd, "meta", None) or {}
-        wcs = getattr(ccd, "wcs", None)
-        metadata = resolve_header(header, wcs=None if wcs is None else wcs.celestial)
-        text = str(getattr(ccd, "unit", None) or "")
-        unit = Known(resolve_unit(text) or text, "", "argument CCDData.unit")
+        metadata = resolve_header(header, wcs=getattr(getattr(ccd, "wcs", None), "celestial", None))
+        unit = unit_of(ccd, metadata.unit)
         metadata = metadata.override(unit.source, unit=unit)
-        if getattr(ccd, "uncertainty", None) is not None:
-            metadata = metadata.warn("the uncertainty is not used: variance comes from gain and read noise")
+        variance, warning = variance_of(ccd)
+        if warning:
+            metadata = metadata.warn(warning)
         mask = getattr(ccd, "mask", None)
-        return cls(np.array(ccd.data, dtype=np.float64), NONE_MASKED if mask is None else mask, metadata)
+        data, mask = np.array(ccd.data, dtype=np.float64), NONE_MASKED if mask is None else mask
+        source = "argument uncertainty"
+        return cls(data, mask, metadata, variance=variance, variance_source=source)
 
 
 @dataclass(frozen=True, eq=False)

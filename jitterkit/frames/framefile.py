@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -22,13 +22,25 @@ from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "collected", "one_line", "translated"]
+__all__ = ["FrameFile", "Planes", "collected", "one_line", "translated"]
 
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
 _CATCHING = threading.RLock()
 #: What a library raises that believed a damaged file, rather than found it out.
 _STUMBLES = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError)
+
+
+class Planes(NamedTuple):
+    """What a format reads of one frame: the fields of :class:`RawFrame` that a file has."""
+
+    data: np.ndarray
+    mask: np.ndarray
+    metadata: Metadata
+    hdu: int | None = None
+    variance: np.ndarray | None = None
+    variance_source: str = ""
+    quality: np.ndarray | None = None
 
 
 class FrameFile(ABC):
@@ -65,8 +77,8 @@ class FrameFile(ABC):
             self._stamp = _stamp(path)
 
     @abstractmethod
-    def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
-        """Return the pixels, the mask and the metadata of a frame; any exception is translated."""
+    def _read(self, index: int) -> Planes:
+        """Return what there is of a frame; any exception is translated."""
 
     @abstractmethod
     def close(self) -> None:
@@ -92,10 +104,10 @@ class FrameFile(ABC):
         """
         place = range(self._count)[index]
         with translated(self.path) as caught:
-            data, mask, metadata = self._read(place)
+            read = self._read(place)
             self._refuse_changed()
-        metadata = metadata.warn(*caught)
-        return RawFrame(data, mask, metadata, self.path, place, self.hdu, several=self._count > 1)
+        planes = read._replace(metadata=read.metadata.warn(*caught))._asdict()
+        return RawFrame(**planes, path=self.path, index=place, several=self._count > 1)
 
     def _refuse_changed(self) -> None:
         before, now = self._stamp, _stamp(self.path)
@@ -135,7 +147,11 @@ class FrameFile(ABC):
             ("size", f"{nx} x {ny}", "pixel", where),
             ("stored as", str(self.dtype), "", where),
         ]
-        return file + self.metadata.rows()
+        return file + self._contents() + self.metadata.rows()
+
+    def _contents(self) -> list[tuple[str, str, str, str]]:
+        """Rows on the parts of the file, where a format has several."""
+        return []
 
 
 @contextmanager

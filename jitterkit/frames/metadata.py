@@ -60,6 +60,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "bias": Quantity("ADU", -1e9, 1e9),
     "plate_scale": Quantity("arcsec/pixel", 0.0, 1e5, zero_allowed=False),
     "line_time": Quantity("s", -10.0, 10.0),
+    "bad_bits": Quantity("sum of bits", 0, 2**32 - 1),
 }
 
 
@@ -103,9 +104,11 @@ def checked(name: str, value: Any) -> Any:
     except (TypeError, ValueError):
         number, code = math.nan, ErrorCode.WRONG_TYPE
     problem = QUANTITIES[name].problem(number)
+    if name == "bad_bits" and problem is None and not number.is_integer():
+        problem = "is not a whole number"
     if problem is not None:
         raise ConfigurationError(code, f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.")
-    return number
+    return int(number) if name == "bad_bits" else number
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,8 @@ class Metadata:
         From the start of one row's exposure to that of the row above it [s]; negative where rows are
         exposed downwards, zero where all are at once.  Rows as held in memory, which a TIFF's are not:
         see ``row_order``.
+    bad_bits : Known, optional
+        Sum of the bits of a quality plane (DQ, MASK) that mark a pixel as unusable.
     time : Known, optional
         Start (or middle, the source says which) of the exposure, ISO 8601, UTC.
     unit : Known, optional
@@ -152,6 +157,7 @@ class Metadata:
     bias: Known | None = None
     plate_scale: Known | None = None
     line_time: Known | None = None
+    bad_bits: Known | None = None
     time: Known | None = None
     unit: Known | None = None
     wcs: Any = None

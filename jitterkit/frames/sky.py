@@ -109,7 +109,7 @@ def celestial_frame(wcs: Any) -> Any:
     return frame if isinstance(frame, BaseRADecFrame | Galactic) else None
 
 
-def turned_over(wcs: Any, rows: int) -> Any:
+def turned_over(wcs: Any, rows: int) -> Any | None:
     """Return the coordinates of an image whose rows have been turned over.
 
     Parameters
@@ -122,10 +122,13 @@ def turned_over(wcs: Any, rows: int) -> Any:
     Returns
     -------
     wcs : astropy.wcs.WCS
-        A pixel ``(x, rows - 1 - y)`` has the place on the sky that ``(x, y)`` has in the other.
+        A pixel ``(x, rows - 1 - y)`` has the place on the sky that ``(x, y)`` has in the other.  None where
+        the coordinates have lookup tables.
     """
     from astropy.wcs import Sip
 
+    if any(table is not None for table in (wcs.cpdis1, wcs.cpdis2, wcs.det2im1, wcs.det2im2)):
+        return None
     turned, matrix = wcs.deepcopy(), wcs.pixel_scale_matrix @ np.diag([1.0, -1.0])
     if wcs.wcs.has_cd():
         turned.wcs.cd = matrix

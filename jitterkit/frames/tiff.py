@@ -19,7 +19,7 @@ import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.directories import full_pages
-from jitterkit.frames.framefile import FrameFile, one_line, translated
+from jitterkit.frames.framefile import FrameFile, Planes, one_line, translated
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pages import ORIENTATIONS, orientation_of, refuse_missing_data, refuse_unusable
 from jitterkit.frames.placed import NONE_MASKED
@@ -78,7 +78,7 @@ class TiffFile(FrameFile):
         refuse_unusable(self.path, page)
         return page
 
-    def _read(self, index: int) -> tuple[np.ndarray, np.ndarray, Metadata]:
+    def _read(self, index: int) -> Planes:
         with _talk() as talk:
             page = self._page(index if self._planes is None else 0)
             if self._planes is None:
@@ -87,7 +87,8 @@ class TiffFile(FrameFile):
             else:
                 stored = _plane(self._tiff, page, index)
         upright = ORIENTATIONS[orientation_of(page)](stored)
-        return np.ascontiguousarray(upright, dtype=np.float64), NONE_MASKED, self.metadata.warn(*talk)
+        data = np.ascontiguousarray(upright, dtype=np.float64)
+        return Planes(data, NONE_MASKED, self.metadata.warn(*talk))
 
     def close(self) -> None:
         """Close the file."""

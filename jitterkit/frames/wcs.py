@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from astropy import log
@@ -18,6 +20,9 @@ __all__ = ["celestial_wcs"]
 
 SCALE_KEYS = ("CD1_1", "CD1_2", "CDELT1", "PC1_1")
 
+_LOOKUP_KEYS = ("CPDIS1", "CPDIS2", "D2IMDIS1", "D2IMDIS2", "AXISCORR")
+"""Keywords of a distortion that stands in other HDUs."""
+
 #: The keywords a WCS is made of, but for its dates: a frame has its time elsewhere, and so the frames of a
 #: telescope that stares have one WCS.
 _KEYWORDS = re.compile(
@@ -29,12 +34,16 @@ _KEYWORDS = re.compile(
 _NO_PATH = " " * 320
 
 
-def celestial_wcs(header: PlainHeader) -> tuple[WCS | None, list[str]]:
+def celestial_wcs(
+    header: PlainHeader, tables: Callable[[], Any] | None = None
+) -> tuple[WCS | None, list[str]]:
     """Build the celestial part of a header's WCS.
 
     Parameters
     ----------
     header : PlainHeader
+    tables : callable, optional
+        Gives the HDUs of the file, as astropy has them, to a WCS whose distortion is in lookup tables.
 
     Returns
     -------
@@ -54,7 +63,8 @@ def celestial_wcs(header: PlainHeader) -> tuple[WCS | None, list[str]]:
     if not any(header.get(key) for key in SCALE_KEYS):
         return None, ["the WCS has no CD, PC or CDELT, so it has no scale and is ignored"]
     try:
-        wcs, messages = _made(header.lines(_KEYWORDS))
+        cards, looked_up = header.lines(_KEYWORDS), any(header.get(key) for key in _LOOKUP_KEYS)
+        wcs, messages = _made.__wrapped__(cards, tables()) if tables and looked_up else _made(cards)
         # a copy for each: a WCS can be changed, and one must not be used by two threads
         return (None if wcs is None else wcs.celestial), list(messages)
     except Exception as error:  # wcslib raises a dozen kinds, none of them fatal to the image
@@ -62,7 +72,7 @@ def celestial_wcs(header: PlainHeader) -> tuple[WCS | None, list[str]]:
 
 
 @lru_cache(maxsize=8)
-def _made(cards: str) -> tuple[WCS | None, tuple[str, ...]]:
+def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     """The WCS of some cards where it is celestial, and what was said of it."""
     said: list[str] = []
 
@@ -73,7 +83,7 @@ def _made(cards: str) -> tuple[WCS | None, tuple[str, ...]]:
     log.addFilter(note)  # of distortions astropy tells the screen
     try:
         with collected() as caught:
-            whole = WCS(_NO_PATH + cards)
+            whole = WCS(_NO_PATH + cards, tables)
             celestial = whole.celestial if whole.has_celestial else None
     finally:
         log.removeFilter(note)

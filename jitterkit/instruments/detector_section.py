@@ -18,6 +18,7 @@
     diffusion = 0.2             # pixel, one sigma
     line_time = 15e-6           # s, from one row of the file to the next; 0 for a global shutter
     cosmic_rays = 1e-6          # hits per pixel and second, for simulations
+    bad_bits = 4096             # sum of the bits of a DQ or MASK plane that mask a pixel
 
 A map is a FITS or TIFF file of the whole detector, on the rows of the frames it is for; a pixel without
 a finite number in it counts as bad.
@@ -98,9 +99,9 @@ def _bad_pixels(section: Section, key: str) -> np.ndarray:
     return ~(_map(section.path(key)) == 0)
 
 
-def _bits(section: Section, key: str) -> int:
-    bits: int = section.integer(key)
-    return bits
+def _integer(section: Section, key: str) -> int:
+    value: int = section.integer(key)
+    return value
 
 
 def _nonlinearity(section: Section, key: str) -> tuple[float, ...]:
@@ -118,7 +119,8 @@ _READERS: Mapping[str, Any] = {
     "gain": _number,
     **dict.fromkeys(_NUMBERS_OR_MAPS, _number_or_map),
     **dict.fromkeys(_NUMBERS, _number),
-    "bits": _bits,
+    "bits": _integer,
+    "bad_bits": _integer,
     "nonlinearity": _nonlinearity,
     "flat": _flat,
     "bad_pixels": _bad_pixels,

@@ -40,4 +40,4 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     metadata = raw.metadata.apply("command line", **(overrides or {}))
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
-    return raw.told(metadata=instrument.detector.inform(metadata))
+    return raw.with_metadata(instrument.detector.inform(metadata))

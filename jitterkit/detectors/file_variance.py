@@ -1,0 +1,130 @@
+"""Read variance from the variance that a file gives for its pixels.
+
+The variance of a pipeline holds the photon noise of the data, estimated from the noisy data themselves.
+Used as it is, pixels that are low by chance count for more, and fluxes and separations are biased (Neyman
+weights).  The likelihood adds the photon noise of the model, so that only the rest is wanted here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from jitterkit.detectors.pixel_units import GUESSED
+from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.metadata import RANKS, Known, Metadata
+from jitterkit.vision import median_filter
+
+__all__ = ["with_read_variance"]
+
+_INCLUDED = 0.5
+"""Share of the photon noise by which a variance has to rise with the light to be taken to include it."""
+
+_WRONG = 3.0
+"""Share beyond which the gain or a unit is wrong: of a ramp of two groups, the least efficient, it is two."""
+
+_CONTRAST = 3.0
+"""Sigmas between bright and median pixels from which a frame shows how its variance rises."""
+
+_OUTLIER = 5.0
+"""Standard deviations above its neighbours from which a pixel keeps its own value."""
+
+_FLAT = 0.1
+"""Share of the photon noise that a division by a flat adds or takes away, which is no pixel's own."""
+
+
+def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
+    """Replace the variance of a frame by the part that its light does not make.
+
+    Parameters
+    ----------
+    raw : RawFrame
+        In counts, with ``variance``.
+    metadata : Metadata
+        What is known about it, a detector's numbers included.
+
+    Returns
+    -------
+    raw : RawFrame
+        Its ``variance`` is that of the counts without photon noise [e-²], and its metadata name it as the
+        read noise; None where it is not used, with a warning.  The gain follows from the variance where
+        nobody said it.
+
+    Notes
+    -----
+    How the variance rises with the light shows whether it includes the photon noise.  A weight map often does
+    not, and is used as it is.  Otherwise ``max(signal, 0)`` is subtracted and the median over 5 x 5 pixels
+    taken, so that a pixel's own noise drops out; one that lies far above its neighbours, as a hot pixel does,
+    keeps its own value.
+
+    *Assumes* that bias and dark current are subtracted where no header says the bias.  *Fails when* the rest
+    of the variance changes within five pixels by less than its scatter.
+    """
+    said, source, good = metadata.read_noise, raw.variance_source, ~raw.mask
+    variance = np.asarray(raw.variance)
+    if said is not None and said.rank <= RANKS.index("sidecar"):
+        return _without(raw, f"{source} is not used, as the read noise is given ({said.source})")
+    if not good.any():
+        return replace(raw, variance=None)
+    raw, signal, gain = _signal(raw, metadata)
+    rise = _rise(signal, variance, good)
+    if rise is not None and rise > 0 and gain.source.startswith(GUESSED):
+        gain = Known(1 / rise, "e-/ADU", f"{source}, by its rise with the pixels")
+        raw = replace(raw, metadata=raw.metadata.override(gain.source, gain=gain))
+    share = 1.0 if rise is None else rise * gain.value
+    if share > _WRONG:
+        problem = f"{source} rises {share:.3g} times as fast with the light as photon noise"
+        return _without(raw, f"{problem} and is not used: check the gain and the units")
+    variance = variance * gain.value**2
+    if share >= _INCLUDED:
+        photons = min(share, 1.0) * np.maximum(signal, 0.0) * gain.value
+        variance, source = _smoothed(variance, photons, good), f"{source} less photon noise"
+    level = float(np.median(variance[good]))
+    if level <= 0:
+        problem = f"{raw.variance_source} is smaller than the photon noise of the pixels"
+        return _without(raw, f"{problem} and is not used: check the gain and the units")
+    known = Known(level**0.5, "e-", source)
+    return replace(raw, variance=variance, metadata=raw.metadata.override(source, read_noise=known))
+
+
+def _without(raw: RawFrame, warning: str) -> RawFrame:
+    return replace(raw, variance=None, metadata=raw.metadata.warn(warning))
+
+
+def _signal(raw: RawFrame, metadata: Metadata) -> tuple[RawFrame, np.ndarray, Known]:
+    """The frame, its pixels above the bias, and the gain that makes electrons of them."""
+    if raw.unit == "electron":
+        return raw, raw.data, Known(1.0, "", "header")
+    bias, gain = metadata.bias, metadata.gain
+    if bias is None or bias.source.startswith(GUESSED):
+        bias = Known(0.0, "ADU", "argument, as pixels with a variance are calibrated")
+        raw = replace(raw, metadata=raw.metadata.override(bias.source, bias=bias))
+    return raw, raw.data - bias.value, gain or Known(1.0, "e-/ADU", "assumed")
+
+
+def _rise(signal: np.ndarray, variance: np.ndarray, good: np.ndarray) -> float | None:
+    """By how much the variance rises with the signal; None where the frame shows too little light."""
+    level = float(np.median(signal[good]))
+    smooth = median_filter(np.where(good, signal, level), 3)
+    order = smooth[good]
+    low, high = (good & mask for mask in (smooth <= level, smooth >= np.quantile(order, 0.98)))
+    if not (low.any() and high.any()):
+        return None
+    contrast = float(np.median(signal[high]) - np.median(signal[low]))
+    if contrast < _CONTRAST * float(np.median(variance[good])) ** 0.5:
+        return None
+    return float(np.median(variance[high]) - np.median(variance[low])) / contrast
+
+
+def _smoothed(variance: np.ndarray, photons: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """What is left without the photons, by the median of neighbours but for outliers."""
+    rest = variance - photons
+    level = float(np.median(rest[good]))
+    smooth = median_filter(np.where(good, rest, level), 5).astype(float)
+    smooth = np.where(smooth > 0, smooth, max(level, 0.0))
+    relative = np.sqrt(np.maximum(variance, 0.0) / float(np.median(variance[good])))
+    away = np.abs(rest - smooth)[good] / relative[good]
+    scatter = 1.4826 * float(np.median(away))
+    own = good & (rest - smooth > _OUTLIER * scatter * relative + _FLAT * photons)
+    return np.where(own, rest, smooth)

@@ -1,0 +1,82 @@
+"""Planes of data quality: which of their bits mark a pixel as unusable, by who wrote the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jitterkit.frames.cards import Cards
+
+__all__ = ["ALL_BITS", "bad_bits", "quality_of"]
+
+ALL_BITS = 2**32 - 1
+
+_JWST_BAD = 1 | 1 << 9 | 1 << 31
+"""DO_NOT_USE, NON_SCIENCE and REFERENCE_PIXEL: a jump or a saturated group leaves a usable slope."""
+
+_HST_GOOD = 64
+"""Warm pixels, whose dark current the pipeline has subtracted."""
+
+_HST_IR_GOOD = _HST_GOOD | 8192
+"""WFC3/IR, in whose ramps hits of cosmic rays are excluded one by one."""
+
+_LSST_GOOD = (
+    "DETECTED", "DETECTED_NEGATIVE", "NOT_DEBLENDED", "CLIPPED", "REJECTED", "INEXACT_PSF", "BRIGHT_OBJECT",
+    "PARTLY_VIGNETTED", "HIGH_VARIANCE", "INJECTED", "INJECTED_TEMPLATE", "FAKE",
+)  # fmt: skip
+"""Planes of LSST and HSC that say what a pixel shows or how it was made; any other marks it as unusable."""
+
+
+def bad_bits(plane: Mapping[str, Any], cards: Cards) -> tuple[int, str]:
+    """Return the bits that mark an unusable pixel, and whose convention that is.
+
+    Parameters
+    ----------
+    plane : mapping
+        Header of the quality plane.
+    cards : Cards
+        Headers of the image.
+
+    Returns
+    -------
+    bits : int
+        Sum of their values.
+    convention : str
+    """
+    names = {key[3:].upper(): plane[key] for key in plane if key.upper().startswith("MP_")}
+    numbers = {name: bit for name, bit in names.items() if isinstance(bit, int) and 0 <= bit < 32}
+    if numbers:
+        return sum({1 << bit for name, bit in numbers.items() if name not in _LSST_GOOD}), "its planes MP_*"
+    name = "" if cards.dialect is None else cards.dialect.name
+    if name == "JWST":
+        return _JWST_BAD, name
+    if name == "HST":
+        return ALL_BITS & ~(_HST_IR_GOOD if cards.text("DETECTOR").upper() == "IR" else _HST_GOOD), name
+    return ALL_BITS, "any bit"
+
+
+def quality_of(values: np.ndarray, blank: np.ndarray | None, width: int) -> np.ndarray:
+    """Return the bits of a quality plane as it was read.
+
+    Parameters
+    ----------
+    values : (ny, nx) array
+        float64; a negative number is one of a signed type, two's complement.
+    blank : (ny, nx) bool array or None
+        Where the plane has no value.
+    width : int
+        Bits of the type in which it is stored.
+
+    Returns
+    -------
+    quality : (ny, nx) int64 array
+        At least 0.  A number that is no integer counts as bit 0, and bits above the 31st as the 31st.
+    """
+    whole = np.nan_to_num(values, nan=0.5, posinf=0.5, neginf=0.5)
+    odd = (whole != np.rint(whole)) | (np.zeros(values.shape, bool) if blank is None else blank)
+    bits = np.where(odd, 1.0, whole).astype(np.int64)
+    if width <= 32:
+        return bits & (2**width - 1)
+    return (bits & ALL_BITS) | ((bits >> 32 != 0).astype(np.int64) << 31)
