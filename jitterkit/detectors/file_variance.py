@@ -54,12 +54,12 @@ def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
     Notes
     -----
     How the variance rises with the light shows whether it includes the photon noise.  A weight map often does
-    not, and is used as it is.  Otherwise ``max(signal, 0)`` is subtracted and the median over 5 x 5 pixels
-    taken, so that a pixel's own noise drops out; one that lies far above its neighbours, as a hot pixel does,
-    keeps its own value.
+    not, and is used as it is.  Otherwise ``max(signal, 0)`` is subtracted, and each pixel takes the median of
+    25 neighbours within five pixels, itself excluded, so that its own noise has no part in its weight.  A
+    pixel far above its neighbours, such as a hot one, keeps its own value.
 
-    *Assumes* that bias and dark current are subtracted where no header says the bias.  *Fails when* the rest
-    of the variance changes within five pixels by less than its scatter.
+    *Assumes* that the bias is subtracted where no header says it.  *Fails when* the rest of the variance
+    changes within five pixels by less than its scatter.
     """
     said, source, good = metadata.read_noise, raw.variance_source, ~raw.mask
     variance = np.asarray(raw.variance)
@@ -118,13 +118,24 @@ def _rise(signal: np.ndarray, variance: np.ndarray, good: np.ndarray) -> float |
 
 
 def _smoothed(variance: np.ndarray, photons: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """What is left without the photons, by the median of neighbours but for outliers."""
+    """The rest without photon noise: the median of neighbours, or a pixel's own where it lies far above."""
     rest = variance - photons
     level = float(np.median(rest[good]))
-    smooth = median_filter(np.where(good, rest, level), 5).astype(float)
+    smooth = _of_neighbours(np.where(good, rest, level))
     smooth = np.where(smooth > 0, smooth, max(level, 0.0))
     relative = np.sqrt(np.maximum(variance, 0.0) / float(np.median(variance[good])))
     away = np.abs(rest - smooth)[good] / relative[good]
     scatter = 1.4826 * float(np.median(away))
     own = good & (rest - smooth > _OUTLIER * scatter * relative + _FLAT * photons)
     return np.where(own, rest, smooth)
+
+
+def _of_neighbours(image: np.ndarray) -> np.ndarray:
+    """For each pixel the median of 25 near it: of every second row and column, without its own."""
+    ny, nx = image.shape
+    padded = np.pad(image, ((0, ny % 2), (0, nx % 2)), mode="edge")
+    found = np.empty_like(padded)
+    for j in (0, 1):
+        for i in (0, 1):
+            found[j::2, i::2] = median_filter(padded[1 - j :: 2, 1 - i :: 2], 5)
+    return found[:ny, :nx]

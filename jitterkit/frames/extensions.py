@@ -9,13 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from jitterkit.frames.hdu import Unit, product_of
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.units import resolve_unit
 
-__all__ = ["Group", "Named", "files_beside", "frame_groups"]
+__all__ = ["Group", "Named", "frame_groups"]
 
 _ROLES: Mapping[str, tuple[str, ...]] = {
     "quality": ("DQ", "MASK", "FLAGS", "FLAG", "FLG", "DQMASK", "BPM", "BADPIX", "BAD_PIXEL_MASK"),
@@ -45,9 +44,6 @@ _ASTROPY_UNCERTAINTY = {
     "unknownuncertainty": "none",
 }
 """UTYPE of what CCDData writes."""
-
-_NOAO = re.compile(r"(?<=_)(oo|os)i(?=[_.])")
-"""In the name of an image of the NOAO (NOIRLAB) pipelines; d and w stand for its quality and weight."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +83,12 @@ class Named:
         return _ASTROPY_UNCERTAINTY.get(said, role) if role == "sigma" else role
 
     @property
+    def columns(self) -> list[str]:
+        """Names of the columns of a table."""
+        count = self.unit.whole("TFIELDS", 0) if self.unit.what == "a table" else 0
+        return [str(self.header.get(f"TTYPE{n}", "")).strip() for n in range(1, count + 1)]
+
+    @property
     def title(self) -> str:
         """``"HDU 2 ERR,1"``."""
         return f"HDU {self.unit.number} {self.name}".rstrip() + f",{self.version}" * ("EXTVER" in self.header)
@@ -112,6 +114,8 @@ class Group:
         By role: ``"shot"`` and ``"read"``, or one of ``"variance"``, ``"sigma"``, ``"weight"``.
     weight_is_time : bool
         Whether the weight may be an exposure time, as AstroDrizzle writes it by default.
+    coordinates : Named, optional
+        Table with a WCS for each plane, which is not read.
     warnings : list of str
         Why something that seemed to belong is not used.
     """
@@ -120,6 +124,7 @@ class Group:
     quality: Named | None = None
     noise: dict[str, Named] = field(default_factory=dict)
     weight_is_time: bool = False
+    coordinates: Named | None = None
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -135,6 +140,8 @@ class Group:
         for roles in _NOISE:
             if not self.noise and all(role in by_role for role in roles):
                 self.noise = {role: by_role[role] for role in roles}
+        tables = (other for other in others if "CD1_1" in other.columns)
+        self.coordinates = next(tables, None) if any(n > 1 for n in self.image.unit.shape[:-2]) else None
         self.weight_is_time = "weight" in self.noise and any(other.name == "CTX" for other in others)
 
     def add_from(self, role: str, others: Sequence[Named]) -> None:
@@ -225,13 +232,3 @@ def _beside(image: Named, chips: list[Named], science: list[Named], hdus: Sequen
     after = [one.unit.number for one in science if one.unit.number > image.unit.number]
     end = min(after, default=hdus[-1].unit.number + 1)
     return [one for one in hdus if image.unit.number < one.unit.number < end]
-
-
-def files_beside(path: Path) -> list[tuple[str, Path]]:
-    """Return the files of quality and weight beside an image of the NOAO pipelines, by role."""
-    found = []
-    for letter, role in (("d", "quality"), ("w", "weight")):
-        name = _NOAO.sub(rf"\g<1>{letter}", path.name)
-        if name != path.name and path.with_name(name).is_file():
-            found.append((role, path.with_name(name)))
-    return found

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from jitterkit.errors import ErrorCode, FrameError, reading_code
 
-__all__ = ["EXTENSIONS", "GZIP", "damage_code", "find_files", "sniff"]
+__all__ = ["EXTENSIONS", "GZIP", "damage_code", "files_beside", "find_files", "sniff"]
 
 #: What is looked for in a directory, in lower case.
 EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
@@ -29,9 +29,16 @@ OTHERS = {
     b"%PDF": "a PDF document", b"PK\x03\x04": "a ZIP archive", b"\x89HDF": "an HDF5 file",
     b"\x93NUMPY": "a NumPy array file", b"BZh": "a bzip2 archive", b"\xfd7zXZ": "an xz archive",
     b"LUCAM-RECORDER": "a SER video", b"RIFF": "an AVI video", b"XISF0100": "an XISF image",
+    b"#ASDF": "an ASDF file, as Roman's are",
     b"<!DOCTYPE": "a web page", b"<html": "a web page",
 }  # fmt: skip
 REMEDY = "give a FITS or TIFF file"
+
+_NOAO = re.compile(r"(?<=_)(oo|os)i(?=[_.])")
+"""In the name of an image of the NOAO (NOIRLab) pipelines."""
+
+_NOAO_ROLES = {"quality": "d", "weight": "w"}
+"""Letters of the files beside it."""
 
 #: Errors of the operating system that arise when a file points to an impossible position.
 _MISLED = (errno.EINVAL, errno.EOVERFLOW)
@@ -49,7 +56,8 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
     Returns
     -------
     files : list of Path
-        In the order given, each once.
+        In the order given, each once; without the quality and weight files of the NOAO pipelines whose image
+        is among them.
 
     Raises
     ------
@@ -59,7 +67,26 @@ def find_files(paths: Iterable[str | Path]) -> list[Path]:
     found: dict[Path, None] = {}
     for path in map(Path, paths):
         found.update(dict.fromkeys(_expand(path)))
-    return list(found)
+    beside = {file for path in found for _, file in files_beside(path)}
+    return [path for path in found if path not in beside]
+
+
+def files_beside(path: Path) -> list[tuple[str, Path]]:
+    """Return the files beside an image of the NOAO pipelines that belong to it.
+
+    Parameters
+    ----------
+    path : Path
+        Its name has ``_ooi_`` (or ``_osi_``), theirs has ``_ood_`` and ``_oow_``.
+
+    Returns
+    -------
+    files : list of (str, Path)
+        ``"quality"`` and ``"weight"``, where there are such files.
+    """
+    names = {role: _NOAO.sub(rf"\g<1>{letter}", path.name) for role, letter in _NOAO_ROLES.items()}
+    files = {role: path.with_name(name) for role, name in names.items() if name != path.name}
+    return [(role, file) for role, file in files.items() if file.is_file()]
 
 
 def _expand(path: Path) -> list[Path]:

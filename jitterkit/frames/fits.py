@@ -20,7 +20,8 @@ from astropy.io import fits
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.checksums import checksum_warnings, read_to_end
-from jitterkit.frames.extensions import Group, Named, files_beside, frame_groups
+from jitterkit.frames.extensions import Group, Named, frame_groups
+from jitterkit.frames.files import files_beside
 from jitterkit.frames.fitsimage import FitsImage
 from jitterkit.frames.framefile import FrameFile, Planes, translated
 from jitterkit.frames.hdu import Unit
@@ -110,7 +111,7 @@ class FitsFile(FrameFile):
         read = image.read(index - self._starts[number])
         self._verify(number, image)
         extra = self.metadata.warnings if number == 0 else ()
-        return read._replace(metadata=image.metadata.warn(*extra, *read.metadata.warnings))
+        return read._replace(metadata=read.metadata.warn(*image.metadata.warnings, *extra))
 
     def _verify(self, number: int, image: FitsImage) -> None:
         """Compare the HDUs of an image with their checksums when its first plane is read."""
@@ -124,6 +125,10 @@ class FitsFile(FrameFile):
         image.metadata = image.metadata.warn(*wrong)
         self.metadata = self.metadata.warn(*wrong) if number == 0 else self.metadata
         self._verified.add(number)
+
+    def _stacking(self) -> str:
+        shared = any(_planes(group) > 1 and group.coordinates is None for group in self._groups)
+        return "planes of one header" if shared else ""
 
     def _contents(self) -> list[tuple[str, str, str, str]]:
         if len(self._hdus) == 1:
@@ -158,6 +163,7 @@ def _chain(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[list[Named], 
     hdus: list[Named] = []
     try:
         for unit in walk(path, handle):
+            _ = unit.span, unit.bitpix, unit.is_image  # refuse what cannot be
             hdus.append(Named(unit, _header(unit)))
     except FrameError as error:
         if not any(one.unit.is_image and hdu in (None, one.unit.number) for one in hdus):

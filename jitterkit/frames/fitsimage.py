@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from jitterkit.frames.cards import Cards
 from jitterkit.frames.extensions import Group, Named
 from jitterkit.frames.framefile import Planes
 from jitterkit.frames.header import rate_of_brightness, resolve_header
-from jitterkit.frames.metadata import Known
+from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.pixels import Pixels
 from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.plainheader import PlainHeader
@@ -111,12 +112,23 @@ class FitsImage:
         variance, unusable, warning = self._variance(index)
         if unusable is not None:
             mask = mask | unusable
-        metadata = self.metadata.warn(*[warning] * bool(warning))
+        metadata = self._of_plane(index).warn(*[warning] * bool(warning))
         if metadata.row_order == -1:
             data, mask = np.ascontiguousarray(data[::-1]), mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
         mask = mask if mask.any() else NONE_MASKED
         return Planes(data, mask, metadata, self.number, variance, self.group.noise_label, quality)
+
+    def _of_plane(self, index: int) -> Metadata:
+        """What is known about a plane: a WCS of its own is not read, and the first plane's is not its."""
+        table, metadata = self.group.coordinates, self.metadata
+        if table is None or index == 0:
+            return metadata
+        scale = metadata.plate_scale
+        by_wcs = scale is not None and scale.source.startswith("header WCS")
+        metadata = replace(metadata, wcs=None, plate_scale=None if by_wcs else scale)
+        said = f"the WCS of each plane but the first, in the table of HDU {table.unit.number}, is not read"
+        return metadata.warn(f"{said}: give --plate-scale")
 
     def _variance(self, index: int) -> tuple[np.ndarray | None, np.ndarray | None, str]:
         """Variance of the stored numbers, pixels that have none where it is not used, and a warning."""

@@ -143,11 +143,15 @@ class FrameFile(ABC):
         where = "content" if self.hdu is None else f"HDU {self.hdu}"
         file = [
             ("format", self.kind, "", "content"),
-            ("frames", str(self._count), "", where),
+            ("frames", str(self._count), self._stacking(), where),
             ("size", f"{nx} x {ny}", "pixel", where),
             ("stored as", str(self.dtype), "", where),
         ]
         return file + self._contents() + self.metadata.rows()
+
+    def _stacking(self) -> str:
+        """What the frames of the file have in common, in a few words."""
+        return ""
 
     def _contents(self) -> list[tuple[str, str, str, str]]:
         """Rows on the parts of the file, where a format has several."""
