@@ -112,7 +112,8 @@ def _rise(signal: np.ndarray, variance: np.ndarray, good: np.ndarray) -> float |
     if not (low.any() and high.any()):
         return None
     contrast = float(np.median(signal[high]) - np.median(signal[low]))
-    if contrast < _CONTRAST * float(np.median(variance[good])) ** 0.5:
+    scatter = 1.4826 * float(np.median(np.abs(signal - smooth)[good]))
+    if contrast < _CONTRAST * min(scatter, float(np.median(variance[good])) ** 0.5):
         return None
     return float(np.median(variance[high]) - np.median(variance[low])) / contrast
 
