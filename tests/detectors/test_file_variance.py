@@ -73,7 +73,7 @@ def test_no_bias_is_left_in_separation_fluxes_and_sky(kind):
 
 
 def test_weights_of_the_noisy_data_bias_the_sky():
-    """By -1 e-, Neyman's bias of a Poisson mean, where read noise does not dilute it; 20 e- and 25 e-² do."""
+    """Neyman's chi-squared takes a Poisson mean to be lower by up to one count."""
     assert estimates("of the data", naive)[3] < -20
 
 
