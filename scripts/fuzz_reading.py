@@ -72,9 +72,9 @@ def examine(path: Path) -> str:
         if refusal is not None and not refusal.startswith(tuple(UNCONVERTED)) and is_whole(path):
             raise FindingError(f"is_whole says yes to what is refused: {refusal}")
         if _is_fits(path):
-            from jitterkit.frames.fits import read_extensions, read_image
+            from jitterkit.frames.fits import read_image, read_images
 
-            for read in (read_image, read_extensions):
+            for read in (read_image, read_images):
                 _refusal(read, path)
     return "read" if refusal is None else f"refused: {refusal}"
 

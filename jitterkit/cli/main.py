@@ -13,6 +13,7 @@ from jitterkit.cli.docs import docs
 from jitterkit.cli.estimate import estimate
 from jitterkit.cli.forecast import forecast
 from jitterkit.cli.info import info
+from jitterkit.cli.instrument import instrument
 from jitterkit.cli.motion import motion
 from jitterkit.cli.photons import photons
 from jitterkit.cli.process import process
@@ -34,6 +35,7 @@ app = typer.Typer(
 
 for command in (
     info,
+    instrument,
     simulate,
     calibrate,
     estimate,

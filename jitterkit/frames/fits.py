@@ -12,6 +12,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -35,7 +36,7 @@ _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
 _METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")
 """Compression methods that astropy can read."""
 
-__all__ = ["FitsFile", "is_plane", "open", "read_extensions", "read_image", "write"]
+__all__ = ["FitsFile", "NamedImage", "is_plane", "open", "read_image", "read_images", "write"]
 
 
 class FitsFile(FrameFile):
@@ -260,8 +261,29 @@ def _card(keyword: str, entry: Any) -> fits.Card:
     return fits.Card(name, value, str(comment).encode("ascii", "replace").decode())
 
 
-def read_extensions(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any]]:
-    """Read every named image extension, as the pupil files have them.
+@dataclass(frozen=True)
+class NamedImage:
+    """One image of a FITS file that need not be a frame: a pupil, a PSF.
+
+    Parameters
+    ----------
+    hdu : int
+    name : str
+        EXTNAME in upper case; empty if there is none.
+    pixels : (..., ny, nx) array
+        float64, scaled; blank pixels are NaN.
+    header : PlainHeader
+        Of its own HDU.
+    """
+
+    hdu: int
+    name: str
+    pixels: np.ndarray
+    header: PlainHeader
+
+
+def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
+    """Read every image of a file, with its name and header.
 
     Parameters
     ----------
@@ -270,8 +292,8 @@ def read_extensions(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any
 
     Returns
     -------
-    images : dict of str to array
-        float64, by extension name in upper case.
+    images : list of NamedImage
+        In the order of the file.
     header : PlainHeader
         Of the primary HDU.
 
@@ -282,8 +304,12 @@ def read_extensions(path: Path) -> tuple[dict[str, np.ndarray], Mapping[str, Any
     """
     with translated(path), open_bytes(path) as handle:
         hdus = [Named(unit, _header(unit)) for unit in walk(path, handle)]
-        named = [one for one in hdus[1:] if one.name and one.unit.what.startswith("an array")]
-        return {one.name: _everything(handle, one) for one in named}, hdus[0].header
+        images = [
+            NamedImage(one.unit.number, one.name, _everything(handle, one), one.header)
+            for one in hdus
+            if one.unit.what.startswith("an array")
+        ]
+        return images, hdus[0].header
 
 
 def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:

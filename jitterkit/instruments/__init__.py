@@ -1,14 +1,16 @@
 """Instruments: a telescope, its light and its detector, as a preset or a TOML file.
 
-``load_instrument("toliman")`` and ``load_instrument("my.toml")`` are the two ways in.  Importing this
+``load_instrument("toliman")`` and ``load_instrument("my.toml")`` are the two ways in;
+:func:`instrument_from_fits` makes such a file of a PSF or a pupil.  Importing this
 package, reading an instrument and resolving a frame's metadata with it load no JAX; only
 :meth:`Instrument.optics` and :attr:`Instrument.pupil` do.
 """
 
+from jitterkit.instruments.from_fits import instrument_from_fits
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.load import load_instrument
 from jitterkit.instruments.presets import PRESETS
 from jitterkit.instruments.resolve import resolve
 from jitterkit.instruments.toml import read_instrument
 
-__all__ = ["PRESETS", "Instrument", "load_instrument", "read_instrument", "resolve"]
+__all__ = ["PRESETS", "Instrument", "instrument_from_fits", "load_instrument", "read_instrument", "resolve"]

@@ -39,16 +39,26 @@ from jitterkit.instruments.section import Section
 
 __all__ = ["DETECTOR_KEYS", "read_detector"]
 
-_NUMBERS_OR_MAPS: Mapping[str, str] = {"read_noise": "e-", "bias": "ADU", "dark_current": "e-/s"}
-_NUMBERS: Mapping[str, str] = {
+DETECTOR_KEYS: Mapping[str, str] = {
+    "base": "",
     "gain": "e-/ADU",
+    "read_noise": "e-",
+    "bias": "ADU",
+    "dark_current": "e-/s",
+    "flat": "",
+    "bad_pixels": "",
     "full_well": "e-",
     "saturation": "ADU",
-    "coupling": "shares of a pixel's charge",
-    "diffusion": "pixels",
+    "bits": "",
+    "nonlinearity": "1/e-, 1/e-², ...",
+    "coupling": "share of a pixel's charge",
+    "diffusion": "pixel",
     "line_time": "s",
     "cosmic_rays": "hits per pixel and second",
+    "bad_bits": "",
 }
+"""Keys of the table, with their units."""
+
 _MAP = "a FITS or TIFF file of the whole detector"
 
 
@@ -82,12 +92,12 @@ def read_detector(section: Section, base: Detector) -> Detector:
 
 
 def _number(section: Section, key: str) -> float:
-    value: float = section.number(key, _NUMBERS[key])
+    value: float = section.number(key)
     return value
 
 
 def _number_or_map(section: Section, key: str) -> float | np.ndarray:
-    value = section.number_or_path(key, _NUMBERS_OR_MAPS[key], _MAP)
+    value = section.number_or_path(key, _MAP)
     return _map(value) if isinstance(value, Path) else value
 
 
@@ -105,7 +115,7 @@ def _integer(section: Section, key: str) -> int:
 
 
 def _nonlinearity(section: Section, key: str) -> tuple[float, ...]:
-    return tuple(section.numbers(key, None, "1/e-, 1/e-², ..."))
+    return tuple(section.numbers(key))
 
 
 def _map(path: Path) -> np.ndarray:
@@ -116,15 +126,11 @@ def _map(path: Path) -> np.ndarray:
 
 
 _READERS: Mapping[str, Any] = {
-    "gain": _number,
-    **dict.fromkeys(_NUMBERS_OR_MAPS, _number_or_map),
-    **dict.fromkeys(_NUMBERS, _number),
+    **dict.fromkeys(DETECTOR_KEYS.keys() - {"base"}, _number),
+    **dict.fromkeys(("read_noise", "bias", "dark_current"), _number_or_map),
     "bits": _integer,
     "bad_bits": _integer,
     "nonlinearity": _nonlinearity,
     "flat": _flat,
     "bad_pixels": _bad_pixels,
 }
-
-DETECTOR_KEYS = (*_READERS, "base")
-"""Keys of the table."""

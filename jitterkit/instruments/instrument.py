@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,6 +40,9 @@ class Instrument:
         The pupil, or a function without arguments that makes it when it is first asked for.
     psf_from : (ny, nx) array or callable, optional
         A star image in the pupil's place, likewise.
+    psf_options : mapping, optional
+        What else is known of it: ``oversample``, ``centre`` and ``enclosed`` of
+        :func:`jitterkit.optics.empirical_otf`.
     exposure : float, optional
         s, of a usual frame.
     flux : float, optional
@@ -58,7 +61,7 @@ class Instrument:
     ------
     ConfigurationError
         If a value is impossible, or there is not exactly one of pupil and PSF, or a pupil without
-        a spectrum.
+        a spectrum, or a PSF with charge diffusion beside it.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Instrument:
     spectrum: Spectrum | None = None
     pupil_from: Pupil | Callable[[], Pupil] | None = None
     psf_from: np.ndarray | Callable[[], np.ndarray] | None = None
+    psf_options: Mapping[str, Any] = field(default_factory=dict)
     exposure: float | None = None
     flux: float | None = None
     pad: int | None = None
@@ -101,6 +105,12 @@ class Instrument:
             raise ConfigurationError(
                 ErrorCode.MISSING_VALUE if self.pupil_from is None else ErrorCode.CONFLICT,
                 f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two.",
+            )
+        if self.psf_from is not None and self.detector.diffusion:
+            raise ConfigurationError(
+                ErrorCode.CONFLICT,
+                f"diffusion = {self.detector.diffusion:g} in [detector] stands beside a PSF, which is taken to "
+                f"hold the detector's diffusion; leave it out of the instrument {self.name!r}.",
             )
         if self.pupil_from is not None and self.spectrum is None:
             raise ConfigurationError(
@@ -162,7 +172,10 @@ class Instrument:
         pad = next(pixels for pixels in pads if pixels is not None)
         shape, scale = shape or self.shape, plate_scale or self.plate_scale
         if self.pupil is None or self.spectrum is None:
-            return system.FixedOptics(empirical.empirical_otf(np.asarray(self.psf), scale, shape, pad=pad))
+            psf = np.asarray(self.psf)
+            return system.FixedOptics(
+                empirical.empirical_otf(psf, scale, shape, pad=pad, **self.psf_options)
+            )
         samples = otf.grid_for(self.pupil, self.spectrum, shape, scale, pad)
         diffusion = (self.detector.diffusion or 0.0) * scale
         return system.OpticalSystem(self.pupil, self.spectrum, samples, diffusion)

@@ -36,8 +36,8 @@ class Section:
         Of the table.
     values : object
         What the TOML has under that name.
-    allowed : collection of str
-        Keys it may have.
+    units : mapping
+        Keys it may have, and the unit of each as complaints name it.
 
     Raises
     ------
@@ -45,15 +45,15 @@ class Section:
         If it is no table or has a key that is not allowed.
     """
 
-    def __init__(self, file: Path, name: str, values: Any, allowed: Collection[str]) -> None:
-        self.file, self.name = file, name
+    def __init__(self, file: Path, name: str, values: Any, units: Mapping[str, str]) -> None:
+        self.file, self.name, self.units = file, name, units
         if not isinstance(values, Mapping):
             raise ConfigurationError(
                 ErrorCode.WRONG_TYPE,
                 f"{file}: {name} = {values!r} is not a table; begin a line with [{name}].",
             )
         self.values = dict(values)
-        refuse_unknown(file, f"key of [{name}]", self.values, allowed)
+        refuse_unknown(file, f"key of [{name}]", self.values, units)
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
@@ -73,11 +73,11 @@ class Section:
                 ErrorCode.MISSING_VALUE, f"{self.file}: [{self.name}] has no {key}; {remedy}."
             )
 
-    def number(self, key: str, unit: str, default: Any = None) -> Any:
+    def number(self, key: str, default: Any = None) -> Any:
         """Return a number as float; a truth value is none."""
         value = self.values.get(key, default)
         if key in self.values and (isinstance(value, bool) or not isinstance(value, int | float)):
-            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {unit}")
+            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}")
         return None if value is None else float(value)
 
     def integer(self, key: str, default: Any = None) -> Any:
@@ -94,7 +94,7 @@ class Section:
             self.refuse(ErrorCode.WRONG_TYPE, key, "give a text in quotation marks")
         return value
 
-    def numbers(self, key: str, count: int | None, unit: str) -> list[float]:
+    def numbers(self, key: str, count: int | None = None) -> list[float]:
         """Return a list of numbers, of a given length if there is one."""
         value = self.values[key]
         is_list = isinstance(value, list) and all(
@@ -102,16 +102,16 @@ class Section:
         )
         if not is_list or not value or (count is not None and len(value) != count):
             wanted = "a list of" if count is None else f"[{count}]"
-            self.refuse(_of_list(is_list), key, f"give {wanted} numbers, in {unit}")
+            self.refuse(_of_list(is_list), key, f"give {wanted} numbers, in {self.units[key]}")
         return [float(v) for v in value]
 
-    def number_or_path(self, key: str, unit: str, what: str) -> float | Path:
+    def number_or_path(self, key: str, what: str) -> float | Path:
         """Return a number as float, or the path of a file that exists."""
         value = self.values[key]
         if isinstance(value, str):
             return self.path(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {unit}, or the name of {what}")
+            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}, or the name of {what}")
         return float(value)
 
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:

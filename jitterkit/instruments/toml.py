@@ -21,6 +21,9 @@
 
     [psf]
     file = "star.fits"          # an unblurred star, background subtracted
+    # oversample = 4            # samples per pixel, each the light of a whole pixel
+    # centre = [127.5, 127.5]   # where the star is, in samples from the first; its centroid if omitted
+    # enclosed = 0.98           # share of the star's light inside the image
 
     [spectrum]                  # of the detected photons: one of three
     band = [530, 640]           # nm, flat
@@ -39,7 +42,7 @@ Files are looked for beside the TOML.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -57,14 +60,30 @@ from jitterkit.optics.spectrum_file import read_spectrum
 
 __all__ = ["SECTIONS", "read_instrument"]
 
-SECTIONS = {
-    "instrument": ("name", "base", "plate_scale", "shape", "exposure", "flux", "aberration_sigma"),
-    "telescope": ("diameter", "obscuration", "struts", "strut_width", "noll", "samples", "pupil"),
-    "psf": ("file", "hdu"),
-    "spectrum": ("band", "samples", "lines", "weights", "file"),
+SECTIONS: Mapping[str, Mapping[str, str]] = {
+    "instrument": {
+        "name": "",
+        "base": "",
+        "plate_scale": "arcsec/pixel",
+        "shape": "pixel",
+        "exposure": "s",
+        "flux": "photons per frame",
+        "aberration_sigma": "nm",
+    },
+    "telescope": {
+        "diameter": "m",
+        "obscuration": "m",
+        "struts": "",
+        "strut_width": "m",
+        "noll": "",
+        "samples": "",
+        "pupil": "",
+    },
+    "psf": {"file": "", "hdu": "", "oversample": "samples per pixel", "centre": "samples", "enclosed": "share"},
+    "spectrum": {"band": "nm", "samples": "", "lines": "nm", "weights": "any", "file": ""},
     "detector": DETECTOR_KEYS,
 }
-"""Every table of an instrument file and its keys."""
+"""Every table of an instrument file, its keys and their units."""
 
 
 def read_instrument(path: str | Path) -> Instrument:
@@ -144,7 +163,7 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         )
     if "pupil_from" not in fields:
         raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"{path}: there is neither a [telescope] nor a [psf]; add one of them."
+            ErrorCode.MISSING_VALUE, f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file."
         )
     if fields["pupil_from"] is not None and "spectrum" not in fields:
         raise ConfigurationError(
@@ -156,10 +175,10 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
 def _head(section: Section, stem: str) -> dict[str, Any]:
     fields: dict[str, Any] = {
         "name": section.text("name", stem),
-        "plate_scale": section.number("plate_scale", "arcsec/pixel"),
-        "exposure": section.number("exposure", "s"),
-        "flux": section.number("flux", "photons per frame"),
-        "aberration_sigma": section.number("aberration_sigma", "nm"),
+        "plate_scale": section.number("plate_scale"),
+        "exposure": section.number("exposure"),
+        "flux": section.number("flux"),
+        "aberration_sigma": section.number("aberration_sigma"),
         "shape": section.whole_numbers("shape", 2, "[rows, columns]") if "shape" in section else None,
     }
     fields = {name: value for name, value in fields.items() if value is not None}
@@ -167,7 +186,7 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
 
 
 def _telescope(section: Section) -> dict[str, Any]:
-    diameter = section.number("diameter", "m")
+    diameter = section.number("diameter")
     if diameter is not None and not diameter > 0:
         section.refuse(ErrorCode.OUT_OF_RANGE, "diameter", "give a positive one, in m")
     if "pupil" in section:
@@ -183,9 +202,9 @@ def _telescope(section: Section) -> dict[str, Any]:
 
 def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
     options: dict[str, Any] = {
-        "obscuration": section.number("obscuration", "m", 0.0),
+        "obscuration": section.number("obscuration", 0.0),
         "struts": section.integer("struts", 0),
-        "strut_width": section.number("strut_width", "m", 0.0),
+        "strut_width": section.number("strut_width", 0.0),
         "samples": section.integer("samples", 256),
     }
     if not 0 <= options["obscuration"] < diameter:
@@ -213,8 +232,19 @@ def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
 
 def _psf(section: Section) -> dict[str, Any]:
     section.require("file", "give the star image")
-    hdu = section.integer("hdu")
-    return {"psf_from": partial(pupils.star, section.path("file"), hdu), "pupil_from": None, "spectrum": None}
+    options: dict[str, Any] = {}
+    if "oversample" in section:
+        options["oversample"] = section.integer("oversample")
+        if options["oversample"] < 1:
+            section.refuse(ErrorCode.OUT_OF_RANGE, "oversample", "give at least 1 sample per pixel")
+    if "centre" in section:
+        options["centre"] = tuple(section.numbers("centre", 2))
+    if "enclosed" in section:
+        options["enclosed"] = section.number("enclosed")
+        if not 0 < options["enclosed"] <= 1:
+            section.refuse(ErrorCode.OUT_OF_RANGE, "enclosed", "give a share above 0, up to 1")
+    star = partial(pupils.star, section.path("file"), section.integer("hdu"))
+    return {"psf_from": star, "psf_options": options, "pupil_from": None, "spectrum": None}
 
 
 def _spectrum(section: Section) -> dict[str, Any]:
@@ -238,10 +268,10 @@ def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
     if kind == "file":
         return read_spectrum(section.path("file"), samples)
     if kind == "lines":
-        wavelengths = section.numbers("lines", None, "nm")
-        weights = section.numbers("weights", len(wavelengths), "any unit") if "weights" in section else None
+        wavelengths = section.numbers("lines")
+        weights = section.numbers("weights", len(wavelengths)) if "weights" in section else None
         return Spectrum(tuple(wavelengths), tuple(weights or [1.0] * len(wavelengths)))
-    low, high = section.numbers("band", 2, "nm")
+    low, high = section.numbers("band", 2)
     if not 0 < low < high:
         section.refuse(ErrorCode.OUT_OF_RANGE, "band", "give [shortest, longest], in nm")
     return flat_band(low, high, samples)

@@ -24,6 +24,8 @@ def empirical_otf(
     shape: tuple[int, int],
     *,
     centre: tuple[float, float] | None = None,
+    oversample: int = 1,
+    enclosed: float = 1.0,
     pad: int = DEFAULT_PAD,
 ) -> OTF:
     """Transfer function of an unblurred star image.
@@ -31,15 +33,20 @@ def empirical_otf(
     Parameters
     ----------
     psf : (ny, nx) array
-        One star, background subtracted, on the detector's own pixels; any size, odd or even.  Its sum
-        is taken out, so that ``flux`` means the light that would fall inside a stamp of this size.
+        One star, background subtracted; any size, odd or even.  Each sample is the light of one whole pixel
+        that is centred there, as in an image or an effective PSF.  Its sum is taken out.
     plate_scale : float
-        arcsec per pixel, of the stamp and of the frames.
+        arcsec per pixel of the frames.
     shape : (int, int)
         Frame to be modelled, ``(ny, nx)``.
     centre : (float, float), optional
-        Where the star is in the stamp, ``(x, y)`` in pixels from the centre of the first; the centroid
+        Where the star is in the stamp, ``(x, y)`` in samples from the centre of the first; the centroid
         if omitted.  An error moves every fitted position by as much and no separation.
+    oversample : int
+        Samples of the stamp per pixel, along each axis.
+    enclosed : float
+        Share of the star's light inside the stamp; with 1, ``flux`` means the light inside a stamp of this
+        size.
     pad : int
         Pixels of padding on each side of the frame, at least; more if the stamp needs it.
 
@@ -52,14 +59,15 @@ def empirical_otf(
     Raises
     ------
     ConfigurationError
-        If the stamp is not a finite image with a positive sum, or the centre lies outside it.
+        If the stamp is not a finite image with a positive sum, the centre lies outside it, or a number is
+        impossible.
 
     Notes
     -----
     Assumes light beyond the stamp is zero: a step at its edge appears as a step in every image, so
-    subtract the background and taper, or take a larger stamp.  Fails when the detector undersamples
-    the optics (cutoff above Nyquist): then no single stamp determines the image between pixels, and
-    shifts by a fraction of a pixel ring.
+    subtract the background and taper, or take a larger stamp.  Fails when the stamp undersamples the optics
+    (cutoff above Nyquist of its samples): then it does not determine the image between them, and shifts by a
+    fraction of a sample ring.  A detector that undersamples needs an oversampled stamp.
     """
     stamp = _checked(psf)
     x, y = _centroid(stamp) if centre is None else centre
@@ -69,11 +77,17 @@ def empirical_otf(
             f"The star's centre ({x:.6g}, {y:.6g}) lies outside the stamp of {stamp.shape}; "
             "give (x, y) in pixels inside it, or leave it out.",
         )
-    reach = max(math.ceil((s - n) / 2) for s, n in zip(stamp.shape, shape, strict=True))
-    grid = Grid((shape[0], shape[1]), plate_scale, max(pad, reach))
+    if oversample < 1 or not 0 < enclosed <= 1:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"oversample = {oversample} and enclosed = {enclosed} need 1 or more samples per pixel, and a share "
+            "from 0 to 1.",
+        )
+    reach = max(math.ceil((s / oversample - n) / 2) for s, n in zip(stamp.shape, shape, strict=True))
+    grid = Grid((shape[0], shape[1]), plate_scale, max(pad, reach), oversample)
     fy, fx = grid.frequencies
-    spectrum = np.fft.rfft2(stamp / stamp.sum(), s=grid.fine_shape)
-    spectrum = spectrum * np.exp(2j * np.pi * plate_scale * (y * fy + x * fx))
+    spectrum = np.fft.rfft2(stamp * (enclosed / stamp.sum()), s=grid.fine_shape)
+    spectrum = spectrum * np.exp(2j * np.pi * grid.pitch * (y * fy + x * fx))
     return OTF(
         jnp.asarray(spectrum), jnp.zeros((0, *spectrum.shape)), jnp.zeros(0), grid, (), pixel_included=True
     )

@@ -133,8 +133,9 @@ def grid_for(
         raise ConfigurationError(
             ErrorCode.SAMPLING,
             f"The padded frame is {width:.4g} arcsec wide but the image of a pupil sampled "
-            f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; sample the pupil more finely, "
-            "or use less padding.",
+            f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; give the pupil at least "
+            f"{int(np.ceil(len(pupil.transmission) * width / period))} samples ([telescope] samples of an "
+            "instrument file), or a smaller frame ([instrument] shape).",
         )
     return grid
 

@@ -1,8 +1,9 @@
 """Pupils on disk: what an instrument's pupil file holds.
 
 ``.npz`` holds ``transmission`` and, as far as there are any, ``opd`` [nm], ``basis``, ``names`` and
-``diameter`` [m].  FITS holds the image extensions ``TRANSMISSION``, ``OPD`` and ``BASIS`` and the
-keyword ``DIAMETER`` in the primary header; the modes may be named ``MODE0``, ``MODE1``... there.
+``diameter`` [m].  FITS holds the image extensions ``TRANSMISSION``, ``OPD`` (in the unit of its ``BUNIT``,
+nm without one) and ``BASIS`` and the keyword ``DIAMETER`` in the primary header; the modes may be named
+``MODE0``, ``MODE1``... there.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, reading_code
 from jitterkit.optics.pupil import Pupil
 
-__all__ = ["read_pupil", "write_pupil"]
+__all__ = ["nanometres", "read_pupil", "write_pupil"]
 
 
 def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
@@ -50,7 +51,8 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     if "transmission" not in content:
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
-            f"The pupil file {path} holds no transmission, only {sorted(content)}; add it.",
+            f"The pupil file {path} holds no transmission, only {sorted(content)}; add it, or convert a file of "
+            "poppy or stpsf with jitterkit instrument.",
         )
     diameter = content.get("diameter") if diameter is None else diameter
     if diameter is None:
@@ -124,13 +126,38 @@ def _read_fits(path: Path) -> dict[str, Any]:
     from jitterkit.frames import fits  # costs 0.3 s, and an .npz does not need it
 
     try:
-        images, header = fits.read_extensions(path)
+        images, header = fits.read_images(path)
     except FrameError as problem:
         raise ConfigurationError(problem.code, f"The pupil file cannot be read: {problem}") from None
-    content: dict[str, Any] = {name.lower(): image for name, image in images.items()}
+    content: dict[str, Any] = {image.name.lower(): image.pixels for image in images if image.hdu and image.name}
+    for image in images:
+        if image.name == "OPD" and "BUNIT" in image.header:
+            content["opd"] = image.pixels * nanometres(path, image.header["BUNIT"])
     content["diameter"] = header.get("DIAMETER")
     names = _mode_names(header, len(content.get("basis", ())))
     return content | ({"names": names} if names else {})
+
+
+def nanometres(path: Path, unit: Any) -> float:
+    """Return how many nm a unit of the wavefront error in a FITS file is, such as poppy's ``microns``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no unit of length.
+    """
+    import astropy.units as u
+
+    name = str(unit).strip().lower().replace("metre", "meter")
+    for spelling in (name, name.removesuffix("s")):
+        try:
+            return float(u.Unit(spelling).to(u.nm))
+        except (ValueError, TypeError):  # astropy's UnitConversionError is both
+            continue
+    raise ConfigurationError(
+        ErrorCode.UNKNOWN_UNIT,
+        f"{path}: the wavefront error is in {unit!r} (BUNIT), which is no length; give m, um or nm.",
+    )
 
 
 def _mode_names(header: Mapping[str, Any], count: int) -> list[str]:

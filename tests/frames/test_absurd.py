@@ -16,7 +16,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
-from jitterkit.frames.fits import read_extensions, read_image
+from jitterkit.frames.fits import read_image, read_images
 
 IMAGE = np.arange(48, dtype=np.int16).reshape(6, 8)
 HEADER = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": 2, "NAXIS1": 8, "NAXIS2": 6}
@@ -102,7 +102,7 @@ def test_a_damaged_table_before_the_image_is_refused_by_name(tmp_path):
         "TFIELDS": 1,
     }
     content = hdu({"SIMPLE": "T", "BITPIX": 8, "NAXIS": 0}) + hdu(table) + hdu(HEADER, PIXELS)
-    for reader in (open_frames, read_extensions):
+    for reader in (open_frames, read_images):
         refused_at_once(
             tmp_path / "a.fits", content, ErrorCode.DAMAGED, "HDU 1", "NAXIS = 2147483647", reader=reader
         )

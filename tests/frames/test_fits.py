@@ -10,7 +10,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
-from jitterkit.frames.fits import read_extensions, read_image
+from jitterkit.frames.fits import read_image, read_images
 
 IMAGE = np.arange(20).reshape(4, 5)
 
@@ -209,7 +209,7 @@ def test_large_unsigned_integers_keep_their_last_digits(tmp_path):
 
 def test_what_is_no_fits_is_said_to_be_of_another_format(tmp_path):
     (tmp_path / "a.fits").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(3000))
-    for read in (read_image, read_extensions):
+    for read in (read_image, read_images):
         with refused(ErrorCode.UNKNOWN_FORMAT, tmp_path / "a.fits", error=FrameError):
             read(tmp_path / "a.fits")
 

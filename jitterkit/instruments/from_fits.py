@@ -1,0 +1,256 @@
+"""An instrument file of a PSF or a pupil that poppy, webbpsf or stpsf wrote.
+
+:func:`instrument_from_fits` is the way in, and the command ``jitterkit instrument``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
+from jitterkit.frames import write_fits
+from jitterkit.frames.fits import NamedImage, read_images
+from jitterkit.frames.whole import replacing
+from jitterkit.instruments.instrument import Instrument
+from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
+from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
+from jitterkit.optics.spectrum import Spectrum, flat_band
+
+__all__ = ["instrument_from_fits"]
+
+Tables = dict[str, dict[str, Any]]
+
+
+def instrument_from_fits(
+    path: str | Path,
+    output: str | Path,
+    *,
+    kind: str | None = None,
+    plate_scale: float | None = None,
+    shape: tuple[int, int] | None = None,
+    hdu: int | None = None,
+    centre: tuple[float, float] | None = None,
+    jittered: bool = False,
+    band: tuple[float, float] | None = None,
+    wavelength: float | None = None,
+    opd: str | Path | None = None,
+    opd_unit: str | None = None,
+    plane: int | None = None,
+    diameter: float | None = None,
+    noll: Sequence[int] = (),
+    overwrite: bool = False,
+) -> list[str]:
+    """Write an instrument file, and the PSF or pupil that it names, of a FITS file.
+
+    Parameters
+    ----------
+    path : str or Path
+        FITS: a PSF or a pupil of poppy, webbpsf or stpsf.
+    output : str or Path
+        The instrument file, ``.toml``; the PSF (``-psf.fits``) or pupil (``-pupil.npz``) lies beside it.
+    kind : str, optional
+        ``psf`` or ``pupil``, where the header does not tell.
+    plate_scale : float, optional
+        arcsec per detector pixel; a pupil never tells.
+    shape : (int, int), optional
+        Rows and columns that are fitted.  By default half of a PSF's width and height, so that wherever in it
+        a star is, the PSF reaches every pixel; that of the instrument file for a pupil.
+    hdu, centre, jittered
+        Of a PSF: see :func:`~jitterkit.instruments.psf_fits.effective_psf`.
+    band : (float, float), optional
+        nm, of a pupil's light, flat in photons.
+    wavelength : float, optional
+        nm, of a pupil's light, in place of a band.
+    opd, opd_unit, plane, diameter
+        Of a pupil: see :func:`~jitterkit.instruments.pupil_fits.pupil_arrays`.
+    noll : sequence of int
+        Of a pupil: the aberrations that may vary, on the circle about its lit samples.
+    overwrite : bool
+        Whether files that exist may be replaced.
+
+    Returns
+    -------
+    remarks : list of str
+        What was read and what was taken, a sentence each.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is missing, impossible or does not go with the kind of file.
+    FrameError
+        If a file cannot be read or written.
+    """
+    path, output = Path(path), Path(output)
+    if output.suffix.lower() != ".toml":
+        raise ConfigurationError(ErrorCode.WRONG_SUFFIX, f"{output}: an instrument file ends in .toml.")
+    images, _ = read_images(path)
+    if not images:
+        raise FrameError(ErrorCode.NO_IMAGE, path, "holds no image", "give a PSF or a pupil")
+    of_psf = {"hdu": hdu, "centre": centre, "jittered": jittered or None}
+    of_pupil = {
+        "band": band,
+        "wavelength": wavelength,
+        "opd": opd,
+        "opd_unit": opd_unit,
+        "plane": plane,
+        "diameter": diameter,
+        "noll": noll or None,
+    }
+    if _kind(path, images, kind) == "psf":
+        _refuse_others(path, "psf", of_pupil)
+        psf = effective_psf(path, images, hdu=hdu, plate_scale=plate_scale, centre=centre, jittered=jittered)
+        return _write_psf(output, psf, _name(images, path), shape, _source(path, images), overwrite)
+    _refuse_others(path, "pupil", of_psf)
+    second = None if opd is None else (Path(opd), read_images(Path(opd))[0])
+    arrays = pupil_arrays(path, images, second, diameter=diameter, opd_unit=opd_unit, plane=plane)
+    light = _light(path, images, band, wavelength)
+    if plate_scale is None:
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel.",
+        )
+    head: dict[str, Any] = {"name": _name(images, path), "plate_scale": plate_scale}
+    if shape is not None:
+        head["shape"] = list(shape)
+    return _write_pupil(output, arrays, head, light, noll, _source(path, images), overwrite)
+
+
+def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
+    told = is_pupil(images) if kind is None else kind == "pupil"
+    if told is None or kind not in (None, "psf", "pupil"):
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME,
+            f"{path}: whether it is a PSF or a pupil is not said (kind = {kind}); give --kind psf or pupil.",
+        )
+    return "pupil" if told else "psf"
+
+
+def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
+    for name, value in others.items():
+        if value is not None:
+            raise ConfigurationError(
+                ErrorCode.CONFLICT, f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
+            )
+
+
+def _name(images: Sequence[NamedImage], path: Path) -> str:
+    told = [str(images[0].header.get(key, "")).strip() for key in ("INSTRUME", "FILTER")]
+    return " ".join(filter(None, told)) or path.name.partition(".")[0]
+
+
+def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
+    """Comments for the head of the file: where it comes from, and the wavelengths of a PSF."""
+    header = images[0].header
+    count = header.get("NWAVES")
+    waves = [header.get(f"WAVE{k}") for k in range(count)] if isinstance(count, int) and count < 1000 else []
+    waves = [wave for wave in [*waves, header.get("WAVELEN")] if isinstance(wave, float)]
+    light = [f"light of {min(waves) * 1e9:g} to {max(waves) * 1e9:g} nm"] if waves else []
+    return [f"made by jitterkit instrument of {path.name}", *light]
+
+
+def _light(
+    path: Path, images: Sequence[NamedImage], band: tuple[float, float] | None, wavelength: float | None
+) -> dict[str, Any]:
+    """The table [spectrum]."""
+    if band is not None and wavelength is not None:
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
+        )
+    if band is not None:
+        return {"band": list(band)}
+    told = images[0].header.get("WAVELEN")  # of a wavefront that poppy wrote
+    wavelength = told * 1e9 if wavelength is None and isinstance(told, float) else wavelength
+    if wavelength is None:
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm.",
+        )
+    return {"lines": [wavelength]}
+
+
+def _write_psf(
+    output: Path,
+    psf: EffectivePsf,
+    name: str,
+    shape: tuple[int, int] | None,
+    comments: list[str],
+    overwrite: bool,
+) -> list[str]:
+    shape = tuple(max(1, n // 2) for n in psf.width) if shape is None else shape  # type: ignore[assignment]
+    assert shape is not None
+    file = output.with_name(f"{output.stem}-psf.fits")
+    options: dict[str, Any] = {"oversample": psf.oversample, "centre": list(psf.centre)}
+    if psf.enclosed is not None:
+        options["enclosed"] = psf.enclosed
+    Instrument(name, psf.plate_scale, shape, psf_from=psf.pixels, psf_options=options).system()
+    write_fits(file, psf.pixels, header={"OVERSAMP": psf.oversample}, overwrite=overwrite)
+    head = {"name": name, "plate_scale": psf.plate_scale, "shape": list(shape)}
+    tables: Tables = {"instrument": head, "psf": {"file": file.name, **options}}
+    _write(output, comments, tables, overwrite)
+    x, y = psf.offset
+    light = "" if psf.enclosed is None else f", which holds {psf.enclosed:.2%} of the light"
+    return [
+        f"HDU {psf.hdu} {psf.name}: {psf.plate_scale:.6g} arcsec/pixel, {psf.width[1]} x {psf.width[0]} pixels"
+        f"{light}",
+        f"the light's centroid lies ({x:+.4g}, {y:+.4g}) arcsec from the axis, which is sample "
+        f"({psf.centre[0]:g}, {psf.centre[1]:g}) of {file.name}",
+        f"shape = {list(shape)} is fitted",
+        f"wrote {file}",
+        f"wrote {output}",
+    ]
+
+
+def _write_pupil(
+    output: Path,
+    arrays: tuple[np.ndarray, np.ndarray, float],
+    head: dict[str, Any],
+    light: dict[str, Any],
+    noll: Sequence[int],
+    comments: list[str],
+    overwrite: bool,
+) -> list[str]:
+    from jitterkit.optics.pupil import Pupil
+    from jitterkit.optics.pupil_file import write_pupil
+
+    transmission, opd, width = arrays
+    pupil = Pupil(transmission, width, opd, _modes(transmission, noll), [f"noll{j}" for j in noll])
+    spectrum = flat_band(*light["band"]) if "band" in light else Spectrum(tuple(light["lines"]), (1.0,))
+    file = output.with_name(f"{output.stem}-pupil.npz")
+    shape = tuple(head.get("shape", (128, 128)))
+    Instrument(head["name"], head["plate_scale"], shape, spectrum=spectrum, pupil_from=pupil).system()
+    with replacing(file, overwrite) as temporary:
+        write_pupil(temporary, pupil)
+    tables: Tables = {"instrument": head, "telescope": {"pupil": file.name}, "spectrum": light}
+    _write(output, comments, tables, overwrite)
+    lit = transmission > 0
+    rms = float(np.std(opd[lit])) if lit.any() else 0.0
+    return [
+        f"{len(transmission)} x {len(transmission)} samples, {width:.6g} m wide, {pupil.cutoff_diameter:.4g} m lit, "
+        f"wavefront error {rms:.4g} nm rms",
+        f"wrote {file}",
+        f"wrote {output}",
+    ]
+
+
+def _modes(transmission: np.ndarray, noll: Sequence[int]) -> np.ndarray:
+    """Zernike modes (k, n, n) on the smallest circle about the array's centre that holds all lit samples."""
+    from jitterkit.conventions import offsets
+    from jitterkit.optics.zernike import zernike
+
+    axis = offsets(len(transmission), 1.0)
+    x, y = np.meshgrid(axis, axis)
+    radius = np.hypot(x, y)[transmission > 0].max(initial=1.0) + 0.5
+    return np.array([zernike(j, x / radius, y / radius) for j in noll]).reshape(-1, *transmission.shape)
+
+
+def _write(output: Path, comments: list[str], tables: Tables, overwrite: bool) -> None:
+    lines = [f"# {comment}" for comment in comments]
+    for name, values in tables.items():
+        lines += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
+    with replacing(output, overwrite) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")

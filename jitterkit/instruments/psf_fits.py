@@ -1,0 +1,293 @@
+"""A PSF as poppy, webbpsf and stpsf write it, turned into the effective PSF of an instrument file.
+
+Their images ``OVERSAMP`` and ``OVERDIST`` are values of the light *at points*, several per pixel and
+axis (``DET_SAMP``); ``DET_SAMP`` and ``DET_DIST`` are sums of these over a pixel.  Neither is what a pixel
+collects: a sum over k x k points is narrower than the pixel by p²/(12 k²) of variance per axis, which a
+fit would call jitter.  :func:`effective_psf` completes the integral over the pixel exactly, in the Fourier domain,
+because the image is band-limited.
+
+poppy's header: https://poppy-optics.readthedocs.io/en/latest/fitsheaders.html.  Its matrix transform
+puts the optical axis in the middle of the array, its FFT on sample n/2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import fft
+
+from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.frames.fits import NamedImage
+
+__all__ = ["EffectivePsf", "effective_psf"]
+
+_NAMES = ("OVERDIST", "OVERSAMP", "DET_DIST", "DET_SAMP")
+"""Images in the order in which they are taken: detector effects before none, points before sums."""
+
+_ALIASED = 3e-4
+"""Contrast beyond the Nyquist frequency up to which an image may be decimated: of the peak, less still."""
+
+_UNDERSAMPLED = 0.02
+"""Contrast at the Nyquist frequency from which an image is undersampled: a circular aperture sampled twice per
+lambda/D has 0.005 there."""
+
+
+@dataclass(frozen=True)
+class EffectivePsf:
+    """A star as the pixels of a detector see it.
+
+    Parameters
+    ----------
+    pixels : (ny, nx) array
+        Each sample is the light of a whole pixel that is centred there.
+    hdu : int
+        Of the image that it was made of.
+    name : str
+        Its EXTNAME.
+    plate_scale : float
+        arcsec per detector pixel.
+    oversample : int
+        Samples per pixel and axis.
+    centre : (float, float)
+        Optical axis, ``(x, y)`` in samples from the centre of the first.
+    offset : (float, float)
+        Centroid of the light from the axis, ``(x, y)`` in arcsec.
+    enclosed : float or None
+        Share of the star's light in the image; None if the file does not say.
+    """
+
+    pixels: np.ndarray
+    hdu: int
+    name: str
+    plate_scale: float
+    oversample: int
+    centre: tuple[float, float]
+    offset: tuple[float, float]
+    enclosed: float | None
+
+    @property
+    def width(self) -> tuple[int, int]:
+        """Rows and columns in whole detector pixels."""
+        ny, nx = self.pixels.shape
+        return ny // self.oversample, nx // self.oversample
+
+
+def effective_psf(
+    path: Path,
+    images: Sequence[NamedImage],
+    *,
+    hdu: int | None = None,
+    plate_scale: float | None = None,
+    centre: tuple[float, float] | None = None,
+    jittered: bool = False,
+) -> EffectivePsf:
+    """Make an effective PSF of the images of a file.
+
+    Parameters
+    ----------
+    path : Path
+        Named in complaints.
+    images : sequence of NamedImage
+    hdu : int, optional
+        Of the image; by default OVERDIST, OVERSAMP, DET_DIST, DET_SAMP or the first, whichever there is.
+    plate_scale : float, optional
+        arcsec per detector pixel, where the file does not tell.
+    centre : (float, float), optional
+        Optical axis, ``(x, y)`` in samples of the file's image from the centre of the first.
+    jittered : bool
+        Whether a PSF that holds jitter is taken as it is.
+
+    Returns
+    -------
+    psf : EffectivePsf
+        On the fewest samples per pixel that carry it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file does not tell what is needed, the PSF holds jitter, is undersampled or is no star.
+    """
+    image = _chosen(path, images, hdu)
+    _check(path, image, images[0], jittered)
+    pitch = _pitch(path, image)
+    binned = image.name.startswith("DET_") or "CALCSAMP" in image.header
+    scale, samples = (pitch, 1) if binned else _detector(path, image, images, pitch, plate_scale)
+    if plate_scale is not None and abs(scale / plate_scale - 1) > 1e-3:
+        raise ConfigurationError(
+            ErrorCode.CONFLICT,
+            f"{path}: HDU {image.hdu} has pixels of {scale:.6g} arcsec (PIXELSCL), not --plate-scale "
+            f"{plate_scale:g}; leave it out, or choose an oversampled image with --hdu.",
+        )
+    axis = _axis(image, pitch) if centre is None else centre
+    rows, columns = np.indices(image.pixels.shape)
+    total = image.pixels.sum()
+    mean = [float((index * image.pixels).sum() / total) for index in (columns, rows)]
+    whole = _collected(image.pixels, _missing(image, binned, samples))
+    kept = _fewest(path, image, whole, samples)
+    step = samples // kept
+    thinned = whole[::step, ::step]
+    return EffectivePsf(
+        thinned,
+        image.hdu,
+        image.name,
+        scale,
+        kept,
+        (axis[0] / step, axis[1] / step),
+        ((mean[0] - axis[0]) * pitch, (mean[1] - axis[1]) * pitch),
+        _enclosed(image, images[0], float(thinned.sum() * step**2)),
+    )
+
+
+def _chosen(path: Path, images: Sequence[NamedImage], hdu: int | None) -> NamedImage:
+    by_name = {image.name: image for image in reversed(images)}
+    if hdu is None:
+        return next((by_name[name] for name in _NAMES if name in by_name), images[0])
+    for image in images:
+        if image.hdu == hdu:
+            return image
+    there = ", ".join(f"{image.hdu} {image.name}".rstrip() for image in images)
+    raise ConfigurationError(
+        ErrorCode.NO_IMAGE, f"{path}: there is no image in HDU {hdu}; choose --hdu from {there}."
+    )
+
+
+def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -> None:
+    """Refuse what is no single star, and a star that shakes already."""
+    pixels = image.pixels
+    if pixels.ndim != 2:
+        raise ConfigurationError(
+            ErrorCode.WRONG_SHAPE,
+            f"{path}: HDU {image.hdu} has the shape {pixels.shape}; write one PSF, not a cube.",
+        )
+    missing = np.count_nonzero(~np.isfinite(pixels))
+    if missing or not pixels.sum() > 0:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"{path}: HDU {image.hdu} has {missing} pixels without a value and a sum of {np.nansum(pixels):.4g}; "
+            "a PSF has none, and a positive sum.",
+        )
+    kind = _card(image, primary, "JITRTYPE")
+    if kind is not None and not str(kind).strip().lower().startswith("none") and not jittered:
+        size = _card(image, primary, "JITRSIGM")
+        told = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
+        raise ConfigurationError(
+            ErrorCode.CONFLICT,
+            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{told}, so that fits would find only "
+            "what is beyond it; compute it with options['jitter'] = None, or allow it with --jittered.",
+        )
+
+
+def _card(image: NamedImage, primary: NamedImage, key: str) -> Any:
+    """A card of the image's header, or of the first image's."""
+    return image.header.get(key, primary.header.get(key))
+
+
+def _number(image: NamedImage, *keys: str) -> float | None:
+    """The first card of these that holds a positive number."""
+    for key in keys:
+        value = image.header.get(key)
+        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
+            return float(value)
+    return None
+
+
+def _pitch(path: Path, image: NamedImage) -> float:
+    unit = str(image.header.get("PIXUNIT", "arcsec")).lower()
+    pitch = _number(image, "PIXELSCL")
+    if pitch is None or not unit.startswith("arcsec"):
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"{path}: HDU {image.hdu} does not say how many arcsec a sample is wide (PIXELSCL = "
+            f"{image.header.get('PIXELSCL')!r}, PIXUNIT = {unit!r}); write PIXELSCL into its header.",
+        )
+    return pitch
+
+
+def _detector(
+    path: Path, image: NamedImage, images: Sequence[NamedImage], pitch: float, plate_scale: float | None
+) -> tuple[float, int]:
+    """Plate scale [arcsec/pixel] and samples per pixel of an image of points."""
+    sums = [other for other in images if other.name.startswith("DET_")]
+    samples = _number(image, "DET_SAMP", "OVERSAMP")
+    if plate_scale is not None:
+        samples = plate_scale / pitch
+    elif sums and _number(sums[0], "PIXELSCL"):
+        samples = _pitch(path, sums[0]) / pitch
+    elif not image.name and "FFTTYPE" in image.header:
+        # poppy's OpticalSystem.calc_psf writes the oversampling of its wavefront into both cards
+        samples = None
+    if samples is None:
+        raise ConfigurationError(
+            ErrorCode.MISSING_VALUE,
+            f"{path}: HDU {image.hdu} has samples of {pitch:.6g} arcsec (PIXELSCL) but does not say how wide a "
+            "pixel of the detector is; give --plate-scale, in arcsec/pixel.",
+        )
+    whole = round(samples)
+    if whole < 1 or abs(samples / whole - 1) > 1e-3:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"{path}: a pixel is {samples:.6g} samples of {pitch:.6g} arcsec (PIXELSCL) wide, not a whole "
+            "number; give another --plate-scale, or compute the PSF for it.",
+        )
+    return (pitch * whole if plate_scale is None else plate_scale), whole
+
+
+def _axis(image: NamedImage, pitch: float) -> tuple[float, float]:
+    """The optical axis: the middle, or sample n/2 where an FFT computed the image."""
+    ny, nx = image.pixels.shape
+    diffraction, oversample = _number(image, "DIFFLMT"), _number(image, "OVERSAMP")
+    by_fft = None not in (diffraction, oversample) and abs(pitch * oversample / diffraction - 1) < 1e-6
+    columns, rows = image.pixels.sum(axis=0), image.pixels.sum(axis=1)
+    middle = [float(np.arange(len(light)) @ light / light.sum()) for light in (columns, rows)]
+    on_sample = math.hypot(middle[0] - nx // 2, middle[1] - ny // 2) < 0.02
+    return (float(nx // 2), float(ny // 2)) if by_fft or on_sample else ((nx - 1) / 2, (ny - 1) / 2)
+
+
+def _missing(image: NamedImage, binned: bool, samples: int) -> float:
+    """How wide the part of the pixel is, in samples, over which the image is not yet integrated."""
+    if not binned:
+        return float(samples)
+    summed = _number(image, "CALCSAMP")
+    if summed is None:
+        summed = _number(image, "DET_SAMP")
+        summed = None if summed == 1 else summed
+    return 0.0 if summed is None else 1 / summed
+
+
+def _collected(pixels: np.ndarray, width: float) -> np.ndarray:
+    """The image integrated over a square of a width [samples] about each sample."""
+    shape = [fft.next_fast_len(n + 2 * math.ceil(width) + 8, real=True) for n in pixels.shape]
+    fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
+    spectrum = fft.rfft2(pixels, s=shape) * np.sinc(width * fy) * np.sinc(width * fx)
+    ny, nx = pixels.shape
+    return fft.irfft2(spectrum, s=shape)[:ny, :nx]
+
+
+def _fewest(path: Path, image: NamedImage, whole: np.ndarray, samples: int) -> int:
+    """Fewest samples per pixel, a divisor of those there are, that carry the image without aliasing."""
+    fy, fx = np.fft.fftfreq(whole.shape[0])[:, None], np.fft.rfftfreq(whole.shape[1])[None, :]
+    reach = np.maximum(np.abs(fy), fx)
+    contrast = np.abs(fft.rfft2(image.pixels)) / image.pixels.sum()
+    if contrast[reach > 0.48].max(initial=0.0) > _UNDERSAMPLED:
+        raise ConfigurationError(
+            ErrorCode.SAMPLING,
+            f"{path}: HDU {image.hdu} undersamples the optics: the contrast at its Nyquist frequency is "
+            f"{contrast[reach > 0.48].max():.2g}; compute the PSF with a larger oversample, or choose an "
+            "oversampled image with --hdu.",
+        )
+    contrast = np.abs(fft.rfft2(whole)) / whole.sum()
+    for kept in (n for n in range(1, samples) if samples % n == 0):
+        if contrast[reach > 0.5 * kept / samples].max(initial=0.0) < _ALIASED:
+            return kept
+    return samples
+
+
+def _enclosed(image: NamedImage, primary: NamedImage, total: float) -> float | None:
+    """Share of the light inside the image: its sum, where the light at a pupil is one."""
+    kind = str(_card(image, primary, "NORMALIZ") or "").strip().lower()
+    return min(total, 1.0) if kind in ("first", "exit_pupil") and total < 1.001 else None
