@@ -12,12 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from jitterkit.detectors import Detector, detector_preset
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.optics.spectrum import flat_band
+from jitterkit.optics.spectrum import Spectrum, flat_band
+
+if TYPE_CHECKING:
+    from jitterkit.optics.pupil import Pupil
 
 __all__ = ["PAPER_PHOTONS", "PHOTONS", "PRESETS", "preset"]
 
@@ -26,6 +30,9 @@ PHOTONS = 9.53e6
 
 PAPER_PHOTONS = 3.811e7
 """The paper's figure: its area of 458.7 cm² takes diameters for radii (preset ``toliman-paper``)."""
+
+_NIRCAM = "JWST documentation, NIRCam Detector Performance: long waves"
+_WFC3 = "WFC3 Instrument Handbook, table 5.1"
 
 _NUMBERS = ("gain", "read_noise", "bias", "full_well", "bits")
 _QUANTITIES = ("plate_scale", "exposure", "flux", "shape", "spectrum", "pupil")
@@ -86,11 +93,63 @@ def toliman_camera() -> Instrument:
     )
 
 
+def jwst() -> Instrument:
+    """A segmented telescope like JWST: NIRCam's long-wave channel, 0.063 arcsec pixels, at 4.8 um.
+
+    A sharp star in the middle of a pixel fills two thirds of its well.
+    """
+    return _observatory(
+        "jwst",
+        {
+            "plate_scale": (0.063, "JWST documentation, NIRCam Observing Modes"),
+            "exposure": (10.73677, "JWST documentation, NIRCam Detector Readout: one frame"),
+            "flux": (5.6e5, "a choice: two thirds of the well"),
+        },
+        {
+            "gain": (1.82, _NIRCAM),
+            "read_noise": (13.25, f"{_NIRCAM}: correlated double sampling"),
+            "bias": (1000.0, "a choice: 137 sigma above zero"),
+            "dark_current": (0.0342, _NIRCAM),
+            "full_well": (83300.0, _NIRCAM),
+            "bits": (16, "JWST documentation, NIRCam Detector Overview"),
+        },
+        Spectrum((4800.0,), (1.0,)),
+        pupils.jwst,
+    )
+
+
+def hst() -> Instrument:
+    """A two-mirror telescope like Hubble: WFC3/UVIS, 0.04 arcsec pixels, F814W.
+
+    The detector undersamples the optics.  A sharp star in the middle of a pixel fills two thirds of its well.
+    """
+    return _observatory(
+        "hst",
+        {
+            "plate_scale": (0.040, _WFC3),
+            "exposure": (10.0, "a choice"),
+            "flux": (2.1e5, "a choice: two thirds of the well"),
+        },
+        {
+            "gain": (1.55, _WFC3),
+            "read_noise": (3.1, _WFC3),
+            "bias": (2500.0, "a choice"),
+            "dark_current": (11 / 3600, _WFC3),
+            "full_well": (63000.0, f"{_WFC3}: the least of the chips"),
+            "bits": (16, _WFC3),
+        },
+        flat_band(802.4 - 153.6 / 2, 802.4 + 153.6 / 2, 9),
+        pupils.hst,
+    )
+
+
 PRESETS: Mapping[str, Callable[[], Instrument]] = {
     "toliman": toliman,
     "toliman-paper": toliman_paper,
     "toliman-camera": toliman_camera,
     "smallsat": smallsat,
+    "jwst": jwst,
+    "hst": hst,
 }
 """Every preset by name."""
 
@@ -109,6 +168,31 @@ def preset(name: str) -> Instrument:
     raise ConfigurationError(
         ErrorCode.UNKNOWN_NAME,
         f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file.",
+    )
+
+
+def _observatory(
+    name: str,
+    numbers: Mapping[str, tuple[float, str]],
+    detector: Mapping[str, tuple[float, str]],
+    spectrum: Spectrum,
+    pupil: Callable[[], Pupil],
+) -> Instrument:
+    """An instrument of 64 x 64 pixels whose numbers come each with its source."""
+    sources = dict.fromkeys(_QUANTITIES, f"preset {name} (docs instruments)")
+    sources |= {key: f"preset {name} ({words})" for key, (_, words) in numbers.items()}
+    camera = Detector(
+        **{key: value for key, (value, _) in detector.items()},  # type: ignore[arg-type]
+        sources={key: f"preset {name} ({words})" for key, (_, words) in detector.items()},
+    )
+    return Instrument(
+        name=name,
+        shape=(64, 64),
+        detector=camera,
+        spectrum=spectrum,
+        pupil_from=pupil,
+        sources=sources,
+        **{key: value for key, (value, _) in numbers.items()},
     )
 
 

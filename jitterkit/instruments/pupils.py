@@ -16,7 +16,7 @@ from jitterkit.frames import open_frames
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
 
-__all__ = ["from_file", "plain", "star", "toliman"]
+__all__ = ["from_file", "hst", "jwst", "plain", "star", "toliman"]
 
 
 def toliman() -> Pupil:
@@ -24,6 +24,20 @@ def toliman() -> Pupil:
     from jitterkit.optics.toliman import toliman_pupil
 
     return toliman_pupil()
+
+
+def jwst() -> Pupil:
+    """Draw a pupil like JWST's; see :func:`jitterkit.optics.observatories.jwst_pupil`."""
+    from jitterkit.optics.observatories import jwst_pupil
+
+    return jwst_pupil()
+
+
+def hst() -> Pupil:
+    """Draw a pupil like Hubble's; see :func:`jitterkit.optics.observatories.hst_pupil`."""
+    from jitterkit.optics.observatories import hst_pupil
+
+    return hst_pupil()
 
 
 def plain(diameter: float, obscuration: float = 0.0, **options: Any) -> Pupil:
