@@ -53,9 +53,7 @@ def instrument(
     ] = None,
     jittered: Annotated[
         bool,
-        typer.Option(
-            "--jittered", help="Take a PSF that holds jitter already; fits find what is beyond it."
-        ),
+        typer.Option("--jittered", help="Take a PSF that holds jitter already; fits find what is beyond it."),
     ] = False,
     band: Annotated[
         tuple[float, float] | None,

@@ -148,8 +148,8 @@ def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
     header = images[0].header
     count = header.get("NWAVES")
     waves = [header.get(f"WAVE{k}") for k in range(count)] if isinstance(count, int) and count < 1000 else []
-    waves = [wave for wave in [*waves, header.get("WAVELEN")] if isinstance(wave, float)]
-    light = [f"light of {min(waves) * 1e9:g} to {max(waves) * 1e9:g} nm"] if waves else []
+    known = [float(wave) for wave in [*waves, header.get("WAVELEN")] if isinstance(wave, float)]
+    light = [f"light of {min(known) * 1e9:g} to {max(known) * 1e9:g} nm"] if known else []
     return [f"made by jitterkit instrument of {path.name}", *light]
 
 
@@ -195,7 +195,8 @@ def _write_psf(
     x, y = psf.offset
     light = "" if psf.enclosed is None else f", which holds {psf.enclosed:.2%} of the light"
     return [
-        f"HDU {psf.hdu} {psf.name}: {psf.plate_scale:.6g} arcsec/pixel, {psf.width[1]} x {psf.width[0]} pixels"
+        f"HDU {psf.hdu} {psf.name}: {psf.plate_scale:.6g} arcsec/pixel, "
+        f"{psf.width[1]} x {psf.width[0]} pixels"
         f"{light}",
         f"the light's centroid lies ({x:+.4g}, {y:+.4g}) arcsec from the axis, which is sample "
         f"({psf.centre[0]:g}, {psf.centre[1]:g}) of {file.name}",
@@ -230,8 +231,8 @@ def _write_pupil(
     lit = transmission > 0
     rms = float(np.std(opd[lit])) if lit.any() else 0.0
     return [
-        f"{len(transmission)} x {len(transmission)} samples, {width:.6g} m wide, {pupil.cutoff_diameter:.4g} m lit, "
-        f"wavefront error {rms:.4g} nm rms",
+        f"{len(transmission)} x {len(transmission)} samples, {width:.6g} m wide, "
+        f"{pupil.cutoff_diameter:.4g} m lit, wavefront error {rms:.4g} nm rms",
         f"wrote {file}",
         f"wrote {output}",
     ]

@@ -109,8 +109,8 @@ class Instrument:
         if self.psf_from is not None and self.detector.diffusion:
             raise ConfigurationError(
                 ErrorCode.CONFLICT,
-                f"diffusion = {self.detector.diffusion:g} in [detector] stands beside a PSF, which is taken to "
-                f"hold the detector's diffusion; leave it out of the instrument {self.name!r}.",
+                f"diffusion = {self.detector.diffusion:g} in [detector] stands beside a PSF, which is taken "
+                f"to hold the detector's diffusion; leave it out of the instrument {self.name!r}.",
             )
         if self.pupil_from is not None and self.spectrum is None:
             raise ConfigurationError(
@@ -173,9 +173,7 @@ class Instrument:
         shape, scale = shape or self.shape, plate_scale or self.plate_scale
         if self.pupil is None or self.spectrum is None:
             psf = np.asarray(self.psf)
-            return system.FixedOptics(
-                empirical.empirical_otf(psf, scale, shape, pad=pad, **self.psf_options)
-            )
+            return system.FixedOptics(empirical.empirical_otf(psf, scale, shape, pad=pad, **self.psf_options))
         samples = otf.grid_for(self.pupil, self.spectrum, shape, scale, pad)
         diffusion = (self.detector.diffusion or 0.0) * scale
         return system.OpticalSystem(self.pupil, self.spectrum, samples, diffusion)

@@ -192,7 +192,7 @@ def _observatory(
         spectrum=spectrum,
         pupil_from=pupil,
         sources=sources,
-        **{key: value for key, (value, _) in numbers.items()},
+        **{key: value for key, (value, _) in numbers.items()},  # type: ignore[arg-type]
     )
 
 

@@ -3,8 +3,8 @@
 Their images ``OVERSAMP`` and ``OVERDIST`` are values of the light *at points*, several per pixel and
 axis (``DET_SAMP``); ``DET_SAMP`` and ``DET_DIST`` are sums of these over a pixel.  Neither is what a pixel
 collects: a sum over k x k points is narrower than the pixel by p²/(12 k²) of variance per axis, which a
-fit would call jitter.  :func:`effective_psf` completes the integral over the pixel exactly, in the Fourier domain,
-because the image is band-limited.
+fit would call jitter.  :func:`effective_psf` completes the integral over the pixel exactly, in the Fourier
+domain, because the image is band-limited.
 
 poppy's header: https://poppy-optics.readthedocs.io/en/latest/fitsheaders.html.  Its matrix transform
 puts the optical axis in the middle of the array, its FFT on sample n/2.
@@ -33,8 +33,8 @@ _ALIASED = 3e-4
 """Contrast beyond the Nyquist frequency up to which an image may be decimated: of the peak, less still."""
 
 _UNDERSAMPLED = 0.02
-"""Contrast at the Nyquist frequency from which an image is undersampled: a circular aperture sampled twice per
-lambda/D has 0.005 there."""
+"""Contrast at the Nyquist frequency from which an image is undersampled: a circular aperture sampled twice
+per lambda/D has 0.005 there."""
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,8 @@ def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -
     if missing or not pixels.sum() > 0:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
-            f"{path}: HDU {image.hdu} has {missing} pixels without a value and a sum of {np.nansum(pixels):.4g}; "
-            "a PSF has none, and a positive sum.",
+            f"{path}: HDU {image.hdu} has {missing} pixels without a value and a sum of "
+            f"{np.nansum(pixels):.4g}; a PSF has none, and a positive sum.",
         )
     kind = _card(image, primary, "JITRTYPE")
     if kind is not None and not str(kind).strip().lower().startswith("none") and not jittered:
@@ -177,8 +177,8 @@ def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -
         told = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
         raise ConfigurationError(
             ErrorCode.CONFLICT,
-            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{told}, so that fits would find only "
-            "what is beyond it; compute it with options['jitter'] = None, or allow it with --jittered.",
+            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{told}, so that fits would find "
+            "only what is beyond it; compute it with options['jitter'] = None, or allow it with --jittered.",
         )
 
 
@@ -224,8 +224,8 @@ def _detector(
     if samples is None:
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} has samples of {pitch:.6g} arcsec (PIXELSCL) but does not say how wide a "
-            "pixel of the detector is; give --plate-scale, in arcsec/pixel.",
+            f"{path}: HDU {image.hdu} has samples of {pitch:.6g} arcsec (PIXELSCL) but does not say how wide "
+            "a pixel of the detector is; give --plate-scale, in arcsec/pixel.",
         )
     whole = round(samples)
     if whole < 1 or abs(samples / whole - 1) > 1e-3:
@@ -241,7 +241,7 @@ def _axis(image: NamedImage, pitch: float) -> tuple[float, float]:
     """The optical axis: the middle, or sample n/2 where an FFT computed the image."""
     ny, nx = image.pixels.shape
     diffraction, oversample = _number(image, "DIFFLMT"), _number(image, "OVERSAMP")
-    by_fft = None not in (diffraction, oversample) and abs(pitch * oversample / diffraction - 1) < 1e-6
+    by_fft = bool(diffraction and oversample and abs(pitch * oversample / diffraction - 1) < 1e-6)
     columns, rows = image.pixels.sum(axis=0), image.pixels.sum(axis=1)
     middle = [float(np.arange(len(light)) @ light / light.sum()) for light in (columns, rows)]
     on_sample = math.hypot(middle[0] - nx // 2, middle[1] - ny // 2) < 0.02

@@ -1,8 +1,8 @@
 """A pupil as poppy, webbpsf and stpsf write it, turned into the arrays of a pupil file.
 
 They keep amplitude and wavefront error in files of their own, or in HDUs: metres per sample in
-``PIXELSCL``, ``PUPLSCAL`` or ``PIXSCALE``, the unit of the wavefront error in ``BUNIT``.  In poppy a wavefront error
-that grows with +x moves the image towards -x (its ``test_sign_conventions``), here towards +x: its sign is
+``PIXELSCL``, ``PUPLSCAL`` or ``PIXSCALE``, the unit of the wavefront error in ``BUNIT``.  In poppy a wavefront
+error that grows with +x moves the image towards -x (its ``test_sign_conventions``), here towards +x: its sign is
 changed.
 """
 
@@ -81,11 +81,11 @@ def pupil_arrays(
     """
     amplitude = next((image for image in images if not _is_opd(image)), None)
     if amplitude is None or amplitude.pixels.ndim != 2:
-        shape = None if amplitude is None else amplitude.pixels.shape
+        found = "a wavefront error" if amplitude is None else amplitude.pixels.shape
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
-            f"{path}: there is no transmission (n, n) of a pupil, but {'a wavefront error' if shape is None else shape}"
-            "; give the file of the transmission first, and that of the wavefront error as --opd.",
+            f"{path}: there is no transmission (n, n) of a pupil, but {found}; give"
+            " the file of the transmission first, and that of the wavefront error as --opd.",
         )
     transmission = _amplitude(path, amplitude)
     where, candidates = (path, images) if opd is None else opd
@@ -108,7 +108,8 @@ def _amplitude(path: Path, image: NamedImage) -> np.ndarray:
     if image.pixels.min() < 0:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
-            f"{path}: the transmission in HDU {image.hdu} goes down to {image.pixels.min():.4g}; give 0 to 1.",
+            f"{path}: the transmission in HDU {image.hdu} goes down to {image.pixels.min():.4g}; "
+            "give 0 to 1.",
         )
     return np.sqrt(image.pixels) if "intensity" in told else image.pixels
 
@@ -123,7 +124,8 @@ def _wavefront(
         if plane is None or not 0 <= plane < len(errors):
             raise ConfigurationError(
                 ErrorCode.MISSING_VALUE,
-                f"{path}: HDU {image.hdu} holds {len(errors)} wavefront errors; choose one with --plane, from 0.",
+                f"{path}: HDU {image.hdu} holds {len(errors)} wavefront errors; choose one with "
+                "--plane, from 0.",
             )
         errors = errors[plane]
     if errors.shape != transmission.shape:
@@ -149,8 +151,8 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
     if scale is None and (diameter is None or extent < n - 2):
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} does not say how many metres a sample is wide ({', '.join(_SCALES)}), and "
-            f"the light fills {extent} of {n} samples; give --diameter, of the whole array, in m.",
+            f"{path}: HDU {image.hdu} does not say how many metres a sample is wide ({', '.join(_SCALES)}), "
+            f"and the light fills {extent} of {n} samples; give --diameter, of the whole array, in m.",
         )
     if scale is None:
         assert diameter is not None

@@ -111,7 +111,9 @@ class Section:
         if isinstance(value, str):
             return self.path(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}, or the name of {what}")
+            self.refuse(
+                ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}, or the name of {what}"
+            )
         return float(value)
 
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:

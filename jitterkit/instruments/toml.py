@@ -79,7 +79,13 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "samples": "",
         "pupil": "",
     },
-    "psf": {"file": "", "hdu": "", "oversample": "samples per pixel", "centre": "samples", "enclosed": "share"},
+    "psf": {
+        "file": "",
+        "hdu": "",
+        "oversample": "samples per pixel",
+        "centre": "samples",
+        "enclosed": "share",
+    },
     "spectrum": {"band": "nm", "samples": "", "lines": "nm", "weights": "any", "file": ""},
     "detector": DETECTOR_KEYS,
 }
@@ -163,7 +169,8 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         )
     if "pupil_from" not in fields:
         raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file."
+            ErrorCode.MISSING_VALUE,
+            f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file.",
         )
     if fields["pupil_from"] is not None and "spectrum" not in fields:
         raise ConfigurationError(

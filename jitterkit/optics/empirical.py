@@ -80,8 +80,8 @@ def empirical_otf(
     if oversample < 1 or not 0 < enclosed <= 1:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
-            f"oversample = {oversample} and enclosed = {enclosed} need 1 or more samples per pixel, and a share "
-            "from 0 to 1.",
+            f"oversample = {oversample} and enclosed = {enclosed} need 1 or more samples per pixel, and a "
+            "share from 0 to 1.",
         )
     reach = max(math.ceil((s / oversample - n) / 2) for s, n in zip(stamp.shape, shape, strict=True))
     grid = Grid((shape[0], shape[1]), plate_scale, max(pad, reach), oversample)

@@ -1,8 +1,8 @@
 """Pupils of two space telescopes, drawn from published dimensions.
 
 ``docs/instruments.md`` gives the place that each number comes from.  Both have no wavefront error.  Nearly
-symmetric pupils show focus and astigmatism only to second order about perfect focus, where both signs look the
-same, so that only coma and trefoil (Noll's 7 to 10) vary.
+symmetric pupils show focus and astigmatism only to second order about perfect focus, where both signs look
+the same, so that only coma and trefoil (Noll's 7 to 10) vary.
 """
 
 from __future__ import annotations
@@ -92,9 +92,7 @@ def _along(x, y, angle: float):
 
 def _behind_struts(x, y, angles: tuple[float, ...], width: float):
     """Whether points lie behind struts that run from the centre outwards."""
-    behind = [
-        (_along(x, y, angle) > 0) & (np.abs(_along(x, y, angle + 90)) < width / 2) for angle in angles
-    ]
+    behind = [(_along(x, y, angle) > 0) & (np.abs(_along(x, y, angle + 90)) < width / 2) for angle in angles]
     return np.logical_or.reduce(behind)
 
 

@@ -51,8 +51,8 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     if "transmission" not in content:
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
-            f"The pupil file {path} holds no transmission, only {sorted(content)}; add it, or convert a file of "
-            "poppy or stpsf with jitterkit instrument.",
+            f"The pupil file {path} holds no transmission, only {sorted(content)}; add it, or convert a "
+            "file of poppy or stpsf with jitterkit instrument.",
         )
     diameter = content.get("diameter") if diameter is None else diameter
     if diameter is None:
@@ -129,7 +129,9 @@ def _read_fits(path: Path) -> dict[str, Any]:
         images, header = fits.read_images(path)
     except FrameError as problem:
         raise ConfigurationError(problem.code, f"The pupil file cannot be read: {problem}") from None
-    content: dict[str, Any] = {image.name.lower(): image.pixels for image in images if image.hdu and image.name}
+    content: dict[str, Any] = {
+        image.name.lower(): image.pixels for image in images if image.hdu and image.name
+    }
     for image in images:
         if image.name == "OPD" and "BUNIT" in image.header:
             content["opd"] = image.pixels * nanometres(path, image.header["BUNIT"])

@@ -8,6 +8,7 @@ from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument, read_instrument
 from jitterkit.instruments.description import describe_instrument
+from jitterkit.instruments.toml import SECTIONS
 from jitterkit.optics import Pupil, flat_band, write_pupil
 
 WHOLE = """
@@ -246,3 +247,46 @@ def test_a_star_on_a_pedestal_is_no_psf(tmp_path):
         star(tmp_path / "raw.fits")
     write_fits(tmp_path / "biased.fits", light + 300.0, header={"BIASLVL": 300.0})
     np.testing.assert_allclose(star(tmp_path / "biased.fits"), light, atol=1e-9)
+
+
+@pytest.mark.parametrize(("section", "key"), [(name, key) for name, keys in SECTIONS.items() for key in keys])
+def test_a_value_of_the_wrong_type_is_refused_by_section_key_and_unit(toml, tmp_path, section, key):
+    write_fits(tmp_path / "star.fits", np.outer(np.hanning(9), np.hanning(9)))
+    values = {
+        "instrument": {"plate_scale": 0.3},
+        "telescope": {"diameter": 0.1},
+        "spectrum": {"lines": [633]},
+    }
+    if section == "psf":
+        values = {"instrument": {"plate_scale": 0.3}, "psf": {"file": "star.fits"}}
+    if key in ("pupil", "file", "band"):
+        values[section] = {}
+    if (section, key) == ("spectrum", "samples"):
+        values[section] = {"band": [500, 600]}
+    values.setdefault(section, {})[key] = {"a": 1}
+    lines = []
+    for name, table in values.items():
+        lines += [
+            f"[{name}]",
+            *(f"{k} = {'{a = 1}' if isinstance(v, dict) else repr(v)}" for k, v in table.items()),
+        ]
+    text = "\n".join(lines)
+    told_by_other_words = {"shape", "oversample"}
+    unit = [SECTIONS[section][key]] if SECTIONS[section][key] and key not in told_by_other_words else []
+    with refused(ErrorCode.WRONG_TYPE, f"[{section}] {key} = {{'a': 1}}", *unit):
+        read_instrument(toml(text))
+
+
+def test_an_oversampled_star_is_read_with_its_centre_and_share(toml, tmp_path):
+    write_fits(tmp_path / "star.fits", np.outer(np.hanning(41), np.hanning(33)))
+    head = '[instrument]\nplate_scale = 0.4\nshape = [9, 8]\n[psf]\nfile = "star.fits"\n'
+    bed = read_instrument(toml(head + "oversample = 4\ncentre = [16, 20]\nenclosed = 0.9\n"))
+    otf = bed.optics(pad=4)
+    assert (otf.grid.refine, otf.grid.pitch) == (4, pytest.approx(0.1))
+    assert float(otf.value[0, 0].real) == pytest.approx(0.9)
+    assert abs(float(otf.value[0, 1].imag)) < 1e-12  # even about its centre
+    for wrong in ("oversample = 0", "enclosed = 1.1", "enclosed = 0"):
+        with refused(ErrorCode.OUT_OF_RANGE, f"[psf] {wrong.split(' =')[0]}"):
+            read_instrument(toml(head + wrong + "\n"))
+    with refused(ErrorCode.CONFLICT, "diffusion = 0.2", "PSF"):
+        read_instrument(toml(head + "[detector]\ndiffusion = 0.2\n"))

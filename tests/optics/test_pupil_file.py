@@ -42,6 +42,22 @@ def test_a_pupil_is_read_from_fits_in_native_byte_order(tmp_path, pupil, name):
     assert found.basis.dtype.isnative
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("nm", 1.0), ("micron", 1e-3), ("meters", 1e-9)])
+def test_the_wavefront_error_of_a_fits_file_is_in_its_unit(tmp_path, pupil, unit, factor):
+    write_fits(tmp_path / "p.fits", pupil)
+    with fits.open(tmp_path / "p.fits", mode="update") as file:
+        file["OPD"].data *= factor
+        file["OPD"].header["BUNIT"] = unit
+    assert np.asarray(read_pupil(tmp_path / "p.fits").opd) == pytest.approx(np.asarray(pupil.opd))
+
+
+def test_a_wavefront_error_in_no_length_is_refused(tmp_path, pupil):
+    write_fits(tmp_path / "p.fits", pupil)
+    fits.setval(tmp_path / "p.fits", "BUNIT", value="radian", extname="OPD")
+    with refused(ErrorCode.UNKNOWN_UNIT, tmp_path / "p.fits", "'radian'"):
+        read_pupil(tmp_path / "p.fits")
+
+
 def test_modes_without_names_in_fits_are_numbered(tmp_path, pupil):
     write_fits(tmp_path / "p.fits", pupil, named=False)
     assert read_pupil(tmp_path / "p.fits").names == ("mode0", "mode1", "mode2")
