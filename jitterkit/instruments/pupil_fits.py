@@ -1,9 +1,9 @@
 """A pupil as poppy, webbpsf and stpsf write it, turned into the arrays of a pupil file.
 
 They keep amplitude and wavefront error in files of their own, or in HDUs: metres per sample in
-``PIXELSCL``, ``PUPLSCAL`` or ``PIXSCALE``, the unit of the wavefront error in ``BUNIT``.  In poppy a wavefront
-error that grows with +x moves the image towards -x (its ``test_sign_conventions``), here towards +x: its sign is
-changed.
+``PIXELSCL``, ``PUPLSCAL`` or ``PIXSCALE``, the unit of the wavefront error in ``BUNIT``.  In poppy an
+error that grows with +x moves the image towards -x (see its ``test_sign_conventions``), here towards +x: its
+sign is changed.
 """
 
 from __future__ import annotations
