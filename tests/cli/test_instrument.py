@@ -44,7 +44,7 @@ def test_a_pupil_becomes_a_file_that_info_reads(tmp_path, pupil):
 def test_what_is_missing_is_asked_for_and_nothing_is_replaced_unasked(tmp_path, pupil, told):
     words = ["instrument", str(pupil), "-o", str(tmp_path / "tel.toml"), "--wavelength", "550"]
     told(runner.invoke(app, words), ErrorCode.MISSING_VALUE, pupil, "--plate-scale")
-    words += ["--plate-scale", "0.1", "--shape", "16", "16"]
+    words += ["--plate-scale", "0.05", "--shape", "16", "16"]
     assert runner.invoke(app, words).exit_code == 0
     told(runner.invoke(app, words), ErrorCode.EXISTS, tmp_path / "tel-pupil.npz")
     assert runner.invoke(app, [*words, "--overwrite"]).exit_code == 0
