@@ -25,7 +25,7 @@ def test_a_pupil_becomes_a_file_that_info_reads(tmp_path, pupil):
         "500",
         "600",
         "--plate-scale",
-        "0.1",
+        "0.05",
         "--shape",
         "20",
         "24",
