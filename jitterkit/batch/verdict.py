@@ -139,7 +139,9 @@ def _sky_hint(result: FitResult) -> str:
     """A sentence where the data lie above or below the model everywhere."""
     if result.residual is None:
         return ""
-    if "background" in result.names and result.parameters is not None:
+    if "background" in result.names:
+        if result.parameters is None or not len(result.covariance):
+            return ""
         level, error = float(result.parameters.background), result.error("background")
         if level > -_BELOW * error:
             return ""

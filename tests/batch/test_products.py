@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from refusals import refused
 
 from jitterkit.batch.kernels import estimate_files
@@ -152,7 +153,10 @@ def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, tmp_path, breakag
         if breakage == "picture":
             raise np.linalg.LinAlgError("Singular matrix")
 
-    files = [folder / "field.fits", Path(shutil.copy(folder / "field.fits", tmp_path / "another.fits"))]
+    another = Path(shutil.copy(folder / "field.fits", tmp_path / "another.fits"))
+    with fits.open(another, mode="update") as hdus:
+        hdus[0].data[0, 0] += 1  # the same pixels would be a duplicate
+    files = [folder / "field.fits", another]
     table = estimate_files(files, _Same(measured), keep=keep)
     assert list(table["status"]) == ["ok", "ok"]
     if breakage == "picture":

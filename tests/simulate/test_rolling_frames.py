@@ -141,6 +141,5 @@ def test_charge_diffuses_by_the_detectors_pixels_where_a_pupil_makes_the_image()
     assert frame(soft).expected == pytest.approx(frame(GLOBAL, Mvn.of(0.15)).expected, rel=1e-9)
     assert soft.system(plate_scale=0.75, pad=4).diffusion == pytest.approx(0.3)
     star = np.exp(-(np.hypot(*np.indices((21, 21)) - 10.0) ** 2) / 8)
-    measured = dataclasses.replace(soft, pupil_from=None, psf_from=star)
-    sharp = dataclasses.replace(GLOBAL, pupil_from=None, psf_from=star)
-    assert np.array_equal(frame(measured).expected, frame(sharp).expected)
+    with refused(ErrorCode.CONFLICT, "diffusion = 0.4"):  # a measured star holds it
+        dataclasses.replace(soft, pupil_from=None, psf_from=star)
