@@ -15,7 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.batch.finder import Estimated, Finder
-from jitterkit.batch.verdict import OUTLIERS, further_stars, judge, left_out, midpoint_pixel, position_angle
+from jitterkit.batch.verdict import (
+    OUTLIERS,
+    faint_companion,
+    further_stars,
+    judge,
+    left_out,
+    midpoint_pixel,
+    position_angle,
+)
 from jitterkit.errors import out_of_memory
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data
@@ -168,6 +176,7 @@ class Processor(Finder):
             result = fit_locus(self.locus, *common, sure=found.searched is None)
         result = self._compared_over_field(found, further_stars(replace(result, estimate=estimate)))
         result = judge(frame, result, self.instrument.plate_scale)
+        result = faint_companion(result, found.optics.nominal)
         if found.doubt and result.status.usable:
             flags = (*result.flags, "maybe_pair")
             result = replace(result, message=f"{result.message} {found.doubt}", flags=flags)

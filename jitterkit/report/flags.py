@@ -33,6 +33,7 @@ FLAGS: dict[str, str] = {
     "maybe_pair": "one star was fitted, and two closer than the resolution would look alike",
     "outliers_left_out": "single pixels that do not belong to the image were found and left out",
     "blur_varies": "the stars of the field differ in their blur: the PSF changes over it, or it rolled",
+    "faint_companion": "the companion is faint and close enough to be an error of the optics",
     "further_stars": "stars beside those of the scene were found and fitted",
 }
 

@@ -10,7 +10,7 @@ from refusals import refused
 
 from jitterkit.batch import Processor, finder
 from jitterkit.batch.finder import _FEWEST_USED
-from jitterkit.batch.verdict import judge
+from jitterkit.batch.verdict import faint_companion, judge
 from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters
@@ -82,6 +82,13 @@ def test_sky_is_no_advice_where_the_unit_is_the_likely_fault(flags):
     high = FitResult(Status.POOR_FIT, "", parameters=pair, residual=np.ones((40, 40)), dof=1600)
     message = judge(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375, flags=flags), high, 0.375).message
     assert ("--no-background" in message) == (not flags)
+
+
+@pytest.mark.parametrize(("separation", "contrast", "flagged"), [(3.0, 500, 1), (3.0, 50, 0), (8.0, 500, 0)])
+def test_a_companion_that_may_be_a_speckle_is_flagged(separation, contrast, flagged, telescope):
+    pair = Parameters(Binary(separation, 30.0, 0.0, 0.0, 1e5, contrast), Mvn.of(0.1, 0.1), np.zeros(2))
+    result = faint_companion(FitResult(Status.OK, "fitted.", parameters=pair), telescope.optics())
+    assert ("faint_companion" in result.flags) == bool(flagged)
 
 
 def test_one_star_is_no_pair_where_a_pair_is_asked_for(processor, rng, drawn):
