@@ -73,10 +73,10 @@ class Scene(eqx.Module):
         """Offsets x and y [arcsec] and fluxes [electrons] of the stars that the scene is named after."""
 
     @abstractmethod
-    def lawful(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Bool[Array, ""]:
         """Whether such a scene can be: a fit must not step where it cannot."""
 
-    def tidied(self) -> Self:
+    def canonical(self) -> Self:
         """The same sources by the parameters a person would give."""
         return self
 
@@ -186,11 +186,11 @@ class Binary(Scene):
         own = {name: getattr(self, name) for name in self.own}
         return type(self)(**own, others=others)
 
-    def lawful(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Bool[Array, ""]:
         """Light comes from both stars."""
         return (self.flux > 0) & (self.contrast > 0)
 
-    def tidied(self) -> Self:
+    def canonical(self) -> Self:
         """A the brighter, a positive separation, its direction in [0, 360)."""
         contrast, separation = float(self.contrast), float(self.separation)
         turn = 180.0 * ((contrast < 1) != (separation < 0))
@@ -234,7 +234,7 @@ class Star(Scene):
     def _with(self, others: FurtherStars) -> "Stars":
         return Stars(self.x, self.y, self.flux, others)
 
-    def lawful(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Bool[Array, ""]:
         """It shines."""
         return self.flux > 0
 
@@ -263,7 +263,7 @@ class Stars(Star):
         (x, *_), (y, *_), (flux, *_) = every
         return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)))
 
-    def tidied(self) -> "Stars":
+    def canonical(self) -> "Stars":
         """The brightest star first."""
         return self.of(*self.sources())
 

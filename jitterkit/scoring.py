@@ -200,9 +200,9 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
         moments, adjoint = jax.vjp(moments_at, values)
         objective = sum(prior.costs(values, moments), deviance)
         (beside,) = adjoint(prior.moments_precision @ (moments - prior.moments))
-        lawful = parameters_at(values).scene.lawful() & jnp.isfinite(objective)
+        valid = parameters_at(values).scene.is_valid() & jnp.isfinite(objective)
         pull = prior.precision @ (values - prior.mean) + beside
-        return _Point(values, jnp.where(lawful, objective, jnp.inf), score - pull)
+        return _Point(values, jnp.where(valid, objective, jnp.inf), score - pull)
 
     def metric_at(values, begun) -> Metric:
         given = ~begun & jnp.any(known != 0) & jnp.all(jnp.isfinite(known))

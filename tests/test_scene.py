@@ -22,7 +22,7 @@ def sources(scene):
 )
 def test_the_brighter_star_is_a_and_the_separation_is_positive(separation, theta, contrast, named):
     scene = Binary(separation, theta, 0.3, -0.2, 1e5, contrast)
-    tidied = scene.tidied()
+    tidied = scene.canonical()
     found = [float(getattr(tidied, name)) for name in ("separation", "theta", "contrast")]
     assert found == pytest.approx(named)
     for star, same in zip(sources(scene), sources(tidied), strict=True):

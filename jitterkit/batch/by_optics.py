@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.batch.finder import SCORE, Estimated, Finder
+from jitterkit.batch.estimated import Estimated
+from jitterkit.batch.finder import SCORE, Finder
 from jitterkit.batch.measured import Measured
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.survey import Survey

@@ -10,29 +10,28 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from jitterkit.batch.estimated import Estimated
 from jitterkit.batch.shown import Shown
 from jitterkit.batch.verdict import scale_hint, why_unusable
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, JitterkitError, out_of_memory
 from jitterkit.estimators import KernelEstimate, estimate_score, estimator
 from jitterkit.estimators.score import estimate_from_normal
-from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Residual, locate_binary, locate_star, locate_stars
 from jitterkit.loci import Mvn
-from jitterkit.optics import OTF, Optics
+from jitterkit.optics import Optics
 from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, SceneChoice, Status, choose_scene
 from jitterkit.scene import Star
 
-__all__ = ["AUTO", "SCORE", "Estimated", "Finder", "GridKey"]
+__all__ = ["AUTO", "SCORE", "Finder", "GridKey"]
 
 log = logging.getLogger(__name__)
 
@@ -55,43 +54,6 @@ AUTO = "auto"
 """In place of a scene's name: the simplest that the frame supports."""
 
 _SEARCHES = dict(zip(SCENES, (locate_star, locate_binary, locate_stars), strict=True))
-
-
-@dataclass
-class Estimated:
-    """What a frame shows before everything of it is fitted.
-
-    Attributes
-    ----------
-    data : Data
-    parameters : Parameters
-        Of the scene, with a normal locus.
-    estimate : KernelEstimate
-    optics : Optics
-    searched : OTF or None
-        About aberrations very near the scene's, where it was searched for; None where the frame was
-        registered to another, which tells too that the parameters describe it.
-    doubt : str
-        What else the frame may show that looks the same, in a sentence.
-    fit : FitResult or None
-        With the best of the loci, by the finder's options, where it has been made already.
-    left_out : int
-        Pixels that do not belong to the image, which the data are without.
-    """
-
-    data: Data
-    parameters: Parameters
-    estimate: KernelEstimate
-    optics: Optics
-    searched: OTF | None = None
-    doubt: str = ""
-    fit: FitResult | None = None
-    left_out: int = 0
-
-    @cached_property
-    def otf(self) -> OTF:
-        """About aberrations very near the parameters'."""
-        return self.optics.otf(self.parameters.aberrations) if self.searched is None else self.searched
 
 
 @dataclass

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.batch.finder import Estimated, Finder
+from jitterkit.batch.estimated import Estimated
+from jitterkit.batch.finder import Finder
 from jitterkit.batch.verdict import (
     OUTLIERS,
     faint_companion,
@@ -27,7 +28,7 @@ from jitterkit.batch.verdict import (
 from jitterkit.errors import out_of_memory
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.likelihood import Data
-from jitterkit.locate import Residual
+from jitterkit.locate import Residual, most_outliers
 from jitterkit.loci import locus_class
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, fit_best_locus, fit_locus
 from jitterkit.refit.over_field import say_if_blur_varies
@@ -138,13 +139,14 @@ class Processor(Finder):
         return replace(self.options, priors=self.priors.joined(told))
 
     def _fit(self, frame: Frame) -> tuple[Frame, FitResult]:
-        """Fit a frame, and again without pixels that do not belong to it."""
-        (result, before), after = self._fit_once(frame), 0
+        """Fit a frame, and again without pixels that do not belong to it, as long as they are few."""
+        (result, before), after, most = self._fit_once(frame), 0, most_outliers(~frame.mask)
         for _ in range(_ROUNDS):
             hit, flag = self._do_not_belong(frame, result)
-            if not hit.any():
+            alone = int(hit.sum()) if flag == OUTLIERS else 0
+            if not hit.any() or (alone and before + after + alone > most):
                 break
-            after += int(hit.sum()) if flag == OUTLIERS else 0
+            after += alone
             frame = replace(frame, mask=frame.mask | hit, flags=_with(frame.flags, flag))
             result, before = self._fit_once(frame)
         return frame, _remark_left_out(result, before + after)

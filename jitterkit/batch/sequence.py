@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from jitterkit.batch.finder import Finder
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.frames.duplicates import Duplicates
+from jitterkit.frames.times import epoch_seconds
 from jitterkit.joint import Exposure
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitResult, Status
@@ -125,10 +125,7 @@ def _begun(path: Path, hdu: int | None) -> float | None:
             text = file.metadata.value("time", "")
     except JitterkitError:
         return None
-    try:
-        return (datetime.fromisoformat(text) - datetime(2000, 1, 1)).total_seconds()
-    except ValueError:
-        return math.nan
+    return epoch_seconds(text)
 
 
 class _Clock:

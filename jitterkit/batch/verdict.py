@@ -48,12 +48,15 @@ OUTLIERS = "outliers_left_out"
 
 
 def left_out(pixels: int) -> str:
-    """That single pixels were left out, in a sentence."""
-    return f"{pixels} pixel{'s' * (pixels != 1)} that stood out alone left out."
+    """Say in a sentence that single pixels were left out."""
+    which = (
+        "1 pixel that stood out alone was" if pixels == 1 else f"{pixels} pixels that stood out alone were"
+    )
+    return f"{which} left out."
 
 
 def further_stars(result: FitResult) -> FitResult:
-    """The result, with a remark where stars beside those of the scene were fitted."""
+    """Add a remark to a result where stars beside those of the scene were fitted."""
     scene = None if result.parameters is None else result.parameters.scene
     if scene is None or scene.others is None or isinstance(scene, Stars):
         return result
@@ -72,7 +75,7 @@ def further_stars(result: FitResult) -> FitResult:
 
 
 def faint_companion(result: FitResult, otf: OTF) -> FitResult:
-    """The result, with a remark where a companion may as well be an error of the optics."""
+    """Add a remark to a result where a companion may as well be an error of the optics."""
     contrast, separation = result.of_scene("contrast"), result.of_scene("separation")
     if not (result.status.usable and contrast > _FAINT and separation < _CLOSE * resolution(otf)):
         return result

@@ -12,7 +12,6 @@ import itertools
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -36,7 +35,16 @@ _READABLE = bytes(c if 32 <= c < 127 else ord("?") for c in range(256))
 _METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")
 """Compression methods that astropy can read."""
 
-__all__ = ["FitsFile", "NamedImage", "is_plane", "open", "read_image", "read_images", "write"]
+__all__ = [
+    "FitsFile",
+    "hdu_chain",
+    "header_of",
+    "image_groups",
+    "is_plane",
+    "open",
+    "pixels_of",
+    "write",
+]
 
 
 class FitsFile(FrameFile):
@@ -64,8 +72,8 @@ class FitsFile(FrameFile):
         self._verified: set[int] = set()
         with translated(path) as caught:
             try:
-                self._hdus, broken = _chain(path, self._handle(path), hdu)
-                self._groups = _groups(path, self._handle(path), self._hdus, hdu)
+                self._hdus, broken = hdu_chain(path, self._handle(path), hdu)
+                self._groups = image_groups(path, self._handle(path), self._hdus, hdu)
                 self._add_files_beside()
                 self._starts = [0, *itertools.accumulate(map(_planes, self._groups))]
                 self._count = self._starts[-1]
@@ -83,7 +91,7 @@ class FitsFile(FrameFile):
 
     def _add_files_beside(self) -> None:
         for role, other in files_beside(self.path):
-            hdus, _ = _chain(other, self._handle(other), None)
+            hdus, _ = hdu_chain(other, self._handle(other), None)
             for group in self._groups:
                 group.add_from(role, hdus)
 
@@ -96,7 +104,7 @@ class FitsFile(FrameFile):
     def _opened(self, named: Named) -> Pixels:
         handle = self._handle(named.unit.path)
         refuse_missing_data(named.unit, handle)
-        pixels = _pixels(handle, named)
+        pixels = pixels_of(handle, named)
         if named.unit.packed and named.role == "":
             named.header.warnings += _lossy(named.unit, named.header)
         return pixels
@@ -151,7 +159,7 @@ def open(path: Path, hdu: int | None = None) -> FitsFile:
 def is_plane(path: Path, hdu: int | None = None) -> bool:
     """Tell from the layout of a file alone whether it holds one frame; errors are those of :func:`open`."""
     with translated(path), open_bytes(path) as handle:
-        groups = _groups(path, handle, _chain(path, handle, hdu)[0], hdu)
+        groups = image_groups(path, handle, hdu_chain(path, handle, hdu)[0], hdu)
         return len(groups) == 1 and _planes(groups[0]) == 1
 
 
@@ -159,13 +167,13 @@ def _planes(group: Group) -> int:
     return math.prod(group.image.unit.shape[:-2])
 
 
-def _chain(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[list[Named], list[str]]:
+def hdu_chain(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[list[Named], list[str]]:
     """All HDUs of a file, and a warning where those behind the image cannot be read."""
     hdus: list[Named] = []
     try:
         for unit in walk(path, handle):
             _ = unit.span, unit.bitpix, unit.is_image  # refuse what cannot be
-            hdus.append(Named(unit, _header(unit)))
+            hdus.append(Named(unit, header_of(unit)))
     except FrameError as error:
         if not any(one.unit.is_image and hdu in (None, one.unit.number) for one in hdus):
             raise
@@ -173,7 +181,7 @@ def _chain(path: Path, handle: BinaryIO, hdu: int | None) -> tuple[list[Named], 
     return hdus, []
 
 
-def _groups(path: Path, handle: BinaryIO, hdus: list[Named], hdu: int | None) -> list[Group]:
+def image_groups(path: Path, handle: BinaryIO, hdus: list[Named], hdu: int | None) -> list[Group]:
     """The images asked for, with what belongs to each."""
     groups = frame_groups(hdus, hdu)
     if groups:
@@ -193,7 +201,7 @@ def _groups(path: Path, handle: BinaryIO, hdus: list[Named], hdu: int | None) ->
     raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
 
 
-def _header(unit: Unit) -> PlainHeader:
+def header_of(unit: Unit) -> PlainHeader:
     text = unit.text.translate(_READABLE).decode()
     header = PlainHeader(fits.Header.fromstring(text), text)
     if text.encode() != unit.text:
@@ -201,7 +209,7 @@ def _header(unit: Unit) -> PlainHeader:
     return header
 
 
-def _pixels(handle: BinaryIO, named: Named) -> Pixels:
+def pixels_of(handle: BinaryIO, named: Named) -> Pixels:
     """The pixels of an image; tiles are left to astropy."""
     unit, header = named.unit, named.header
     if not unit.packed:
@@ -259,84 +267,3 @@ def _card(keyword: str, entry: Any) -> fits.Card:
         value = str(value)
     name = keyword if len(keyword) <= 8 and " " not in keyword else f"HIERARCH {keyword}"
     return fits.Card(name, value, str(comment).encode("ascii", "replace").decode())
-
-
-@dataclass(frozen=True)
-class NamedImage:
-    """One image of a FITS file that need not be a frame: a pupil, a PSF.
-
-    Parameters
-    ----------
-    hdu : int
-    name : str
-        EXTNAME in upper case; empty if there is none.
-    pixels : (..., ny, nx) array
-        float64, scaled; blank pixels are NaN.
-    header : PlainHeader
-        Of its own HDU.
-    """
-
-    hdu: int
-    name: str
-    pixels: np.ndarray
-    header: PlainHeader
-
-
-def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
-    """Read every image of a file, with its name and header.
-
-    Parameters
-    ----------
-    path : Path
-        Plain, gzipped or tile-compressed.
-
-    Returns
-    -------
-    images : list of NamedImage
-        In the order of the file.
-    header : PlainHeader
-        Of the primary HDU.
-
-    Raises
-    ------
-    FrameError
-        If the file cannot be read.
-    """
-    with translated(path), open_bytes(path) as handle:
-        hdus = [Named(unit, _header(unit)) for unit in walk(path, handle)]
-        images = [
-            NamedImage(one.unit.number, one.name, _everything(handle, one), one.header)
-            for one in hdus
-            if one.unit.what.startswith("an array")
-        ]
-        return images, hdus[0].header
-
-
-def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
-    """Read the first image of a file as one array, which need not be a frame: a kernel, say.
-
-    Parameters
-    ----------
-    path : Path
-        Plain, gzipped or tile-compressed.
-
-    Returns
-    -------
-    image : (..., ny, nx) array
-        float64, scaled; blank pixels are NaN.
-    header : PlainHeader
-        Of the same HDU.
-
-    Raises
-    ------
-    FrameError
-        If there is no image, or the file cannot be read.
-    """
-    with translated(path), open_bytes(path) as handle:
-        image = _groups(path, handle, _chain(path, handle, None)[0], None)[0].image
-        return _everything(handle, image), image.header
-
-
-def _everything(handle: BinaryIO, named: Named) -> np.ndarray:
-    refuse_missing_data(named.unit, handle)
-    return _pixels(handle, named).everything()

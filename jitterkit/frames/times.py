@@ -6,14 +6,15 @@
 
 from __future__ import annotations
 
+import math
 import re
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Known
 
-__all__ = ["resolve_time"]
+__all__ = ["epoch_seconds", "resolve_time"]
 
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART")
 MJD_EPOCH = datetime(1858, 11, 17)
@@ -142,3 +143,12 @@ def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Kn
             cards.warnings.append(f"TIMESYS = {system!r} is not UTC; the time is left as written")
     text = when.isoformat(timespec=precision) if isinstance(when, datetime) else when.isoformat()
     return Known(text, "UTC", source)
+
+
+def epoch_seconds(text: str) -> float:
+    """Return the seconds since 1970 of an ISO 8601 time, UTC unless it names a zone; NaN if it is none."""
+    try:
+        when = datetime.fromisoformat(text)
+        return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
+        return math.nan

@@ -31,7 +31,7 @@ from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_expand
 from jitterkit.refit.starts import starting_point
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
 
 __all__ = ["Looker", "Nearby"]
@@ -152,6 +152,8 @@ class Looker:
             choice = choose_scene(data, self.optics, FitOptions(hold=self.hold))
             if choice is not None and choice.scene != Binary.name:
                 told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."
+                if choice.scene == Stars.name:
+                    told = "it shows a field of stars; --scene binary fits the brightest two as a pair."
                 return FitResult(Status.NO_PAIR, told), nominal
         start = locate_binary(data, self.optics, self.hold) if choice is None else choice.start
         if start is None:

@@ -3,7 +3,7 @@
 from jitterkit.locate.further import with_further_stars
 from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
-from jitterkit.locate.residual import Residual
+from jitterkit.locate.residual import Residual, most_outliers
 from jitterkit.locate.search import bright_stars, locate_binary, locate_star, locate_stars
 from jitterkit.locate.start import Start, polished, with_best_signs
 from jitterkit.locate.warm import ReferenceFrame, WarmStart
@@ -20,6 +20,7 @@ __all__ = [
     "locate_binary",
     "locate_star",
     "locate_stars",
+    "most_outliers",
     "polished",
     "resolution",
     "with_best_signs",

@@ -54,7 +54,7 @@ def with_further_stars(
     """
 
     def settled(near: Start, scene: Scene) -> Start:
-        return polished(data, optics, near.otf, scene.tidied(), near.parameters.locus, hold)
+        return polished(data, optics, near.otf, scene.canonical(), near.parameters.locus, hold)
 
     found, is_field = start, isinstance(start.parameters.scene, Stars)
     for _ in range(_ROUNDS):

@@ -13,14 +13,17 @@ __all__ = ["correlate", "embed", "ratio", "resolution", "spectrum_of_star", "sta
 
 
 def resolution(otf: OTF) -> float:
-    """Finest detail the optics pass [arcsec]: one over the highest frequency of a hundredth's contrast."""
+    """Return the finest detail that the optics pass [arcsec].
+
+    It is one over the highest frequency that keeps a hundredth of its contrast.
+    """
     fy, fx = otf.grid.frequencies
     passed = np.abs(np.asarray(otf.value)) > 0.01
     return float(1 / max(np.hypot(fy, fx)[passed].max(), 1 / (otf.grid.plate_scale * max(otf.grid.shape))))
 
 
 def spectrum_of_star(otf: OTF, jitter: Locus | None) -> np.ndarray:
-    """Transfer function of a star on the frame's pixels."""
+    """Return the transfer function of a star on the frame's pixels (my, mx//2 + 1)."""
     fy, fx = otf.grid.frequencies
     optics = np.asarray(otf.value) * otf.grid.refine**2
     if not otf.pixel_included:
@@ -29,7 +32,7 @@ def spectrum_of_star(otf: OTF, jitter: Locus | None) -> np.ndarray:
 
 
 def star_at(place: tuple[float, float], spectrum: np.ndarray, grid: Grid) -> np.ndarray:
-    """Image of a star at ``(x, y)`` from the frame's centre [arcsec], on the fine array."""
+    """Return the image of a star at ``(x, y)`` from the frame's centre [arcsec], on the fine array."""
     fy, fx = grid.frequencies
     cy, cx = grid.centre
     ramp = np.exp(-2j * np.pi * fx * (place[0] + cx)) * np.exp(-2j * np.pi * fy * (place[1] + cy))
@@ -37,25 +40,25 @@ def star_at(place: tuple[float, float], spectrum: np.ndarray, grid: Grid) -> np.
 
 
 def embed(frame: np.ndarray, grid: Grid) -> np.ndarray:
-    """A frame on the fine array, zero outside and between its pixels."""
+    """Put a frame (ny, nx) on the fine array, zero outside and between its pixels."""
     fine = np.zeros(grid.fine_shape)
     grid.crop(fine)[...] = frame
     return fine
 
 
 def correlate(fine: np.ndarray, spectrum: np.ndarray, grid: Grid) -> np.ndarray:
-    """Inner product of an array with a pattern centred on each pixel of the frame."""
+    """Return the inner products (ny, nx) of an array with a pattern centred on each pixel of the frame."""
     return grid.crop(fft.irfft2(fft.rfft2(fine) * np.conj(spectrum), s=grid.fine_shape))
 
 
 def ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
-    """Quotient; zero where the denominator is not positive."""
+    """Divide; zero where the denominator is not positive."""
     positive = denominator > 0
     return np.where(positive, numerator / np.where(positive, denominator, 1.0), 0.0)
 
 
 def vertex(values: np.ndarray, i: int) -> float:
-    """Offset of a parabola's vertex from sample ``i``, within half a sample."""
+    """Return the offset of a parabola's vertex from sample ``i``, within half a sample."""
     if not 0 < i < len(values) - 1:
         return 0.0
     left, middle, right = values[i - 1 : i + 2]

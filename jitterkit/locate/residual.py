@@ -27,7 +27,7 @@ from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import FurtherStars, Scene, Star
 
-__all__ = ["Residual"]
+__all__ = ["Residual", "most_outliers"]
 
 SURE = 6.0
 """Standard errors of its flux from which a further star is one: the best of some ten thousand places reaches
@@ -61,6 +61,11 @@ _FEW = 0.002
 """Share of the pixels above which it is the model that is wrong."""
 
 
+def most_outliers(used: np.ndarray) -> float:
+    """Return how many outliers a frame may have, by which of its pixels (ny, nx) are used."""
+    return max(_FEW * np.count_nonzero(used), _LARGEST)
+
+
 @dataclass(frozen=True)
 class Residual:
     """What an expected image leaves of a frame.
@@ -81,20 +86,19 @@ class Residual:
 
     @classmethod
     def of_dark(cls, data: Data, otf: OTF) -> Residual:
-        """What the median of a frame leaves of it: all of its stars."""
+        """Take the median of a frame for its expected image, so that all of its stars are left."""
         level = np.median(np.asarray(data.electrons)[np.asarray(data.used)])
         return cls(data, np.full(data.used.shape, max(level, 0.0)), otf)
 
     @cached_property
     def sigmas(self) -> np.ndarray:
-        """``(data - image)/sigma``, zero where a pixel does not count."""
+        """``(data - image)/sigma`` (ny, nx); zero where a pixel does not count."""
         return (np.asarray(self.data.electrons) - self.image) * np.sqrt(self._weight)
 
     def star(self) -> tuple[Star, float]:
-        """The star that would mend the image most, and the chi-squared that it would explain.
+        """Find the star that would explain most of the residual, and how much chi-squared that is.
 
-        What is near a star of the image explains less in truth: there the fit that made the image has used
-        it up.
+        Next to a star of the image it explains less in truth: the fit of that star has explained a part.
         """
         match, power = self._products
         gain = ratio(np.clip(match, 0, None) ** 2, power)
@@ -104,46 +108,57 @@ class Residual:
         return Star(x[column], y[row], flux), float(gain[row, column])
 
     def further_stars(self, scene: Scene | None = None, apart: float = 1.0) -> FurtherStars | None:
-        """Stars that stand out, so many resolutions from those of a scene and each other; None without any.
+        """Find stars of six standard errors of their flux, one after the other.
 
-        One after the other: what a star explains is taken away before the next is looked for.
+        Parameters
+        ----------
+        scene : Scene, optional
+            Stars that are known.
+        apart : float
+            Distance from these and from each other, in units of the resolution.
+
+        Returns
+        -------
+        stars : FurtherStars or None
+            None if there is none.  What a star explains is taken away before the next is looked for.
         """
         found: list[tuple[float, float, float]] = []
         left, least = self, SURE
         while len(found) < _MOST and (star := left._outstanding(scene, least, apart)) is not None:
-            found.append(star)
-            x, y, flux = star
+            significance, x, y, flux = star
+            found.append((x, y, flux))
             scene = Star(x, y, flux) if scene is None else scene.joined(FurtherStars(x, y, flux))
             image = self.otf.grid.crop(star_at((x, y), self._spectrum, self.otf.grid))
             left = replace(left, image=left.image + flux * image)
-            least = max(least, _AT_ONCE * self._significance.max())
+            least = max(least, _AT_ONCE * significance)
         return FurtherStars(*zip(*found, strict=True)) if found else None
 
     def _outstanding(self, scene: Scene | None, least: float, apart: float):
-        """Place [arcsec] and flux of the most significant star, if it is by more than so many errors."""
-        signs = np.where(self._clear_of(scene, apart), self._significance, 0.0)
-        signs = np.where(signs**2 > self._of_pixels, signs, 0.0)
-        row, column = np.unravel_index(int(signs.argmax()), signs.shape)
-        if not signs[row, column] > least:
+        """Significance, place [arcsec] and flux of the star that stands out most, if by so many errors."""
+        errors = np.where(self._clear_of(scene, apart), self._significance, 0.0)
+        errors = np.where(errors**2 > self._of_pixels, errors, 0.0)
+        row, column = np.unravel_index(int(errors.argmax()), errors.shape)
+        if not errors[row, column] > least:
             return None
         (match, power), (y, x), scale = self._products, self._axes, self.otf.grid.plate_scale
         return (
-            float(x[column] + scale * vertex(signs[row, :], int(column))),
-            float(y[row] + scale * vertex(signs[:, column], int(row))),
+            float(errors[row, column]),
+            float(x[column] + scale * vertex(errors[row, :], int(column))),
+            float(y[row] + scale * vertex(errors[:, column], int(row))),
             float(match[row, column] / power[row, column]),
         )
 
     def is_all_stars(self, scene: Scene) -> bool:
-        """Whether nothing stands out dark as it stands out bright, as it does where the model is wrong.
+        """Return whether no spots are dark as others are bright, as they are where the model is wrong.
 
         A star that the model lacks is bright; what a fit makes up for it is darker by a few, and spread.
         """
-        signs = np.where(self._clear_of(scene), self._significance, 0.0)
-        dark = np.where(signs**2 > self._of_pixels, -signs, 0.0)
-        return bool(dark.max() <= max(SURE, _DARK * signs.max()))
+        errors = np.where(self._clear_of(scene), self._significance, 0.0)
+        dark = np.where(errors**2 > self._of_pixels, -errors, 0.0)
+        return bool(dark.max() <= max(SURE, _DARK * errors.max()))
 
     def outliers(self, background: float, *, surely: bool = False) -> np.ndarray:
-        """Single pixels that do not belong to the image: cosmic rays, hot and dead pixels.
+        """Find single pixels that do not belong to the image: cosmic rays, hot and dead pixels.
 
         Parameters
         ----------
@@ -175,7 +190,7 @@ class Residual:
                 star = np.max(sign * self._significance, where=ndimage.binary_dilation(own), initial=0.0)
                 if own.sum() <= _LARGEST and star**2 < share * (sigmas[own] ** 2).sum():
                     found |= own
-        return found if found.sum() <= max(_FEW * used.sum(), _LARGEST) else none
+        return found if found.sum() <= most_outliers(used) else none
 
     @cached_property
     def _spectrum(self) -> np.ndarray:

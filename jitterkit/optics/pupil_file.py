@@ -123,10 +123,10 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _read_fits(path: Path) -> dict[str, Any]:
-    from jitterkit.frames import fits  # costs 0.3 s, and an .npz does not need it
+    from jitterkit.frames.images import read_images  # costs 0.3 s, and an .npz does not need it
 
     try:
-        images, header = fits.read_images(path)
+        images, header = read_images(path)
     except FrameError as problem:
         raise ConfigurationError(problem.code, f"The pupil file cannot be read: {problem}") from None
     content: dict[str, Any] = {

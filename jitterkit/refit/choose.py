@@ -21,7 +21,7 @@ separation of every frame the same way: :mod:`jitterkit.trade.plan` prices it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.stats
@@ -31,20 +31,18 @@ from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisi
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
-from jitterkit.locate import Start, polished, with_best_signs
-from jitterkit.loci import Shaped, locus_class
+from jitterkit.locate import Start
+from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.by_cumulants import as_fit, told_by_cumulants
 from jitterkit.refit.evidence import CHOICES, minor_variance
-from jitterkit.refit.fit import FitOptions, fit_and_expand
+from jitterkit.refit.fit import FitOptions
+from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.refit.starts import starting_point
 from jitterkit.refit.weigh import Tried, say_undecided, weigh
 
-__all__ = ["DETECTED", "fit_best_locus", "fit_locus", "shows_no_jitter", "single_star"]
-
-_NORMAL = "mvn"
+__all__ = ["DETECTED", "fit_best_locus", "shows_no_jitter", "single_star"]
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -75,44 +73,6 @@ _THIN = (6.0, 0.05)
 major: a straight locus fitted to a wider one has e^-18 of its evidence."""
 
 
-def fit_locus(
-    name: str,
-    data: Data,
-    optics: Optics,
-    start: Parameters,
-    moments,
-    otf: OTF | None = None,
-    options: FitOptions | None = None,
-    *,
-    sure: bool = False,
-) -> FitResult:
-    """Fit a frame with one locus, started from second moments.
-
-    Parameters
-    ----------
-    name : str
-        A name in ``LOCI``.
-    data, optics, start, otf, options
-        As for :func:`jitterkit.refit.fit.fit_frame`; the start's own locus is replaced.
-    moments : (3,) array
-        ``(Sxx, Sxy, Syy)`` to start from, arcsec²: those of a kernel estimate.
-    sure : bool
-        Whether the signs of the start's aberrations are known, by frames before; or else others are tried.
-
-    Notes
-    -----
-    What a small blur does not show of a locus is held by the weak priors of
-    :func:`jitterkit.refit.leashes.leashes`.
-    """
-    frame = _Frame(data, optics, options or FitOptions(), sure)
-    fit, _ = _fit(frame, name, start, moments, otf)
-    better = None if name == _NORMAL else _other_signs(frame, fit)
-    if better is None:
-        return fit
-    again, _ = _fit(frame, name, better.parameters, fit.moments()[0], better.otf)
-    return again if _is_better(again, fit) else fit
-
-
 def fit_best_locus(
     data: Data,
     optics: Optics,
@@ -129,11 +89,11 @@ def fit_best_locus(
     Parameters
     ----------
     data, optics, start, moments, otf, options
-        As for :func:`fit_locus`.
+        As for :func:`~jitterkit.refit.fit_locus`.
     covariance : (3, 3) array, optional
         Of the moments, arcsec⁴: without it no frame is taken to be still.
     sure : bool
-        As for :func:`fit_locus`.
+        As for :func:`~jitterkit.refit.fit_locus`.
 
     Returns
     -------
@@ -142,7 +102,7 @@ def fit_best_locus(
         ``jitter_undetected`` where the frame shows no jitter.  A prior in the coordinates of one locus
         says nothing about the others, which are then not tried.
     """
-    frame = _Frame(data, optics, options or FitOptions(), sure)
+    frame = FrameFits(data, optics, options or FitOptions(), sure)
     still = _fit_still(frame, start, moments, otf, covariance)
     best = _choose(frame, start, moments, otf) if still is None else still
     if frame.options.priors.moments is None:
@@ -152,18 +112,18 @@ def fit_best_locus(
 
 
 def _fit_still(
-    frame: _Frame, start: Parameters, moments, otf: OTF | None, covariance: np.ndarray | None
+    frame: FrameFits, start: Parameters, moments, otf: OTF | None, covariance: np.ndarray | None
 ) -> FitResult | None:
     """The fit without jitter of a frame that may do without and does; None of any other."""
     asked = frame.options.may_be_still and not frame.options.priors.on_jitter()
     if not asked or covariance is None or not shows_no_jitter(moments, covariance):
         return None
-    fit, _ = _fit(frame, "stable", start, moments, otf)
+    fit, _ = frame.fit("stable", start, moments, otf)
     return _conclude(Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
-def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitResult:
-    normal, otf = _fit(frame, "mvn", start, moments, otf)
+def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> FitResult:
+    normal, otf = frame.fit("mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
@@ -179,60 +139,22 @@ def _choose(frame: _Frame, start: Parameters, moments, otf: OTF | None) -> FitRe
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _conclude(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     best = _climb_ladder(frame, normal, otf, step)
-    better = None if best.locus == _NORMAL else _other_signs(frame, best)
+    better = None if best.locus == NORMAL else frame.other_signs(best)
     if better is None:
         return best
     again = _climb_ladder(frame, normal, otf, step, better)
-    return again if _is_better(again, best) else best
+    return again if is_better(again, best) else best
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """What every fit of one frame shares."""
-
-    data: Data
-    optics: Optics
-    options: FitOptions
-    sure: bool
-
-
-def _fit(frame: _Frame, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
-    otf = frame.optics.otf(start.aberrations) if otf is None else otf
-    options = frame.options
-    place = starting_point(locus_class(name), moments, start, otf, frame.data, options)
-    fit, otf = fit_and_expand(frame.data, frame.optics, place, otf, options)
-    return replace(fit, locus=name), otf
-
-
-def _other_signs(frame: _Frame, fit: FitResult) -> Start | None:
-    """Where a fit begins that ends higher, with other signs of aberrations; None where there is none.
-
-    A normal that is not the blur's shape may have climbed another hill than the locus that is.
-    """
-    priors = frame.options.priors
-    told = bool(priors.terms or priors.if_free)  # they may say the signs
-    if frame.sure or told or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
-        return None
-    hold = frame.options.hold
-    state, locus = fit.parameters.aberrations, fit.parameters.locus
-    where = frame.data, frame.optics, frame.optics.otf(state), fit.parameters.scene, locus, hold
-    start = polished(*where)
-    better = with_best_signs(start, frame.data, frame.optics, hold)
-    return None if better is start else better
-
-
-def _is_better(again: FitResult, before: FitResult) -> bool:
-    """Whether a second fit is sound, and higher than the first."""
-    return again.status is Status.OK and again.objective < before.objective
-
-
-def _try(frame: _Frame, name: str, normal: FitResult, otf: OTF, begin: Start | None) -> tuple[FitResult, OTF]:
+def _try(
+    frame: FrameFits, name: str, normal: FitResult, otf: OTF, begin: Start | None
+) -> tuple[FitResult, OTF]:
     """Fit a candidate from a normal or from elsewhere; one that breaks down takes nothing with it."""
     assert normal.parameters is not None
     try:
         if begin is not None:
-            return _fit(frame, name, begin.parameters, begin.parameters.locus.moments(), begin.otf)
-        return _fit(frame, name, normal.parameters, normal.moments()[0], otf)
+            return frame.fit(name, begin.parameters, begin.parameters.locus.moments(), begin.otf)
+        return frame.fit(name, normal.parameters, normal.moments()[0], otf)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return replace(FitResult.from_error(Status.FAILED, error), locus=name), otf
 
@@ -247,7 +169,7 @@ def _detected(normal: FitResult) -> bool:
     return significance(moments, covariance) > DETECTED
 
 
-def _shape(frame: _Frame, step: CumulantStep, otf: OTF) -> Shape:
+def _shape(frame: FrameFits, step: CumulantStep, otf: OTF) -> Shape:
     """What a step from the normal says of the shape, or where it is known well a fit."""
     told = step.shape()
     if not is_decisive(told.error):
@@ -276,7 +198,7 @@ def _matters(shape: Shape, error: float) -> bool:
 
 
 def _climb_ladder(
-    frame: _Frame,
+    frame: FrameFits,
     normal: FitResult,
     otf: OTF,
     step: CumulantStep,

@@ -99,7 +99,7 @@ def choose_scene(
         return SceneChoice(several, math.inf)
     pair = frame.pair() if frame.looks_like_a_pair() else None
     if pair is not None and frame.beyond_doubt(pair):
-        return SceneChoice(frame.as_field(pair) if _is_a_field(pair.parameters.scene) else pair, math.inf)
+        return SceneChoice(frame.pair_or_field(pair), math.inf)
     star = locate_star(data, optics, frame.options.hold, rough=rough)
     if star is None:
         return None
@@ -108,7 +108,8 @@ def choose_scene(
     pairs = list(frame.pairs_instead(star, pair))
     if not pairs:
         return SceneChoice(star, -math.inf)
-    return frame.weighed(star, pairs)
+    choice = frame.weighed(star, pairs)
+    return replace(choice, start=frame.pair_or_field(choice.start))
 
 
 @dataclass(frozen=True)
@@ -138,9 +139,11 @@ class _Frame(Weighing):
         found = locate_stars(self.data, self.optics, self.options.hold, rough=self.rough)
         return found if found is not None and len(found.parameters.scene.sources()[0]) > 2 else None
 
-    def as_field(self, pair: Start) -> Start:
-        """The same stars, none of which a pair."""
+    def pair_or_field(self, pair: Start) -> Start:
+        """A pair as it is, or its stars as a field where it is but the brightest two of many."""
         p = pair.parameters
+        if not _is_a_field(p.scene):
+            return pair
         where = self.data, self.optics, pair.otf, Stars.of(*p.scene.sources()), p.locus, self.options.hold
         return polished(*where, rough=self.rough)
 
@@ -163,7 +166,7 @@ class _Frame(Weighing):
         if star.describes(self.data):
             return SceneChoice(star, -math.inf)
         if pair is not None and pair.describes(self.data):
-            return SceneChoice(self.as_field(pair) if _is_a_field(pair.parameters.scene) else pair, math.inf)
+            return SceneChoice(self.pair_or_field(pair), math.inf)
         return SceneChoice(several, math.inf)
 
     def pairs_instead(self, star: Start, pair: Start | None) -> Iterator[Start]:
@@ -185,7 +188,7 @@ class _Frame(Weighing):
 
 def _is_a_field(scene: Scene) -> bool:
     """Whether a pair is but the brightest two of many."""
-    if scene.others is None:
+    if scene.others is None or not isinstance(scene, Binary):
         return False
     _, _, (_, fainter) = scene.stars()
     return len(scene.others.x) > _COMPANY and float(scene.others.flux[0]) > _LIKE_B * float(fainter)
@@ -222,7 +225,7 @@ def _with_companion(star: Scene, other: Scene) -> Binary:
         a + b,
         contrast,
     )
-    return pair.tidied()
+    return pair.canonical()
 
 
 def _split(parameters: Parameters, moments: np.ndarray) -> Parameters:

@@ -73,7 +73,7 @@ class FitOptions:
         much more exact where it ends.
     nodes : int or None
         Of the integral over time, in loci that have no formula and are started by name, as
-        :func:`~jitterkit.refit.choose.fit_locus` does; None for as many as they have themselves.
+        :func:`~jitterkit.refit.fit_locus` does; None for as many as they have themselves.
     may_be_still : bool
         Whether :func:`~jitterkit.refit.choose.fit_best_locus` may fit no jitter to a frame that shows none.
     """
@@ -183,7 +183,7 @@ def fit_and_expand(
         clear = again
         end, otf, more = climb_from(clear, end.parameters, otf)
         iterations += more
-    tidy = end.parameters.scene.tidied() if set(names) & _TURNING else end.parameters.scene
+    tidy = end.parameters.scene.canonical() if set(names) & _TURNING else end.parameters.scene
     if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
         tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
         end, otf, more = climb_from(clear, tidied, otf)

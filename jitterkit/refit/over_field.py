@@ -26,7 +26,7 @@ _ROLLED, _ALL = 5.0, 0.9
 
 
 def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[np.ndarray, np.ndarray]:
-    """Second moments that each star has beyond those of the fit, by one scoring step.
+    """Measure the second moments that each star has beyond those of the fit, by one scoring step.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[n
 
 
 def say_if_blur_varies(parameters: Parameters, otf: OTF, image, data: Data) -> str:
-    """That the blur differs from star to star, in a sentence; empty where it does not, or cannot be told.
+    """Say in a sentence that the blur differs from star to star; empty where that cannot be told.
 
     Parameters
     ----------

@@ -141,12 +141,12 @@ class _Target(eqx.Module):
     def log_density(self, place):
         """Minus half the objective; minus infinity, and no slope, where a scene cannot be."""
         values = self.values(place)
-        lawful = self._parameters(values).scene.lawful()
-        values = jnp.where(lawful, values, self._centre())  # where the slope is finite
+        valid = self._parameters(values).scene.is_valid()
+        values = jnp.where(valid, values, self._centre())  # where the slope is finite
         parameters = self._parameters(values)
         costs = self.prior.costs(values, parameters.locus.moments())
         objective = sum(costs, deviance(parameters, self.otf, self.data))
-        return jnp.where(lawful & jnp.isfinite(objective), -objective / 2, -jnp.inf)
+        return jnp.where(valid & jnp.isfinite(objective), -objective / 2, -jnp.inf)
 
     def _centre(self):
         return to_vector(self.fitted)[0][np.asarray(self.free)]

@@ -21,9 +21,10 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Start, polished, resolution
 from jitterkit.loci import Mvn, principal_axes
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
-from jitterkit.refit.choose import DETECTED, fit_best_locus, fit_locus
+from jitterkit.refit.choose import DETECTED, fit_best_locus
 from jitterkit.refit.evidence import log_volume, minor_variance
 from jitterkit.refit.fit import FitOptions
+from jitterkit.refit.locus_fit import fit_locus
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.weigh import weight_of_evidence
 from jitterkit.scene import Binary

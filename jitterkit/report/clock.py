@@ -6,7 +6,6 @@ for :func:`separation_series`, which hands the separations to :mod:`jitterkit.se
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -14,6 +13,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.errors import ConfigurationError
+from jitterkit.frames.times import epoch_seconds
 from jitterkit.series import Series
 
 __all__ = ["Clock", "fitted", "separation_series"]
@@ -57,7 +57,7 @@ class Clock:
         -----
         A frame that failed without a time (a file that could not be read) is put between its neighbours.
         """
-        times = np.array([_seconds(text) for text in np.asarray(table["time"]).tolist()])
+        times = np.array([epoch_seconds(text) for text in np.asarray(table["time"]).tolist()])
         used = np.asarray(table["status"]) == "ok"
         if not _tell(times[used]):
             return cls(np.arange(len(table)) + 1.0, "frame", "")
@@ -66,15 +66,6 @@ class Clock:
         times = np.interp(np.arange(len(table)), known, times[known])
         start = datetime.fromtimestamp(first, UTC).replace(tzinfo=None)
         return cls(times - first, "s", start.isoformat(sep=" ", timespec="seconds"))
-
-
-def _seconds(text: str) -> float:
-    """Time since 1970; NaN of what is no time."""
-    try:
-        when = datetime.fromisoformat(text)
-        return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
-    except (ValueError, OverflowError):
-        return math.nan
 
 
 def _tell(times: np.ndarray) -> bool:

@@ -26,7 +26,10 @@ _NUMBERS = {
 
 
 def encode_stars(result: FitResult) -> str:
-    """All stars of a frame as JSON, a list of numbers each; empty where it shows no further star."""
+    """Write all stars of a frame as JSON; empty where it shows no further star.
+
+    Of each ``[x, x_err, y, y_err, flux, flux_err]``, arcsec and electrons; null where an error is not known.
+    """
     if result.parameters is None or result.parameters.scene.others is None:
         return ""
     import jax  # loaded already by whoever holds a FitResult
@@ -49,7 +52,7 @@ def encode_stars(result: FitResult) -> str:
 
 
 def star_table(results: QTable) -> QTable | None:
-    """The stars of all frames of a results table that show more than a pair; None if none does.
+    """List the stars of all frames of a results table that show more than a pair.
 
     Parameters
     ----------
@@ -59,8 +62,8 @@ def star_table(results: QTable) -> QTable | None:
     Returns
     -------
     stars : QTable or None
-        Columns ``file``, ``frame``, ``star`` (from 1; A and B of a pair are 1 and 2), ``x``, ``y`` [arcsec]
-        and ``flux`` [electron] with their errors.
+        None if no frame does.  Columns ``file``, ``frame``, ``star`` (from 1; A and B of a pair are 1 and
+        2), ``x``, ``y`` [arcsec] and ``flux`` [electron] with their errors.
     """
     from astropy.table import QTable
     from astropy.units import Unit

@@ -21,7 +21,7 @@ import jax
 import numpy as np
 
 from jitterkit.batch import Processor
-from jitterkit.batch.finder import Estimated
+from jitterkit.batch.estimated import Estimated
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence

@@ -16,6 +16,7 @@ from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.locate import Residual
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import obstructed_circle
 from jitterkit.refit import FitOptions, FitResult, KernelPrior, Priors, Status, moments_prior
@@ -51,6 +52,20 @@ def test_hot_pixels_are_left_out_and_counted(processor, rng, drawn):
     off = result.of_scene("separation") - clean.of_scene("separation")
     assert abs(off) < 0.1 * clean.error("separation")
     assert "outliers_left_out" not in clean.flags
+
+
+def test_rounds_together_leave_out_no_more_than_one_may(processor, rng, drawn, monkeypatch):
+    """Four pixels of so small a frame: what goes on standing out is the model's fault."""
+    rows = iter(range(40))
+
+    def three_more(left, background, *, surely=False):
+        found = np.zeros(left.image.shape, bool)
+        found[next(rows), :3] = not surely
+        return found
+
+    monkeypatch.setattr(Residual, "outliers", three_more)
+    result = processor.process(drawn(rng).raw).result
+    assert "3 pixels" in result.message
 
 
 def test_a_pixel_on_a_star_is_not_left_out_but_named(processor, rng, drawn):

@@ -14,7 +14,7 @@ from jitterkit.batch.products import Products
 from jitterkit.batch.scenes import SceneMeasurer
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, write_tiff
-from jitterkit.frames.fits import read_image
+from jitterkit.frames.images import read_image
 from jitterkit.kernels import read_kernel
 from jitterkit.refit import read_kernel_prior
 

@@ -7,7 +7,7 @@ import pytest
 from astropy.io import fits
 
 from jitterkit.batch import FileExposures
-from jitterkit.frames import Frame
+from jitterkit.frames import Frame, write_tiff
 from jitterkit.refit import FitResult, Status
 
 EXPOSURE = 0.5
@@ -119,3 +119,17 @@ def test_a_duplicate_is_passed_on_without_pixels_and_takes_no_time(write, tmp_pa
         assert str(tmp_path / name) in frames[place].problem.message
     times = [e.time for e in frames if e.frame is not None]
     np.testing.assert_allclose(times, [0.25, 0.75, 1.25])
+
+
+def test_times_with_and_without_a_zone_are_one_clock(tmp_path):
+    """Beside a TIFF the time is what its owner wrote; two hours east of Greenwich it is two hours earlier."""
+    for name, time in {
+        "a": "2027-03-01T05:00:02+02:00",
+        "b": "2027-03-01T03:00:01Z",
+        "c": "2027-03-01T03:00:03",
+    }.items():
+        write_tiff(tmp_path / f"{name}.tif", np.full((4, 4), ord(name), np.uint16))
+        (tmp_path / f"{name}.toml").write_text(f'time = "{time}"\n')
+    exposures = FileExposures([tmp_path], Plain())
+    assert [path.stem for path in exposures.files] == ["b", "a", "c"]
+    assert [exposure.time for exposure in exposures] == pytest.approx([0.25, 1.25, 2.25])

@@ -16,7 +16,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
-from jitterkit.frames.fits import read_image, read_images
+from jitterkit.frames.images import read_image, read_images
 
 IMAGE = np.arange(48, dtype=np.int16).reshape(6, 8)
 HEADER = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": 2, "NAXIS1": 8, "NAXIS2": 6}

@@ -10,7 +10,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
-from jitterkit.frames.fits import read_image, read_images
+from jitterkit.frames.images import read_image, read_images
 
 IMAGE = np.arange(20).reshape(4, 5)
 

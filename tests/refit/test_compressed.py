@@ -10,7 +10,7 @@ from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedLikelihood,
 from jitterkit.estimators.shape import CumulantStep
 from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Shaped, Shm, locus_class
 from jitterkit.loci.cumulants import form_cumulants
-from jitterkit.refit import Status, by_cumulants, choose, fit_best_locus, fit_locus
+from jitterkit.refit import Status, by_cumulants, choose, fit_best_locus, fit_locus, locus_fit
 from jitterkit.refit.evidence import log_evidence
 from jitterkit.refit.fit import fit_and_expand
 
@@ -143,14 +143,14 @@ def test_what_a_held_moment_or_another_kind_of_locus_needs_is_a_fit(bench, rng):
 def test_a_normal_that_has_not_settled_tells_nothing_of_the_others(bench, rng, monkeypatch):
     """Its expansion is not about a maximum: the candidates are fitted."""
     locus = Linear.of(0.5, 30.0)
-    data, fit = bench.draw(bench.truth(locus, flux=1e7), rng), choose.fit_and_expand
+    data, fit = bench.draw(bench.truth(locus, flux=1e7), rng), locus_fit.fit_and_expand
 
     def unsettled(data, optics, start, *rest):
         result, otf = fit(data, optics, start, *rest)
         normal = isinstance(start.locus, Mvn)
         return (replace(result, status=Status.NOT_CONVERGED) if normal else result), otf
 
-    monkeypatch.setattr(choose, "fit_and_expand", unsettled)
+    monkeypatch.setattr(locus_fit, "fit_and_expand", unsettled)
     result = fit_best_locus(data, bench.optics, bench.near(), np.asarray(locus.moments()))
     assert result.status is Status.OK
     assert result.locus != "mvn"

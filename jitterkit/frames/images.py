@@ -1,0 +1,99 @@
+"""Images of FITS files that need not be frames: kernels, pupils, point-spread functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from jitterkit.frames.extensions import Named
+from jitterkit.frames.fits import hdu_chain, header_of, image_groups, pixels_of
+from jitterkit.frames.framefile import translated
+from jitterkit.frames.header_blocks import open_bytes, refuse_missing_data, walk
+from jitterkit.frames.plainheader import PlainHeader
+
+__all__ = ["NamedImage", "read_image", "read_images"]
+
+
+@dataclass(frozen=True)
+class NamedImage:
+    """One image of a FITS file that need not be a frame: a pupil, a PSF.
+
+    Parameters
+    ----------
+    hdu : int
+    name : str
+        EXTNAME in upper case; empty if there is none.
+    pixels : (..., ny, nx) array
+        float64, scaled; blank pixels are NaN.
+    header : PlainHeader
+        Of its own HDU.
+    """
+
+    hdu: int
+    name: str
+    pixels: np.ndarray
+    header: PlainHeader
+
+
+def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
+    """Read every image of a file, with its name and header.
+
+    Parameters
+    ----------
+    path : Path
+        Plain, gzipped or tile-compressed.
+
+    Returns
+    -------
+    images : list of NamedImage
+        In the order of the file.
+    header : PlainHeader
+        Of the primary HDU.
+
+    Raises
+    ------
+    FrameError
+        If the file cannot be read.
+    """
+    with translated(path), open_bytes(path) as handle:
+        hdus = [Named(unit, header_of(unit)) for unit in walk(path, handle)]
+        images = [
+            NamedImage(one.unit.number, one.name, _everything(handle, one), one.header)
+            for one in hdus
+            if one.unit.what.startswith("an array")
+        ]
+        return images, hdus[0].header
+
+
+def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
+    """Read the first image of a file as one array, which need not be a frame: a kernel, say.
+
+    Parameters
+    ----------
+    path : Path
+        Plain, gzipped or tile-compressed.
+
+    Returns
+    -------
+    image : (..., ny, nx) array
+        float64, scaled; blank pixels are NaN.
+    header : PlainHeader
+        Of the same HDU.
+
+    Raises
+    ------
+    FrameError
+        If there is no image, or the file cannot be read.
+    """
+    with translated(path), open_bytes(path) as handle:
+        image = image_groups(path, handle, hdu_chain(path, handle, None)[0], None)[0].image
+        return _everything(handle, image), image.header
+
+
+def _everything(handle: BinaryIO, named: Named) -> np.ndarray:
+    refuse_missing_data(named.unit, handle)
+    return pixels_of(handle, named).everything()

@@ -1,0 +1,106 @@
+"""Fit a frame with one locus, whatever the signs of its aberrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jitterkit.forward import Parameters
+from jitterkit.likelihood import Data
+from jitterkit.locate import Start, polished, with_best_signs
+from jitterkit.loci import locus_class
+from jitterkit.optics.otf import OTF
+from jitterkit.optics.system import Optics
+from jitterkit.refit.fit import FitOptions, fit_and_expand
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.starts import starting_point
+
+__all__ = ["NORMAL", "FrameFits", "fit_locus", "is_better"]
+
+NORMAL = "mvn"
+"""Name of the locus that a search fits, so that its signs have been tried."""
+
+
+def fit_locus(
+    name: str,
+    data: Data,
+    optics: Optics,
+    start: Parameters,
+    moments,
+    otf: OTF | None = None,
+    options: FitOptions | None = None,
+    *,
+    sure: bool = False,
+) -> FitResult:
+    """Fit a frame with one locus, started from second moments.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``LOCI``.
+    data, optics, start, otf, options
+        As for :func:`jitterkit.refit.fit.fit_frame`; the start's own locus is replaced.
+    moments : (3,) array
+        ``(Sxx, Sxy, Syy)`` to start from, arcsec²: those of a kernel estimate.
+    sure : bool
+        Whether the signs of the start's aberrations are known, by frames before; or else others are tried.
+
+    Notes
+    -----
+    What a small blur does not show of a locus is held by the weak priors of
+    :func:`jitterkit.refit.leashes.leashes`.
+    """
+    frame = FrameFits(data, optics, options or FitOptions(), sure)
+    fit, _ = frame.fit(name, start, moments, otf)
+    better = None if name == NORMAL else frame.other_signs(fit)
+    if better is None:
+        return fit
+    again, _ = frame.fit(name, better.parameters, fit.moments()[0], better.otf)
+    return again if is_better(again, fit) else fit
+
+
+@dataclass(frozen=True)
+class FrameFits:
+    """What every fit of one frame shares.
+
+    Attributes
+    ----------
+    data : Data
+    optics : Optics
+    options : FitOptions
+    sure : bool
+        As for :func:`fit_locus`.
+    """
+
+    data: Data
+    optics: Optics
+    options: FitOptions
+    sure: bool
+
+    def fit(self, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
+        """Fit one locus, and return the optics expanded where the fit ended too."""
+        otf = self.optics.otf(start.aberrations) if otf is None else otf
+        place = starting_point(locus_class(name), moments, start, otf, self.data, self.options)
+        fit, otf = fit_and_expand(self.data, self.optics, place, otf, self.options)
+        return replace(fit, locus=name), otf
+
+    def other_signs(self, fit: FitResult) -> Start | None:
+        """Find where a better fit begins, with other signs of aberrations; None where there is none.
+
+        A normal that is not the blur's shape may have climbed another hill than the locus that is.
+        """
+        priors, hold = self.options.priors, self.options.hold
+        told = bool(priors.terms or priors.if_free)  # they may say the signs
+        if self.sure or told or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
+            return None
+        state, locus = fit.parameters.aberrations, fit.parameters.locus
+        where = self.data, self.optics, self.optics.otf(state), fit.parameters.scene, locus, hold
+        start = polished(*where)
+        better = with_best_signs(start, self.data, self.optics, hold)
+        return None if better is start else better
+
+
+def is_better(again: FitResult, before: FitResult) -> bool:
+    """Return whether a second fit is sound, and higher than the first."""
+    return again.status is Status.OK and again.objective < before.objective
