@@ -12,7 +12,7 @@ from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.residual import Residual
 from jitterkit.locate.start import Start, polished
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Scene, Stars
+from jitterkit.scene import FurtherStars, Scene, Stars
 
 __all__ = ["with_further_stars"]
 
@@ -24,7 +24,7 @@ _SEEN = 4.0
 
 _ABOUT, _GHOSTLY, _SEVERAL = 5.0, 0.01, 3
 """Resolutions from a bright star, share of its light, and number of further stars that are none: an error of
-the optics of 15 to 18 nm made four to seven, two to four resolutions from A."""
+the optics of 15 to 18 nm made four to seven of 0.2 to 0.4 %, two to four resolutions from A."""
 
 _MOST = {"binary": 12, "stars": 60}
 """Stars of a scene; what shows more is another, or its optics are not as they are said to be."""
@@ -67,7 +67,7 @@ def with_further_stars(
         if rough and further is not None:  # what haste has left looks like stars
             rough, found = False, settled(found, scene)
             continue
-        if not left.is_all_stars(scene):
+        if _may_be_speckles(further, scene) and not left.is_all_stars(scene):
             break
         if further is None:
             return found
@@ -81,6 +81,12 @@ def with_further_stars(
                 break
             found = settled(found, found.parameters.scene.with_others(sound))
     return found if is_field else start
+
+
+def _may_be_speckles(further: FurtherStars | None, scene: Scene) -> bool:
+    """Whether what stands out is so faint beside the stars that an error of the optics makes it."""
+    _, _, flux = scene.sources()
+    return further is None or float(further.flux.max()) < _GHOSTLY * float(flux.max())
 
 
 def _are_sound(start: Start) -> np.ndarray:

@@ -27,6 +27,7 @@ from jitterkit.report.plots import (
 )
 from jitterkit.report.row import Row, make_row
 from jitterkit.report.words import number, printable
+from jitterkit.scene import Stars
 
 __all__ = ["MOST_PICTURES", "FrameReport", "Gallery", "render_frame"]
 
@@ -95,7 +96,8 @@ def _draw_fit(frame: Frame, result: FitResult, axes: Sequence, data: np.ndarray)
         ax.set_ylabel("")
     if result.parameters is not None:
         if frame.plate_scale is not None:
-            plot_stars(*result.parameters.scene.sources()[:2], axes[0])
+            scene = result.parameters.scene
+            plot_stars(*scene.sources()[:2], axes[0], "" if isinstance(scene, Stars) else "AB")
         title = f"kernel: {result.locus}"
         plot_kernel(result.parameters.locus, axes[2], plate_scale=frame.plate_scale, title=title)
 

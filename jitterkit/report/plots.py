@@ -155,10 +155,12 @@ def plot_residual(
     return plot_image(residual, plate_scale, ax, norm=norm, cmap="RdBu_r", label="residual [σ]", title=title)
 
 
-def plot_stars(x: Any, y: Any, ax: Axes) -> Axes:
-    """Mark fitted stars with open circles and their letters, A first."""
+def plot_stars(x: Any, y: Any, ax: Axes, letters: str = "AB") -> Axes:
+    """Mark fitted stars with open circles: the first by letters, the others by their numbers in the table."""
     width = abs(np.subtract(*ax.get_xlim()))
-    for letter, at_x, at_y in zip("AB", np.asarray(x), np.asarray(y), strict=False):
+    x, y = np.asarray(x), np.asarray(y)
+    names = [*letters, *map(str, range(len(letters) + 1, len(x) + 1))][: len(x)]
+    for letter, at_x, at_y in zip(names, x, y, strict=True):
         style: Any = {"color": "white", "fontsize": 8, "ha": "left", "va": "bottom", "clip_on": True}
         ax.plot(at_x, at_y, "o", ms=7, mfc="none", mec="white", mew=0.8, scalex=False, scaley=False)
         ax.text(at_x + 0.025 * width, at_y + 0.015 * width, letter, **style)

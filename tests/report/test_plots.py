@@ -50,6 +50,15 @@ def test_stars_are_marked_on_the_light_they_make(make_fit):
     assert abs(y / 0.375 + centre[0] - row) <= 0.75
 
 
+def test_further_stars_are_marked_with_their_numbers():
+    ax = plot_image(np.ones((9, 9)), 1.0)
+    plot_stars([0.0, 1.0, 2.0], [0.0, 1.0, -2.0], ax)
+    assert [text.get_text() for text in ax.texts] == ["A", "B", "3"]
+    ax = plot_image(np.ones((9, 9)), 1.0)
+    plot_stars([0.0, 1.0], [0.0, 1.0], ax, "")
+    assert [text.get_text() for text in ax.texts] == ["1", "2"]
+
+
 def test_residuals_are_red_where_the_data_are_brighter_on_a_symmetric_scale():
     picture = plot_residual(np.array([[-9.0, 0.0, 9.0]])).get_images()[0]
     assert picture.get_clim() == (-5, 5)
