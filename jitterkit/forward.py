@@ -1,6 +1,6 @@
 """The forward model: from a scene, a jitter locus and a telescope to the expected image.
 
-    image = crop . IFFT{ OTF(f) sinc(p fx) sinc(p fy) M(f) sum_s F_s exp(-2 pi i f.r_s) }
+    image = crop . IFFT{ sinc(p fx) sinc(p fy) M(f) sum_s OTF_s(f) F_s exp(-2 pi i f.r_s) }
 
 Every factor is exact at every frequency of the grid, and the optics pass no frequency beyond it, so
 the image is exact too, up to the light that the padding lets wrap around.  A rolling shutter blends a few
@@ -87,6 +87,10 @@ class Parameters(eqx.Module):
             shutter=self.shutter,
         )
 
+    def coloured(self, otf: OTF) -> Parameters:
+        """The same, the stars with the colours that are known beforehand where they have none."""
+        return eqx.tree_at(lambda p: p.scene, self, otf.colour(self.scene))
+
     @property
     def binary(self) -> Binary:
         """The scene, where it is a binary."""
@@ -139,7 +143,9 @@ def free_parameters(
             ErrorCode.UNKNOWN_NAME,
             f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}.",
         )
-    held = {*hold, *otf.blind()}
+    colours = parameters.scene.colours
+    known = colours if otf.chromatic is None or otf.colours is None else otf.colours.held(colours)
+    held = {*hold, *known, *otf.blind()}
     free = tuple(i for i, name in enumerate(every) if name not in held)
     return tuple(every[i] for i in free), free
 
@@ -183,18 +189,27 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
 
     Notes
     -----
-    Assumes one transfer function over the frame (isoplanatic) and for both stars (one spectrum).
+    Assumes one transfer function over the frame (isoplanatic), linear in the spectral index of a source.
     Aberrations away from ``otf.state`` enter to first order.  Fails softly when the padding is
     smaller than the jitter: light then wraps around.
     """
-    optics, jitter, stars = _factors(parameters, otf)
-    return _to_pixels(optics * jitter * stars, otf.grid, parameters.shutter) + parameters.background
+    blur, optics, stars = _factors(parameters, otf)
+    spectrum = blur * _light(optics, stars)
+    return _to_pixels(spectrum, otf.grid, parameters.shutter) + parameters.background
 
 
 def _factors(parameters: Parameters, otf: OTF):
-    """The three factors of the spectrum: optics and pixel, jitter, stars."""
-    optics = otf.at(parameters.aberrations) * _pixel(otf, parameters.diffusion)
-    return optics, parameters.locus.transfer(*_fx_fy(otf)), _point_sources(parameters.scene, otf.grid)
+    """The factors of the spectrum: jitter and pixel; the optics; and the stars that each of these images."""
+    blur = parameters.locus.transfer(*_fx_fy(otf)) * _pixel(otf, parameters.diffusion)
+    stars = _point_sources(parameters.scene, otf)
+    value = otf.at(parameters.aberrations)
+    optics = (value,) if len(stars) == 1 else (value, otf.chromatic_at(parameters.aberrations))
+    return blur, optics, stars
+
+
+def _light(optics, stars):
+    """Sum over the parts of the optics: that of the instrument's spectrum, and that by the spectral index."""
+    return sum(part * sources for part, sources in zip(optics, stars, strict=True))
 
 
 def _fx_fy(otf: OTF):
@@ -232,15 +247,17 @@ def _to_pixels(spectrum, grid, shutter):
     return jax.lax.scan(add, dark, windows)[0]
 
 
-def _point_sources(scene: Scene, grid):
-    """Spectrum of the stars, about the first fine sample."""
-    fy, fx = grid.frequencies
-    cy, cx = grid.centre
+def _point_sources(scene: Scene, otf: OTF):
+    """Spectrum of the stars, about the first fine sample; where colours matter, that of their indices too."""
+    fy, fx = otf.grid.frequencies
+    cy, cx = otf.grid.centre
     x, y, flux = scene.sources()
+    indices = None if otf.chromatic is None else scene.source_indices()
     fy, fx = fy.astype(x.dtype), fx.astype(x.dtype)
     along_x = jnp.exp(-2j * jnp.pi * fx[0] * (x + cx)[:, None])
     along_y = flux[:, None] * jnp.exp(-2j * jnp.pi * fy[:, 0] * (y + cy)[:, None])
-    return along_y.T @ along_x
+    stars = along_y.T @ along_x
+    return (stars,) if indices is None else (stars, (indices[:, None] * along_y).T @ along_x)
 
 
 @eqx.filter_jit
@@ -260,18 +277,18 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     jacobian : (len(free), ny, nx) array
         Exact where the aberrations are the OTF's state.
     """
-    optics, jitter, stars = _factors(parameters, otf)
+    blur, optics, stars = _factors(parameters, otf)
     vector, unravel = jax.flatten_util.ravel_pytree(parameters.scene)
-    scene = _pushforward(vector, lambda v: _point_sources(unravel(v), otf.grid))
+    scene = _pushforward(vector, lambda v: _point_sources(unravel(v), otf))
     coords = parameters.locus.coords
     locus = _pushforward(coords, lambda c: parameters.locus.at(c).transfer(*_fx_fy(otf)))
-    aberrations = otf.jacobian if otf.names else jnp.zeros((len(parameters.aberrations), *otf.value.shape))
+    light, pixel = _light(optics, stars), _pixel(otf, parameters.diffusion)
     blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
-        (scene, lambda part: optics * jitter * part),
-        (locus, lambda part: optics * stars * part),
+        (scene, lambda parts: blur * _light(optics, parts)),
+        (locus, lambda part: light * pixel * part),
         (
-            lambda rows: aberrations[rows],
-            lambda part: _pixel(otf, parameters.diffusion) * jitter * stars * part,
+            lambda rows: _aberration_slopes(parameters, otf, rows),
+            lambda parts: blur * _light(parts[: len(stars)], stars),
         ),
     ]
     sizes = [len(vector), len(coords), len(parameters.aberrations)]
@@ -281,7 +298,7 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
         if rows.size:
             jacobian.append(_to_pixels(complete(derivative(rows)), otf.grid, shutter))
         first += size
-    spectrum = optics * jitter * stars
+    spectrum = blur * light
     image = _to_pixels(spectrum, otf.grid, shutter)
     if first in free:
         jacobian.append(jnp.ones((1, *image.shape), image.dtype))
@@ -289,6 +306,15 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
         fx, fy = _fx_fy(otf)
         jacobian.append(_to_pixels(-2 * np.pi**2 * (fx**2 + fy**2) * spectrum, otf.grid, shutter)[None])
     return image + parameters.background, jnp.concatenate(jacobian)
+
+
+def _aberration_slopes(parameters: Parameters, otf: OTF, rows: np.ndarray):
+    """Derivatives of the parts of the optics by chosen aberrations."""
+    if not otf.names:
+        none = jnp.zeros((len(parameters.aberrations), *otf.value.shape))
+        return none[rows], none[rows]
+    chromatic = () if otf.chromatic is None else (otf.chromatic[1:][rows],)
+    return otf.jacobian[rows], *chromatic
 
 
 def _pushforward(vector, function):

@@ -46,7 +46,7 @@ class FurtherStars(eqx.Module):
 
 
 class Scene(eqx.Module):
-    """Point sources with one spectrum.
+    """Point sources.
 
     Attributes
     ----------
@@ -54,19 +54,27 @@ class Scene(eqx.Module):
         Its place: offset from the frame's centre, arcsec.
     flux : float
         Electrons per frame from the stars that the scene is named after, inside the frame or not.
+    indices : (m,) array or None
+        Spectral indices, as :mod:`jitterkit.optics.colours` has them: one for the star, two for A and B, one
+        for all stars of a field; further stars of a pair have zero.  None if every source has the
+        instrument's spectrum.
     others : FurtherStars or None
     name : str
         Of the scene, in tables and options (class attribute).
     own : tuple of str
         Names of the parameters that every scene of the class has, in their order (class attribute).
+    colours : tuple of str
+        Names of the spectral indices (class attribute).
     """
 
     x: eqx.AbstractVar[Float[Array, ""]]
     y: eqx.AbstractVar[Float[Array, ""]]
     flux: eqx.AbstractVar[Float[Array, ""]]
+    indices: eqx.AbstractVar[Float[Array, " m"] | None]
     others: eqx.AbstractVar[FurtherStars | None]
     name: ClassVar[str]
     own: ClassVar[tuple[str, ...]]
+    colours: ClassVar[tuple[str, ...]] = ("spectral_index_a",)
 
     @abstractmethod
     def stars(self) -> tuple[Float[Array, " s"], Float[Array, " s"], Float[Array, " s"]]:
@@ -84,7 +92,9 @@ class Scene(eqx.Module):
     def names(self) -> tuple[str, ...]:
         """Names of all parameters; those of further stars end in the number of the star: ``flux_3``."""
         count = len(self.stars()[0])
-        return self.own if self.others is None else (*self.own, *self.others.named(count + 1))
+        coloured = () if self.indices is None else self.colours
+        further = () if self.others is None else self.others.named(count + 1)
+        return (*self.own, *coloured, *further)
 
     @property
     def values(self) -> dict[str, float]:
@@ -103,6 +113,17 @@ class Scene(eqx.Module):
             jnp.concatenate([y, more.y]),
             jnp.concatenate([flux, more.flux]),
         )
+
+    def source_indices(self) -> Float[Array, " s"] | None:
+        """Spectral index of every source; None if all have the instrument's spectrum."""
+        if self.indices is None or self.others is None:
+            return self.indices
+        return jnp.concatenate([self.indices, jnp.zeros_like(self.others.flux)])
+
+    def coloured(self, indices: Sequence[float] | None) -> Self:
+        """The same sources with other spectral indices (m,); None for the instrument's spectrum."""
+        coloured = None if indices is None else real(np.asarray(indices, float))
+        return eqx.tree_at(lambda s: s.indices, self, coloured, is_leaf=lambda leaf: leaf is None)
 
     def at(self, values: Sequence[float]) -> Self:
         """The same scene with other parameters, in the order of the names."""
@@ -166,13 +187,16 @@ class Binary(Scene):
     y: Float[Array, ""]
     flux: Float[Array, ""]
     contrast: Float[Array, ""]
+    indices: Float[Array, "2"] | None
     others: FurtherStars | None
     name: ClassVar[str] = "binary"
     own: ClassVar[tuple[str, ...]] = ("separation", "theta", "x", "y", "flux", "contrast")
+    colours: ClassVar[tuple[str, ...]] = ("spectral_index_a", "spectral_index_b")
 
-    def __init__(self, separation, theta, x, y, flux, contrast, others=None) -> None:
+    def __init__(self, separation, theta, x, y, flux, contrast, others=None, indices=None) -> None:
         self.separation, self.theta, self.x, self.y = map(real, (separation, theta, x, y))
         self.flux, self.contrast, self.others = real(flux), real(contrast), others
+        self.indices = None if indices is None else real(indices)
 
     def stars(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
         """Offsets x and y [arcsec] and fluxes of A and B."""
@@ -184,7 +208,7 @@ class Binary(Scene):
 
     def _with(self, others: FurtherStars) -> "Binary":
         own = {name: getattr(self, name) for name in self.own}
-        return type(self)(**own, others=others)
+        return type(self)(**own, others=others, indices=self.indices)
 
     def is_valid(self) -> Bool[Array, ""]:
         """Light comes from both stars."""
@@ -202,6 +226,7 @@ class Binary(Scene):
             self.flux,
             contrast if contrast >= 1 else 1 / contrast,
             self.others,
+            self.indices if self.indices is None or contrast >= 1 else self.indices[::-1],
         )
 
 
@@ -219,12 +244,14 @@ class Star(Scene):
     x: Float[Array, ""]
     y: Float[Array, ""]
     flux: Float[Array, ""]
+    indices: Float[Array, "1"] | None
     others: FurtherStars | None
     name: ClassVar[str] = "star"
     own: ClassVar[tuple[str, ...]] = ("x", "y", "flux")
 
-    def __init__(self, x, y, flux) -> None:
+    def __init__(self, x, y, flux, indices=None) -> None:
         self.x, self.y, self.flux = map(real, (x, y, flux))
+        self.indices = None if indices is None else real(indices)
         self.others = None
 
     def stars(self) -> tuple[Float[Array, "1"], Float[Array, "1"], Float[Array, "1"]]:
@@ -232,7 +259,7 @@ class Star(Scene):
         return self.x[None], self.y[None], self.flux[None]
 
     def _with(self, others: FurtherStars) -> "Stars":
-        return Stars(self.x, self.y, self.flux, others)
+        return Stars(self.x, self.y, self.flux, others, self.indices)
 
     def is_valid(self) -> Bool[Array, ""]:
         """It shines."""
@@ -252,20 +279,26 @@ class Stars(Star):
 
     name: ClassVar[str] = "stars"
 
-    def __init__(self, x, y, flux, others: FurtherStars) -> None:
-        super().__init__(x, y, flux)
+    def __init__(self, x, y, flux, others: FurtherStars, indices=None) -> None:
+        super().__init__(x, y, flux, indices)
         self.others = others
 
+    def source_indices(self) -> Float[Array, " s"] | None:
+        """One spectral index of all sources; None if they have the instrument's spectrum."""
+        if self.indices is None or self.others is None:
+            return self.indices
+        return jnp.broadcast_to(self.indices, (1 + len(self.others.flux),))
+
     @classmethod
-    def of(cls, x, y, flux) -> "Stars":
+    def of(cls, x, y, flux, indices=None) -> "Stars":
         """From places [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
         every = _arrays(FurtherStars(x, y, flux).brightest_first())
         (x, *_), (y, *_), (flux, *_) = every
-        return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)))
+        return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)), indices)
 
     def canonical(self) -> "Stars":
         """The brightest star first."""
-        return self.of(*self.sources())
+        return self.of(*self.sources(), self.indices)
 
 
 def _arrays(stars: FurtherStars) -> tuple:

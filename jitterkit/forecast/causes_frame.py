@@ -58,7 +58,10 @@ def with_mode(otf: OTF, name: str, value: float, slope) -> OTF:
     """
     jacobian = jnp.concatenate([otf.jacobian, jnp.asarray(slope, complex)[None]])
     state = jnp.append(otf.state, value)
-    return OTF(otf.value, jacobian, state, otf.grid, (*otf.names, name), otf.pixel_included)
+    chromatic = otf.chromatic
+    if chromatic is not None:
+        chromatic = jnp.concatenate([chromatic, jnp.zeros_like(chromatic[:1])])
+    return replace(otf, jacobian=jacobian, state=state, names=(*otf.names, name), chromatic=chromatic)
 
 
 def seeing_power(fwhm: float) -> float:
@@ -80,9 +83,8 @@ def with_seeing(otf: OTF, fwhm: float, ratio: float = 1.0) -> OTF:
     fy, fx = otf.grid.frequencies
     slope = -_FRIED * (np.hypot(fx, fy) / _FWHM) ** (5 / 3) * ratio ** (-1 / 3)
     blur = np.exp(seeing_power(fwhm) * slope)
-    value = otf.value * blur
-    seen = OTF(value, otf.jacobian * blur, otf.state, otf.grid, otf.names, otf.pixel_included)
-    return with_mode(seen, "seeing", seeing_power(fwhm), value * slope)
+    seen = otf.multiplied(blur)
+    return with_mode(seen, "seeing", seeing_power(fwhm), seen.value * slope)
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ class Setting:
 
     def under(self, locus: Locus) -> Parameters:
         """All parameters of a frame under a jitter."""
-        return Parameters(self.scene, locus, self.otf.state, diffusion=self.diffusion)
+        parameters = Parameters(self.scene, locus, self.otf.state, diffusion=self.diffusion)
+        return parameters.coloured(self.otf)
 
     def frame(self, locus: Locus) -> Information:
         """What one frame under a jitter tells, its own moments named as :data:`JITTER`.

@@ -35,6 +35,12 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
     if band is not None:
         text = f"{min(band.wavelengths):g} to {max(band.wavelengths):g}"
         rows.append(("spectrum", text, "nm", instrument.source("spectrum")))
+    if band is not None and band.has_colour and instrument.colours is not None:
+        known, source = instrument.colours, instrument.source("spectrum")
+        rows.append(("spectral indices", _text("indices", known.indices), "", source))
+        rows.append(("their prior error", f"{known.sigma:g}", "", source))
+        if known.temperature is not None:
+            rows.append(("mean temperature of the stars", f"{known.temperature:g}", "K", source))
     if instrument.aberration_sigma is not None:
         name = "aberration_sigma"
         rows.append(_row(name, instrument.aberration_sigma, instrument.source(name)))

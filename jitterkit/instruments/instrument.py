@@ -12,6 +12,7 @@ import numpy as np
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES
+from jitterkit.optics.colours import Colours
 from jitterkit.optics.spectrum import Spectrum
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Instrument:
         ``(ny, nx)`` of a simulated frame, and of the region fitted in a larger one.
     detector : Detector
     spectrum : Spectrum, optional
-        Of the detected photons; a PSF needs none.
+        Of the detected photons of a source that is flat in photons per wavelength; a PSF needs none.
     pupil_from : Pupil or callable, optional
         The pupil, or a function without arguments that makes it when it is first asked for.
     psf_from : (ny, nx) array or callable, optional
@@ -53,6 +54,9 @@ class Instrument:
     aberration_sigma : float, optional
         nm, how well each aberration is known beforehand, 1 sigma about none: fits of single frames have it as
         a prior.  What it pulls is the same in every frame, and does not average out.
+    colours : Colours, optional
+        What is known of the spectra of the stars before the instrument; by default, that they are stars.
+        None if every source has the spectrum above.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
         :data:`jitterkit.frames.metadata.RANKS`.
@@ -76,6 +80,7 @@ class Instrument:
     flux: float | None = None
     pad: int | None = None
     aberration_sigma: float | None = None
+    colours: Colours | None = field(default_factory=Colours)
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -176,7 +181,9 @@ class Instrument:
             return system.FixedOptics(empirical.empirical_otf(psf, scale, shape, pad=pad, **self.psf_options))
         samples = otf.grid_for(self.pupil, self.spectrum, shape, scale, pad)
         diffusion = (self.detector.diffusion or 0.0) * scale
-        return system.OpticalSystem(self.pupil, self.spectrum, samples, diffusion)
+        colours = self.colours if self.spectrum.has_colour else None
+        spectrum = self.spectrum if colours is None else colours.seen(self.spectrum)
+        return system.OpticalSystem(self.pupil, spectrum, samples, diffusion, colours)
 
     def optics(self, aberrations=None, *, pad: int | None = None, derivatives: bool = True) -> OTF:
         """The transfer function on the instrument's own frame, as :meth:`system` has it.

@@ -18,6 +18,7 @@ from jitterkit.detectors import Detector, detector_preset
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
+from jitterkit.optics.colours import Colours, colours_of
 from jitterkit.optics.spectrum import Spectrum, flat_band
 
 if TYPE_CHECKING:
@@ -38,17 +39,24 @@ _NUMBERS = ("gain", "read_noise", "bias", "full_well", "bits")
 _QUANTITIES = ("plate_scale", "exposure", "flux", "shape", "spectrum", "pupil")
 
 
+ALPHA_CEN = (5790.0, 5260.0)
+"""Effective temperatures of alpha Cen A and B, K (Porto de Mello et al., Astron. Astrophys. 488, 653, 2008:
+5824 and 5223; Kervella et al., Astron. Astrophys. 597, A137, 2017: 5795 and 5231)."""
+
+
 def toliman() -> Instrument:
     """TOLIMAN as it would be: 0.375 arcsec pixels, 128 x 128, 530-640 nm, an IMX183.
 
     The brightest pixel of a sharp frame holds 14.7 ke-: the well is just full.
     """
+    band = flat_band(530.0, 640.0, 13)
     return Instrument(
         name="toliman",
         plate_scale=0.375,
         shape=(128, 128),
         detector=_imx183("toliman"),
-        spectrum=flat_band(530.0, 640.0, 13),
+        spectrum=band,
+        colours=colours_of(ALPHA_CEN, band),
         pupil_from=pupils.toliman,
         exposure=0.1,
         flux=PHOTONS,
@@ -57,11 +65,13 @@ def toliman() -> Instrument:
 
 
 def toliman_paper() -> Instrument:
-    """TOLIMAN as in the paper: four times the photons, and a detector that only counts them."""
+    """TOLIMAN as in the paper: four times the photons, one spectrum, and a detector that only counts them."""
     words = "preset toliman-paper (an ideal detector)"
     ideal = Detector(gain=1.0, read_noise=0.0, bias=0.0, sources=dict.fromkeys(_NUMBERS, words))
     sources = dict.fromkeys(_QUANTITIES, "preset toliman-paper")
-    return replace(toliman(), name="toliman-paper", flux=PAPER_PHOTONS, detector=ideal, sources=sources)
+    return replace(
+        toliman(), name="toliman-paper", flux=PAPER_PHOTONS, detector=ideal, colours=None, sources=sources
+    )
 
 
 def smallsat() -> Instrument:
@@ -74,6 +84,7 @@ def smallsat() -> Instrument:
         toliman(),
         name="smallsat",
         pupil_from=partial(pupils.plain, 0.125, 0.04, struts=3, strut_width=0.002),
+        colours=Colours(),
         flux=1.3e5,
         detector=_imx183("smallsat"),
         sources=dict.fromkeys(_QUANTITIES, "preset smallsat"),

@@ -30,6 +30,9 @@
     samples = 13
     # lines = [532, 633]        # nm
     # file = "spectrum.csv"     # wavelength_nm, photons
+    # temperatures = [5790, 5260]   # K, of A and B or of any star: their spectra over the instrument's
+    # indices = [0.3, 0.7]      # or their spectral indices
+    # index_err = 2             # prior error of each; 0 if they are exact
 
     [detector]                  # all optional: see jitterkit.instruments.detector_section
     base = "imx183"             # a detector that fills what is not said here
@@ -41,6 +44,7 @@ Files are looked for beside the TOML.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -55,6 +59,7 @@ from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
+from jitterkit.optics.colours import ANY_STAR, Colours, colours_of
 from jitterkit.optics.spectrum import Spectrum, flat_band
 from jitterkit.optics.spectrum_file import read_spectrum
 
@@ -86,7 +91,16 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "centre": "samples",
         "enclosed": "share",
     },
-    "spectrum": {"band": "nm", "samples": "", "lines": "nm", "weights": "any", "file": ""},
+    "spectrum": {
+        "band": "nm",
+        "samples": "",
+        "lines": "nm",
+        "weights": "any",
+        "file": "",
+        "temperatures": "K",
+        "indices": "",
+        "index_err": "",
+    },
     "detector": DETECTOR_KEYS,
 }
 """Every table of an instrument file, its keys and their units."""
@@ -265,7 +279,27 @@ def _spectrum(section: Section) -> dict[str, Any]:
     for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
         if key in section and kinds[0] not in wanted:
             section.refuse(ErrorCode.CONFLICT, key, f"leave it out: it does not go with {kinds[0]}")
-    return {"spectrum": _spectrum_of_kind(section, kinds[0])}
+    spectrum = _spectrum_of_kind(section, kinds[0])
+    return {"spectrum": spectrum, "colours": _colours(section, spectrum)}
+
+
+def _colours(section: Section, spectrum: Spectrum) -> Colours:
+    """What a file says of the stars' spectra."""
+    given = [key for key in ("temperatures", "indices") if key in section]
+    if len(given) > 1:
+        section.refuse(ErrorCode.CONFLICT, "indices", "leave it out: temperatures say it")
+    error = section.number("index_err", ANY_STAR)
+    if not 0 <= error < math.inf:
+        section.refuse(ErrorCode.OUT_OF_RANGE, "index_err", "give zero or a positive number")
+    numbers = section.numbers(given[0]) if given else [0.0]
+    if len(numbers) > 2 or not numbers:
+        section.refuse(ErrorCode.WRONG_SHAPE, given[0], "give one number, or those of A and B")
+    try:
+        if given == ["temperatures"]:
+            return colours_of(numbers, spectrum, error)
+        return Colours(tuple(numbers), error)
+    except ConfigurationError as problem:
+        raise ConfigurationError(problem.code, f"{section.file}: [spectrum] {problem}") from None
 
 
 def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:

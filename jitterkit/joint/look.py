@@ -24,6 +24,7 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.linearisation import SETTLED, linearisation_error
 from jitterkit.locate import locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
+from jitterkit.optics.colours import Colours
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene
@@ -127,7 +128,11 @@ class Looker:
     @cached_property
     def shared(self) -> tuple[str, ...]:
         """Names of what the frames share, in the order of the parameter vector."""
-        every = ("separation", "theta", "contrast", *self.optics.nominal.names)
+        nominal = self.optics.nominal
+        known = nominal.colours
+        coloured = known is not None and nominal.chromatic is not None and known.sigma > 0
+        colours = Binary.colours if coloured else ()
+        every = ("separation", "theta", "contrast", *colours, *nominal.names)
         return tuple(name for name in (*every, *["diffusion"] * self.diffusion) if name not in self.hold)
 
     @cached_property
@@ -194,14 +199,20 @@ class Looker:
         normal, near = fit_and_expand(data, self.optics, start, otf, self._options)
         return self._judged(*self._with_locus(data, normal, near, self._options))
 
-    def told(self, frame: Frame, fit: FitResult, otf: OTF, time: float) -> Message | None:
-        """What a fitted frame says about the shared parameters; None where it was not fitted."""
+    def told(
+        self, frame: Frame, fit: FitResult, otf: OTF, time: float, *, first: bool = False
+    ) -> Message | None:
+        """What a fitted frame says about the shared parameters; None where it was not fitted.
+
+        The first of a sequence says what is known of the stars' colours too, which counts once.
+        """
         if fit.parameters is None or not fit.status.usable or not np.all(np.isfinite(fit.covariance)):
             return None
         names, free = free_parameters(fit.parameters, otf, self.hold)
         shared = [names.index(name) for name in self.shared]
         own = [names.index(name) for name in fit.names]
         data = self._data(frame).clear(fit.image)
+        otf = otf if first or otf.colours is None else replace(otf, colours=Colours(sigma=math.inf))
         equations = normal_equations(fit.parameters, otf, data, free, exact=False)
         score, information = np.array(equations.score), equations.information
         score[own] = 0.0  # its own stand at the top of their posterior, priors included
@@ -278,6 +289,8 @@ def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[s
     theta, contrast = values["theta"], values["contrast"]
     if math.cos(math.radians(theta - near["theta"])) < 0:  # the stars are about as bright as each other
         theta, contrast = theta + 180, 1 / contrast
+        swapped = [values[name] for name in reversed(Binary.colours) if name in values]
+        values = values | dict(zip(Binary.colours, swapped, strict=False))
     turns = round((near["theta"] - theta) / 360)
     return {**values, "theta": theta + 360 * turns, "contrast": contrast}
 

@@ -184,7 +184,7 @@ class _Run:
                 fit, otf = looker.anew(exposure.frame, start, here.image, nearby.at(start))
                 if not fit.status.usable:  # lost: what is shared, or the pair, has moved too far
                     fit, otf = looker.first(exposure.frame, self.shutters.of(exposure.frame), known)
-            message = looker.told(exposure.frame, fit, otf, exposure.time)
+            message = looker.told(exposure.frame, fit, otf, exposure.time, first=not len(messages))
             records.append(_record(exposure, fit, looker.own, told=message is not None))
             if message is None:
                 continue
@@ -216,7 +216,7 @@ class _Run:
             if not fit.status.usable:
                 # what the others say does not suit it: it speaks for itself, and will be judged
                 fit, otf = looker.first(exposure.frame, shutter, values)
-            message = looker.told(exposure.frame, fit, otf, exposure.time)
+            message = looker.told(exposure.frame, fit, otf, exposure.time, first=not len(messages))
             records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
             if message is not None:
                 messages.append(message)

@@ -8,9 +8,16 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.forward import Parameters, expected_image, image_and_jacobian
+from jitterkit.forward import (
+    Parameters,
+    expected_image,
+    image_and_jacobian,
+    parameter_names,
+    to_vector,
+)
 from jitterkit.likelihood.data import Data, ceiling_distance, mean_counts, relative_residual, telling
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
@@ -68,7 +75,14 @@ def normal_equations(
         image, jacobian = image_and_jacobian(parameters, otf, free)
     else:
         image, (_, jacobian) = expected_image(parameters, otf), _single_slopes(parameters, otf, free)
-    return equations_of(image, jacobian, data)
+    frame, cost = equations_of(image, jacobian, data), _colour_cost(parameters, otf)
+    vector, unravel = to_vector(parameters)
+    pull = jax.grad(lambda v: _colour_cost(unravel(v), otf))(vector) / 2
+    return NormalEquations(
+        frame.deviance + cost,
+        frame.score - pull[np.asarray(free, int)],
+        frame.information + _colour_information(parameters, otf, free),
+    )
 
 
 def equations_of(image, jacobian, data: Data) -> NormalEquations:
@@ -109,7 +123,8 @@ def deviance_and_score(parameters_at: Callable[[Array], Parameters], values, otf
     """
     image, adjoint = jax.vjp(lambda v: expected_image(parameters_at(v), otf), values)
     mean, pull, _ = _pull_and_weight(image, data)
-    return _deviance(mean, data), adjoint(pull)[0]
+    cost, slope = jax.value_and_grad(lambda v: _colour_cost(parameters_at(v), otf))(values)
+    return _deviance(mean, data) + cost, adjoint(pull)[0] - slope / 2
 
 
 def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int, ...]):
@@ -121,7 +136,7 @@ def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int
     image, slopes = _single_slopes(parameters, otf, free)
     _, _, weight = _pull_and_weight(image, single(data))
     rows = slopes.reshape(len(free), -1).astype(parameters.background.dtype)
-    return (rows * weight.ravel()) @ rows.T
+    return (rows * weight.ravel()) @ rows.T + _colour_information(parameters, otf, free)
 
 
 def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
@@ -131,8 +146,30 @@ def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
 
 
 def deviance(parameters: Parameters, otf: OTF, data: Data) -> Float[Array, ""]:
-    """Twice the log-likelihood lost against a perfect model of the used pixels; about their number."""
-    return _deviance(mean_counts(expected_image(parameters, otf), data), data)
+    """Twice the log-likelihood lost against a perfect model of the used pixels; about their number.
+
+    What is known of the colours of the stars counts as if it were a pixel for each.
+    """
+    frame = _deviance(mean_counts(expected_image(parameters, otf), data), data)
+    return frame + _colour_cost(parameters, otf)
+
+
+def _colour_cost(parameters: Parameters, otf: OTF):
+    """Twice the log-likelihood lost by spectral indices that differ from what is known of them."""
+    indices, known = parameters.scene.indices, otf.colours
+    if indices is None or known is None or otf.chromatic is None:
+        return jnp.zeros((), parameters.background.dtype)
+    return known.precision * jnp.sum((indices - np.array(known.of(len(indices)))) ** 2)
+
+
+def _colour_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
+    """What is known of spectral indices beforehand, as information (p, p) on free parameters."""
+    scene = parameters.scene
+    if scene.indices is None or otf.colours is None or otf.chromatic is None:
+        return np.zeros((len(free), len(free)))
+    names = parameter_names(parameters, otf.names)
+    known = [names[slot] in scene.colours for slot in free]
+    return otf.colours.precision * np.diag(np.array(known, float))
 
 
 def _deviance(mean, data: Data):

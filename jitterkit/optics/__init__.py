@@ -11,6 +11,7 @@ without one.
 """
 
 from jitterkit.optics.anchor import Anchor, AnchoredOptics
+from jitterkit.optics.colours import Colours, blackbody_index, colours_of
 from jitterkit.optics.dlux import pupil_from_dlux
 from jitterkit.optics.empirical import empirical_otf
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
@@ -26,12 +27,15 @@ __all__ = [
     "OTF",
     "Anchor",
     "AnchoredOptics",
+    "Colours",
     "FixedOptics",
     "Grid",
     "OpticalSystem",
     "Optics",
     "Pupil",
     "Spectrum",
+    "blackbody_index",
+    "colours_of",
     "empirical_otf",
     "expand",
     "flat_band",

@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jitterkit.loci.mvn import Mvn
+from jitterkit.optics.colours import Colours
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, centring, derivatives_at
 from jitterkit.optics.system import OpticalSystem
@@ -48,33 +50,50 @@ class Anchor(eqx.Module):
         Second derivatives by pairs (i, j >= i), per nm², in 32 bits.
     state : (k,) array
         nm.
+    chromatic : (1 + k + k (k + 1)/2, m) array or None
+        Derivatives of all of these by the spectral index of a source, in 32 bits; None where its colour does
+        not matter.
     grid : Grid
     names : tuple of str
+    colours : Colours or None
     """
 
     value: Float[Array, " m"]
     slopes: Float[Array, "k m"]
     curvature: Float[Array, "p m"]
     state: Float[Array, " k"]
+    chromatic: Float[Array, "q m"] | None
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
+    colours: Colours | None = eqx.field(static=True)
 
     @classmethod
     def at(cls, system: OpticalSystem, state) -> Anchor:
         """Expand a system about a state [nm]."""
         state, grid, names = jnp.asarray(state, float), system.grid, system.pupil.names
-        spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2)
+        tinted, k = system.colours is not None, len(state)
+        spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2, chromatic=tinted)
         if system.diffusion:
-            seen = OTF(spectra[0], spectra[1:], state, grid, names).diffused(system.diffusion)
-            spectra = jnp.concatenate([seen.value[None], seen.jacobian])
-        flat = jnp.reshape(spectra, (len(spectra), -1))
-        parts, k = jnp.concatenate([flat.real, flat.imag], axis=1), len(state)
-        return cls(parts[0], parts[1 : k + 1], parts[k + 1 :].astype(jnp.float32), state, grid, names)
+            fy, fx = grid.frequencies
+            spectra = spectra * Mvn.of(system.diffusion).transfer(fx, fy)
+        flat = jnp.reshape(spectra, (*spectra.shape[:2], -1))
+        parts = jnp.concatenate([flat.real, flat.imag], axis=2)
+        return cls(
+            parts[0, 0],
+            parts[0, 1 : k + 1],
+            parts[0, k + 1 :].astype(jnp.float32),
+            state,
+            parts[1].astype(jnp.float32) if tinted else None,
+            grid,
+            names,
+            system.colours,
+        )
 
     @property
     def nbytes(self) -> int:
         """Memory that it takes."""
-        return self.value.nbytes + self.slopes.nbytes + self.curvature.nbytes
+        chromatic = 0 if self.chromatic is None else self.chromatic.nbytes
+        return self.value.nbytes + self.slopes.nbytes + self.curvature.nbytes + chromatic
 
     def otf(self, aberrations) -> OTF:
         """The first-order expansion about aberrations [nm] near the state.
@@ -104,7 +123,8 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
         return jnp.concatenate([flat.real, flat.imag], axis=1).astype(parts.dtype)
 
     value, slopes, curvature = (cut(part) for part in (anchor.value[None], anchor.slopes, anchor.curvature))
-    return Anchor(value[0], slopes, curvature, anchor.state, grid, anchor.names)
+    chromatic = None if anchor.chromatic is None else cut(anchor.chromatic)
+    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, grid, anchor.names, anchor.colours)
 
 
 @eqx.filter_jit
@@ -116,11 +136,29 @@ def _renewed(anchor: Anchor, aberrations) -> OTF:
     rows = jnp.concatenate([turns, (change @ turns / 2)[None]]).astype(anchor.curvature.dtype)
     bends = jnp.matmul(rows, anchor.curvature, precision="highest")  # a GPU would take half the digits
     value = anchor.value + change @ anchor.slopes + bends[-1]
-    parts = jnp.concatenate([value[None], anchor.slopes + bends[:-1]])
+    spectra = _complex(jnp.concatenate([value[None], anchor.slopes + bends[:-1]]), anchor.grid)
+    chromatic = None
+    if anchor.chromatic is not None:
+        first = anchor.chromatic[: k + 1].astype(value.dtype)
+        bent = jnp.matmul(rows[-1:], anchor.chromatic[k + 1 :], precision="highest")
+        tint = first[:1] + (change @ first[1:])[None] + bent
+        chromatic = _complex(jnp.concatenate([tint, first[1:]]), anchor.grid)
+    return OTF(
+        spectra[0],
+        spectra[1:],
+        aberrations,
+        anchor.grid,
+        anchor.names,
+        chromatic=chromatic,
+        colours=anchor.colours,
+    )
+
+
+def _complex(parts, grid: Grid):
+    """Spectra (n, My, Mx//2 + 1) from their real and their imaginary parts (n, m)."""
     half = parts.shape[1] // 2
-    ny, nx = anchor.grid.fine_shape
-    spectra = jnp.reshape(jax.lax.complex(parts[:, :half], parts[:, half:]), (len(parts), ny, nx // 2 + 1))
-    return OTF(spectra[0], spectra[1:], aberrations, anchor.grid, anchor.names)
+    ny, nx = grid.fine_shape
+    return jnp.reshape(jax.lax.complex(parts[:, :half], parts[:, half:]), (len(parts), ny, nx // 2 + 1))
 
 
 @dataclass(frozen=True)

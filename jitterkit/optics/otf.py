@@ -11,6 +11,9 @@ that its fixed point is exact.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,10 +23,14 @@ from jaxtyping import Array, Complex, Float
 from jitterkit.conventions import ARCSEC
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.mvn import Mvn
+from jitterkit.optics.colours import Colours, tilts
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
+
+if TYPE_CHECKING:
+    from jitterkit.scene import Scene
 
 __all__ = ["OTF", "centring", "derivatives_at", "expand", "grid_for"]
 
@@ -50,6 +57,11 @@ class OTF(eqx.Module):
         Names of the aberrations.
     pixel_included : bool
         True for an empirical PSF, which has already been integrated over the pixels.
+    chromatic : (1 + k, My, Mx//2 + 1) complex array or None
+        Derivative by the spectral index of a source, and its own derivatives with respect to the
+        aberrations; None where the colour of a source does not matter.
+    colours : Colours or None
+        What is known of the indices.
     """
 
     value: Complex[Array, "my mx"]
@@ -58,6 +70,8 @@ class OTF(eqx.Module):
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     pixel_included: bool = eqx.field(static=True, default=False)
+    chromatic: Complex[Array, "k1 my mx"] | None = None
+    colours: Colours | None = eqx.field(static=True, default=None)
 
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
         """Transfer function at nearby aberrations [nm], to first order about ``state``.
@@ -68,12 +82,28 @@ class OTF(eqx.Module):
             return self.value
         return self.value + jnp.tensordot(aberrations - self.state, self.jacobian, 1)
 
+    def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
+        """Derivative by the spectral index at nearby aberrations [nm], to first order about ``state``."""
+        assert self.chromatic is not None
+        if not self.names:
+            return self.chromatic[0]
+        return self.chromatic[0] + jnp.tensordot(aberrations - self.state, self.chromatic[1:], 1)
+
+    def colour(self, scene: Scene) -> Scene:
+        """The scene with the indices that are known beforehand, where colour matters and it has none."""
+        if self.chromatic is None or self.colours is None or scene.indices is not None:
+            return scene
+        return scene.coloured(self.colours.of(len(scene.colours)))
+
+    def multiplied(self, factor) -> OTF:
+        """The same with another factor (My, Mx//2 + 1) in the transfer function of every source."""
+        chromatic = None if self.chromatic is None else self.chromatic * factor
+        return replace(self, value=self.value * factor, jacobian=self.jacobian * factor, chromatic=chromatic)
+
     def diffused(self, sigma: float) -> OTF:
         """The same with charge diffused in the detector: a round normal, ``sigma`` arcsec along each axis."""
         fy, fx = self.grid.frequencies
-        blur = Mvn.of(sigma).transfer(fx, fy)
-        value, jacobian = self.value * blur, self.jacobian * blur
-        return OTF(value, jacobian, self.state, self.grid, self.names, self.pixel_included)
+        return self.multiplied(Mvn.of(sigma).transfer(fx, fy))
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""
@@ -146,7 +176,13 @@ def _cutoff(pupil: Pupil, spectrum: Spectrum) -> float:
 
 
 def expand(
-    pupil: Pupil, spectrum: Spectrum, grid: Grid, aberrations=None, *, derivatives: bool = True
+    pupil: Pupil,
+    spectrum: Spectrum,
+    grid: Grid,
+    aberrations=None,
+    *,
+    derivatives: bool = True,
+    colours: Colours | None = None,
 ) -> OTF:
     """Compute a transfer function and its derivatives about a state of the aberrations.
 
@@ -160,6 +196,8 @@ def expand(
         nm; zero if omitted.
     derivatives : bool
         Whether to compute them; without, the aberrations stay as given.
+    colours : Colours, optional
+        What is known of the sources' spectra; without, all have the instrument's.
 
     Returns
     -------
@@ -171,24 +209,34 @@ def expand(
         raise ConfigurationError(
             ErrorCode.WRONG_SHAPE, f"Expected {len(pupil.names)} aberrations, got shape {state.shape}."
         )
-    spectra = derivatives_at(pupil, spectrum, grid, state, order=1 if derivatives else 0)
+    order, tinted = 1 if derivatives else 0, colours is not None
+    spectra = derivatives_at(pupil, spectrum, grid, state, order=order, chromatic=tinted)
     names = pupil.names if derivatives else ()
-    return OTF(spectra[0], spectra[1:], state if derivatives else state[:0], grid, names)
+    return OTF(
+        spectra[0][0],
+        spectra[0][1:],
+        state if derivatives else state[:0],
+        grid,
+        names,
+        chromatic=spectra[1] if tinted else None,
+        colours=colours,
+    )
 
 
 def derivatives_at(
-    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, *, order: int
-) -> Complex[Array, "p my mx"]:
+    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, *, order: int, chromatic: bool = False
+) -> Complex[Array, "c p my mx"]:
     """A transfer function at a state of the aberrations [nm], and its derivatives up to an order of 2.
 
     Returns
     -------
-    spectra : (1 + k + k (k + 1)/2, My, Mx//2 + 1) complex array
+    spectra : (1 or 2, 1 + k + k (k + 1)/2, My, Mx//2 + 1) complex array
         Value; first derivatives, per nm; second derivatives of the pairs (i, j >= i) in order, per nm²: as
-        many as the order asks for.
+        many as the order asks for.  Then, if it is chromatic, the derivatives of these by the spectral index.
     """
-    wavelengths, weights = jnp.asarray(spectrum.wavelengths), jnp.asarray(spectrum.weights)
-    return _derivatives(pupil, wavelengths, weights, state, grid, order)
+    wavelengths, weights = np.asarray(spectrum.wavelengths), np.asarray(spectrum.weights)
+    rows = [weights, weights * tilts(spectrum)] if chromatic else [weights]
+    return _derivatives(pupil, jnp.asarray(wavelengths), jnp.asarray(rows), state, grid, order)
 
 
 @eqx.filter_jit
@@ -203,15 +251,17 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order):
     def add(total, line):
         wavelength, weight, field = line
         parts = _monochromatic(field, basis, pairs, pupil.pitch, grid, wavelength)
+        weight = weight[:, None, None, None]
         return [
             light + (weight * part).astype(light.dtype) for light, part in zip(total, parts, strict=True)
         ], None
 
     start = [
-        jnp.zeros((1 + len(basis), *grid.fine_shape), opd.dtype),
-        jnp.zeros((len(pairs[0]), *grid.fine_shape), jnp.float32),
+        jnp.zeros((len(weights), 1 + len(basis), *grid.fine_shape), opd.dtype),
+        jnp.zeros((len(weights), len(pairs[0]), *grid.fine_shape), jnp.float32),
     ]
-    total = jnp.concatenate(jax.lax.scan(add, start, (wavelengths, weights, fields))[0])
+    lines = wavelengths, weights.T, fields
+    total = jnp.concatenate(jax.lax.scan(add, start, lines)[0], axis=1)
     return jnp.fft.rfft2(total) * centring(grid) / jnp.sum(jnp.abs(pupil.transmission) ** 2)
 
 

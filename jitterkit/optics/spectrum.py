@@ -63,6 +63,11 @@ class Spectrum:
         object.__setattr__(self, "wavelengths", tuple(wavelengths.tolist()))
         object.__setattr__(self, "weights", tuple((weights / weights.sum()).tolist()))
 
+    @property
+    def has_colour(self) -> bool:
+        """Whether there is light at more than one wavelength."""
+        return len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}) > 1
+
     def sampled(self, samples: int) -> Spectrum:
         """The same light at another number of wavelengths.
 

@@ -9,6 +9,7 @@ from typing import Protocol
 import jax.numpy as jnp
 import numpy as np
 
+from jitterkit.optics.colours import Colours
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, expand
 from jitterkit.optics.pupil import Pupil
@@ -49,12 +50,15 @@ class OpticalSystem:
     grid : Grid
     diffusion : float
         How far charge wanders before it is collected: 1 sigma along each axis, arcsec.
+    colours : Colours, optional
+        What is known of the spectra of the stars; without, every source has the spectrum given.
     """
 
     pupil: Pupil
     spectrum: Spectrum
     grid: Grid
     diffusion: float = 0.0
+    colours: Colours | None = None
 
     @cached_property
     def nominal(self) -> OTF:
@@ -75,7 +79,14 @@ class OpticalSystem:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted."""
-        otf = expand(self.pupil, self.spectrum, self.grid, aberrations, derivatives=derivatives)
+        otf = expand(
+            self.pupil,
+            self.spectrum,
+            self.grid,
+            aberrations,
+            derivatives=derivatives,
+            colours=self.colours,
+        )
         return otf.diffused(self.diffusion) if self.diffusion else otf
 
     def near(self, aberrations, slopes: OTF) -> OTF:
@@ -84,8 +95,11 @@ class OpticalSystem:
         Without derivatives it is a tenth of the work; those of a state off by a phase of rms ``q`` are off by
         about ``q`` of themselves.
         """
-        exact = self.otf(aberrations, derivatives=False)
-        return replace(slopes, value=exact.value, state=jnp.asarray(aberrations, float))
+        exact, chromatic = self.otf(aberrations, derivatives=False), slopes.chromatic
+        if chromatic is not None and exact.chromatic is not None:
+            chromatic = chromatic.at[0].set(exact.chromatic[0])
+        state = jnp.asarray(aberrations, float)
+        return replace(slopes, value=exact.value, state=state, chromatic=chromatic)
 
 
 @dataclass(frozen=True)

@@ -181,9 +181,7 @@ class FitResult:
 
     def of_scene(self, name: str) -> float:
         """A number of the fitted scene; NaN where it has none."""
-        return (
-            float("nan") if self.parameters is None else float(getattr(self.parameters.scene, name, np.nan))
-        )
+        return float("nan") if self.parameters is None else self.parameters.scene.values.get(name, np.nan)
 
     @property
     def chi2_dof(self) -> float:

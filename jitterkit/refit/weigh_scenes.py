@@ -213,14 +213,15 @@ class Weighing:
     def scene_prior(self, fit: FitResult) -> float:
         """Logarithm of the prior density of what a scene has beside place and light."""
         assert fit.parameters is not None
-        scene = fit.parameters.scene
+        scene, known = fit.parameters.scene, self.optics.nominal.colours
+        colours = 0.0 if scene.indices is None or known is None else known.log_density * len(scene.indices)
         range_of_separations = math.log(10 * math.sqrt(2) * self.width / self.fineness)
         if not isinstance(scene, Binary):
-            return math.log(max(1 - COMPANIONS * range_of_separations, COMPANIONS))
+            return math.log(max(1 - COMPANIONS * range_of_separations, COMPANIONS)) + colours
         separation, contrast = float(scene.separation), float(scene.contrast)
         within = float(log_ndtr((contrast - 1) / fit.error("contrast")))  # B is not the brighter
         density = COMPANIONS / (separation * 360.0 * contrast * math.log(FAINTEST))
-        return math.log(density) + within if contrast < FAINTEST else -math.inf
+        return math.log(density) + within + colours if contrast < FAINTEST else -math.inf
 
 
 def _has_a_size(fit: FitResult) -> bool:

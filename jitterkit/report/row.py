@@ -30,7 +30,7 @@ __all__ = ["Row", "make_row"]
 Row = dict[str, Any]
 """Column name to text, integer or float."""
 
-SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
+SCENE = ("separation", "theta", "x", "y", "flux", "contrast", "spectral_index_a", "spectral_index_b")
 
 
 def make_row(

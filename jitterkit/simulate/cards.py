@@ -30,6 +30,8 @@ _SCENE = {
     "y": ("TRUY", "[arcsec] true place, from the frame centre"),
     "flux": ("TRUFLUX", "[electron] true, star or pair, whole plane"),
     "contrast": ("TRUCONT", "true flux of A over flux of B"),
+    "spectral_index_a": ("TRUINDA", "true spectral index of A, or of the star"),
+    "spectral_index_b": ("TRUINDB", "true spectral index of B"),
 }
 _SIZES = {
     "length": ("TRULEN", "[arcsec] full length or peak to peak"),
@@ -168,7 +170,7 @@ def _numbers(simulated: Simulated) -> dict[str, float]:
 def _scene_cards(scene: Scene) -> Cards:
     cards: Cards = {}
     for name, value in scene.values.items():
-        kind, _, number = name.partition("_")
+        kind, _, number = (name, "", "") if name in _SCENE else name.partition("_")
         card, comment = _SCENE[kind]
         if number:
             card, comment = f"{card[:6]}{number}", f"{comment}, star {number}"

@@ -74,6 +74,7 @@ def simulate_frame(
     ----------
     instrument : Instrument
     scene : Scene
+        Without spectral indices, its stars have those that the instrument says.
     locus : Locus
     aberrations : (k,) array, optional
         nm, in the order of ``instrument.aberrations``; none if omitted.
@@ -121,7 +122,7 @@ def simulate_frame(
     if shutter is not None:
         shutter = with_enough_nodes(shutter, otf.grid.shape[0], otf.grid.nyquist)
     check_reach(scene, locus if shutter is None else shutter.completed(locus), otf)
-    truth = Parameters(scene, locus, state, background, shutter=shutter)
+    truth = Parameters(otf.colour(scene), locus, state, background, shutter=shutter)
     # an OTF without derivatives is exact at its own state, whatever the parameters say
     expected = np.asarray(expected_image(truth, otf), dtype=float)
     known = _known(instrument, shutter, row_order)

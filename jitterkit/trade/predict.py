@@ -21,9 +21,9 @@ from jaxtyping import Array
 from jitterkit.batch import Processor
 from jitterkit.batch.finder import SCORE
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian
+from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.likelihood import Data, NormalEquations, equations_of
+from jitterkit.likelihood import Data, NormalEquations, normal_equations
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.refit import FitResult
@@ -94,9 +94,13 @@ class Example:
 
     @property
     def truth(self) -> Parameters:
-        """What the frame is taken to show."""
+        """What the frame is taken to show: the fit, but for colours, which are as they are known."""
         assert self.result.parameters is not None  # what is usable has them
-        return self.result.parameters
+        parameters, known = self.result.parameters, self.processor.instrument.colours
+        if parameters.scene.indices is None or known is None:
+            return parameters
+        coloured = parameters.scene.coloured(known.of(len(parameters.scene.indices)))
+        return eqx.tree_at(lambda p: p.scene, parameters, coloured)
 
     @property
     def still(self) -> bool:
@@ -231,9 +235,8 @@ class Example:
         (x0, y0), (ny, nx) = np.array(frame.origin) - self.frame.origin, frame.shape
         exact = self.image[y0 : y0 + ny, x0 : x0 + nx]
         data = Data.of(replace(frame, electrons=exact), censored=processor.censored).clear(exact)
-        image, slopes = image_and_jacobian(truth, otf, free)
         known = jnp.asarray(processor.priors.over(names, truth.locus).precision)
-        return names, equations_of(image, slopes, data), known, int(data.used.sum())
+        return names, normal_equations(truth, otf, data, free), known, int(data.used.sum())
 
     def _seen_in(self, frame: Frame, held: Collection[str]) -> Parameters:
         """The truth, with the pair where it is in a part of the frame, and without what is held at zero."""

@@ -88,8 +88,8 @@ class TradeScene:
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
             place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
             here = state + rng.normal(0, _WANDER, len(state))
-            truths.append(Parameters(place, locus, here))
             otf = system.otf(here, derivatives=False)
+            truths.append(Parameters(place, locus, here).coloured(otf))
             check_reach(place, locus, otf)
             images.append(np.asarray(expected_image(truths[-1], otf), float))
 

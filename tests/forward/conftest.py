@@ -115,6 +115,12 @@ def direct_image():
 
 
 @pytest.fixture(scope="session")
+def direct_stars():
+    """Image of stars ``(x, y, electrons)`` by direct quadrature, with arguments as ``integrate`` has them."""
+    return integrate
+
+
+@pytest.fixture(scope="session")
 def reference_otf(toliman):
     """SCIENCE's reference scene: five lines with both end points.
 

@@ -9,7 +9,7 @@ from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument, read_instrument
 from jitterkit.instruments.description import describe_instrument
 from jitterkit.instruments.toml import SECTIONS
-from jitterkit.optics import Pupil, flat_band, write_pupil
+from jitterkit.optics import Colours, Pupil, flat_band, write_pupil
 
 WHOLE = """
 [instrument]
@@ -290,3 +290,32 @@ def test_an_oversampled_star_is_read_with_its_centre_and_share(toml, tmp_path):
             read_instrument(toml(head + wrong + "\n"))
     with refused(ErrorCode.CONFLICT, "diffusion = 0.2", "PSF"):
         read_instrument(toml(head + "[detector]\ndiffusion = 0.2\n"))
+
+
+@pytest.mark.parametrize(
+    ("line", "known"),
+    [
+        ("", Colours()),
+        ("indices = [0.3, 0.7]", Colours((0.3, 0.7))),
+        ("indices = [0.3]\nindex_err = 0", Colours((0.3,), 0.0)),
+        ("temperatures = [5790]\nindex_err = 1.5", Colours((0.0,), 1.5, 5790.0)),
+    ],
+)
+def test_colours_are_read_as_indices_or_temperatures(toml, line, known):
+    read = read_instrument(toml(WHOLE.replace("samples = 5", f"samples = 5\n{line}"))).colours
+    assert (read.sigma, read.temperature) == (known.sigma, known.temperature)
+    assert read.indices == pytest.approx(known.indices, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lines", "code", "values"),
+    [
+        ("indices = [0.1]\ntemperatures = [5000]", ErrorCode.CONFLICT, ["indices"]),
+        ("indices = [0.1, 0.2, 0.3]", ErrorCode.WRONG_SHAPE, ["indices"]),
+        ("temperatures = [-5]", ErrorCode.OUT_OF_RANGE, [-5.0]),
+        ("index_err = -1", ErrorCode.OUT_OF_RANGE, ["index_err", -1]),
+    ],
+)
+def test_impossible_colours_are_refused_by_file(toml, lines, code, values):
+    with refused(code, "bed.toml", *values):
+        read_instrument(toml(WHOLE.replace("samples = 5", f"samples = 5\n{lines}")))

@@ -28,6 +28,7 @@ from jitterkit.joint import (
 from jitterkit.joint.look import _alike
 from jitterkit.joint.refit import _record, _told
 from jitterkit.loci import Linear, Mvn
+from jitterkit.optics import Colours
 from jitterkit.refit import FitResult, Priors, Status
 from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.shutter import Drifting
@@ -111,7 +112,7 @@ def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
     )
     shared = list(fit.combined.shared())
     pulls = np.array(
-        [(one.values[3:] - state) / one.errors[3:] for one, state in zip(shared, states, strict=True)]
+        [(one.values[-2:] - state) / one.errors[-2:] for one, state in zip(shared, states, strict=True)]
     )
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.4)  # 48 pulls: 0.1, smoothed ones more
     lengths = [Linear(jnp.asarray(r.values[3:5])).describe()["length"] for r in fit.records]
@@ -308,32 +309,35 @@ def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
 
 
 def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
-    # 5 shared and 3 x 7 own parameters, slopes by central differences of images: no elimination, no filter
+    # 7 shared and 3 x 7 own parameters, slopes by central differences of images: no elimination, no filter
     loci = [Mvn.of(0.15, 0.05, angle) for angle in (10.0, 70.0, 130.0)]
     scenes = {"x": np.array([0.1, -0.3, 0.2]), "y": np.array([0.0, 0.2, -0.2])}
     frames = exposures(optics, 3, None, loci=loci, scenes=scenes)
     shared = {"separation": 1e-4, "theta": 1e-3, "contrast": 1e-4, "noll7": 0.01, "noll8": 0.01}
+    shared |= dict.fromkeys(Binary.colours, 0.1)
     own = {"x": 1e-4, "y": 1e-4, "flux": 10.0, "mvn_xx": 1e-5, "mvn_xy": 1e-5, "mvn_yy": 1e-5}
     own |= {"background": 1e-3}
-    information = np.zeros((26, 26))
+    information = np.zeros((28, 28))
+    information[[5, 6], [5, 6]] = optics.colours.sigma**-2
     for i, locus in enumerate(loci):
         scene = {name: float(getattr(SCENE, name)) for name in Binary.own}
         scene |= {name: float(values[i]) for name, values in scenes.items()}
         known = (
             scene
             | dict(zip(locus.names, np.asarray(locus.coords), strict=True))
-            | {"noll7": 0.0, "noll8": 0.0, "background": 0.0}
+            | {"noll7": 0.0, "noll8": 0.0, "background": 0.0, **dict.fromkeys(Binary.colours, 0.0)}
         )
 
         def image(values):
             parts = [values[name] for name in locus.names]  # noqa: B023 (called within its turn of the loop)
             state = np.array([values["noll7"], values["noll8"]])
-            binary = Binary(**{name: values[name] for name in Binary.own})
+            colours = [values[name] for name in Binary.colours]
+            binary = Binary(**{name: values[name] for name in Binary.own}, indices=colours)
             truth = Parameters(binary, Mvn(jnp.array(parts)), state, values["background"])
             return np.asarray(expected_image(truth, optics.otf(state, derivatives=False)))
 
-        slopes = np.zeros((26, *optics.grid.shape))
-        slots = [*range(5), *range(5 + 7 * i, 12 + 7 * i)]
+        slopes = np.zeros((28, *optics.grid.shape))
+        slots = [*range(7), *range(7 + 7 * i, 14 + 7 * i)]
         for slot, (name, step) in zip(slots, (shared | own).items(), strict=True):
             ends = [image({**known, name: known[name] + sign * step}) for sign in (1, -1)]
             slopes[slot] = (ends[0] - ends[1]) / (2 * step)
@@ -343,7 +347,7 @@ def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
     fit = refit_sequence(frames, Looker(optics), SequenceOptions({"aberrations": Constant()}))
     found = [fit.combined.error(name) for name in shared]
     # differences are good to the square of a step over the resolution; the prior of the filter to 1e-6
-    assert np.allclose(found, errors[:5], rtol=1e-4)
+    assert np.allclose(found, errors[:7], rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -366,3 +370,19 @@ def test_a_record_keeps_the_remarks_of_calibration_and_fit_but_for_what_all_shar
     fit = FitResult(Status.OK, "", flags=("aberrations_held", "saturated", "misfit"))
     record = _record(Exposure("frame", 0.0, frame), fit, ())
     assert record.flags == ("masked", "saturated", "misfit")
+
+
+def test_what_is_known_of_the_colours_counts_once(telescope, rng):
+    """Frames too faint to show a colour leave it as it is known, however many they are."""
+    optics = replace(telescope, colours=Colours((0.4, 0.9), 0.3)).system()
+    scene = Binary(5.0, 30.0, 0.0, 0.0, 3e3, 2.5, indices=[0.4, 0.9])
+    made = []
+    for i in range(6):
+        image = np.asarray(expected_image(Parameters(scene, Mvn.of(0.1), np.zeros(2)), optics.nominal))
+        frame = Frame(rng.poisson(image).astype(float), 0.0, exposure=STEP, plate_scale=0.375)
+        made.append(Exposure(f"frame {i}", (i + 0.5) * STEP, frame))
+    joint = refit_sequence(made, Looker(optics, known=("noll7", "noll8"), scene="binary"))
+    names, errors = joint.combined.names, np.sqrt(np.diag(joint.combined.covariance))
+    slots = [names.index(name) for name in Binary.colours]
+    np.testing.assert_allclose(errors[slots], 0.3, rtol=0.1)  # 1.8e4 photons tell a little
+    np.testing.assert_allclose(joint.combined.values[slots], [0.4, 0.9], atol=0.3)

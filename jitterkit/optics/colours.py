@@ -1,0 +1,154 @@
+"""What is known of the stars' spectra before a frame is looked at.
+
+A star's photons per wavelength are those of the instrument's spectrum times ``1 + index (1 -
+mean/wavelength)``, with the harmonic mean: so blackbodies differ to first order, and so extinction changes
+them.  The index is free in a fit: fitted with one flat spectrum, the two stars of alpha Centauri bias
+their separation by a milliarcsecond.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.constants import c, h, k
+
+from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.optics.spectrum import Spectrum
+
+__all__ = ["ANY_STAR", "Colours", "blackbody_index", "colours_of", "tilts"]
+
+ANY_STAR = 2.0
+"""Standard deviation of the index of a star: blackbodies of 3,000 and 30,000 K have indices of +4.2 and -2.7
+about a flat spectrum at 0.6 um.  A narrower one would pull: 0.5 by 5 uas where an index is off by 0.3."""
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Spectral indices of the stars, as they are known beforehand.
+
+    Parameters
+    ----------
+    indices : tuple of float
+        One for any star, or those of A and B.
+    sigma : float
+        Standard deviation of each; zero where they are known, and infinite where nothing is.
+    temperature : float, optional
+        Of a blackbody [K] in front of the instrument: the light of a star of index zero.  By default it is
+        flat in photons per wavelength.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are not one or two indices, or a number is impossible.
+    """
+
+    indices: tuple[float, ...] = (0.0,)
+    sigma: float = ANY_STAR
+    temperature: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.indices) not in (1, 2) or not np.all(np.isfinite(self.indices)):
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"indices = {list(self.indices)} are no spectral indices; give one, or those of A and B.",
+            )
+        if not self.sigma >= 0:
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The error of the spectral indices is {self.sigma}; give zero or a positive number.",
+            )
+
+    def of(self, count: int) -> tuple[float, ...]:
+        """Return the indices of so many stars: a single star has the mean of two."""
+        known = self.indices
+        return known if len(known) == count else (float(np.mean(known)),) * count
+
+    def seen(self, spectrum: Spectrum) -> Spectrum:
+        """Return what an instrument's spectrum is for a star of index zero."""
+        if self.temperature is None:
+            return spectrum
+        weights = np.array(spectrum.weights) * _photons(self.temperature, spectrum)
+        return Spectrum(spectrum.wavelengths, tuple(weights))
+
+    @property
+    def precision(self) -> float:
+        """Inverse variance of each index; zero where it is known exactly, and so never fitted."""
+        return self.sigma**-2 if self.sigma > 0 else 0.0
+
+    @property
+    def log_density(self) -> float:
+        """Logarithm of the prior density of an index at its mean; zero where it is known exactly."""
+        return -math.log(self.sigma * math.sqrt(2 * math.pi)) if self.sigma > 0 else 0.0
+
+    def held(self, names: Collection[str]) -> tuple[str, ...]:
+        """Return those names of spectral indices that a fit holds."""
+        return () if self.sigma > 0 else tuple(names)
+
+
+def blackbody_index(temperature: float, spectrum: Spectrum) -> float:
+    """Return the spectral index of a blackbody in a band.
+
+    Parameters
+    ----------
+    temperature : float
+        K, positive.
+    spectrum : Spectrum
+        Of the instrument; a source that is flat in photons per wavelength has it.
+
+    Returns
+    -------
+    index : float
+        Of the factor that fits best, weighted by the spectrum: it has the same mean wavenumber.
+
+    Raises
+    ------
+    ConfigurationError
+        If the temperature is not positive, or the spectrum has one wavelength only.
+    """
+    return _index(_photons(temperature, spectrum), spectrum)
+
+
+def _index(photons: np.ndarray, spectrum: Spectrum) -> float:
+    """Slope of photons at each wavelength of a spectrum, as factors of it."""
+    weights, tilt = np.array(spectrum.weights), tilts(spectrum)
+    if not np.any(tilt):
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, "A spectrum of one wavelength has no colour; leave temperatures out."
+        )
+    return float(np.sum(weights * tilt * photons) / np.sum(weights * tilt**2) / np.sum(weights * photons))
+
+
+def _photons(temperature: float, spectrum: Spectrum) -> np.ndarray:
+    """Photons of a blackbody at each wavelength, one on average."""
+    if not 0 < temperature < np.inf:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A temperature of {temperature} K is impossible; give a positive one."
+        )
+    metres = np.array(spectrum.wavelengths) * 1e-9
+    with np.errstate(over="ignore"):  # a cold body has no light at all
+        photons = metres**-4 / np.expm1(h * c / (metres * k * temperature))
+    mean = np.sum(np.array(spectrum.weights) * photons)
+    if not mean > 0:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"A body of {temperature:g} K sends no light at {1e9 * metres.mean():.0f} nm; give K.",
+        )
+    return photons / mean
+
+
+def tilts(spectrum: Spectrum) -> np.ndarray:
+    """Return by how much the wavenumber of each wavelength lies below the mean one, as a share of that."""
+    wavenumbers = 1 / np.array(spectrum.wavelengths)
+    return 1 - wavenumbers / np.sum(np.array(spectrum.weights) * wavenumbers)
+
+
+def colours_of(temperatures: Sequence[float], spectrum: Spectrum, sigma: float = ANY_STAR) -> Colours:
+    """Return what the temperatures [K] of the stars say: a mean spectrum, and their indices about it."""
+    middle = float(np.mean(temperatures))
+    mean = Colours(temperature=middle).seen(spectrum)
+    beside = _photons(middle, spectrum)
+    indices = tuple(_index(_photons(one, spectrum) / beside, mean) for one in temperatures)
+    return Colours(indices, sigma, middle)
