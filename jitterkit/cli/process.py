@@ -161,6 +161,7 @@ def _tell_of_rows(run, telescope) -> None:
 def _tell(run) -> None:
     """The result on stdout, the rest on stderr."""
     from jitterkit.report.flags import decode_flags
+    from jitterkit.report.run_fit import say_fit
     from jitterkit.report.sequence import say_loci
     from jitterkit.report.words import ellipse_size, with_error
 
@@ -182,4 +183,6 @@ def _tell(run) -> None:
         typer.echo(f"jitter, 1 sigma, {size} from {fitted} frames")
     if together := say_loci(run.summary["loci"]):
         say(together)
+    if misfit := say_fit(run.summary["fit"]):
+        say(misfit)
     say(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")

@@ -27,6 +27,7 @@ from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import FrameReport, Gallery
 from jitterkit.report.row import Row
+from jitterkit.report.run_fit import say_fit
 from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.sequence import say_loci
 from jitterkit.report.table import aberration_names
@@ -117,6 +118,7 @@ def _template():
         "number": number,
         "remarks": _remarks,
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
+        "say_fit": say_fit,
         "say_loci": say_loci,
         "status": lambda name: name.replace("_", " "),
         "grouped": "{:,}".format,

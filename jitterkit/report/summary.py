@@ -17,6 +17,7 @@ from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
 from jitterkit.report.means import weighted_mean
+from jitterkit.report.run_fit import judge_fit
 from jitterkit.report.sequence import compare_loci
 
 __all__ = ["summarise", "write_summary"]
@@ -37,7 +38,8 @@ def summarise(table: QTable) -> dict[str, Any]:
         ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``jitter``, the plain mean of
         the second moments [arcsec²] and its principal axes [arcsec, deg]; ``shape``, the excess kurtosis as
         :func:`weighted_mean` has it; ``loci``, what the frames say together, from
-        :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
+        :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames; ``fit``, how
+        well all fit together, from :func:`~jitterkit.report.run_fit.judge_fit`;
         ``seconds``, the total.
 
     Notes
@@ -47,7 +49,7 @@ def summarise(table: QTable) -> dict[str, Any]:
     ±180 deg, so north is no special place.
     """
     counts = np.asarray(table["status"]) == "ok"
-    used = ["locus", "chi2_dof", "sxx", "sxy", "syy"]
+    used = ["locus", "chi2_dof", "dof", "sxx", "sxy", "syy"]
     used += [name + end for name in ("separation", "theta", "pa", "shape") for end in ("", "_err")]
     good = table[used][counts]  # not the texts: of 60,000 frames they are most of the memory
     candidates = np.asarray(table["candidates"])
@@ -62,6 +64,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
         "loci": compare_loci(candidates[place] for place in np.flatnonzero(counts)),
         "chi2_dof": _median(good["chi2_dof"]),
+        "fit": judge_fit(good["chi2_dof"], good["dof"], good["separation_err"].to_value("arcsec")),
         "seconds": float(np.nansum(table["seconds"].to_value("s"))),
     }
 
