@@ -87,9 +87,12 @@ class Parameters(eqx.Module):
             shutter=self.shutter,
         )
 
-    def coloured(self, otf: OTF) -> Parameters:
-        """The same, the stars with the colours that are known beforehand where they have none."""
-        return eqx.tree_at(lambda p: p.scene, self, otf.colour(self.scene))
+    def completed(self, otf: OTF) -> Parameters:
+        """The same with what the optics know beforehand and these lack: colours, and the wavelength."""
+        coloured = eqx.tree_at(lambda p: p.scene, self, otf.colour(self.scene))
+        if not otf.shifts or len(self.aberrations) != len(otf.names) - 1:
+            return coloured
+        return eqx.tree_at(lambda p: p.aberrations, coloured, jnp.append(self.aberrations, 0.0))
 
     @property
     def binary(self) -> Binary:
@@ -102,6 +105,7 @@ class Parameters(eqx.Module):
 def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tuple[str, ...]:
     """Name of each element of :func:`to_vector`."""
     last = ("background",) if parameters.diffusion is None else ("background", "diffusion")
+    aberrations = aberrations[: len(parameters.aberrations)]
     return (*parameters.scene.names, *parameters.locus.names, *aberrations, *last)
 
 
@@ -130,7 +134,7 @@ def free_parameters(
     ConfigurationError
         If a name to hold names nothing, or the optics have other aberrations than the parameters.
     """
-    if len(parameters.aberrations) != len(otf.names):
+    if len(otf.names) - len(parameters.aberrations) not in (0, int(otf.shifts)):
         raise ConfigurationError(
             ErrorCode.WRONG_SHAPE,
             f"The parameters hold {len(parameters.aberrations)} aberrations but the optics {len(otf.names)}; "

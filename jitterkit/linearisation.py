@@ -128,5 +128,5 @@ def linearisation_error(optics: Optics, parameters: Parameters, otf: OTF) -> flo
     """
     if not otf.names:
         return 0.0
-    phase = optics.phase(np.asarray(parameters.aberrations - otf.state))
+    phase = optics.phase(np.asarray(parameters.aberrations - otf.state[: len(parameters.aberrations)]))
     return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2

@@ -197,7 +197,7 @@ def forecast(
     length) the bound is that of the cone's axis, which no estimator has.
     """
     options = FitOptions() if options is None else options
-    parameters = parameters.coloured(otf)
+    parameters = parameters.completed(otf)
     names, free = free_parameters(parameters, otf, options.hold)
     data = expected_data(parameters, otf, detector, exposure=exposure, censored=censored)
     prior = options.priors.over(names, parameters.locus)

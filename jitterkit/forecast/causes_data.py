@@ -185,7 +185,7 @@ def _refocused(causes: Causes, offset: float) -> list[DataSet]:
     names = setting.optics.nominal.names
     if "noll4" not in names:
         return []
-    step = offset * np.array([name == "noll4" for name in names])
+    step = offset * np.array([name == "noll4" for name in names[: len(setting.aberrations)]])
     moved = [
         replace(setting, aberrations=tuple(np.array(setting.aberrations) + sign * step), square=False)
         for sign in (-1, 1)

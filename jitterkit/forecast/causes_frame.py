@@ -132,7 +132,7 @@ class Setting:
 
     def _curvature(self, otf: OTF):
         """Half the second derivative by defocus, where the sum of both signs lies above none."""
-        step = _STEP * np.array([name == "noll4" for name in otf.names])
+        step = _STEP * np.array([name == "noll4" for name in otf.names[: len(self.aberrations)]])
         up, down = (
             self.optics.otf(np.array(self.aberrations) + s * step, derivatives=False).value for s in (1, -1)
         )
@@ -146,7 +146,7 @@ class Setting:
     def under(self, locus: Locus) -> Parameters:
         """All parameters of a frame under a jitter."""
         parameters = Parameters(self.scene, locus, self.otf.state, diffusion=self.diffusion)
-        return parameters.coloured(self.otf)
+        return parameters.completed(self.otf)
 
     def frame(self, locus: Locus) -> Information:
         """What one frame under a jitter tells, its own moments named as :data:`JITTER`.

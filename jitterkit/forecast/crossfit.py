@@ -122,7 +122,7 @@ def noise_free_fit(
         If the fit does not settle; the message has its sentence.
     """
     otf = optics.otf(truth.aberrations) if otf is None else otf
-    options, truth = FitOptions() if options is None else options, truth.coloured(otf)
+    options, truth = FitOptions() if options is None else options, truth.completed(otf)
     data = expected_data(truth, otf, detector)
     fit = fit_locus(locus, data, optics, truth, np.asarray(truth.locus.moments()), otf, options)
     for _ in range(_RESTARTS):

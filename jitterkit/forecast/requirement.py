@@ -263,7 +263,7 @@ def moment_bias(
     The optics stay linear in the aberrations: :func:`jitterkit.forecast.noise_free_fit` is exact where the
     locus is so wrong that it bends them (chi-squared of thousands), and dearer.
     """
-    options, truth = FitOptions() if options is None else options, truth.coloured(otf)
+    options, truth = FitOptions() if options is None else options, truth.completed(otf)
     data = expected_data(truth, otf, detector)
     start = truth.with_locus(locus_class(fitted).near(truth.locus.moments()))
     names, free = free_parameters(start, otf, options.hold)

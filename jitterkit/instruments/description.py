@@ -39,6 +39,7 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
         known, source = instrument.colours, instrument.source("spectrum")
         rows.append(("spectral indices", _text("indices", known.indices), "", source))
         rows.append(("their prior error", f"{known.sigma:g}", "", source))
+        rows.append(("relative error of wavelengths", f"{known.wavelength_err:g}", "", source))
         if known.temperature is not None:
             rows.append(("mean temperature of the stars", f"{known.temperature:g}", "K", source))
     if instrument.aberration_sigma is not None:

@@ -33,6 +33,7 @@
     # temperatures = [5790, 5260]   # K, of A and B or of any star: their spectra over the instrument's
     # indices = [0.3, 0.7]      # or their spectral indices
     # index_err = 2             # prior error of each; 0 if they are exact
+    # wavelength_err = 2e-3     # relative error of all wavelengths; 0 if they are exact
 
     [detector]                  # all optional: see jitterkit.instruments.detector_section
     base = "imx183"             # a detector that fills what is not said here
@@ -59,7 +60,7 @@ from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
-from jitterkit.optics.colours import ANY_STAR, Colours, colours_of
+from jitterkit.optics.colours import ANY_STAR, FILTER, Colours, colours_of
 from jitterkit.optics.spectrum import Spectrum, flat_band
 from jitterkit.optics.spectrum_file import read_spectrum
 
@@ -100,6 +101,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "temperatures": "K",
         "indices": "",
         "index_err": "",
+        "wavelength_err": "",
     },
     "detector": DETECTOR_KEYS,
 }
@@ -289,15 +291,17 @@ def _colours(section: Section, spectrum: Spectrum) -> Colours:
     if len(given) > 1:
         section.refuse(ErrorCode.CONFLICT, "indices", "leave it out: temperatures say it")
     error = section.number("index_err", ANY_STAR)
-    if not 0 <= error < math.inf:
-        section.refuse(ErrorCode.OUT_OF_RANGE, "index_err", "give zero or a positive number")
+    wavelength = section.number("wavelength_err", FILTER)
+    for key, value in (("index_err", error), ("wavelength_err", wavelength)):
+        if not 0 <= value < math.inf:
+            section.refuse(ErrorCode.OUT_OF_RANGE, key, "give zero or a positive number")
     numbers = section.numbers(given[0]) if given else [0.0]
     if len(numbers) > 2 or not numbers:
         section.refuse(ErrorCode.WRONG_SHAPE, given[0], "give one number, or those of A and B")
     try:
         if given == ["temperatures"]:
-            return colours_of(numbers, spectrum, error)
-        return Colours(tuple(numbers), error)
+            return replace(colours_of(numbers, spectrum, error), wavelength_err=wavelength)
+        return Colours(tuple(numbers), error, wavelength_err=wavelength)
     except ConfigurationError as problem:
         raise ConfigurationError(problem.code, f"{section.file}: [spectrum] {problem}") from None
 

@@ -204,7 +204,7 @@ class Looker:
     ) -> Message | None:
         """What a fitted frame says about the shared parameters; None where it was not fitted.
 
-        The first of a sequence says what is known of the stars' colours too, which counts once.
+        The first of a sequence says what is known of colours and wavelength too, which counts once.
         """
         if fit.parameters is None or not fit.status.usable or not np.all(np.isfinite(fit.covariance)):
             return None
@@ -212,7 +212,8 @@ class Looker:
         shared = [names.index(name) for name in self.shared]
         own = [names.index(name) for name in fit.names]
         data = self._data(frame).clear(fit.image)
-        otf = otf if first or otf.colours is None else replace(otf, colours=Colours(sigma=math.inf))
+        if not first and otf.colours is not None:
+            otf = replace(otf, colours=Colours(sigma=math.inf), wavelength_sigma=math.inf)
         equations = normal_equations(fit.parameters, otf, data, free, exact=False)
         score, information = np.array(equations.score), equations.information
         score[own] = 0.0  # its own stand at the top of their posterior, priors included

@@ -29,6 +29,7 @@ from jitterkit.joint.records import FrameRecord, Records
 from jitterkit.joint.result import SequenceFit
 from jitterkit.joint.shutters import Shutters
 from jitterkit.joint.wander import loose_laws, settle_laws
+from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.refit import FitResult, Status
 from jitterkit.shutter import Shutter
 
@@ -127,7 +128,8 @@ class _Run:
         self.template: Parameters | None = None
         self.shutters = Shutters(looker.optics.nominal.grid, options.rolling, options.telemetry)
         common = options.laws.get("aberrations")
-        laws = dict.fromkeys(looker.optics.nominal.names, common) | dict(options.laws)
+        laws = dict.fromkeys(looker.optics.nominal.names, common) | {WAVELENGTH: Constant()}
+        laws |= dict(options.laws)
         self.given = {name: laws.get(name, Constant()) for name in looker.shared}
         unknown = [name for name in options.laws if name not in (*looker.shared, "aberrations")]
         if unknown:

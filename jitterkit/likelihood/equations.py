@@ -19,6 +19,7 @@ from jitterkit.forward import (
     to_vector,
 )
 from jitterkit.likelihood.data import Data, ceiling_distance, mean_counts, relative_residual, telling
+from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
 
@@ -155,21 +156,22 @@ def deviance(parameters: Parameters, otf: OTF, data: Data) -> Float[Array, ""]:
 
 
 def _colour_cost(parameters: Parameters, otf: OTF):
-    """Twice the log-likelihood lost by spectral indices that differ from what is known of them."""
-    indices, known = parameters.scene.indices, otf.colours
+    """Twice the log-likelihood lost by indices and a wavelength that differ from what is known of them."""
+    indices, known, cost = parameters.scene.indices, otf.colours, jnp.zeros((), parameters.background.dtype)
+    if otf.shifts and len(parameters.aberrations) == len(otf.names):
+        cost = (parameters.aberrations[-1] / otf.wavelength_sigma) ** 2
     if indices is None or known is None or otf.chromatic is None:
-        return jnp.zeros((), parameters.background.dtype)
-    return known.precision * jnp.sum((indices - np.array(known.of(len(indices)))) ** 2)
+        return cost
+    return cost + known.precision * jnp.sum((indices - np.array(known.of(len(indices)))) ** 2)
 
 
 def _colour_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
-    """What is known of spectral indices beforehand, as information (p, p) on free parameters."""
-    scene = parameters.scene
-    if scene.indices is None or otf.colours is None or otf.chromatic is None:
-        return np.zeros((len(free), len(free)))
+    """What is known of indices and wavelength beforehand, as information (p, p) on free parameters."""
+    scene, known = parameters.scene, {WAVELENGTH: otf.wavelength_sigma**-2}
+    if scene.indices is not None and otf.colours is not None and otf.chromatic is not None:
+        known |= dict.fromkeys(scene.colours, otf.colours.precision)
     names = parameter_names(parameters, otf.names)
-    known = [names[slot] in scene.colours for slot in free]
-    return otf.colours.precision * np.diag(np.array(known, float))
+    return np.diag([known.get(names[slot], 0.0) for slot in free])
 
 
 def _deviance(mean, data: Data):

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, centring, derivatives_at
+from jitterkit.optics.otf import OTF, centring, derivatives_at, wavelength_slopes, with_shift
 from jitterkit.optics.system import OpticalSystem
 
 __all__ = ["Anchor", "AnchoredOptics"]
@@ -53,9 +53,14 @@ class Anchor(eqx.Module):
     chromatic : (1 + k + k (k + 1)/2, m) array or None
         Derivatives of all of these by the spectral index of a source, in 32 bits; None where its colour does
         not matter.
+    shift : (1 + k, m) array or None
+        Derivatives of value and slopes by a shift of the wavelength, per nm; None where it does not vary.
     grid : Grid
     names : tuple of str
+        Of the aberrations.
     colours : Colours or None
+    mean : float
+        Mean wavelength, nm.
     """
 
     value: Float[Array, " m"]
@@ -63,44 +68,51 @@ class Anchor(eqx.Module):
     curvature: Float[Array, "p m"]
     state: Float[Array, " k"]
     chromatic: Float[Array, "q m"] | None
+    shift: Float[Array, "k1 m"] | None
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     colours: Colours | None = eqx.field(static=True)
+    mean: float = eqx.field(static=True)
 
     @classmethod
     def at(cls, system: OpticalSystem, state) -> Anchor:
         """Expand a system about a state [nm]."""
-        state, grid, names = jnp.asarray(state, float), system.grid, system.pupil.names
-        tinted, k = system.colours is not None, len(state)
+        grid, names = system.grid, system.pupil.names
+        state, k = jnp.asarray(state, float)[: len(names)], len(names)
+        tinted = system.colours is not None
         spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2, chromatic=tinted)
+        shift = None
+        if system.colours is not None and system.colours.wavelength_err > 0:
+            shift = wavelength_slopes(system.pupil, system.spectrum, grid, state, order=1)
         if system.diffusion:
             fy, fx = grid.frequencies
-            spectra = spectra * Mvn.of(system.diffusion).transfer(fx, fy)
-        flat = jnp.reshape(spectra, (*spectra.shape[:2], -1))
-        parts = jnp.concatenate([flat.real, flat.imag], axis=2)
+            blur = Mvn.of(system.diffusion).transfer(fx, fy)
+            spectra, shift = spectra * blur, None if shift is None else shift * blur
+        parts = _real(spectra)
         return cls(
             parts[0, 0],
             parts[0, 1 : k + 1],
             parts[0, k + 1 :].astype(jnp.float32),
             state,
             parts[1].astype(jnp.float32) if tinted else None,
+            None if shift is None else _real(shift),
             grid,
             names,
             system.colours,
+            system.spectrum.mean,
         )
 
     @property
     def nbytes(self) -> int:
         """Memory that it takes."""
-        chromatic = 0 if self.chromatic is None else self.chromatic.nbytes
-        return self.value.nbytes + self.slopes.nbytes + self.curvature.nbytes + chromatic
+        return sum(part.nbytes for part in jax.tree.leaves(self))
 
     def otf(self, aberrations) -> OTF:
         """The first-order expansion about aberrations [nm] near the state.
 
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
         """
-        return _renewed(self, jnp.asarray(aberrations, float))
+        return _renewed(self, jnp.asarray(aberrations, float)[: len(self.names)])
 
     def within(self, grid: Grid) -> Anchor:
         """The same on a smaller grid of the same pixels, whose fine sides are even or odd as these are.
@@ -123,8 +135,9 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
         return jnp.concatenate([flat.real, flat.imag], axis=1).astype(parts.dtype)
 
     value, slopes, curvature = (cut(part) for part in (anchor.value[None], anchor.slopes, anchor.curvature))
-    chromatic = None if anchor.chromatic is None else cut(anchor.chromatic)
-    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, grid, anchor.names, anchor.colours)
+    chromatic, shift = (None if part is None else cut(part) for part in (anchor.chromatic, anchor.shift))
+    known = anchor.names, anchor.colours, anchor.mean
+    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, shift, grid, *known)
 
 
 @eqx.filter_jit
@@ -143,7 +156,7 @@ def _renewed(anchor: Anchor, aberrations) -> OTF:
         bent = jnp.matmul(rows[-1:], anchor.chromatic[k + 1 :], precision="highest")
         tint = first[:1] + (change @ first[1:])[None] + bent
         chromatic = _complex(jnp.concatenate([tint, first[1:]]), anchor.grid)
-    return OTF(
+    otf = OTF(
         spectra[0],
         spectra[1:],
         aberrations,
@@ -152,6 +165,16 @@ def _renewed(anchor: Anchor, aberrations) -> OTF:
         chromatic=chromatic,
         colours=anchor.colours,
     )
+    if anchor.shift is None:
+        return otf
+    shift = anchor.shift[:1] + (change @ anchor.shift[1:])[None]
+    return with_shift(otf, _complex(shift, anchor.grid)[0], anchor.mean)
+
+
+def _real(spectra):
+    """Real and then imaginary parts (..., m) of spectra (..., My, Mx//2 + 1)."""
+    flat = jnp.reshape(spectra, (*spectra.shape[:-2], -1))
+    return jnp.concatenate([flat.real, flat.imag], axis=-1)
 
 
 def _complex(parts, grid: Grid):
@@ -207,7 +230,8 @@ class AnchoredOptics:
 
     def _distance(self, aberrations) -> float:
         """Rms phase [rad] from the anchor."""
-        return self.phase(np.asarray(aberrations) - np.asarray(self.anchor.state))
+        state = np.asarray(self.anchor.state)
+        return self.phase(np.asarray(aberrations)[: len(state)] - state)
 
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Likewise; derivatives cost nothing here."""

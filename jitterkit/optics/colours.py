@@ -18,16 +18,23 @@ from scipy.constants import c, h, k
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["ANY_STAR", "Colours", "blackbody_index", "colours_of", "tilts"]
+__all__ = ["ANY_STAR", "FILTER", "WAVELENGTH", "Colours", "blackbody_index", "colours_of", "tilts"]
+
+WAVELENGTH = "wavelength_shift"
+"""Name of the shift of the mean wavelength, nm, by which all wavelengths grow in proportion."""
 
 ANY_STAR = 2.0
 """Standard deviation of the index of a star: blackbodies of 3,000 and 30,000 K have indices of +4.2 and -2.7
 about a flat spectrum at 0.6 um.  A narrower one would pull: 0.5 by 5 uas where an index is off by 0.3."""
 
 
+FILTER = 2e-3
+"""Relative standard deviation of the wavelengths of a band: a filter's are known to a nanometre."""
+
+
 @dataclass(frozen=True)
 class Colours:
-    """Spectral indices of the stars, as they are known beforehand.
+    """Spectral indices of the stars and wavelengths of the instrument, as they are known beforehand.
 
     Parameters
     ----------
@@ -35,6 +42,8 @@ class Colours:
         One for any star, or those of A and B.
     sigma : float
         Standard deviation of each; zero where they are known, and infinite where nothing is.
+    wavelength_err : float
+        Relative standard deviation of the instrument's wavelengths; zero where they are known.
     temperature : float, optional
         Of a blackbody [K] in front of the instrument: the light of a star of index zero.  By default it is
         flat in photons per wavelength.
@@ -48,12 +57,18 @@ class Colours:
     indices: tuple[float, ...] = (0.0,)
     sigma: float = ANY_STAR
     temperature: float | None = None
+    wavelength_err: float = FILTER
 
     def __post_init__(self) -> None:
         if len(self.indices) not in (1, 2) or not np.all(np.isfinite(self.indices)):
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,
                 f"indices = {list(self.indices)} are no spectral indices; give one, or those of A and B.",
+            )
+        if not 0 <= self.wavelength_err < np.inf:
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"The relative error of the wavelengths is {self.wavelength_err}; give zero or more.",
             )
         if not self.sigma >= 0:
             raise ConfigurationError(

@@ -23,7 +23,7 @@ from jaxtyping import Array, Complex, Float
 from jitterkit.conventions import ARCSEC
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.mvn import Mvn
-from jitterkit.optics.colours import Colours, tilts
+from jitterkit.optics.colours import WAVELENGTH, Colours, tilts
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
 from jitterkit.optics.pupil import Pupil
@@ -32,7 +32,7 @@ from jitterkit.optics.spectrum import Spectrum
 if TYPE_CHECKING:
     from jitterkit.scene import Scene
 
-__all__ = ["OTF", "centring", "derivatives_at", "expand", "grid_for"]
+__all__ = ["OTF", "centring", "derivatives_at", "expand", "grid_for", "wavelength_slopes", "with_shift"]
 
 
 _BLIND = 1e-9
@@ -54,7 +54,7 @@ class OTF(eqx.Module):
     grid : Grid
         Sampling.
     names : tuple of str
-        Names of the aberrations.
+        Names of the aberrations; then that of the shift of the wavelength, if it may vary.
     pixel_included : bool
         True for an empirical PSF, which has already been integrated over the pixels.
     chromatic : (1 + k, My, Mx//2 + 1) complex array or None
@@ -62,6 +62,8 @@ class OTF(eqx.Module):
         aberrations; None where the colour of a source does not matter.
     colours : Colours or None
         What is known of the indices.
+    wavelength_sigma : float
+        Standard deviation of the shift of the wavelength, nm.
     """
 
     value: Complex[Array, "my mx"]
@@ -72,6 +74,12 @@ class OTF(eqx.Module):
     pixel_included: bool = eqx.field(static=True, default=False)
     chromatic: Complex[Array, "k1 my mx"] | None = None
     colours: Colours | None = eqx.field(static=True, default=None)
+    wavelength_sigma: float = eqx.field(static=True, default=np.inf)
+
+    @property
+    def shifts(self) -> bool:
+        """Whether the wavelength may vary: the last of the names, which a frame's parameters may lack."""
+        return self.names[-1:] == (WAVELENGTH,)
 
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
         """Transfer function at nearby aberrations [nm], to first order about ``state``.
@@ -80,14 +88,16 @@ class OTF(eqx.Module):
         """
         if not self.names:
             return self.value
-        return self.value + jnp.tensordot(aberrations - self.state, self.jacobian, 1)
+        n = len(aberrations)
+        return self.value + jnp.tensordot(aberrations - self.state[:n], self.jacobian[:n], 1)
 
     def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
         """Derivative by the spectral index at nearby aberrations [nm], to first order about ``state``."""
         assert self.chromatic is not None
         if not self.names:
             return self.chromatic[0]
-        return self.chromatic[0] + jnp.tensordot(aberrations - self.state, self.chromatic[1:], 1)
+        n = len(aberrations)
+        return self.chromatic[0] + jnp.tensordot(aberrations - self.state[:n], self.chromatic[1 : 1 + n], 1)
 
     def colour(self, scene: Scene) -> Scene:
         """The scene with the indices that are known beforehand, where colour matters and it has none."""
@@ -193,7 +203,8 @@ def expand(
     grid : Grid
         From :func:`grid_for`.
     aberrations : (k,) array, optional
-        nm; zero if omitted.
+        nm; zero if omitted.  What follows them, a shift of the wavelength, counts for nothing: about it an
+        image is always expanded at zero.
     derivatives : bool
         Whether to compute them; without, the aberrations stay as given.
     colours : Colours, optional
@@ -205,22 +216,69 @@ def expand(
         Exact at ``aberrations``: its PSF equals the Fraunhofer integral at every fine sample.
     """
     state = jnp.zeros(len(pupil.names)) if aberrations is None else jnp.asarray(aberrations, float)
+    shifts = colours is not None and colours.wavelength_err > 0
+    state = state[: len(pupil.names)] if shifts else state
     if state.shape != (len(pupil.names),):
         raise ConfigurationError(
             ErrorCode.WRONG_SHAPE, f"Expected {len(pupil.names)} aberrations, got shape {state.shape}."
         )
     order, tinted = 1 if derivatives else 0, colours is not None
     spectra = derivatives_at(pupil, spectrum, grid, state, order=order, chromatic=tinted)
-    names = pupil.names if derivatives else ()
-    return OTF(
+    otf = OTF(
         spectra[0][0],
         spectra[0][1:],
         state if derivatives else state[:0],
         grid,
-        names,
+        pupil.names if derivatives else (),
         chromatic=spectra[1] if tinted else None,
         colours=colours,
     )
+    if not (shifts and derivatives):
+        return otf
+    return with_shift(otf, wavelength_slopes(pupil, spectrum, grid, state, order=0)[0], spectrum.mean)
+
+
+def with_shift(otf: OTF, slope: Complex[Array, "my mx"], mean: float) -> OTF:
+    """The same optics whose wavelength may vary.
+
+    Parameters
+    ----------
+    otf : OTF
+    slope : (My, Mx//2 + 1) array
+        Derivative by a shift of the wavelength, per nm.
+    mean : float
+        Mean wavelength, nm.
+    """
+    assert otf.colours is not None
+    assert otf.chromatic is not None
+    return replace(
+        otf,
+        jacobian=jnp.concatenate([otf.jacobian, slope[None]]),
+        state=jnp.append(otf.state, 0.0),
+        names=(*otf.names, WAVELENGTH),
+        chromatic=jnp.concatenate([otf.chromatic, jnp.zeros_like(slope)[None]]),
+        wavelength_sigma=otf.colours.wavelength_err * mean,
+    )
+
+
+def wavelength_slopes(
+    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, *, order: int
+) -> Complex[Array, "p my mx"]:
+    """Derivatives by a shift of the mean wavelength, per nm, of what :func:`derivatives_at` has to an order.
+
+    Parameters
+    ----------
+    pupil, spectrum, grid, state
+        As for :func:`derivatives_at`.
+    order : int
+        0 or 1.
+    """
+    wavelengths, weights = jnp.asarray(spectrum.wavelengths), jnp.asarray([spectrum.weights])
+
+    def stretched(by):
+        return _derivatives(pupil, wavelengths * (1 + by), weights, state, grid, order)[0]
+
+    return jax.jvp(stretched, (0.0,), (1 / spectrum.mean,))[1]
 
 
 def derivatives_at(

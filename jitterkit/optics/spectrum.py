@@ -64,6 +64,11 @@ class Spectrum:
         object.__setattr__(self, "weights", tuple((weights / weights.sum()).tolist()))
 
     @property
+    def mean(self) -> float:
+        """Mean wavelength, nm."""
+        return float(np.dot(self.wavelengths, self.weights))
+
+    @property
     def has_colour(self) -> bool:
         """Whether there is light at more than one wavelength."""
         return len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}) > 1

@@ -74,7 +74,7 @@ class OpticalSystem:
 
     def phase(self, aberrations) -> float:
         """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""
-        change = np.asarray(aberrations)
+        change = np.asarray(aberrations)[: len(self.pupil.names)]
         return float(2 * np.pi / min(self.spectrum.wavelengths) * np.sqrt(change @ self._gram @ change))
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
@@ -99,6 +99,7 @@ class OpticalSystem:
         if chromatic is not None and exact.chromatic is not None:
             chromatic = chromatic.at[0].set(exact.chromatic[0])
         state = jnp.asarray(aberrations, float)
+        state = state.at[-1].set(0.0) if slopes.shifts else state
         return replace(slopes, value=exact.value, state=state, chromatic=chromatic)
 
 

@@ -154,7 +154,7 @@ def fit_and_expand(
     began = time.perf_counter()
     options = FitOptions() if options is None else options
     otf = optics.otf(start.aberrations) if otf is None else otf
-    start = start.coloured(otf)
+    start = start.completed(otf)
     names, free = free_parameters(start, otf, options.hold)
     if int(np.sum(np.asarray(data.used))) <= len(free):
         few = f"{Status.NO_DATA.value}: fewer than the {len(free)} parameters."

@@ -71,6 +71,7 @@ COLUMNS: tuple[Column, ...] = (
     *_measured("contrast", "flux of A over flux of B"),
     *_measured("spectral_index_a", "slope of the spectrum of A, or of the star, over the instrument's"),
     *_measured("spectral_index_b", "slope of the spectrum of B over the instrument's"),
+    *_measured("wavelength_shift", "mean wavelength less the instrument's", "nm"),
     *_measured("sxx", "second moment of the pointing", "arcsec2"),
     *_measured("sxy", "second moment of the pointing", "arcsec2"),
     *_measured("syy", "second moment of the pointing", "arcsec2"),

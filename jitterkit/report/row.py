@@ -27,6 +27,9 @@ if TYPE_CHECKING:  # at run time a table is read without JAX
 
 __all__ = ["Row", "make_row"]
 
+WAVELENGTH = "wavelength_shift"
+"""Name of the parameter, as :mod:`jitterkit.optics.colours` has it, which loads more."""
+
 Row = dict[str, Any]
 """Column name to text, integer or float."""
 
@@ -122,8 +125,11 @@ def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str
     row |= {"separation_crlb": _crlb(result, "separation"), "separation_spread": result.separation_spread}
     row |= _with_error("shape", result.shape, result.shape_err)
     row |= _with_error("background", parameters.background, result.error("background"))
-    for name, value in zip(_names(result, parameters, aberrations), parameters.aberrations, strict=False):
+    names = _names(result, parameters, aberrations)
+    for name, value in zip(names, parameters.aberrations, strict=False):
         row |= _with_error(aberration_column(name), value, result.error(name))
+    if 0 < len(names) < len(parameters.aberrations) or WAVELENGTH in result.names:
+        row |= _with_error(WAVELENGTH, parameters.aberrations[-1], result.error(WAVELENGTH))
     return row | _jitter(result, parameters)
 
 
@@ -138,9 +144,9 @@ def _crlb(result: FitResult, name: str) -> float:
 
 def _names(result: FitResult, parameters: Parameters, aberrations: Sequence[str] | None) -> Sequence[str]:
     """Names of the aberrations, one for each value or none at all."""
-    known = {*parameters.scene.names, *parameters.locus.names, "background"}
+    known = {*parameters.scene.names, *parameters.locus.names, "background", WAVELENGTH}
     names = [name for name in result.names if name not in known] if aberrations is None else aberrations
-    return names if len(names) == len(parameters.aberrations) else ()
+    return names if len(parameters.aberrations) - len(names) in (0, 1) else ()
 
 
 def _jitter(result: FitResult, parameters: Parameters) -> Row:

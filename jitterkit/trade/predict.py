@@ -94,12 +94,14 @@ class Example:
 
     @property
     def truth(self) -> Parameters:
-        """What the frame is taken to show: the fit, but for colours, which are as they are known."""
+        """What the frame is taken to show: the fit, but for colours and wavelength, which are as expected."""
         assert self.result.parameters is not None  # what is usable has them
-        parameters, known = self.result.parameters, self.processor.instrument.colours
-        if parameters.scene.indices is None or known is None:
+        parameters, instrument = self.result.parameters, self.processor.instrument
+        modes = parameters.aberrations[: len(instrument.aberrations)]
+        parameters = eqx.tree_at(lambda p: p.aberrations, parameters, modes)
+        if parameters.scene.indices is None or instrument.colours is None:
             return parameters
-        coloured = parameters.scene.coloured(known.of(len(parameters.scene.indices)))
+        coloured = parameters.scene.coloured(instrument.colours.of(len(parameters.scene.indices)))
         return eqx.tree_at(lambda p: p.scene, parameters, coloured)
 
     @property
@@ -231,6 +233,7 @@ class Example:
         truth = truth if nodes is None else truth.with_locus(truth.locus.sampled(nodes))
         optics = processor.instrument.system(shape=frame.shape, plate_scale=self._scale)
         otf = optics.otf(truth.aberrations)
+        truth = truth.completed(otf)
         names, free = free_parameters(truth, otf, held)
         (x0, y0), (ny, nx) = np.array(frame.origin) - self.frame.origin, frame.shape
         exact = self.image[y0 : y0 + ny, x0 : x0 + nx]

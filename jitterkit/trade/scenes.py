@@ -89,7 +89,7 @@ class TradeScene:
             place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
             here = state + rng.normal(0, _WANDER, len(state))
             otf = system.otf(here, derivatives=False)
-            truths.append(Parameters(place, locus, here).coloured(otf))
+            truths.append(Parameters(place, locus, here).completed(otf))
             check_reach(place, locus, otf)
             images.append(np.asarray(expected_image(truths[-1], otf), float))
 

@@ -132,7 +132,7 @@ def test_a_faint_star_keeps_the_colour_that_is_known(telescope, rng):
 def test_an_exact_colour_is_not_fitted(telescope):
     optics = replace(telescope, colours=Colours((0.4, 0.8), 0.0)).system()
     start = Parameters(PAIR, Mvn.of(0.1), np.zeros(2))
-    image = np.asarray(expected_image(start.coloured(optics.nominal), optics.nominal))
+    image = np.asarray(expected_image(start.completed(optics.nominal), optics.nominal))
     fit = fit_frame(Data(image), optics, start)
     assert not set(Binary.colours) & set(fit.names)
     np.testing.assert_array_equal(fit.parameters.scene.indices, [0.4, 0.8])
@@ -145,3 +145,32 @@ def test_stars_that_change_names_take_their_colours_with_them():
     np.testing.assert_array_equal(swapped.indices, [0.9, 0.1])
     assert swapped.names[-2:] == Binary.colours
     assert jax.tree.structure(swapped) == jax.tree.structure(swapped.canonical())
+
+
+def test_a_filter_that_is_off_by_a_nanometre_does_not_bias(telescope, direct_stars):
+    """The image is the direct integral's, all wavelengths longer by 1e-3."""
+    nm, stars = 1.001 * np.array(telescope.spectrum.wavelengths), zip(*PAIR.sources(), strict=True)
+    pairs = list(zip(nm, telescope.spectrum.weights, strict=True))
+    still = np.zeros((1, 2)), np.ones(1)
+    stars = [tuple(map(float, star)) for star in stars]
+    image = direct_stars(
+        telescope.pupil, STATE, pairs, telescope.shape, telescope.plate_scale, stars, still, 4
+    )
+    start, bias = Parameters(PAIR, Mvn.of(0.01), STATE), {}
+    for known in (None, replace(telescope.colours, wavelength_err=0.01)):
+        optics = replace(telescope, colours=known).system()
+        fit = fit_frame(Data(image), optics, start)
+        bias[known is None] = fit.of_scene("separation") - 4.0
+    assert abs(bias[False]) < 0.1 * abs(bias[True])
+    assert fit.parameters.aberrations[-1] == pytest.approx(1e-3 * telescope.spectrum.mean, rel=0.1)
+
+
+def test_a_faint_frame_keeps_the_wavelength_that_is_known(telescope):
+    optics = replace(telescope, colours=Colours(wavelength_err=1e-3)).system()
+    start = Parameters(Star(0.0, 0.0, 500.0), Mvn.of(0.1), np.zeros(2), 1.0)
+    image = np.asarray(expected_image(start.completed(optics.nominal), optics.nominal))
+    fit = fit_frame(Data(image, 1.0), optics, start)
+    assert fit.error("wavelength_shift") == pytest.approx(1e-3 * telescope.spectrum.mean, rel=0.01)
+    equations = normal_equations(fit.parameters, optics.nominal, Data(image), (len(fit.names) - 2,))
+    assert fit.names[-2] == "wavelength_shift"
+    assert equations.information[0, 0] > (1e-3 * telescope.spectrum.mean) ** -2

@@ -1,5 +1,7 @@
 """Instrument files: what they say, and the sentence when they say it wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from refusals import refused
@@ -298,12 +300,13 @@ def test_an_oversampled_star_is_read_with_its_centre_and_share(toml, tmp_path):
         ("", Colours()),
         ("indices = [0.3, 0.7]", Colours((0.3, 0.7))),
         ("indices = [0.3]\nindex_err = 0", Colours((0.3,), 0.0)),
+        ("wavelength_err = 1e-4", Colours(wavelength_err=1e-4)),
         ("temperatures = [5790]\nindex_err = 1.5", Colours((0.0,), 1.5, 5790.0)),
     ],
 )
 def test_colours_are_read_as_indices_or_temperatures(toml, line, known):
     read = read_instrument(toml(WHOLE.replace("samples = 5", f"samples = 5\n{line}"))).colours
-    assert (read.sigma, read.temperature) == (known.sigma, known.temperature)
+    assert replace(read, indices=known.indices) == known
     assert read.indices == pytest.approx(known.indices, abs=1e-12)
 
 
@@ -313,6 +316,7 @@ def test_colours_are_read_as_indices_or_temperatures(toml, line, known):
         ("indices = [0.1]\ntemperatures = [5000]", ErrorCode.CONFLICT, ["indices"]),
         ("indices = [0.1, 0.2, 0.3]", ErrorCode.WRONG_SHAPE, ["indices"]),
         ("temperatures = [-5]", ErrorCode.OUT_OF_RANGE, [-5.0]),
+        ("wavelength_err = -2", ErrorCode.OUT_OF_RANGE, ["wavelength_err", -2]),
         ("index_err = -1", ErrorCode.OUT_OF_RANGE, ["index_err", -1]),
     ],
 )

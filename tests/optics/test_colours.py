@@ -44,7 +44,8 @@ def test_a_transfer_function_and_its_slopes_are_linear_in_the_index(system, inde
     red, pupil = tilted(BAND, index), system.pupil
     exact, here = expand(pupil, red, system.grid, STATE), system.otf(STATE)
     assert largest(here.value + index * here.chromatic[0] - exact.value) < 1e-14
-    assert largest(here.jacobian + index * here.chromatic[1:] - exact.jacobian) < 1e-14
+    slopes = here.jacobian + index * here.chromatic[1:]
+    assert largest(slopes[: len(STATE)] - exact.jacobian) < 1e-14
     assert largest(here.chromatic[0]) > 1e-4
 
 
@@ -127,3 +128,51 @@ def test_temperatures_give_a_mean_spectrum_and_indices_about_it():
 def test_impossible_colours_are_refused(make, code, values):
     with refused(code, *values, error=ConfigurationError):
         make()
+
+
+def stretched(spectrum: Spectrum, nm: float) -> Spectrum:
+    """All wavelengths in proportion, so that their mean is so much longer."""
+    return Spectrum(tuple(w * (1 + nm / spectrum.mean) for w in spectrum.wavelengths), spectrum.weights)
+
+
+def test_the_slope_by_the_wavelength_is_that_of_differences(system):
+    step, otf = 0.01, system.otf(STATE)
+    up, down = (
+        expand(system.pupil, stretched(system.spectrum, sign * step), system.grid, STATE).value
+        for sign in (1, -1)
+    )
+    assert otf.names[-1] == "wavelength_shift"
+    # central differences: their error is of third order in 2e-5 of the wavelength
+    assert largest(otf.jacobian[-1] - (up - down) / (2 * step)) < 1e-6 * largest(otf.jacobian[-1])
+
+
+def test_optics_expand_at_no_shift_and_are_linear_in_it(system):
+    shifted = np.array([*STATE, 0.3])
+    otf, near = system.otf(shifted), system.near(shifted, system.otf(STATE))
+    for one in (otf, near, Anchor.at(system, STATE).otf(shifted)):
+        np.testing.assert_array_equal(one.state, [*STATE, 0.0])
+        linear = system.otf(STATE).value + 0.3 * one.jacobian[-1]
+        assert largest(one.at(shifted) - linear) < 1e-12
+    assert system.phase(shifted) == system.phase(STATE)
+
+
+def test_an_anchor_follows_the_wavelength_s_slope(system):
+    anchor, change = Anchor.at(system, STATE), np.array([2.0, -1.0])
+
+    def error(size):
+        return largest(
+            anchor.otf(STATE + size * change).jacobian[-1] - system.otf(STATE + size * change).jacobian[-1]
+        )
+
+    assert error(0.0) < 1e-13
+    assert error(2.0) / error(1.0) == pytest.approx(4, rel=0.1)
+
+
+def test_known_wavelengths_and_one_spectrum_leave_them_out(system):
+    known = replace(system, colours=Colours(wavelength_err=0.0))
+    assert known.otf(STATE).names == replace(system, colours=None).otf(STATE).names == system.pupil.names
+
+
+def test_an_impossible_error_of_the_wavelength_is_refused():
+    with refused(ErrorCode.OUT_OF_RANGE, -0.1, error=ConfigurationError):
+        Colours(wavelength_err=-0.1)
