@@ -39,7 +39,7 @@ SAME_FLOOR = {("scene", "loci")}
 ONLY_IN = {
     "cv2": {"vision.py"},
     "tifffile": {"frames/tiff.py"},
-    "astropy.io": {"frames/fits.py"},
+    "astropy.io": {"frames/fitsio.py"},
     "photutils": {"starfield/detect.py"},
     "dLux": set(),
     "dLuxToliman": {"optics/toliman.py", "optics/public.py"},

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.extensions import Group, Named
+from jitterkit.frames.extensions import Group
 from jitterkit.frames.framefile import Planes
+from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.header import rate_of_brightness, resolve_header
 from jitterkit.frames.metadata import Known, Metadata
-from jitterkit.frames.pixels import Pixels
+from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.placed import NONE_MASKED
-from jitterkit.frames.plainheader import PlainHeader
-from jitterkit.frames.planes import refuse_colour, rows_from_the_top
 from jitterkit.frames.quality import bad_bits, quality_of
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.uncertainty import usable
@@ -25,6 +24,10 @@ from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
 
 __all__ = ["FitsImage"]
+
+_FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
+_FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+_NO_MOSAIC = ("", "NONE", "MONO", "MONOCHROME", "GRAY", "GREY", "L")
 
 
 class FitsImage:
@@ -34,80 +37,69 @@ class FitsImage:
     ----------
     group : Group
         The image, and what belongs to it.
-    primary : PlainHeader
-        Of the primary HDU.
-    opened : callable
-        Gives the pixels of an HDU.
+    primary : mapping
+        Header of the primary HDU.
     tables : callable
         Gives the HDUs of the file as astropy has them, for coordinates with lookup tables.
 
     Attributes
     ----------
-    number : int
-        Of the HDU.
-    count : int
-        Number of planes.
+    hdu : Hdu
     shape : (int, int)
         ``(ny, nx)``.
     dtype : numpy.dtype
         As stored.
-    used : list of Pixels
-        Those of every HDU that is read.
     metadata : Metadata
     """
 
-    def __init__(
-        self,
-        group: Group,
-        primary: PlainHeader,
-        opened: Callable[[Named], Pixels],
-        tables: Callable[[], Any],
-    ) -> None:
-        self.group, self.pixels, self._factor = group, opened(group.image), 1.0
-        self.dtype = self.pixels.dtype  # refuses a scaling that cannot be read
-        self._quality = None if group.quality is None else opened(group.quality)
-        self._noise = {role: opened(one) for role, one in group.noise.items()}
-        unit, header = self.pixels.unit, self.pixels.header
-        *planes, ny, nx = unit.shape
-        self.number, self.count, self.shape = unit.number, math.prod(planes), (ny, nx)
-        inherit = primary if unit.number and header.get("INHERIT") is not False else None
-        refuse_colour(unit.path, unit.shape, header, inherit)
-        from_top, odd = rows_from_the_top(header, inherit)
+    def __init__(self, group: Group, primary: Mapping[str, Any], tables: Callable[[], Any]) -> None:
+        self.group, self.hdu = group, group.image
+        self._pixels = open_pixels(self.hdu)
+        self.dtype = self._pixels.dtype  # refuses a scaling that cannot be read
+        self._parts = {role: open_pixels(part) for role, part in group.parts.items()}
+        self._factor, self._unverified = 1.0, True
+        self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
+        header, number = self.hdu.header, self.hdu.number
+        inherit = primary if number and header.get("INHERIT") is not False else None
+        cards = Cards([(header, number), *([] if inherit is None else [(inherit, 0)])])
+        odd = [] if self.hdu.role else self._pixels.lossy_warnings()
+        _refuse_colour(self.hdu, cards)
+        from_top = _rows_from_the_top(cards, odd)
         wcs, messages = celestial_wcs(header, tables)
         if wcs is not None and from_top:
-            wcs = turned_over(wcs, ny)
-            messages += ["the WCS has lookup tables, which are not turned over, and is ignored"] * (
-                wcs is None
-            )
-        metadata = resolve_header(header, hdu=unit.number, inherit=inherit, wcs=wcs)
+            wcs = turned_over(wcs, self.shape[0])
+            odd += ["the WCS has lookup tables, which are not turned over, and is ignored"] * (wcs is None)
+        metadata = resolve_header(header, hdu=number, inherit=inherit, wcs=wcs)
         rate = rate_of_brightness(header, metadata.unit, inherit)
         if rate is not None:
             self._factor, known = rate
             metadata = metadata.override(known.source, unit=known)
         elif metadata.value("unit", "adu") not in COUNTS + RATES:
             odd.append(f"the pixels are in {metadata.value('unit')}, which is neither ADU nor electrons")
-        if self._quality is not None and group.quality is not None:
-            cards = Cards([(header, unit.number), *([] if inherit is None else [(inherit, 0)])])
-            bits, convention = bad_bits(self._quality.header, cards)
-            known = Known(bits, "", f"{group.quality.label}, convention: {convention}")
+        if "quality" in group.parts:
+            bits, convention = bad_bits(group.parts["quality"].header, cards)
+            known = Known(bits, "", f"{group.parts['quality'].label}, convention: {convention}")
             metadata = metadata.override(known.source, bad_bits=known)
         metadata = metadata.warn(*header.warnings, *messages, *odd, *group.warnings)
         self.metadata = metadata.reordered(-1) if from_top else metadata
 
-    @property
-    def used(self) -> list[Pixels]:
-        """The pixels of every HDU that is read."""
-        return [self.pixels, *([] if self._quality is None else [self._quality]), *self._noise.values()]
+    def verify(self) -> list[str]:
+        """Compare all HDUs that are read with their checksums, the first time; return warnings."""
+        used = [self._pixels, *self._parts.values()] if self._unverified else []
+        self._unverified = False
+        wrong = [warning for pixels in used for warning in pixels.checksum_warnings()]
+        self.metadata = self.metadata.warn(*wrong)
+        return wrong
 
     def read(self, index: int) -> Planes:
         """Return one plane, with the warnings that its variance earns."""
-        data, blank = self.pixels.plane(index)
+        data, blank = self._pixels.plane(index)
         mask = np.zeros(self.shape, bool) if blank is None else blank
         data = data * self._factor if self._factor != 1.0 else data
         quality = None
-        if self._quality is not None:
-            plane = self._quality.plane(_place(self._quality, index))
-            quality = quality_of(*plane, width=8 * self._quality.dtype.itemsize)
+        if "quality" in self._parts:
+            pixels = self._parts["quality"]
+            quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
             quality[mask] = -1
         variance, unusable, warning = self._variance(index)
         if unusable is not None:
@@ -117,7 +109,7 @@ class FitsImage:
             data, mask = np.ascontiguousarray(data[::-1]), mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
         mask = mask if mask.any() else NONE_MASKED
-        return Planes(data, mask, metadata, self.number, variance, self.group.noise_label, quality)
+        return Planes(data, mask, metadata, self.hdu.number, variance, self.group.noise_label, quality)
 
     def _of_plane(self, index: int) -> Metadata:
         """What is known about a plane: a WCS of its own is not read, and the first plane's is not its."""
@@ -127,16 +119,16 @@ class FitsImage:
         scale = metadata.plate_scale
         by_wcs = scale is not None and scale.source.startswith("header WCS")
         metadata = replace(metadata, wcs=None, plate_scale=None if by_wcs else scale)
-        said = f"the WCS of each plane but the first, in the table of HDU {table.unit.number}, is not read"
+        said = f"the WCS of each plane but the first, in the table of HDU {table.number}, is not read"
         return metadata.warn(f"{said}: give --plate-scale")
 
     def _variance(self, index: int) -> tuple[np.ndarray | None, np.ndarray | None, str]:
         """Variance of the stored numbers, pixels that have none where it is not used, and a warning."""
-        if not self._noise:
+        total, name = np.zeros(self.shape), self.group.noise_label
+        if not name:
             return None, None, ""
-        total = np.zeros(self.shape)
-        for role, pixels in self._noise.items():
-            values, blank = pixels.plane(_place(pixels, index))
+        for role in self.group.noise:
+            values, blank = self._parts[role].plane(index)
             values[values < 0] = np.nan  # BITPIX cannot say that a variance is unknown
             if role == "weight":
                 with np.errstate(divide="ignore"):
@@ -144,13 +136,44 @@ class FitsImage:
             total += values**2 if role == "sigma" else values
             if blank is not None:
                 total[blank] = np.nan
-        name = self.group.noise_label
         if self.group.weight_is_time:
             return None, ~np.isfinite(total), f"{name} may be an exposure time: only its zeros are used"
         variance, warning = usable(total * self._factor**2, name)
         return variance, None, warning
 
 
-def _place(pixels: Pixels, index: int) -> int:
-    """The plane that goes with one of the image: a single one goes with all."""
-    return index if math.prod(pixels.unit.shape[:-2]) > 1 else 0
+def _text(cards: Cards, key: str) -> str:
+    return cards.text(key).upper() if isinstance((cards.find(key) or [""])[0], str) else ""
+
+
+def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
+    """Raise FrameError for an image in colour, as for a TIFF.
+
+    *Fails when* nothing but three planes speaks for colours: they are taken for three frames.
+    """
+    for axis, side in enumerate(reversed(hdu.shape), 1):
+        name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
+        if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
+            raise _in_colour(hdu, side, f"CTYPE{axis} = {name!r}")
+    if len(hdu.shape) < 3 or 3 not in (hdu.shape[0], hdu.shape[-1]):
+        return
+    space, mosaic = _text(cards, "COLORSPC") or _text(cards, "COLORSPACE"), _text(cards, "BAYERPAT")
+    if space in ("RGB", "SRGB"):
+        raise _in_colour(hdu, 3, f"COLORSPC = {space!r}")
+    if mosaic not in _NO_MOSAIC:
+        raise _in_colour(hdu, 3, f"BAYERPAT = {mosaic!r}")
+
+
+def _in_colour(hdu: Hdu, channels: int, said: str) -> FrameError:
+    remedy = "it is a colour image: convert it to one channel"
+    return FrameError(ErrorCode.COLOUR, hdu.path, f"has {channels} channels ({said})", remedy)
+
+
+def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:
+    """Return whether the first stored row is the top one; add what is odd about the planes."""
+    order = _text(cards, "ROWORDER")
+    if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
+        odd.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
+    if any(_text(cards, key) not in _NO_MOSAIC for key in ("BAYERPAT", "COLORTYP")):
+        odd.append("the header says that its pixels lie behind a colour mosaic")
+    return order in _FROM_TOP

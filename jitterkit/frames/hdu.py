@@ -1,24 +1,31 @@
-"""One HDU of a FITS file as its header describes it, read with suspicion.
+"""One HDU of a FITS file: where it lies, what it is called and what it holds.
 
-:class:`Unit` knows the few keywords by which FITS lays a file out, and refuses a file in which they say what
-cannot be.  Everything else in a header is read elsewhere, and believed less strictly.
+:class:`Hdu` believes the few keywords by which FITS lays a file out only where they make sense, and refuses
+the file otherwise: of a damaged header a reader would count to a NAXIS of billions, or allocate terabytes.
+Everything else in a header is read by astropy, and believed less strictly.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.plainheader import CARD, PlainHeader
 
-__all__ = ["CARD", "DAMAGED", "MOST_AXES", "Unit", "product_of"]
+__all__ = ["BLOCK", "DAMAGED", "Hdu", "product_of"]
 
-CARD = 80
-#: FITS allows so many axes, and columns of a table.
-MOST_AXES = 999
+BLOCK = 2880
+"""Headers and data take a whole number of blocks of so many bytes."""
+
+_MOST_AXES = 999
+"""FITS allows so many axes, and columns of a table."""
+
 DAMAGED = "the file is damaged: copy it again or convert it"
 
 _STRUCTURE = re.compile(
@@ -26,28 +33,59 @@ _STRUCTURE = re.compile(
 )
 _WHOLE = re.compile(rb"[+-]?\d{1,25}")
 
+_ROLES: Mapping[str, tuple[str, ...]] = {
+    "quality": ("DQ", "MASK", "FLAGS", "FLAG", "FLG", "DQMASK", "BPM", "BADPIX", "BAD_PIXEL_MASK"),
+    "shot": ("VAR_POISSON",),
+    "read": ("VAR_RNOISE",),
+    "variance": ("VARIANCE", "VAR"),
+    "sigma": ("ERR", "ERROR", "ERRORS", "UNCERT", "UNCERTAINTY", "STD", "STDDEV", "SIGMA", "RMS", "NOISE"),
+    "weight": ("WHT", "WEIGHT", "WEIGHTS", "WGT", "IVAR", "INVVAR", "IVM"),
+    "none": ("CTX", "CON", "AREA", "SAMP", "TIME", "WAVELENGTH", "PSFIMAGE", "BKG", "BACKGROUND", "VAR_FLAT"),
+}
+"""EXTNAME of what is said about the pixels of an image: quality bits, variance, its root, its inverse; and of
+images about other things."""
 
-@dataclass(frozen=True)
-class Unit:
+_ROLE_OF = {name: role for role, names in _ROLES.items() for name in names}
+
+_ASTROPY_UNCERTAINTY = {
+    "stddevuncertainty": "sigma",
+    "varianceuncertainty": "variance",
+    "inversevariance": "weight",
+    "unknownuncertainty": "none",
+}
+"""UTYPE of what CCDData writes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hdu:
     """One HDU as its header describes it.
 
     Parameters
     ----------
     path : Path
         For sentences.
+    handle : file object
+        The unpacked bytes of the file.
     number : int
         From 0.
     start, data : int
-        Where its header and its data begin, in the unpacked file [bytes].
+        Where its header and its data begin [bytes].
     text : bytes
         The cards of the header, 80 bytes each, without END.
+    header : PlainHeader
+        The same cards, read.
+    given : str
+        Its role, where it is known otherwise than by its name.
     """
 
     path: Path
+    handle: BinaryIO
     number: int
     start: int
     data: int
     text: bytes
+    header: PlainHeader
+    given: str = ""
 
     @cached_property
     def structure(self) -> dict[str, bytes]:
@@ -59,19 +97,22 @@ class Unit:
                 continue
             key, value = match[1].decode(), match[2].split(b"/")[0].strip()
             if found.setdefault(key, value) != value:
-                shown = " and ".join(map(_shown, (found[key], value)))
-                problem = f"HDU {self.number} says {key} twice, {shown}"
-                raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
+                raise self.refusal(f"says {key} twice, {_shown(found[key])} and {_shown(value)}")
         return found
+
+    def refusal(self, problem: str) -> FrameError:
+        """Return the exception for a damaged file."""
+        return FrameError(ErrorCode.DAMAGED, self.path, f"HDU {self.number} {problem}", DAMAGED)
 
     def whole(self, key: str, default: int | None = None) -> int:
         """Return a whole number of the structure, or refuse the file."""
-        if key not in self.structure and default is not None:
-            return default
         words = self.structure.get(key)
-        if words is None or _WHOLE.fullmatch(words) is None:
-            has = f"no {key}" if words is None else f"{key} = {_shown(words)} where a whole number belongs"
-            raise FrameError(ErrorCode.DAMAGED, self.path, f"HDU {self.number} has {has}", DAMAGED)
+        if words is None and default is not None:
+            return default
+        if words is None:
+            raise self.refusal(f"has no {key}")
+        if _WHOLE.fullmatch(words) is None:
+            raise self.refusal(f"has {key} = {_shown(words)} where a whole number belongs")
         return int(words)
 
     @cached_property
@@ -94,12 +135,16 @@ class Unit:
         return self._axes("ZNAXIS" if self.packed else "NAXIS")
 
     @property
+    def planes(self) -> int:
+        """Number of planes of an image."""
+        return math.prod(self.shape[:-2])
+
+    @cached_property
     def is_image(self) -> bool:
         """Whether it holds frames: two axes with pixels, and at most one more to stack them along."""
-        if self.what in ("random groups", "a table") or len(self.shape) < 2:
+        if not self.what.startswith("an array") or len(self.shape) < 2:
             return False
-        *planes, ny, nx = self.shape
-        return ny > 0 and nx > 0 and math.prod(planes) > 0 and sum(n > 1 for n in planes) <= 1
+        return math.prod(self.shape) > 0 and sum(n > 1 for n in self.shape[:-2]) <= 1
 
     @cached_property
     def what(self) -> str:
@@ -110,7 +155,7 @@ class Unit:
             return "a table"
         return f"an array of {product_of(self.shape)}" if self.shape else "empty"
 
-    @property
+    @cached_property
     def span(self) -> int:
         """Bytes of data it declares, without padding."""
         axes = self._axes("NAXIS")
@@ -118,23 +163,73 @@ class Unit:
         elements = self.whole("PCOUNT", 0) + (count if axes else 0)
         return abs(self._bits("BITPIX")) // 8 * max(self.whole("GCOUNT", 1) * elements, 0)
 
+    @property
+    def next(self) -> int:
+        """Where the next HDU begins [bytes]."""
+        return self.data + -(-self.span // BLOCK) * BLOCK
+
     def _bits(self, key: str) -> int:
         bits = self.whole(key)
         if bits not in (8, 16, 32, 64, -32, -64):
-            problem = f"HDU {self.number} has {key} = {bits}, which FITS does not know"
-            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
+            raise self.refusal(f"has {key} = {bits}, which FITS does not know")
         return bits
 
     def _axes(self, stem: str) -> tuple[int, ...]:
         count = self.whole(stem)
-        if not 0 <= count <= MOST_AXES:
-            problem = f"HDU {self.number} declares {stem} = {count} axes"
-            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
+        if not 0 <= count <= _MOST_AXES:
+            raise self.refusal(f"declares {stem} = {count} axes")
         sides = tuple(self.whole(f"{stem}{n}") for n in range(count, 0, -1))
         if any(side < 0 for side in sides):
-            problem = f"HDU {self.number} declares {product_of(sides)} pixels"
-            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
+            raise self.refusal(f"declares {product_of(sides)} pixels")
         return sides
+
+    def check(self) -> None:
+        """Refuse a structure that cannot be."""
+        if self.number == 0 and self.structure.get("SIMPLE") != b"T":
+            problem = "has a damaged primary header (SIMPLE is not T)"
+            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
+        if not 0 <= self.whole("TFIELDS", 0) <= _MOST_AXES:
+            raise self.refusal(f"declares TFIELDS = {self.whole('TFIELDS')} columns")
+        _ = self.span, self.bitpix, self.is_image
+
+    @cached_property
+    def name(self) -> str:
+        """EXTNAME in upper case, empty where there is none."""
+        return self.words("EXTNAME").upper()
+
+    def words(self, key: str) -> str:
+        """Return the value of a card as text without outer blanks, empty where there is none."""
+        return str(self.header.get(key, "")).strip()
+
+    @property
+    def version(self) -> int:
+        """EXTVER; 1 where there is none."""
+        version = self.header.get("EXTVER", 1)
+        return version if isinstance(version, int) else 1
+
+    @cached_property
+    def role(self) -> str:
+        """What it says about an image; empty for an image itself, ``"none"`` for anything else."""
+        if self.given or not self.is_image:
+            return self.given or "none"
+        role = _ROLE_OF.get(self.name, "")
+        return _ASTROPY_UNCERTAINTY.get(self.words("UTYPE").lower(), role) if role == "sigma" else role
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns of a table, or of the table in which an image is packed."""
+        return [self.words(f"TTYPE{n}") for n in range(1, self.whole("TFIELDS", 0) + 1)]
+
+    @property
+    def title(self) -> str:
+        """``"HDU 2 ERR,1"``."""
+        return f"HDU {self.number} {self.name}".rstrip() + f",{self.version}" * ("EXTVER" in self.header)
+
+    @property
+    def label(self) -> str:
+        """``"ERR (HDU 2)"``."""
+        where = f"HDU {self.number} of {self.path.name}" if self.given else f"HDU {self.number}"
+        return f"{self.name or self.given or 'image'} ({where})"
 
 
 def _shown(words: bytes) -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
-from jitterkit.frames.extensions import Named
-from jitterkit.frames.fits import hdu_chain, header_of, image_groups, pixels_of
 from jitterkit.frames.framefile import translated
-from jitterkit.frames.header_blocks import open_bytes, refuse_missing_data, walk
+from jitterkit.frames.hdus import image_groups, open_bytes, read_hdus, walk
+from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.plainheader import PlainHeader
 
 __all__ = ["NamedImage", "read_image", "read_images"]
@@ -60,12 +59,9 @@ def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
         If the file cannot be read.
     """
     with translated(path), open_bytes(path) as handle:
-        hdus = [Named(unit, header_of(unit)) for unit in walk(path, handle)]
-        images = [
-            NamedImage(one.unit.number, one.name, _everything(handle, one), one.header)
-            for one in hdus
-            if one.unit.what.startswith("an array")
-        ]
+        hdus = list(walk(path, handle))
+        arrays = [hdu for hdu in hdus if hdu.what.startswith("an array")]
+        images = [NamedImage(a.number, a.name, open_pixels(a).everything(), a.header) for a in arrays]
         return images, hdus[0].header
 
 
@@ -90,10 +86,5 @@ def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
         If there is no image, or the file cannot be read.
     """
     with translated(path), open_bytes(path) as handle:
-        image = image_groups(path, handle, hdu_chain(path, handle, None)[0], None)[0].image
-        return _everything(handle, image), image.header
-
-
-def _everything(handle: BinaryIO, named: Named) -> np.ndarray:
-    refuse_missing_data(named.unit, handle)
-    return pixels_of(handle, named).everything()
+        image = image_groups(path, handle, read_hdus(path, handle, None)[0], None)[0].image
+        return open_pixels(image).everything(), image.header

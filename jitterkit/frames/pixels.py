@@ -1,12 +1,13 @@
 """The numbers of one image of a FITS file: as stored, and scaled as the header says.
 
-Reach for :class:`Pixels`; what it may touch has been held against the size of the file before
-(:mod:`~jitterkit.frames.header_blocks`).  Numbers are read unscaled, and BLANK, BSCALE and BZERO are applied
-in float64: exact for every integer type up to 32 bits, and the same for plain and compressed images.
+Reach for :func:`open_pixels`, which holds what an image declares against what the file can hold before
+anything is allocated.  Numbers are read unscaled, and BLANK, BSCALE and BZERO are applied in float64: exact
+for every integer type up to 32 bits, and the same for plain and compressed images, whose tiles astropy unpacks.
 """
 
 from __future__ import annotations
 
+import gzip
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,33 +16,42 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.hdu import Unit
-from jitterkit.frames.plainheader import PlainHeader
+from jitterkit.frames.fitsio import packed_image
+from jitterkit.frames.hdu import Hdu, product_of
+from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
-__all__ = ["Pixels"]
+__all__ = ["Pixels", "open_pixels"]
 
-DTYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
+_DTYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
+
+_METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")
+"""Compression methods that astropy can read."""
+
+_MOST_TILE = 1 << 16
+"""A tile may be larger than its image, up to this side [pixel]."""
+
+_MOST_PACKING = 1100
+"""Deflate packs at most 1032 to 1."""
+
+_CHUNK = 100 * 2880
+"""Bytes that are read at once where they are only summed."""
+
+_ONES = 0xFFFFFFFF
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pixels:
     """The pixels of an image HDU.
 
     Parameters
     ----------
-    handle : file object
-        The unpacked bytes of the file.
-    unit : Unit
-        Where they are, and in what shape.
-    header : PlainHeader
-        Of the image: BSCALE, BZERO and BLANK are obeyed.
+    hdu : Hdu
+        Where they are, and in what shape; BSCALE, BZERO and BLANK of its header are obeyed.
     packed : astropy.io.fits.CompImageHDU, optional
         What unpacks the tiles, unscaled; without it the pixels are read as they stand in the file.
     """
 
-    handle: BinaryIO
-    unit: Unit
-    header: PlainHeader
+    hdu: Hdu
     packed: Any = None
 
     @cached_property
@@ -50,36 +60,39 @@ class Pixels:
         scale, zero = self._number("BSCALE", 1), self._number("BZERO", 0)
         if not (math.isfinite(scale) and math.isfinite(zero)) or scale == 0:
             problem = f"has BSCALE = {scale:g} and BZERO = {zero:g}, of which no pixel value follows"
-            raise FrameError(ErrorCode.DAMAGED, self.unit.path, problem, "mend its header")
-        blank = self._number("BLANK", None) if self.unit.bitpix > 0 else None
-        if blank is not None:
-            blank = int(blank) if float(blank).is_integer() else None
+            raise FrameError(ErrorCode.DAMAGED, self.hdu.path, problem, "mend its header")
+        blank = self._number("BLANK", None) if self.hdu.bitpix > 0 else None
+        blank = None if blank is None or not float(blank).is_integer() else int(blank)
         return float(scale), float(zero), blank
 
     def _number(self, key: str, default: Any) -> Any:
         """A number on which every pixel depends: not to be passed over where it cannot be read."""
-        value = self.header.get(key, default)
-        if key in self.header.unreadable:
-            said = "cannot be read"
-        elif key in self.header.valueless and default is not None:
-            said = "has no value"
-        elif value is not default and (isinstance(value, bool) or not isinstance(value, int | float)):
+        value = self.hdu.header.get(key, default)
+        said = self.hdu.header.faults.get(key, "")
+        if said == "has no value" and default is None:
+            said = ""
+        if value is not default and (isinstance(value, bool) or not isinstance(value, int | float)):
             said = f"is {str(value)[:40]!r}, not a number"
-        else:
-            return value
-        problem = f"has pixels that depend on {key}, which {said}"
-        raise FrameError(ErrorCode.DAMAGED, self.unit.path, problem, "mend its header")
+        if said:
+            problem = f"has pixels that depend on {key}, which {said}"
+            raise FrameError(ErrorCode.DAMAGED, self.hdu.path, problem, "mend its header")
+        return value
 
     @property
     def dtype(self) -> np.dtype:
         """Of the numbers stored; FITS says uint16 by a BZERO of 32768."""
-        (scale, zero, _), bitpix = self.scaling, self.unit.bitpix
+        (scale, zero, _), bitpix = self.scaling, self.hdu.bitpix
         if scale == 1 and bitpix > 8 and zero == 2.0 ** (bitpix - 1):
             return np.dtype(f"u{bitpix // 8}")
-        return np.dtype("i1") if (bitpix, scale, zero) == (8, 1, -128) else np.dtype(DTYPES[bitpix])
+        return np.dtype("i1") if (bitpix, scale, zero) == (8, 1, -128) else np.dtype(_DTYPES[bitpix])
 
     def plane(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return one plane and where it is blank, None where no pixel can be.
+
+        Parameters
+        ----------
+        index : int
+            A single plane goes with all.
 
         Returns
         -------
@@ -92,28 +105,29 @@ class Pixels:
         FrameError
             If the file ends before the plane does.
         """
-        *planes, ny, nx = self.unit.shape
+        *planes, ny, nx = self.hdu.shape
+        index = index if self.hdu.planes > 1 else 0
         if self.packed is None:
             return self._scaled(self._numbers(index * ny * nx, (ny, nx)))
-        where = tuple(int(i) for i in np.unravel_index(index, planes)) if planes else ()
+        where = map(int, np.unravel_index(index, planes)) if planes else ()
         return self._scaled(np.asarray(self.packed.section[(*where, slice(None), slice(None))]))
 
     def everything(self) -> np.ndarray:
         """Return all pixels in the shape of the image, as float64; blank ones are NaN."""
-        stored = self._numbers(0, self.unit.shape) if self.packed is None else self.packed.section[...]
+        stored = self._numbers(0, self.hdu.shape) if self.packed is None else self.packed.section[...]
         values, blank = self._scaled(np.asarray(stored))
         if blank is not None:
             values[blank] = np.nan
         return values
 
     def _numbers(self, first: int, shape: tuple[int, ...]) -> np.ndarray:
-        dtype = np.dtype(DTYPES[self.unit.bitpix]).newbyteorder(">")
-        self.handle.seek(self.unit.data + first * dtype.itemsize)
+        dtype = np.dtype(_DTYPES[self.hdu.bitpix]).newbyteorder(">")
+        self.hdu.handle.seek(self.hdu.data + first * dtype.itemsize)
         length = math.prod(shape) * dtype.itemsize
-        content = self.handle.read(length)
+        content = self.hdu.handle.read(length)
         if len(content) < length:
             problem = f"ends {length - len(content)} bytes before its pixels do"
-            raise FrameError(ErrorCode.TRUNCATED, self.unit.path, problem, "it is truncated: copy it again")
+            raise FrameError(ErrorCode.TRUNCATED, self.hdu.path, problem, "it is truncated: copy it again")
         return np.frombuffer(content, dtype).reshape(shape)
 
     def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
@@ -133,3 +147,110 @@ class Pixels:
         where = stored == blank
         values[where] = 0.0
         return values, where
+
+    def checksum_warnings(self) -> list[str]:
+        """Compare the HDU with the checksums in its header, and read a gzip to the CRC at its end.
+
+        Returns
+        -------
+        warnings : list of str
+            One for each checksum that is wrong; none where there are none.
+
+        Notes
+        -----
+        Sums of 32-bit words in ones' complement, FITS 4.0, appendix J.  The whole HDU, the card CHECKSUM
+        included, sums to zero (all bits set).
+        """
+        hdu, found = self.hdu, []
+        if "DATASUM" in hdu.header or "CHECKSUM" in hdu.header:
+            data, said = _sum(hdu.handle, hdu.data, hdu.span), hdu.words("DATASUM")
+            whole = _sum(hdu.handle, hdu.start, hdu.data - hdu.start) + data
+            if said.isdecimal() and int(said) % _ONES != data:
+                found.append(
+                    f"the pixels do not have the checksum of the header (DATASUM = {said}): "
+                    "the file was damaged or its pixels were changed"
+                )
+            elif hdu.words("CHECKSUM").strip("0") and whole % _ONES:
+                found.append("the header was changed after its CHECKSUM was written")
+        while isinstance(hdu.handle, gzip.GzipFile) and hdu.handle.read(_CHUNK):
+            pass
+        return found
+
+    def lossy_warnings(self) -> list[str]:
+        """Warn of a compression that changed the pixels; only the table behind the image says so."""
+        header, method = self.hdu.header, self.hdu.words("ZQUANTIZ") or "NO_DITHER"
+        if self.packed is None:
+            return []
+        if self.hdu.bitpix < 0 and "ZSCALE" in self.hdu.columns and method != "NONE":
+            return [f"the compression quantised the pixels (ZQUANTIZ = {method}): it is lossy"]
+        options = {self.hdu.words(f"ZNAME{n}"): header.get(f"ZVAL{n}") for n in range(1, 10)}
+        scale = options.get("SCALE") if self.hdu.words("ZCMPTYPE").startswith("HCOMPRESS") else None
+        if isinstance(scale, int | float) and scale > 0:
+            return [f"the compression (HCOMPRESS, scale {scale:g}) is lossy"]
+        return []
+
+
+def _sum(handle: BinaryIO, start: int, length: int) -> int:
+    """Sum words of 32 bits modulo 2^32 - 1, as ones' complement does."""
+    handle.seek(start)
+    total = 0
+    while length > 0 and (content := handle.read(min(length, _CHUNK))):
+        words = np.frombuffer(content.ljust(-(-len(content) // 4) * 4, b"\0"), ">u4")
+        total += int(words.sum(dtype=np.uint64))
+        length -= len(content)
+    return total % _ONES
+
+
+def open_pixels(hdu: Hdu) -> Pixels:
+    """Compare what an image declares with what its file can hold, and make its pixels readable.
+
+    Raises
+    ------
+    FrameError
+        If the pixels cannot all be there, a frame is larger than any detector's, or their compression is not
+        read.
+
+    Notes
+    -----
+    *Fails when* a compressed file is damaged within the reason of
+    :func:`~jitterkit.frames.sizes.unpacks_believably`; then reading it fails.
+    """
+    nx, ny = (*hdu.shape[::-1], 1)[:2]
+    size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
+    declared = abs(hdu.bitpix) // 8 * math.prod(hdu.shape)
+    held = hdu.data + (hdu.span if hdu.packed else declared) <= size
+    if not hdu.packed and not zipped:
+        short = not held
+    else:  # of what is packed a frame still takes a byte
+        short = not unpacks_believably(declared, ny * nx, size) or hdu.planes > size
+    if hdu.packed:
+        short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
+    elif zipped and not short:
+        short = declared > _MOST_PACKING * size
+        if not short and hdu.planes > 1:
+            hdu.handle.seek(hdu.data + declared - 1)
+            short = not hdu.handle.read(1)
+    if short:
+        amount = declared if declared < 10**18 else "more than 10^18"
+        problem = f"declares {amount} bytes of pixels and the file of {size} bytes lacks them"
+        if held and not zipped:  # the table is complete but too short for the declared pixels
+            raise hdu.refusal(problem)
+        remedy = "it is truncated: copy it again"
+        raise FrameError(ErrorCode.TRUNCATED, hdu.path, f"HDU {hdu.number} {problem}", remedy)
+    refuse_giant(hdu.path, f"HDU {hdu.number}", nx, ny)
+    method = hdu.header.get("ZCMPTYPE")
+    if hdu.packed and isinstance(method, str) and method not in _METHODS:
+        problem = f"HDU {hdu.number} uses {method[:40]!r} compression, which is not read"
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, hdu.path, problem, "save the image uncompressed")
+    return Pixels(
+        hdu, packed_image(hdu.handle, hdu.number, blank="BLANK" in hdu.header) if hdu.packed else None
+    )
+
+
+def _tiles(hdu: Hdu) -> int:
+    """How many tiles the image has; each is a row of the table."""
+    sides = hdu.shape[::-1]
+    tile = [hdu.whole(f"ZTILE{n}", side if n == 1 else 1) for n, side in enumerate(sides, 1)]
+    if any(not 0 < length <= max(side, _MOST_TILE) for length, side in zip(tile, sides, strict=True)):
+        raise hdu.refusal(f"declares tiles of {product_of(tuple(tile[::-1]))} pixels")
+    return math.prod(-(-side // length) for side, length in zip(sides, tile, strict=True))

@@ -6,9 +6,10 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from jitterkit.frames.hdu import CARD
+__all__ = ["CARD", "PlainHeader"]
 
-__all__ = ["PlainHeader"]
+CARD = 80
+"""Bytes of a card."""
 
 _REMARKS = ("COMMENT", "HISTORY")
 """Keywords of text, which may stand many times."""
@@ -36,10 +37,9 @@ class PlainHeader(Mapping[str, Any]):
     warnings : list of str
         One for each card that was asked for and could not be read, which counts as absent, or is followed by
         another that says otherwise.
-    unreadable : set of str
-        The keywords of the former.
-    valueless : set of str
-        Keywords that were asked for, and whose card has no value.
+    faults : dict of str to str
+        What is wrong with cards that were asked for and count as absent: they ``"cannot be read"`` or
+        have ``"no value"``.
     """
 
     def __init__(self, cards: Any, text: str) -> None:
@@ -50,39 +50,33 @@ class PlainHeader(Mapping[str, Any]):
         self._values: dict[str, Any] = {}
         self.comments: dict[str, str] = {}
         self.warnings: list[str] = []
-        self.unreadable: set[str] = set()
-        self.valueless: set[str] = set()
+        self.faults: dict[str, str] = {}
 
     def __getitem__(self, key: str) -> Any:
-        if key in self.unreadable or key in self.valueless:
-            raise KeyError(key)
         if key not in self._values:
-            cards = self._cards[key]
-            remarks = key in _REMARKS
-            self._values[key] = "\n".join(c.value for c in cards) if remarks else self._read(key, *cards)
+            self._values[key] = self._read(key, *self._cards[key])
+        if key in self.faults:
+            raise KeyError(key)
         return self._values[key]
 
     def _read(self, key: str, card: Any, *later: Any) -> Any:
-        try:
-            value, self.comments[key] = card.value, card.comment
-        except Exception:  # VerifyError and others
-            self.unreadable.add(key)
+        if key in _REMARKS:
+            return "\n".join(one.value for one in (card, *later))
+        value = _value(card)
+        if value is None:
+            self.faults[key] = "cannot be read"
             image = self.lines(re.compile(re.escape(key), re.I)) or key  # of a HIERARCH
             self.warnings.append(f"the header card {image[:60].strip()!r} cannot be read")
-            raise KeyError(key) from None
-        if type(value).__name__ == "Undefined":
-            self.valueless.add(key)
-            raise KeyError(key)
-        if any(_differs(other, value) for other in later):
-            self.warnings.append(f"the header says {key} more than once; the first counts")
+        elif type(value).__name__ == "Undefined":
+            self.faults[key] = "has no value"
+        else:
+            self.comments[key] = card.comment
+            if any(_value(other) != value for other in later):
+                self.warnings.append(f"the header says {key} more than once; the first counts")
         return value
 
     def __contains__(self, key: object) -> bool:
-        try:
-            self[str(key)]
-        except KeyError:
-            return False
-        return True
+        return self.get(key, self) is not self  # type: ignore[call-overload]
 
     def __iter__(self) -> Iterator[str]:
         return iter([key for key in self._cards if key in self])
@@ -96,8 +90,10 @@ class PlainHeader(Mapping[str, Any]):
         return "".join(i for i in images if keywords.match(i) and not _VALUELESS.fullmatch(i))
 
 
-def _differs(card: Any, value: Any) -> bool:
+def _value(card: Any) -> Any:
+    """The value of a card, None where astropy cannot read it."""
     try:
-        return bool(card.value != value)
-    except Exception:  # it cannot be read
-        return True
+        _ = card.comment
+        return card.value
+    except Exception:  # VerifyError and others
+        return None
