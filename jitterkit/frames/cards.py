@@ -1,29 +1,37 @@
 """Looking a number up in a header: its keywords, its unit, and whether to believe it.
 
-:class:`Cards` asks several headers one behind the other and collects what was odd as warnings; the
-rules that need more than one keyword are in :mod:`jitterkit.frames.header`.
+:class:`Cards` asks a header, and the primary one behind it, and collects what was odd as warnings; the rules
+that need more than one keyword are in :mod:`jitterkit.frames.header`.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 from jitterkit.frames.dialects import ALIASES, DIALECTS, Dialect, Keyword
 from jitterkit.frames.metadata import QUANTITIES, Known
-from jitterkit.frames.numbers import parse_number
 from jitterkit.frames.units import factor, stated_unit
 
-__all__ = ["Cards", "Number"]
+__all__ = ["Cards", "Number", "parse_number"]
 
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
 """What is counted, and the unit that is meant where none is stated."""
 
 _NO_TIME = re.compile(r"\b(number(?! of \w*sec)|no\.|index|identifier|id)", re.I)
 """Comment of a keyword that numbers exposures."""
+
+_NUMBER = re.compile(
+    r"(?P<sign>[-+]?)(?:(?P<over>[0-9]+\.?[0-9]*)\s?/\s?(?P<under>[0-9]+\.?[0-9]*)"
+    r"|(?P<comma>0,[0-9]+|[0-9]+,(?:[0-9]{1,2}|[0-9]{4,})|[0-9]{4,},[0-9]+)"
+    r"|(?P<plain>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][-+]?[0-9]+)?))"
+    r"(?:\s*(?P<unit>[^\s0-9.,;:/+-][^0-9]*))?"
+)
+_IDENTIFIER = re.compile(r"[-+]?0[0-9]+")
 
 
 @dataclass(frozen=True)
@@ -33,9 +41,10 @@ class Number:
     Parameters
     ----------
     value : float
-        In the unit of its quantity, or in ``counted``.
-    words : str
-        What stands behind the number, and the comment.
+        As written, or in the unit of its quantity.
+    unit : str
+        What stands behind the number in the same value.
+    comment : str
     source : str
     key : str
     counted : str
@@ -44,31 +53,48 @@ class Number:
     """
 
     value: float
-    words: str
+    unit: str
+    comment: str
     source: str
     key: str
     counted: str = ""
 
+    @property
+    def words(self) -> str:
+        """What stands behind the number, and the comment."""
+        return f"{self.unit} {self.comment}".strip()
+
+    @property
+    def positive(self) -> bool:
+        """Whether it is positive and finite."""
+        return 0 < self.value < math.inf
+
 
 class Cards:
-    """Headers to look in, one behind the other, that note what was odd.
+    """A header, and the primary one behind it, that note what was odd.
 
     Parameters
     ----------
-    layers : list of (mapping, int)
-        Header and the number of its HDU; the first that has a keyword answers.
+    header : mapping
+    hdu : int
+        The number of its HDU.
+    inherit : mapping, optional
+        The primary header, which answers where the other is silent.
     """
 
-    def __init__(self, layers: list[tuple[Mapping[str, Any], int]]) -> None:
-        self.layers = layers
+    def __init__(
+        self, header: Mapping[str, Any], hdu: int = 0, inherit: Mapping[str, Any] | None = None
+    ) -> None:
+        self.layers = [(header, hdu), *([] if inherit is None else [(inherit, 0)])]
         self.warnings: list[str] = []
 
     def find(self, key: str) -> tuple[Any, str, str] | None:
         """Return ``(value, comment, source)`` of a keyword, or None."""
         for header, hdu in self.layers:
             value = header.get(key)
-            if not _undefined(value):
-                return value, _comment(header, key), f"header {key} (HDU {hdu})"
+            if value is not None and type(value).__name__ != "Undefined":
+                comments = getattr(header, "comments", None)
+                return value, "" if comments is None else str(comments[key]), f"header {key} (HDU {hdu})"
         return None
 
     def text(self, key: str) -> str:
@@ -85,39 +111,40 @@ class Cards:
         """Return the keywords of a quantity, the first believed first."""
         dialect = self.dialect
         own = () if dialect is None else dialect.keywords.get(name, ())
-        if dialect is not None and any((self.number(key) or (1,))[0] > 1 for key in ("NAXIS3", "ZNAXIS3")):
+        depths = [self.number(key) for key in ("NAXIS3", "ZNAXIS3")] if dialect is not None else []
+        if dialect is not None and any(depth is not None and depth.value > 1 for depth in depths):
             own = dialect.of_cubes.get(name, ()) + own
         others = frozenset() if dialect is None else dialect.others
         return [*own, *(key for key in ALIASES[name] if key not in others and key not in own)]
 
-    def number(self, key: str) -> tuple[float, str, str] | None:
-        """Return ``(number, unit behind it, source)``, or None with a warning if it is none."""
+    def number(self, key: str) -> Number | None:
+        """Return a number as it is written, or None with a warning if it is none."""
         card = self.find(key)
         if card is None:
             return None
-        number = parse_number(card[0])
+        value, comment, source = card
+        number = parse_number(value)
         if number is None:
-            self.warnings.append(f"{key} = {card[0]!r} is not a number and is ignored")
+            self.warnings.append(f"{key} = {value!r} is not a number and is ignored")
             return None
-        return *number, card[2]
+        return Number(*number, comment, source, key)
 
     def quantity(self, name: str, key: str) -> Number | None:
         """Return a number in the unit of a quantity, or None with a warning if its unit is not read."""
-        card = self.number(key)
-        if card is None:
+        number = self.number(key)
+        if number is None:
             return None
-        (value, behind, source), comment = card, self.find(key)[1]  # type: ignore[index]
-        words = f"{behind} {comment}".strip()
-        if name == "exposure" and _NO_TIME.search(comment):
-            self.warnings.append(f"{key} = {value:g} is no time by its comment {comment!r} and is ignored")
+        said = f"{key} = {number.value:g}"
+        if name == "exposure" and _NO_TIME.search(number.comment):
+            self.warnings.append(f"{said} is no time by its comment {number.comment!r} and is ignored")
             return None
-        meaning = self._meaning(name, key, behind, comment)
+        meaning = self._meaning(name, number)
         if meaning is None:
-            self.warnings.append(f"{key} = {value:g} has a unit that is not read ({words}) and is ignored")
+            self.warnings.append(f"{said} has a unit that is not read ({number.words}) and is ignored")
             return None
         if isinstance(meaning, str):
-            return Number(value, words, source, key, meaning)
-        return Number(value * meaning, words, source, key)
+            return replace(number, counted=meaning)
+        return replace(number, value=number.value * meaning)
 
     def believable(self, name: str, key: Keyword) -> Number | None:
         """Return :meth:`quantity`, or None with a warning if its value is absurd."""
@@ -127,15 +154,20 @@ class Cards:
         problem = None if number is None else QUANTITIES[name].problem(number.value)
         if number is None or problem is None:
             return number
-        self.warnings.append(f"{key} = {number.value:g} {problem} and is ignored")
+        if (key, number.value) != ("EGAIN", 0):  # so programs write that they do not know it
+            self.warnings.append(f"{key} = {number.value:g} {problem} and is ignored")
         return None
 
-    def _meaning(self, name: str, key: str, behind: str, comment: str) -> float | str | None:
-        """What :func:`factor` says of the unit of a card; the empty text where it has none."""
+    def believed(self, name: str) -> Iterator[Number]:
+        """Yield the believable numbers of a quantity, the most authoritative first."""
+        return filter(None, (self.believable(name, key) for key in self.keywords(name)))
+
+    def _meaning(self, name: str, number: Number) -> float | str | None:
+        """What :func:`factor` says of the unit of a number; the empty text where it has none."""
         if name == "gain":  # has rules of its own
             return ""
-        unit = behind or stated_unit(name, comment, _DEFAULTS.get(name, 1.0))
-        if unit is None and key == "XPOSURE":
+        unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
+        if unit is None and number.key == "XPOSURE":
             unit = self.text("TIMEUNIT")  # of the times that FITS 4.0 defines
         return factor(name, unit) if unit else ""
 
@@ -143,30 +175,55 @@ class Cards:
         """Mean over the amplifiers that read the image."""
         used = self.text("CCDAMP").upper()
         keys = tuple(key for key in keys if key[-1] in used) or keys
-        numbers = [number for number in (self.believable(name, key) for key in keys) if number is not None]
+        numbers = [number for key in keys if (number := self.believable(name, key)) is not None]
         if not numbers:
             return None
-        low, high = min(n.value for n in numbers), max(n.value for n in numbers)
-        mean = sum(n.value for n in numbers) / len(numbers)
-        if high - low > 0.01 * abs(mean):
-            shown = f"{keys[0]} to {keys[-1]} = {low:g} to {high:g}"
+        values = [number.value for number in numbers]
+        mean = math.fsum(values) / len(values)
+        if max(values) - min(values) > 0.01 * abs(mean):
+            shown = f"{keys[0]} to {keys[-1]} = {min(values):g} to {max(values):g}"
             self.warnings.append(f"the amplifiers differ ({shown}); their mean is taken")
         first = numbers[0]
         return replace(first, value=mean, source=first.source.replace(first.key, " and ".join(keys)))
 
     def first(self, name: str) -> Known | None:
         """Return the first believable number of a quantity."""
-        for key in self.keywords(name):
-            number = self.believable(name, key)
-            if number is not None:
-                return Known(number.value, QUANTITIES[name].unit, number.source)
+        number = next(self.believed(name), None)
+        return None if number is None else Known(number.value, QUANTITIES[name].unit, number.source)
+
+
+def parse_number(value: object) -> tuple[float, str] | None:
+    """Read a value as a number with an optional unit.
+
+    Parameters
+    ----------
+    value : object
+        Of a header's card.
+
+    Returns
+    -------
+    number, unit : (float, str) or None
+        None unless the whole of the value is a number: neither ``"00:02:30"`` nor ``"2 x 30 s"`` is one.
+        ``"1/200"`` is a fraction.  A comma is read where it can only be a decimal one: in ``"3,7"`` and
+        ``"0,375"``, not in ``"65,535"``.  Digits that begin with a zero, as in ``"00006"``, are a name.
+    """
+    if isinstance(value, bool):
         return None
-
-
-def _undefined(value: Any) -> bool:
-    return value is None or type(value).__name__ == "Undefined"
-
-
-def _comment(header: Mapping[str, Any], key: str) -> str:
-    comments = getattr(header, "comments", None)
-    return "" if comments is None else str(comments[key])
+    if isinstance(value, int | float):
+        try:
+            return float(value), ""
+        except OverflowError:  # an integer of more than 308 digits
+            return math.inf, ""
+    text = str(value).strip()
+    match = _NUMBER.fullmatch(text)
+    if match is None or _IDENTIFIER.fullmatch(text.split()[0]):
+        return None
+    if match["under"]:
+        if float(match["under"]) == 0:
+            return None
+        size = float(match["over"]) / float(match["under"])
+    elif match["comma"]:
+        size = float(match["comma"].replace(",", "."))
+    else:
+        size = float(match["plain"].upper().replace("D", "E"))
+    return -size if match["sign"] == "-" else size, (match["unit"] or "").strip()

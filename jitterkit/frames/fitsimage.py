@@ -13,7 +13,7 @@ from jitterkit.frames.cards import Cards
 from jitterkit.frames.extensions import Group
 from jitterkit.frames.framefile import Planes
 from jitterkit.frames.hdu import Hdu
-from jitterkit.frames.header import rate_of_brightness, resolve_header
+from jitterkit.frames.header import rate_of_brightness, resolve
 from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.placed import NONE_MASKED
@@ -61,7 +61,7 @@ class FitsImage:
         self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
         header, number = self.hdu.header, self.hdu.number
         inherit = primary if number and header.get("INHERIT") is not False else None
-        cards = Cards([(header, number), *([] if inherit is None else [(inherit, 0)])])
+        cards = Cards(header, number, inherit)
         odd = [] if self.hdu.role else self._pixels.lossy_warnings()
         _refuse_colour(self.hdu, cards)
         from_top = _rows_from_the_top(cards, odd)
@@ -69,8 +69,8 @@ class FitsImage:
         if wcs is not None and from_top:
             wcs = turned_over(wcs, self.shape[0])
             odd += ["the WCS has lookup tables, which are not turned over, and is ignored"] * (wcs is None)
-        metadata = resolve_header(header, hdu=number, inherit=inherit, wcs=wcs)
-        rate = rate_of_brightness(header, metadata.unit, inherit)
+        metadata = resolve(cards, wcs)
+        rate = rate_of_brightness(cards, metadata.unit)
         if rate is not None:
             self._factor, known = rate
             metadata = metadata.override(known.source, unit=known)

@@ -36,27 +36,22 @@ def resolve_gain(cards: Cards) -> Known | None:
     gain : Known or None
         e-/ADU.
     """
-    for key in cards.keywords("gain"):
-        if key == "EGAIN" and (cards.number(key) or (None,))[0] == 0:  # not known to the program
-            continue
-        card = cards.believable("gain", key)
-        if card is None:
-            continue
-        objection = _objection(cards, str(key), card)
+    for card in cards.believed("gain"):
+        objection = _objection(cards, card)
         if objection is None:
             return Known(card.value, "e-/ADU", card.source)
-        cards.warnings.append(f"{key} = {card.value:g} {objection} and is ignored")
+        cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
     return None
 
 
-def _objection(cards: Cards, key: str, card: Number) -> str | None:
+def _objection(cards: Cards, card: Number) -> str | None:
     """Say why a gain is not to be taken as e-/ADU, or None."""
     said, inverse = ELECTRONS_PER_ADU.search(card.words), ADU_PER_ELECTRON.search(card.words)
     if _DECIBEL.search(card.words):
         return "is in dB, a camera setting"
     if inverse and not (said and said.start() < inverse.start()):
         return f"is in ADU per electron by its comment {card.words!r}"
-    if said or key != "GAIN":
+    if said or card.key != "GAIN":
         return None
     if cards.find("EGAIN") is not None:
         return "stands beside an EGAIN, so it is a camera setting"

@@ -22,7 +22,7 @@ from jitterkit.frames.sky import plate_scale
 from jitterkit.frames.times import resolve_time
 from jitterkit.frames.units import RATES, resolve_unit
 
-__all__ = ["rate_of_brightness", "resolve_header"]
+__all__ = ["rate_of_brightness", "resolve", "resolve_header"]
 
 ARCSEC_PER_RADIAN = 206264.80624709636
 
@@ -63,28 +63,27 @@ def resolve_header(
     :data:`~jitterkit.frames.units.COUNTS` and :data:`~jitterkit.frames.units.RATES` is kept as written: a
     detector refuses it by name.
     """
-    cards = Cards([(header, hdu)] + ([] if inherit is None else [(inherit, 0)]))
-    gain, unit, bias = resolve_gain(cards), _unit(cards), None
-    number = _first(cards, "bias")
-    if number is not None:
-        bias = _in(number, "adu", gain, None, cards)
+    return resolve(Cards(header, hdu, inherit), wcs)
+
+
+def resolve(cards: Cards, wcs: Any = None) -> Metadata:
+    """Return what cards say about a frame, as :func:`resolve_header` does."""
+    gain, unit = resolve_gain(cards), _unit(cards)
+    number = next(cards.believed("bias"), None)
+    bias = None if number is None else _in(number, "adu", gain, None, cards)
+    noises = (_in(noise, "electron", gain, None, cards) for noise in cards.believed("read_noise"))
     return Metadata(
         exposure=cards.first("exposure"),
         gain=gain,
-        read_noise=_read_noise(cards, gain),
+        read_noise=next(filter(None, noises), None),
         saturation=_saturation(cards, gain, bias, "adu" if unit is None else unit.value),
         bias=bias,
-        plate_scale=_plate_scale(cards, wcs, hdu),
+        plate_scale=_plate_scale(cards, wcs),
         line_time=_line_time(cards),
         time=resolve_time(cards),
         unit=unit,
         wcs=wcs,
     ).warn(*cards.warnings)
-
-
-def _first(cards: Cards, name: str) -> Number | None:
-    found = (cards.believable(name, key) for key in cards.keywords(name))
-    return next((number for number in found if number is not None), None)
 
 
 def _in(number: Number, unit: str, gain: Known | None, bias: Known | None, cards: Cards) -> Known | None:
@@ -104,18 +103,9 @@ def _in(number: Number, unit: str, gain: Known | None, bias: Known | None, cards
     return Known((number.value - zero) * gain.value, "e-", f"{number.source} in ADU times {gain.source}")
 
 
-def _read_noise(cards: Cards, gain: Known | None) -> Known | None:
-    for key in cards.keywords("read_noise"):
-        number = cards.believable("read_noise", key)
-        known = None if number is None else _in(number, "electron", gain, None, cards)
-        if known is not None:
-            return known
-    return None
-
-
 def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str) -> Known | None:
     """The level in the unit of the pixels, ADU or electrons, once the exposure has made counts of rates."""
-    number = _first(cards, "saturation")
+    number = next(cards.believed("saturation"), None)
     if number is None:
         return None
     if unit not in ("adu", "electron") and not number.counted:
@@ -133,7 +123,7 @@ def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str)
     return known
 
 
-def _plate_scale(cards: Cards, wcs: Any, hdu: int) -> Known | None:
+def _plate_scale(cards: Cards, wcs: Any) -> Known | None:
     said = cards.first("plate_scale") or _scale_from_area(cards)
     if wcs is None:
         return _scale_without_sky(cards, said)
@@ -145,7 +135,7 @@ def _plate_scale(cards: Cards, wcs: Any, hdu: int) -> Known | None:
         return _scale_without_sky(cards, said)
     if said is not None and abs(said.value / scale - 1) > 0.01:
         cards.warnings.append(f"{said.source} = {said.value:g} differs from the WCS's {scale:g} arcsec/pixel")
-    return Known(scale, "arcsec/pixel", f"header WCS (HDU {hdu})")
+    return Known(scale, "arcsec/pixel", f"header WCS (HDU {cards.layers[0][1]})")
 
 
 def _scale_without_sky(cards: Cards, said: Known | None) -> Known | None:
@@ -162,9 +152,9 @@ def _scale_without_sky(cards: Cards, said: Known | None) -> Known | None:
 def _scale_from_area(cards: Cards) -> Known | None:
     """The side of a pixel whose area on the sky JWST writes, in arcsec²."""
     area = cards.number("PIXAR_A2")
-    if area is None or not 0 < area[0] < math.inf:
+    if area is None or not area.positive:
         return None
-    return Known(math.sqrt(area[0]), "arcsec/pixel", area[2])
+    return Known(math.sqrt(area.value), "arcsec/pixel", area.source)
 
 
 def _scale_from_optics(cards: Cards) -> Known | None:
@@ -189,7 +179,7 @@ def _scale_from_optics(cards: Cards) -> Known | None:
 
 def _binning(cards: Cards) -> float:
     bins = cards.number("XBINNING")
-    return 1.0 if bins is None else max(bins[0], 1.0)
+    return 1.0 if bins is None else max(bins.value, 1.0)
 
 
 def _line_time(cards: Cards) -> Known | None:
@@ -217,17 +207,14 @@ def _unit(cards: Cards) -> Known | None:
     return Known(unit or text, "", f"{card[2]}, {text!r}" if as_written else card[2])
 
 
-def rate_of_brightness(
-    header: Mapping[str, Any], unit: Known | None, inherit: Mapping[str, Any] | None = None
-) -> tuple[float, Known] | None:
+def rate_of_brightness(cards: Cards, unit: Known | None) -> tuple[float, Known] | None:
     """Find how a header converts surface brightness to counts.
 
     Parameters
     ----------
-    header, inherit : mapping
-        As in :func:`resolve_header`.
+    cards : Cards
     unit : Known or None
-        What that says of the pixels.
+        What :func:`resolve` says of the pixels.
 
     Returns
     -------
@@ -237,9 +224,7 @@ def rate_of_brightness(
     """
     if unit is None or "".join(str(unit.value).lower().split()) not in ("mjy/sr", "mjysr-1", "mjy.sr-1"):
         return None
-    cards = Cards([(header, 0)] + ([] if inherit is None else [(inherit, 0)]))
-    for key in _CONVERSIONS:
-        card = cards.number(key)
-        if card is not None and 0 < card[0] < math.inf:
-            return 1 / card[0], Known("adu/s", "", f"{unit.source} in MJy/sr over {key}")
+    for card in filter(None, map(cards.number, _CONVERSIONS)):
+        if card.positive:
+            return 1 / card.value, Known("adu/s", "", f"{unit.source} in MJy/sr over {card.key}")
     return None

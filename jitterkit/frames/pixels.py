@@ -2,7 +2,7 @@
 
 Reach for :func:`open_pixels`, which holds what an image declares against what the file can hold before
 anything is allocated.  Numbers are read unscaled, and BLANK, BSCALE and BZERO are applied in float64: exact
-for every integer type up to 32 bits, and the same for plain and compressed images, whose tiles astropy unpacks.
+for every integer type up to 32 bits, and the same for plain and compressed images.  Tiles are astropy's.
 """
 
 from __future__ import annotations

@@ -124,10 +124,10 @@ def _mjd(cards: Cards, key: str) -> Known | None:
     card = cards.number(key)
     if card is None:
         return None
-    if not 0 < card[0] < 200000:
-        cards.warnings.append(f"{key} = {card[0]:g} is not a date and is ignored")
+    if not 0 < card.value < 200000:
+        cards.warnings.append(f"{key} = {card.value:g} is not a date and is ignored")
         return None
-    return _in_utc(cards, MJD_EPOCH + timedelta(days=card[0]), card[2], "milliseconds")
+    return _in_utc(cards, MJD_EPOCH + timedelta(days=card.value), card.source, "milliseconds")
 
 
 def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Known:

@@ -77,7 +77,7 @@ def test_frames_are_counted_as_the_file_holds_them(tmp_path, shape, frames):
 
 def test_a_fits_of_one_frame_is_counted_by_its_layout_alone(tmp_path, monkeypatch):
     write_fits(tmp_path / "one.fits", np.zeros((6, 5), np.float32))
-    monkeypatch.setattr("jitterkit.frames.fitsimage.resolve_header", None)
+    monkeypatch.setattr("jitterkit.frames.fitsimage.resolve", None)
     assert count_frames(tmp_path / "one.fits") == 1
 
 
