@@ -103,19 +103,18 @@ class Cards:
         return "" if card is None else str(card[0]).strip()
 
     @cached_property
-    def dialect(self) -> Dialect | None:
-        """The observatory whose keywords these are, where it has its own."""
-        return next((d for d in DIALECTS if d.spoken(self.text(d.key))), None)
+    def dialect(self) -> Dialect:
+        """The observatory whose keywords these are; one without a name where it has none of its own."""
+        return next((d for d in DIALECTS if d.spoken(self.text(d.key))), Dialect("", "", "", {}))
 
     def keywords(self, name: str) -> list[Keyword]:
         """Return the keywords of a quantity, the first believed first."""
         dialect = self.dialect
-        own = () if dialect is None else dialect.keywords.get(name, ())
-        depths = [self.number(key) for key in ("NAXIS3", "ZNAXIS3")] if dialect is not None else []
-        if dialect is not None and any(depth is not None and depth.value > 1 for depth in depths):
-            own = dialect.of_cubes.get(name, ()) + own
-        others = frozenset() if dialect is None else dialect.others
-        return [*own, *(key for key in ALIASES[name] if key not in others and key not in own)]
+        own = dialect.keywords.get(name, ())
+        if name in dialect.of_cubes:
+            depths = filter(None, map(self.number, ("NAXIS3", "ZNAXIS3")))
+            own = dialect.of_cubes[name] + own if any(depth.value > 1 for depth in depths) else own
+        return [*own, *(key for key in ALIASES[name] if key not in dialect.others and key not in own)]
 
     def number(self, key: str) -> Number | None:
         """Return a number as it is written, or None with a warning if it is none."""
@@ -148,9 +147,7 @@ class Cards:
 
     def believable(self, name: str, key: Keyword) -> Number | None:
         """Return :meth:`quantity`, or None with a warning if its value is absurd."""
-        if not isinstance(key, str):
-            return self._mean(name, key)
-        number = self.quantity(name, key)
+        number = self.quantity(name, key) if isinstance(key, str) else self._mean(name, key)
         problem = None if number is None else QUANTITIES[name].problem(number.value)
         if number is None or problem is None:
             return number

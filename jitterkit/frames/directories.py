@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.damage import damaged, truncated
 from jitterkit.frames.files import GZIP
 
 __all__ = ["full_pages"]
@@ -42,40 +43,32 @@ def full_pages(path: Path) -> list[int]:
     FrameError
         If the chain loops, overlaps itself, leaves the file, or has no such page.
     """
-    size = path.stat().st_size
+    size, read = path.stat().st_size, 0
     pages: list[int] = []
     seen: set[int] = set()
-    read = 0
     with path.open("rb") as handle:
         if handle.peek(len(GZIP)).startswith(GZIP):
             problem, remedy = "is a gzipped TIFF, which is not read", "unpack it with gunzip"
             raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy)
         layout, offset = _start(handle)
         if size < 2 * struct.calcsize(layout.link):
-            problem = f"ends after {size} bytes, within its header"
-            raise FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
+            raise truncated(path, f"ends after {size} bytes, within its header")
         while offset:
+            page = len(seen)
             if offset in seen:
-                problem = f"page {len(seen)} points back to an earlier page"
-                raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
+                raise damaged(path, f"page {page} points back to an earlier page")
             if offset >= size:
-                problem = f"page {len(seen)} lies beyond the end of the file"
-                raise FrameError(ErrorCode.TRUNCATED, path, problem, _DAMAGED)
-            subfile, following, length = _directory(handle, layout, offset, path, len(seen))
+                raise truncated(path, f"page {page} lies beyond the end of the file")
+            seen.add(offset)
+            subfile, offset, length = _directory(handle, layout, offset, path, page)
             read += length
             if read > size:
-                problem = f"page {len(seen)} has a directory that overlaps others"
-                raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
+                raise damaged(path, f"page {page} has a directory that overlaps others")
             if not subfile & NOT_A_FRAME:
-                pages.append(len(seen))
-            seen.add(offset)
-            offset = following
+                pages.append(page)
     if not pages:
         raise FrameError(ErrorCode.NO_IMAGE, path, "holds no full-size page", "give a TIFF with an image")
     return pages
-
-
-_DAMAGED = "the file is damaged: copy it again or convert it"
 
 
 def _start(handle: BinaryIO) -> tuple[Layout, int]:
@@ -95,11 +88,11 @@ def _directory(handle: BinaryIO, layout: Layout, offset: int, path: Path, page: 
     head = handle.read(width)
     entries = layout.number(layout.count_code, head) if len(head) == width else 0
     if not 0 < entries <= 65535:
-        code = ErrorCode.DAMAGED if len(head) == width else ErrorCode.TRUNCATED
-        raise FrameError(code, path, f"page {page} has a directory of {entries} entries", _DAMAGED)
+        refuse = damaged if len(head) == width else truncated
+        raise refuse(path, f"page {page} has a directory of {entries} entries")
     data = handle.read(entries * layout.entry + struct.calcsize(layout.link))
     if len(data) < entries * layout.entry:
-        raise FrameError(ErrorCode.TRUNCATED, path, f"page {page} has a directory cut short", _DAMAGED)
+        raise truncated(path, f"page {page} has a directory cut short")
     link = data[entries * layout.entry :]
     following = layout.number(layout.link, link) if len(link) == struct.calcsize(layout.link) else 0
     return _subfile(layout, data), following, width + entries * layout.entry

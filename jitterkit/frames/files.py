@@ -6,16 +6,18 @@ frame.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import gzip
 import re
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError, reading_code
 
-__all__ = ["EXTENSIONS", "GZIP", "damage_code", "files_beside", "find_files", "sniff"]
+__all__ = ["EXTENSIONS", "GZIP", "damage_code", "files_beside", "find_files", "open_bytes", "sniff"]
 
 #: What is looked for in a directory, in lower case.
 EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
@@ -124,13 +126,32 @@ def sniff(path: Path) -> str:
         If the file is missing, a directory, unreadable, empty, or something else; the message says
         what it is.
     """
-    start = _first_bytes(path)
+    if not path.is_file():
+        raise _no_file(path)
+    try:
+        with open_bytes(path) as handle:
+            start = handle.read(256)
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        problem, remedy = f"cannot be read ({reason})", "check the file and its permissions"
+        raise FrameError(damage_code(error, path), path, problem, remedy) from error
+    if not start:
+        raise FrameError(ErrorCode.TRUNCATED, path, "is empty (0 bytes)", "copy it again from where it came")
     if start.startswith(b"SIMPLE"):
         return "FITS"
     if start.startswith(TIFF):
         return "TIFF"
     problem = f"is {_describe(start)}, not a FITS or TIFF file"
     raise FrameError(ErrorCode.UNKNOWN_FORMAT, path, problem, REMEDY)
+
+
+def open_bytes(path: Path) -> BinaryIO:
+    """Open a file for its bytes, unzipped where it is gzipped."""
+    handle = path.open("rb")
+    if not handle.peek(len(GZIP)).startswith(GZIP):
+        return handle
+    handle.close()
+    return gzip.open(path)  # type: ignore[return-value]
 
 
 def damage_code(error: Exception, path: Path) -> ErrorCode:
@@ -153,21 +174,6 @@ def damage_code(error: Exception, path: Path) -> ErrorCode:
     return ErrorCode.DAMAGED
 
 
-def _first_bytes(path: Path) -> bytes:
-    if not path.is_file():
-        raise _no_file(path)
-    try:
-        start = _head(path)
-        start = _unzipped_head(path) if start.startswith(GZIP) else start
-    except (OSError, EOFError, zlib.error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        problem, remedy = f"cannot be read ({reason})", "check the file and its permissions"
-        raise FrameError(damage_code(error, path), path, problem, remedy) from error
-    if not start:
-        raise FrameError(ErrorCode.TRUNCATED, path, "is empty (0 bytes)", "copy it again from where it came")
-    return start
-
-
 def _no_file(path: Path) -> FrameError:
     if not path.exists():
         return FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the name")
@@ -176,21 +182,10 @@ def _no_file(path: Path) -> FrameError:
     return FrameError(ErrorCode.NOT_READABLE, path, "is not a regular file", REMEDY)
 
 
-def _head(path: Path) -> bytes:
-    with path.open("rb") as handle:
-        return handle.read(256)
-
-
 def _is_gzipped(path: Path) -> bool:
-    try:
-        return _head(path).startswith(GZIP)
-    except OSError:
-        return False
-
-
-def _unzipped_head(path: Path) -> bytes:
-    with gzip.open(path, "rb") as handle:
-        return handle.read(256)
+    with contextlib.suppress(OSError), path.open("rb") as handle:
+        return handle.read(2) == GZIP
+    return False
 
 
 def _describe(start: bytes) -> str:

@@ -1,6 +1,6 @@
 """FITS files as frames.
 
-Reach for :func:`open`.  The chain of HDUs is followed in :mod:`~jitterkit.frames.hdus` first, so that
+Reach for :class:`FitsFile`.  The chain of HDUs is followed in :mod:`~jitterkit.frames.hdus` first, so that
 nothing is believed of a header that the file cannot hold.  The pixels are read one plane at a time in
 :mod:`~jitterkit.frames.pixels`; headers, tiles and coordinates are astropy's.
 """
@@ -13,13 +13,13 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
-from jitterkit.frames.files import files_beside
+from jitterkit.frames.files import files_beside, open_bytes
 from jitterkit.frames.fitsimage import FitsImage
-from jitterkit.frames.fitsio import all_hdus, write
+from jitterkit.frames.fitsio import all_hdus
 from jitterkit.frames.framefile import FrameFile, Planes, translated
-from jitterkit.frames.hdus import image_groups, open_bytes, read_hdus
+from jitterkit.frames.hdus import image_groups, read_hdus
 
-__all__ = ["FitsFile", "is_plane", "open", "write"]
+__all__ = ["FitsFile", "is_plane"]
 
 
 class FitsFile(FrameFile):
@@ -96,13 +96,8 @@ class FitsFile(FrameFile):
             handle.close()
 
 
-def open(path: Path, hdu: int | None = None) -> FitsFile:
-    """Open a FITS file; see :class:`FitsFile`."""
-    return FitsFile(path, hdu)
-
-
 def is_plane(path: Path, hdu: int | None = None) -> bool:
-    """Tell from the layout of a file alone whether it holds one frame; errors are those of :func:`open`."""
+    """Tell from the layout of a file alone whether it holds one frame; raises as :class:`FitsFile` does."""
     with translated(path), open_bytes(path) as handle:
         groups = image_groups(path, handle, read_hdus(path, handle, hdu)[0], hdu)
         return len(groups) == 1 and groups[0].image.planes == 1

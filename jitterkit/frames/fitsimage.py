@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.cards import Cards
+from jitterkit.frames.damage import in_colour
 from jitterkit.frames.extensions import Group
 from jitterkit.frames.framefile import Planes
 from jitterkit.frames.hdu import Hdu
@@ -154,19 +154,14 @@ def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
     for axis, side in enumerate(reversed(hdu.shape), 1):
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
-            raise _in_colour(hdu, side, f"CTYPE{axis} = {name!r}")
+            raise in_colour(hdu.path, side, f"CTYPE{axis} = {name!r}")
     if len(hdu.shape) < 3 or 3 not in (hdu.shape[0], hdu.shape[-1]):
         return
     space, mosaic = _text(cards, "COLORSPC") or _text(cards, "COLORSPACE"), _text(cards, "BAYERPAT")
     if space in ("RGB", "SRGB"):
-        raise _in_colour(hdu, 3, f"COLORSPC = {space!r}")
+        raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
     if mosaic not in _NO_MOSAIC:
-        raise _in_colour(hdu, 3, f"BAYERPAT = {mosaic!r}")
-
-
-def _in_colour(hdu: Hdu, channels: int, said: str) -> FrameError:
-    remedy = "it is a colour image: convert it to one channel"
-    return FrameError(ErrorCode.COLOUR, hdu.path, f"has {channels} channels ({said})", remedy)
+        raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
 
 
 def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:

@@ -6,6 +6,7 @@ A format is one module with a class derived from :class:`FrameFile`; it implemen
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import warnings
@@ -22,7 +23,7 @@ from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "Planes", "collected", "one_line", "translated"]
+__all__ = ["FrameFile", "Planes", "collected", "one_line", "overheard", "translated"]
 
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
@@ -198,6 +199,22 @@ def collected() -> Iterator[list[object]]:
         warnings.simplefilter("always")
         warnings.showwarning = collect
         yield caught
+
+
+@contextmanager
+def overheard(log: logging.Logger) -> Iterator[list[str]]:
+    """Collect what a library logs meanwhile, one line each, in place of its being shown."""
+    said: list[str] = []
+
+    def note(record: logging.LogRecord) -> bool:
+        said.append(one_line(record.getMessage()))
+        return False
+
+    log.addFilter(note)
+    try:
+        yield said
+    finally:
+        log.removeFilter(note)
 
 
 def _stamp(path: Path) -> tuple[int, int, int]:

@@ -15,18 +15,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
-from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.errors import FrameError
+from jitterkit.frames.damage import damaged
 from jitterkit.frames.plainheader import CARD, PlainHeader
 
-__all__ = ["BLOCK", "DAMAGED", "Hdu", "product_of"]
+__all__ = ["BLOCK", "Hdu", "product_of"]
 
 BLOCK = 2880
 """Headers and data take a whole number of blocks of so many bytes."""
 
 _MOST_AXES = 999
 """FITS allows so many axes, and columns of a table."""
-
-DAMAGED = "the file is damaged: copy it again or convert it"
 
 _STRUCTURE = re.compile(
     rb"(SIMPLE|XTENSION|Z?BITPIX|Z?NAXIS\d{0,3}|[PG]COUNT|GROUPS|TFIELDS|ZIMAGE|ZTILE\d{1,3}) *=(.*)"
@@ -102,7 +101,7 @@ class Hdu:
 
     def refusal(self, problem: str) -> FrameError:
         """Return the exception for a damaged file."""
-        return FrameError(ErrorCode.DAMAGED, self.path, f"HDU {self.number} {problem}", DAMAGED)
+        return damaged(self.path, f"HDU {self.number} {problem}")
 
     def whole(self, key: str, default: int | None = None) -> int:
         """Return a whole number of the structure, or refuse the file."""
@@ -186,8 +185,7 @@ class Hdu:
     def check(self) -> None:
         """Refuse a structure that cannot be."""
         if self.number == 0 and self.structure.get("SIMPLE") != b"T":
-            problem = "has a damaged primary header (SIMPLE is not T)"
-            raise FrameError(ErrorCode.DAMAGED, self.path, problem, DAMAGED)
+            raise damaged(self.path, "has a damaged primary header (SIMPLE is not T)")
         if not 0 <= self.whole("TFIELDS", 0) <= _MOST_AXES:
             raise self.refusal(f"declares TFIELDS = {self.whole('TFIELDS')} columns")
         _ = self.span, self.bitpix, self.is_image

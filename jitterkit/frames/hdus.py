@@ -6,21 +6,19 @@ what :class:`~jitterkit.frames.hdu.Hdu` believes, and :func:`image_groups` choos
 
 from __future__ import annotations
 
-import gzip
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.damage import damaged, truncated, unpacks_believably
 from jitterkit.frames.extensions import Group, frame_groups
-from jitterkit.frames.files import GZIP
 from jitterkit.frames.fitsio import header_of
-from jitterkit.frames.hdu import BLOCK, DAMAGED, Hdu
+from jitterkit.frames.hdu import BLOCK, Hdu
 from jitterkit.frames.plainheader import CARD
-from jitterkit.frames.sizes import unpacks_believably
 
-__all__ = ["image_groups", "open_bytes", "read_hdus", "walk"]
+__all__ = ["image_groups", "read_hdus", "walk"]
 
 _MOST_HEADER_BLOCKS, _MOST_BLOCKS = 1000, 20000
 """Headers of more blocks than this (36,000 cards, read in 0.3 s), or all HDUs together, have no END."""
@@ -29,15 +27,6 @@ _MOST_HDUS = 1000
 """So many HDUs are searched."""
 
 _NO_TEXT = re.compile(rb"[^ -~]")
-
-
-def open_bytes(path: Path) -> BinaryIO:
-    """Open a file for its bytes, unzipped where it is gzipped."""
-    handle = path.open("rb")
-    if not handle.peek(len(GZIP)).startswith(GZIP):
-        return handle
-    handle.close()
-    return gzip.open(path)  # type: ignore[return-value]
 
 
 def read_hdus(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[Hdu], list[str]]:
@@ -86,7 +75,8 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Hdu]:
         if text is ErrorCode.UNKNOWN_FORMAT:
             raise FrameError(text, path, "does not begin as a FITS file does", "give a FITS file")
         if isinstance(text, ErrorCode):
-            raise FrameError(text, path, "has a FITS header without an END card", DAMAGED)
+            refuse = truncated if text is ErrorCode.TRUNCATED else damaged
+            raise refuse(path, "has a FITS header without an END card")
         blocks -= read
         hdu = Hdu(path, handle, number, start, start + read * BLOCK, text, header_of(text))
         hdu.check()
@@ -129,7 +119,7 @@ def image_groups(path: Path, handle: BinaryIO, hdus: list[Hdu], wanted: int | No
     else:
         problem, remedy = f"has no HDU {wanted}", f"choose one from 0 to {last.number}"
     if _ends_early(last, handle):
-        raise FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
+        raise truncated(path, problem)
     raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
 
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.frames.files import open_bytes
 from jitterkit.frames.framefile import translated
-from jitterkit.frames.hdus import image_groups, open_bytes, read_hdus, walk
+from jitterkit.frames.hdus import image_groups, read_hdus, walk
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.plainheader import PlainHeader
 

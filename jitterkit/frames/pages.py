@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.damage import damaged, in_colour, refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.framefile import one_line
-from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
 __all__ = ["ORIENTATIONS", "orientation_of", "refuse_missing_data", "refuse_unusable"]
 
@@ -34,8 +34,6 @@ ORIENTATIONS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
 CHANNELS = {"RGB": "red, green, blue", "CMYK": "cyan, magenta, yellow, black", "YCBCR": "luma and two chroma"}
 #: Tiles of less than this, in bytes, may be larger than their image.
 SMALL_TILE = 1 << 24
-
-_DAMAGED = "the file is damaged: copy it again or convert it"
 
 
 def orientation_of(page: Any) -> int:
@@ -56,28 +54,25 @@ def refuse_unusable(path: Path, page: Any) -> None:
     photometric = getattr(page.photometric, "name", str(page.photometric))
     for name in ("imagewidth", "imagelength", "imagedepth", "samplesperpixel"):
         if not isinstance(getattr(page, name), int | np.integer):
-            problem = f"has {name} = {_brief(getattr(page, name))}, which is not a whole number"
-            raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
+            raise damaged(path, f"has {name} = {_brief(getattr(page, name))}, which is not a whole number")
     if page.imagelength < 1 or page.imagewidth < 1:
-        problem = f"has a page of {page.imagewidth} x {page.imagelength} pixels"
-        raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
+        raise damaged(path, f"has a page of {page.imagewidth} x {page.imagelength} pixels")
     if page.samplesperpixel > 1:
         names = CHANNELS.get(photometric, "grey") + (", alpha" if page.extrasamples else "")
-        problem = f"has {page.samplesperpixel} channels ({names})"
-        remedy = "it is a colour image: convert it to one channel"
-        raise FrameError(ErrorCode.COLOUR, path, problem, remedy)
+        raise in_colour(path, page.samplesperpixel, names)
     if photometric == "PALETTE":
         raise FrameError(ErrorCode.COLOUR, path, "has palette colours", "convert it to one channel of grey")
+    problem = ""
     if page.dtype is None or np.dtype(page.dtype).kind not in "uif":
         problem = f"has {_brief(page.bitspersample)} bits per sample of format {_brief(page.sampleformat)}"
         remedy = "convert it to 8, 16 or 32 bits or to floating point"
-        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy)
-    if orientation_of(page) not in ORIENTATIONS:
+    elif orientation_of(page) not in ORIENTATIONS:
         problem = f"has the unknown Orientation {_brief(orientation_of(page))}"
-        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, "save it top row first")
-    if page.imagedepth > 1:
-        problem = f"has {page.imagedepth} layers in a page"
-        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, "save one layer in each page")
+        remedy = "save it top row first"
+    elif page.imagedepth > 1:
+        problem, remedy = f"has {page.imagedepth} layers in a page", "save one layer in each page"
+    if problem:
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy)
 
 
 def refuse_missing_data(path: Path, page: Any, size: int) -> None:
@@ -95,21 +90,19 @@ def refuse_missing_data(path: Path, page: Any, size: int) -> None:
     ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=False) if n]
     stored, pixels = sum(page.databytecounts), page.imagelength * page.imagewidth
     plain = page.compression == 1 and page.bitspersample in (8, 16, 32, 64)
-    short = page.nbytes > stored if plain else not unpacks_believably(page.nbytes, pixels, stored)
-    if not ends or max(ends) > size or short:
-        problem = f"page {page.index} declares {page.nbytes} bytes and the file of {size} bytes lacks them"
+    beyond = not ends or max(ends) > size
+    if beyond or (page.nbytes > stored if plain else not unpacks_believably(page.nbytes, pixels, stored)):
         # a writer that was interrupted leaves counts of zero
-        if not ends or max(ends) > size or 0 in page.databytecounts:
-            raise FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
-        raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
+        refuse = truncated if beyond or 0 in page.databytecounts else damaged
+        raise refuse(
+            path, f"page {page.index} declares {page.nbytes} bytes and the file of {size} bytes lacks them"
+        )
     refuse_giant(path, f"page {page.index}", page.imagewidth, page.imagelength)
     tile = math.prod(page.chunks) * np.dtype(page.dtype).itemsize
     if tile > max(SMALL_TILE, 4 * page.nbytes):
-        shown = " x ".join(map(str, page.chunks[::-1]))
-        problem = (
-            f"page {page.index} declares tiles of {shown} in {page.imagewidth} x {page.imagelength} pixels"
-        )
-        raise FrameError(ErrorCode.DAMAGED, path, problem, _DAMAGED)
+        shown = f"tiles of {' x '.join(map(str, page.chunks[::-1]))}"
+        image = f"{page.imagewidth} x {page.imagelength} pixels"
+        raise damaged(path, f"page {page.index} declares {shown} in {image}")
 
 
 def _brief(value: object) -> str:

@@ -16,9 +16,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.damage import refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.fitsio import packed_image
 from jitterkit.frames.hdu import Hdu, product_of
-from jitterkit.frames.sizes import refuse_giant, unpacks_believably
 
 __all__ = ["Pixels", "open_pixels"]
 
@@ -126,8 +126,7 @@ class Pixels:
         length = math.prod(shape) * dtype.itemsize
         content = self.hdu.handle.read(length)
         if len(content) < length:
-            problem = f"ends {length - len(content)} bytes before its pixels do"
-            raise FrameError(ErrorCode.TRUNCATED, self.hdu.path, problem, "it is truncated: copy it again")
+            raise truncated(self.hdu.path, f"ends {length - len(content)} bytes before its pixels do")
         return np.frombuffer(content, dtype).reshape(shape)
 
     def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
@@ -213,7 +212,7 @@ def open_pixels(hdu: Hdu) -> Pixels:
     Notes
     -----
     *Fails when* a compressed file is damaged within the reason of
-    :func:`~jitterkit.frames.sizes.unpacks_believably`; then reading it fails.
+    :func:`~jitterkit.frames.damage.unpacks_believably`; then reading it fails.
     """
     nx, ny = (*hdu.shape[::-1], 1)[:2]
     size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
@@ -235,8 +234,7 @@ def open_pixels(hdu: Hdu) -> Pixels:
         problem = f"declares {amount} bytes of pixels and the file of {size} bytes lacks them"
         if held and not zipped:  # the table is complete but too short for the declared pixels
             raise hdu.refusal(problem)
-        remedy = "it is truncated: copy it again"
-        raise FrameError(ErrorCode.TRUNCATED, hdu.path, f"HDU {hdu.number} {problem}", remedy)
+        raise truncated(hdu.path, f"HDU {hdu.number} {problem}")
     refuse_giant(hdu.path, f"HDU {hdu.number}", nx, ny)
     method = hdu.header.get("ZCMPTYPE")
     if hdu.packed and isinstance(method, str) and method not in _METHODS:

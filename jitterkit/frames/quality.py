@@ -49,7 +49,7 @@ def bad_bits(plane: Mapping[str, Any], cards: Cards) -> tuple[int, str]:
     numbers = {name: bit for name, bit in names.items() if isinstance(bit, int) and 0 <= bit < 32}
     if numbers:
         return sum({1 << bit for name, bit in numbers.items() if name not in _LSST_GOOD}), "its planes MP_*"
-    name = "" if cards.dialect is None else cards.dialect.name
+    name = cards.dialect.name
     if name == "JWST":
         return _JWST_BAD, name
     if name == "HST":

@@ -20,7 +20,6 @@ not read.
 from __future__ import annotations
 
 import json
-import math
 import tomllib
 from collections.abc import Mapping
 from datetime import date, datetime
@@ -103,12 +102,8 @@ def _refuse_unknown(where: str, values: Mapping[str, Any]) -> None:
 
 def _toml(value: Any) -> str:
     value = value.item() if hasattr(value, "item") else value
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float) and not math.isfinite(value):
-        return {math.inf: "inf", -math.inf: "-inf"}.get(value, "nan")
-    if isinstance(value, int | float):
+    if isinstance(value, float):
         return repr(value)
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(str(value), ensure_ascii=False)
+    return json.dumps(value if isinstance(value, int) else str(value), ensure_ascii=False)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +16,17 @@ import numpy as np
 import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.damage import truncated
 from jitterkit.frames.directories import full_pages
-from jitterkit.frames.framefile import FrameFile, Planes, one_line, translated
+from jitterkit.frames.framefile import FrameFile, Planes, overheard, translated
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pages import ORIENTATIONS, orientation_of, refuse_missing_data, refuse_unusable
 from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.sidecar import read_sidecars
 
-__all__ = ["TiffFile", "open", "write"]
+__all__ = ["TiffFile", "write"]
+
+_LOG = logging.getLogger("tifffile")
 
 ROW_ORDERS = {1: -1, 2: -1, 3: 1, 4: 1}
 """Rows upwards are the stored rows as they come (1) or turned over (-1); else they are columns (0)."""
@@ -40,6 +41,8 @@ class TiffFile(FrameFile):
     ----------
     path : Path
         Classic or BigTIFF, of either byte order.
+    hdu : int, optional
+        A TIFF has none, so naming one is refused.
 
     Raises
     ------
@@ -51,11 +54,14 @@ class TiffFile(FrameFile):
 
     kind = "TIFF"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, hdu: int | None) -> None:
+        if hdu is not None:
+            problem = f"is a TIFF and has no HDU {hdu}"
+            raise FrameError(ErrorCode.NO_IMAGE, path, problem, "leave the HDU out")
         super().__init__(path)
         with translated(path):
             self._pages = full_pages(path)
-        with translated(path) as caught, _talk() as talk:
+        with translated(path) as caught, overheard(_LOG) as talk:
             self._tiff = tifffile.TiffFile(path)
             try:
                 self._survey()
@@ -68,7 +74,9 @@ class TiffFile(FrameFile):
         page = self._page(0)
         self._planes = _planes_behind(self.path, self._tiff, page) if len(self._pages) == 1 else None
         self._count = len(self._pages) if self._planes is None else self._planes
-        _refuse_missing_planes(self.path, self._tiff, self._count)
+        # where an ImageJ stack is cut short tifffile falls back to its first plane
+        declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
+        _refuse_missing_planes(self.path, declared, self._count)
         self.shape, self.dtype = _shape(page), np.dtype(page.dtype).newbyteorder("=")
         sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
         self.metadata = _own_metadata(self._tiff, page, sidecars)
@@ -79,7 +87,7 @@ class TiffFile(FrameFile):
         return page
 
     def _read(self, index: int) -> Planes:
-        with _talk() as talk:
+        with overheard(_LOG) as talk:
             page = self._page(index if self._planes is None else 0)
             if self._planes is None:
                 refuse_missing_data(self.path, page, self._tiff.filehandle.size)
@@ -93,29 +101,6 @@ class TiffFile(FrameFile):
     def close(self) -> None:
         """Close the file."""
         self._tiff.close()
-
-
-def open(path: Path, hdu: int | None = None) -> TiffFile:
-    """Open a TIFF; a TIFF has no HDUs, so naming one is refused."""
-    if hdu is not None:
-        raise FrameError(ErrorCode.NO_IMAGE, path, f"is a TIFF and has no HDU {hdu}", "leave the HDU out")
-    return TiffFile(path)
-
-
-@contextmanager
-def _talk() -> Iterator[list[str]]:
-    """Collect what tifffile logs while it reads."""
-    messages: list[str] = []
-    handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: messages.append(one_line(record.getMessage()))  # type: ignore[method-assign]
-    logger = logging.getLogger("tifffile")
-    propagate, logger.propagate = logger.propagate, False
-    logger.addHandler(handler)
-    try:
-        yield messages
-    finally:
-        logger.removeHandler(handler)
-        logger.propagate = propagate
 
 
 def _decode(path: Path, page: Any) -> np.ndarray:
@@ -145,22 +130,13 @@ def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None
         problem = "holds a stack not stored plane by plane"
         raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, "save one frame in each page")
     declared, left = series.size // plane, tiff.filehandle.size - series.dataoffset
-    present = max(left // page.nbytes, 0)
-    if declared > present:
-        raise _missing_planes(path, declared, present)
+    _refuse_missing_planes(path, declared, max(left // page.nbytes, 0))
     return declared
 
 
-def _refuse_missing_planes(path: Path, tiff: tifffile.TiffFile, count: int) -> None:
-    # where an ImageJ stack is cut short tifffile falls back to its first plane
-    declared = int((tiff.imagej_metadata or {}).get("images", 1))
-    if declared > count:
-        raise _missing_planes(path, declared, count)
-
-
-def _missing_planes(path: Path, declared: int, present: int) -> FrameError:
-    problem = f"declares {declared} frames and holds {present}"
-    return FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
+def _refuse_missing_planes(path: Path, declared: int, present: int) -> None:
+    if declared > present:
+        raise truncated(path, f"declares {declared} frames and holds {present}")
 
 
 def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:

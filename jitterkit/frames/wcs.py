@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Callable
 from functools import lru_cache
@@ -12,7 +11,7 @@ import numpy as np
 from astropy import log
 from astropy.wcs import WCS
 
-from jitterkit.frames.framefile import collected, one_line
+from jitterkit.frames.framefile import collected, one_line, overheard
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.sky import celestial_frame
 
@@ -74,19 +73,9 @@ def celestial_wcs(
 @lru_cache(maxsize=8)
 def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     """The WCS of some cards where it is celestial, and what was said of it."""
-    said: list[str] = []
-
-    def note(record: logging.LogRecord) -> bool:
-        said.append(one_line(record.getMessage()))
-        return False
-
-    log.addFilter(note)  # of distortions astropy tells the screen
-    try:
-        with collected() as caught:
-            whole = WCS(_NO_PATH + cards, tables)
-            celestial = whole.celestial if whole.has_celestial else None
-    finally:
-        log.removeFilter(note)
+    with overheard(log) as said, collected() as caught:  # of distortions astropy tells the screen
+        whole = WCS(_NO_PATH + cards, tables)
+        celestial = whole.celestial if whole.has_celestial else None
     said += map(one_line, caught)
     if celestial is None:
         return None, ()

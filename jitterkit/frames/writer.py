@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
-from jitterkit.frames.backends import backend
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.sidecar import sidecar_path, sidecar_text
 from jitterkit.frames.whole import replacing
@@ -50,9 +49,11 @@ def write_fits(
     JitterkitError
         If the array is not two- or three-dimensional and real.
     """
+    from jitterkit.frames.fitsio import write
+
     array = _stack(frames)
     with replacing(Path(path), overwrite) as temporary:
-        backend("FITS").write(temporary, array, header or {})
+        write(temporary, array, header or {})
     return Path(path)
 
 
@@ -87,10 +88,12 @@ def write_tiff(
     JitterkitError
         If the array is not two- or three-dimensional and real.
     """
+    from jitterkit.frames.tiff import write
+
     path, array = Path(path), _stack(frames)
     text = None if metadata is None else sidecar_text(metadata)
     with replacing(path, overwrite) as temporary:
-        backend("TIFF").write(temporary, array)
+        write(temporary, array)
         if text is not None:
             with replacing(sidecar_path(path), overwrite) as beside:
                 beside.write_text(text, encoding="utf-8")

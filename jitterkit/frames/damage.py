@@ -1,4 +1,4 @@
-"""How much a file may claim to hold before it is asked to hand it over.
+"""Refusals that FITS and TIFF share, and how much a file may claim to hold before it is asked for it.
 
 A header of a few bytes can declare terabytes, and a compressed file can unpack to them.  What is stored
 plainly is held against the size of the file by the readers themselves; here are the limits for the rest.
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jitterkit.errors import ErrorCode, FrameError
 
-__all__ = ["refuse_giant", "unpacks_believably"]
+__all__ = ["damaged", "in_colour", "refuse_giant", "truncated", "unpacks_believably"]
 
 #: A frame of more pixels (16384 x 16384) would take more than 2 GB as float64: no detector has as many.
 MOST_PIXELS = 1 << 28
@@ -18,6 +18,23 @@ MOST_PIXELS = 1 << 28
 SMALL = 1 << 26
 #: ... and beyond that up to so many times their size: noise does not pack better than 10 to 1.
 LIKELY_PACKING = 20
+
+
+def damaged(path: Path, problem: str) -> FrameError:
+    """Return the exception for a file that contradicts itself."""
+    remedy = "the file is damaged: copy it again or convert it"
+    return FrameError(ErrorCode.DAMAGED, path, problem, remedy)
+
+
+def truncated(path: Path, problem: str) -> FrameError:
+    """Return the exception for a file that ends early."""
+    return FrameError(ErrorCode.TRUNCATED, path, problem, "it is truncated: copy it again")
+
+
+def in_colour(path: Path, channels: int, names: str) -> FrameError:
+    """Return the exception for an image with several channels."""
+    remedy = "it is a colour image: convert it to one channel"
+    return FrameError(ErrorCode.COLOUR, path, f"has {channels} channels ({names})", remedy)
 
 
 def refuse_giant(path: Path, where: str, nx: int, ny: int) -> None:
