@@ -16,7 +16,8 @@ from typing import BinaryIO
 from jitterkit.frames.files import files_beside, open_bytes
 from jitterkit.frames.fitsimage import FitsImage
 from jitterkit.frames.fitsio import all_hdus
-from jitterkit.frames.framefile import FrameFile, Planes, translated
+from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdus import image_groups, read_hdus
 
 __all__ = ["FitsFile", "is_plane"]
@@ -60,7 +61,7 @@ class FitsFile(FrameFile):
                 self.close()
                 raise
         self.hdu, self.shape, self.dtype = first.hdu.number, first.shape, first.dtype
-        self.metadata = first.metadata.warn(*broken, *caught)
+        self.metadata = first.metadata = first.metadata.warn(*broken, *caught)
 
     def _handle(self, path: Path) -> BinaryIO:
         self._handles.append(open_bytes(path))
@@ -72,13 +73,11 @@ class FitsFile(FrameFile):
             self._images[number] = FitsImage(self._groups[number], self._hdus[0].header, tables)
         return self._images[number]
 
-    def _read(self, index: int) -> Planes:
+    def _read(self, index: int) -> RawFrame:
         number = bisect.bisect_right(self._starts, index) - 1
-        image = self._image(number)
-        read, wrong = image.read(index - self._starts[number]), image.verify()
-        self.metadata = self.metadata.warn(*wrong) if number == 0 else self.metadata
-        extra = self.metadata.warnings if number == 0 else ()
-        return read._replace(metadata=read.metadata.warn(*image.metadata.warnings, *extra))
+        frame = self._image(number).read(index - self._starts[number])
+        self.metadata = self._image(0).metadata
+        return frame
 
     def _stacking(self) -> str:
         shared = any(group.image.planes > 1 and group.coordinates is None for group in self._groups)

@@ -11,12 +11,11 @@ import numpy as np
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.damage import in_colour
 from jitterkit.frames.extensions import Group
-from jitterkit.frames.framefile import Planes
+from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.header import rate_of_brightness, resolve
 from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.pixels import open_pixels
-from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.quality import bad_bits, quality_of
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.uncertainty import usable
@@ -83,33 +82,27 @@ class FitsImage:
         metadata = metadata.warn(*header.warnings, *messages, *odd, *group.warnings)
         self.metadata = metadata.reordered(-1) if from_top else metadata
 
-    def verify(self) -> list[str]:
-        """Compare all HDUs that are read with their checksums, the first time; return warnings."""
-        used = [self._pixels, *self._parts.values()] if self._unverified else []
-        self._unverified = False
-        wrong = [warning for pixels in used for warning in pixels.checksum_warnings()]
-        self.metadata = self.metadata.warn(*wrong)
-        return wrong
-
-    def read(self, index: int) -> Planes:
-        """Return one plane, with the warnings that its variance earns."""
+    def read(self, index: int) -> RawFrame:
+        """Return one plane; the first time all HDUs that are read are compared with their checksums."""
         data, blank = self._pixels.plane(index)
         mask = np.zeros(self.shape, bool) if blank is None else blank
         data = data * self._factor if self._factor != 1.0 else data
-        quality = None
+        quality, name = None, self.group.noise_label
         if "quality" in self._parts:
             pixels = self._parts["quality"]
             quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
             quality[mask] = -1
-        variance, unusable, warning = self._variance(index)
-        if unusable is not None:
-            mask = mask | unusable
+        variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
+        mask = mask if unusable is None else mask | unusable
+        if self._unverified:
+            used, self._unverified = [self._pixels, *self._parts.values()], False
+            self.metadata = self.metadata.warn(*(text for one in used for text in one.checksum_warnings()))
         metadata = self._of_plane(index).warn(*[warning] * bool(warning))
         if metadata.row_order == -1:
-            data, mask = np.ascontiguousarray(data[::-1]), mask[::-1]
+            data, mask = data[::-1], mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
-        mask = mask if mask.any() else NONE_MASKED
-        return Planes(data, mask, metadata, self.hdu.number, variance, self.group.noise_label, quality)
+        more = {"variance": variance, "variance_source": name, "quality": quality}
+        return RawFrame(data, mask, metadata, hdu=self.hdu.number, **more)  # type: ignore[arg-type]
 
     def _of_plane(self, index: int) -> Metadata:
         """What is known about a plane: a WCS of its own is not read, and the first plane's is not its."""
@@ -122,11 +115,9 @@ class FitsImage:
         said = f"the WCS of each plane but the first, in the table of HDU {table.number}, is not read"
         return metadata.warn(f"{said}: give --plate-scale")
 
-    def _variance(self, index: int) -> tuple[np.ndarray | None, np.ndarray | None, str]:
+    def _variance(self, index: int, name: str) -> tuple[np.ndarray | None, np.ndarray | None, str]:
         """Variance of the stored numbers, pixels that have none where it is not used, and a warning."""
-        total, name = np.zeros(self.shape), self.group.noise_label
-        if not name:
-            return None, None, ""
+        total = np.zeros(self.shape)
         for role in self.group.noise:
             values, blank = self._parts[role].plane(index)
             values[values < 0] = np.nan  # BITPIX cannot say that a variance is unknown

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -23,25 +23,13 @@ from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "Planes", "collected", "one_line", "overheard", "translated"]
+__all__ = ["FrameFile", "collected", "one_line", "overheard", "translated"]
 
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
 _CATCHING = threading.RLock()
 #: What a library raises that believed a damaged file, rather than found it out.
 _STUMBLES = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError)
-
-
-class Planes(NamedTuple):
-    """What a format reads of one frame: the fields of :class:`RawFrame` that a file has."""
-
-    data: np.ndarray
-    mask: np.ndarray
-    metadata: Metadata
-    hdu: int | None = None
-    variance: np.ndarray | None = None
-    variance_source: str = ""
-    quality: np.ndarray | None = None
 
 
 class FrameFile(ABC):
@@ -78,8 +66,8 @@ class FrameFile(ABC):
             self._stamp = _stamp(path)
 
     @abstractmethod
-    def _read(self, index: int) -> Planes:
-        """Return what there is of a frame; any exception is translated."""
+    def _read(self, index: int) -> RawFrame:
+        """Return what the file says of a frame; any exception is translated."""
 
     @abstractmethod
     def close(self) -> None:
@@ -105,10 +93,10 @@ class FrameFile(ABC):
         """
         place = range(self._count)[index]
         with translated(self.path) as caught:
-            read = self._read(place)
+            frame = self._read(place)
             self._refuse_changed()
-        planes = read._replace(metadata=read.metadata.warn(*caught))._asdict()
-        return RawFrame(**planes, path=self.path, index=place, several=self._count > 1)
+        metadata = frame.metadata.warn(*caught)
+        return frame.told(metadata=metadata, path=self.path, index=place, several=self._count > 1)
 
     def _refuse_changed(self) -> None:
         before, now = self._stamp, _stamp(self.path)

@@ -196,7 +196,8 @@ class Metadata:
 
     def warn(self, *messages: str) -> Metadata:
         """Return a copy with further warnings, each kept once."""
-        return self._with({"warnings": tuple(dict.fromkeys(self.warnings + messages))} if messages else {})
+        new = dict.fromkeys(message for message in messages if message not in self.warnings)
+        return replace(self, warnings=(*self.warnings, *new)) if new else self
 
     def _with(self, changes: Mapping[str, Any]) -> Metadata:
         return replace(self, **changes) if changes else self

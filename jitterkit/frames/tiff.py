@@ -18,11 +18,12 @@ import tifffile
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.damage import truncated
 from jitterkit.frames.directories import full_pages
-from jitterkit.frames.framefile import FrameFile, Planes, overheard, translated
+from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.framefile import FrameFile, overheard, translated
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pages import ORIENTATIONS, orientation_of, refuse_missing_data, refuse_unusable
-from jitterkit.frames.placed import NONE_MASKED
 from jitterkit.frames.sidecar import read_sidecars
+from jitterkit.frames.units import factor
 
 __all__ = ["TiffFile", "write"]
 
@@ -30,8 +31,6 @@ _LOG = logging.getLogger("tifffile")
 
 ROW_ORDERS = {1: -1, 2: -1, 3: 1, 4: 1}
 """Rows upwards are the stored rows as they come (1) or turned over (-1); else they are columns (0)."""
-
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 
 
 class TiffFile(FrameFile):
@@ -77,7 +76,9 @@ class TiffFile(FrameFile):
         # where an ImageJ stack is cut short tifffile falls back to its first plane
         declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
         _refuse_missing_planes(self.path, declared, self._count)
-        self.shape, self.dtype = _shape(page), np.dtype(page.dtype).newbyteorder("=")
+        ny, nx = page.imagelength, page.imagewidth
+        self.shape = (ny, nx) if orientation_of(page) < 5 else (nx, ny)
+        self.dtype = np.dtype(page.dtype).newbyteorder("=")
         sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
         self.metadata = _own_metadata(self._tiff, page, sidecars)
 
@@ -86,7 +87,7 @@ class TiffFile(FrameFile):
         refuse_unusable(self.path, page)
         return page
 
-    def _read(self, index: int) -> Planes:
+    def _read(self, index: int) -> RawFrame:
         with overheard(_LOG) as talk:
             page = self._page(index if self._planes is None else 0)
             if self._planes is None:
@@ -96,7 +97,7 @@ class TiffFile(FrameFile):
                 stored = _plane(self._tiff, page, index)
         upright = ORIENTATIONS[orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
-        return Planes(data, NONE_MASKED, self.metadata.warn(*talk))
+        return RawFrame(data, metadata=self.metadata.warn(*talk), variance_source="")
 
     def close(self) -> None:
         """Close the file."""
@@ -146,11 +147,6 @@ def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:
     return tiff.filehandle.read_array(dtype, count=ny * nx, offset=start).reshape(ny, nx)
 
 
-def _shape(page: Any) -> tuple[int, int]:
-    ny, nx = page.imagelength, page.imagewidth
-    return (ny, nx) if orientation_of(page) < 5 else (nx, ny)
-
-
 def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Metadata:
     """Add to the sidecars what the TIFF itself says about exposure and colour."""
     source, exposure = _exposure(tiff, page)
@@ -172,8 +168,8 @@ def _exposure(tiff: tifffile.TiffFile, page: Any) -> tuple[str, float | None]:
     text = tiff.ome_metadata or ""
     times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
     unit = re.search(r'ExposureTimeUnit="([^"]+)"', text)
-    factor = SECONDS.get(unit[1] if unit else "s")
-    return "OME", float(times.pop()) * factor if len(times) == 1 and factor else None
+    seconds = factor("exposure", unit[1] if unit else "s")
+    return "OME", float(times.pop()) * float(seconds) if len(times) == 1 and seconds else None
 
 
 def write(path: Path, array: np.ndarray) -> None:
