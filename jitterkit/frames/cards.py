@@ -22,6 +22,8 @@ __all__ = ["Cards", "Number", "parse_number"]
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
 """What is counted, and the unit that is meant where none is stated."""
 
+_NO_DIALECT = Dialect("", "", "", {})
+
 _NO_TIME = re.compile(r"\b(number(?! of \w*sec)|no\.|index|identifier|id)", re.I)
 """Comment of a keyword that numbers exposures."""
 
@@ -105,7 +107,7 @@ class Cards:
     @cached_property
     def dialect(self) -> Dialect:
         """The observatory whose keywords these are; one without a name where it has none of its own."""
-        return next((d for d in DIALECTS if d.spoken(self.text(d.key))), Dialect("", "", "", {}))
+        return next((d for d in DIALECTS if re.search(d.pattern, self.text(d.key), re.I)), _NO_DIALECT)
 
     def keywords(self, name: str) -> list[Keyword]:
         """Return the keywords of a quantity, the first believed first."""

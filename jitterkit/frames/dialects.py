@@ -51,10 +51,6 @@ class Dialect:
     others: frozenset[str] = field(default_factory=frozenset)
     of_cubes: Mapping[str, tuple[Keyword, ...]] = field(default_factory=dict)
 
-    def spoken(self, text: str) -> bool:
-        """Return whether the text of ``key`` says that this is the observatory."""
-        return re.search(self.pattern, text, re.I) is not None
-
 
 DIALECTS = (
     Dialect(

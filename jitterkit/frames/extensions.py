@@ -128,11 +128,9 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
 
 
 def _is_other_chip(first: Hdu, other: Hdu) -> bool:
-    if not first.name or not other.name:
-        return False
-    if first.name == other.name or re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name):
-        return True
-    return any(key in first.header and key in other.header for key in _CHIP_KEYS)
+    alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
+    chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
+    return bool(first.name and other.name) and (alike or chips)
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:

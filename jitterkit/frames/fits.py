@@ -18,7 +18,7 @@ from jitterkit.frames.fitsimage import FitsImage
 from jitterkit.frames.fitsio import all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
-from jitterkit.frames.hdus import image_groups, read_hdus
+from jitterkit.frames.hdus import find_images, read_hdus
 
 __all__ = ["FitsFile", "is_plane"]
 
@@ -47,9 +47,7 @@ class FitsFile(FrameFile):
         self._images: dict[int, FitsImage] = {}
         with translated(path) as caught:
             try:
-                handle = self._handle(path)
-                self._hdus, broken = read_hdus(path, handle, hdu)
-                self._groups = image_groups(path, handle, self._hdus, hdu)
+                self._groups, self._hdus, broken = find_images(path, self._handle(path), hdu)
                 for role, other in files_beside(path):
                     beside, _ = read_hdus(other, self._handle(other), None)
                     for group in self._groups:
@@ -98,5 +96,4 @@ class FitsFile(FrameFile):
 def is_plane(path: Path, hdu: int | None = None) -> bool:
     """Tell from the layout of a file alone whether it holds one frame; raises as :class:`FitsFile` does."""
     with translated(path), open_bytes(path) as handle:
-        groups = image_groups(path, handle, read_hdus(path, handle, hdu)[0], hdu)
-        return len(groups) == 1 and groups[0].image.planes == 1
+        return sum(group.image.planes for group in find_images(path, handle, hdu)[0]) == 1

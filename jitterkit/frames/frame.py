@@ -24,7 +24,6 @@ from jitterkit.frames.placed import (
     Placed,
     image_of,
     matching,
-    number_or_map,
     require_positive,
 )
 from jitterkit.frames.quality import ALL_BITS
@@ -251,7 +250,9 @@ class Frame(Placed):
         object.__setattr__(self, "mask", mask | ~finite)
         object.__setattr__(self, "full", matching("full", self.full, electrons.shape, bool))
         for name in ("response", "ceiling"):
-            object.__setattr__(self, name, number_or_map(name, getattr(self, name), electrons.shape))
+            value = getattr(self, name)  # one number stays one: it costs nothing where a detector is even
+            value = float(value) if np.ndim(value) == 0 else matching(name, value, electrons.shape, float)
+            object.__setattr__(self, name, value)
         if not (np.isfinite(self.response) & (np.asarray(self.response) > 0)).all():
             problem = "response has values that are not positive"
             raise JitterkitError(ErrorCode.OUT_OF_RANGE, f"{problem}; mask a dead pixel and give it 1.")

@@ -109,17 +109,6 @@ class FrameFile(ABC):
     def __iter__(self) -> Iterator[RawFrame]:
         return (self[index] for index in range(self._count))
 
-    def read_through(self) -> None:
-        """Read everything there is to the last byte, and keep nothing.
-
-        Raises
-        ------
-        FrameError
-            If something is missing, damaged, or changed meanwhile.
-        """
-        for _ in self:
-            pass
-
     def __enter__(self) -> Self:
         return self
 

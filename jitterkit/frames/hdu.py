@@ -17,7 +17,7 @@ from typing import BinaryIO
 
 from jitterkit.errors import FrameError
 from jitterkit.frames.damage import damaged
-from jitterkit.frames.plainheader import CARD, PlainHeader
+from jitterkit.frames.plainheader import PlainHeader
 
 __all__ = ["BLOCK", "Hdu", "product_of"]
 
@@ -28,9 +28,9 @@ _MOST_AXES = 999
 """FITS allows so many axes, and columns of a table."""
 
 _STRUCTURE = re.compile(
-    rb"(SIMPLE|XTENSION|Z?BITPIX|Z?NAXIS\d{0,3}|[PG]COUNT|GROUPS|TFIELDS|ZIMAGE|ZTILE\d{1,3}) *=(.*)"
+    r"(SIMPLE|XTENSION|Z?BITPIX|Z?NAXIS\d{0,3}|[PG]COUNT|GROUPS|TFIELDS|ZIMAGE|ZTILE\d{1,3}) *=(.*)"
 )
-_WHOLE = re.compile(rb"[+-]?\d{1,25}")
+_WHOLE = re.compile(r"[+-]?\d{1,25}")
 
 _ROLES: Mapping[str, tuple[str, ...]] = {
     "quality": ("DQ", "MASK", "FLAGS", "FLAG", "FLG", "DQMASK", "BPM", "BADPIX", "BAD_PIXEL_MASK"),
@@ -69,10 +69,7 @@ class Hdu:
         From 0.
     start, data : int
         Where its header and its data begin [bytes].
-    text : bytes
-        The cards of the header, 80 bytes each, without END.
     header : PlainHeader
-        The same cards, read.
     given : str
         Its role, where it is known otherwise than by its name.
     """
@@ -82,21 +79,17 @@ class Hdu:
     number: int
     start: int
     data: int
-    text: bytes
     header: PlainHeader
     given: str = ""
 
     @cached_property
-    def structure(self) -> dict[str, bytes]:
+    def structure(self) -> dict[str, str]:
         """What the keywords that lay the file out say, as written without the comment."""
-        found: dict[str, bytes] = {}
-        for at in range(0, len(self.text), CARD):
-            match = _STRUCTURE.match(self.text, at, at + CARD)
-            if match is None:
-                continue
-            key, value = match[1].decode(), match[2].split(b"/")[0].strip()
+        found: dict[str, str] = {}
+        for match in filter(None, map(_STRUCTURE.match, self.header.images)):
+            key, value = match[1], match[2].partition("/")[0].strip()
             if found.setdefault(key, value) != value:
-                raise self.refusal(f"says {key} twice, {_shown(found[key])} and {_shown(value)}")
+                raise self.refusal(f"says {key} twice, {found[key][:30]!r} and {value[:30]!r}")
         return found
 
     def refusal(self, problem: str) -> FrameError:
@@ -111,17 +104,17 @@ class Hdu:
         if words is None:
             raise self.refusal(f"has no {key}")
         if _WHOLE.fullmatch(words) is None:
-            raise self.refusal(f"has {key} = {_shown(words)} where a whole number belongs")
+            raise self.refusal(f"has {key} = {words[:30]!r} where a whole number belongs")
         return int(words)
 
     @cached_property
     def packed(self) -> bool:
         """Whether it is a table that holds a tile-compressed image."""
-        return self.structure.get("ZIMAGE") == b"T" and self._extension == b"BINTABLE"
+        return self.structure.get("ZIMAGE") == "T" and self._extension == "BINTABLE"
 
     @cached_property
-    def _extension(self) -> bytes:
-        return self.structure.get("XTENSION", b"").strip(b" '") if self.number else b"IMAGE"
+    def _extension(self) -> str:
+        return self.structure.get("XTENSION", "").strip(" '") if self.number else "IMAGE"
 
     @cached_property
     def bitpix(self) -> int:
@@ -148,9 +141,9 @@ class Hdu:
     @cached_property
     def what(self) -> str:
         """What it is, for a refusal."""
-        if self.number == 0 and self.structure.get("GROUPS") == b"T":
+        if self.number == 0 and self.structure.get("GROUPS") == "T":
             return "random groups"
-        if self._extension not in (b"IMAGE", b"IUEIMAGE") and not self.packed:
+        if self._extension not in ("IMAGE", "IUEIMAGE") and not self.packed:
             return "a table"
         return f"an array of {product_of(self.shape)}" if self.shape else "empty"
 
@@ -184,7 +177,7 @@ class Hdu:
 
     def check(self) -> None:
         """Refuse a structure that cannot be."""
-        if self.number == 0 and self.structure.get("SIMPLE") != b"T":
+        if self.number == 0 and self.structure.get("SIMPLE") != "T":
             raise damaged(self.path, "has a damaged primary header (SIMPLE is not T)")
         if not 0 <= self.whole("TFIELDS", 0) <= _MOST_AXES:
             raise self.refusal(f"declares TFIELDS = {self.whole('TFIELDS')} columns")
@@ -228,10 +221,6 @@ class Hdu:
         """``"ERR (HDU 2)"``."""
         where = f"HDU {self.number} of {self.path.name}" if self.given else f"HDU {self.number}"
         return f"{self.name or self.given or 'image'} ({where})"
-
-
-def _shown(words: bytes) -> str:
-    return repr("".join(chr(c) if 32 <= c < 127 else "?" for c in words[:30]))
 
 
 def product_of(sides: tuple[int, ...]) -> str:

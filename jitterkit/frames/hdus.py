@@ -1,7 +1,7 @@
 """The chain of HDUs of a FITS file, followed with suspicion.
 
 Of a damaged header a reader would look for the end through gigabytes.  :func:`read_hdus` follows the chain by
-what :class:`~jitterkit.frames.hdu.Hdu` believes, and :func:`image_groups` chooses the images in it.
+what :class:`~jitterkit.frames.hdu.Hdu` believes, and :func:`find_images` chooses the images in it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from jitterkit.frames.fitsio import header_of
 from jitterkit.frames.hdu import BLOCK, Hdu
 from jitterkit.frames.plainheader import CARD
 
-__all__ = ["image_groups", "read_hdus", "walk"]
+__all__ = ["find_images", "read_hdus", "walk"]
 
 _MOST_HEADER_BLOCKS, _MOST_BLOCKS = 1000, 20000
 """Headers of more blocks than this (36,000 cards, read in 0.3 s), or all HDUs together, have no END."""
@@ -78,7 +78,7 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Hdu]:
             refuse = truncated if text is ErrorCode.TRUNCATED else damaged
             raise refuse(path, "has a FITS header without an END card")
         blocks -= read
-        hdu = Hdu(path, handle, number, start, start + read * BLOCK, text, header_of(text))
+        hdu = Hdu(path, handle, number, start, start + read * BLOCK, header_of(text))
         hdu.check()
         yield hdu
         start = hdu.next
@@ -104,11 +104,22 @@ def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | ErrorCod
     return ErrorCode.DAMAGED, 0
 
 
-def image_groups(path: Path, handle: BinaryIO, hdus: list[Hdu], wanted: int | None) -> list[Group]:
-    """Return the images asked for, with what belongs to each, or raise FrameError where there is none."""
+def find_images(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[Group], list[Hdu], list[str]]:
+    """Find the images asked for, with what belongs to each.
+
+    Parameters and errors are those of :func:`read_hdus`.
+
+    Returns
+    -------
+    groups : list of Group
+        At least one; FrameError is raised where there is none.
+    hdus, warnings
+        As :func:`read_hdus` returns them.
+    """
+    hdus, warnings = read_hdus(path, handle, wanted)
     groups, last = frame_groups(hdus, wanted), hdus[-1]
     if groups:
-        return groups
+        return groups, hdus, warnings
     if wanted is not None and 0 <= wanted <= last.number:
         problem = f"HDU {wanted} is not a two- or three-dimensional image but {hdus[wanted].what}"
         raise FrameError(ErrorCode.NO_IMAGE, path, problem, "choose another HDU")

@@ -11,7 +11,7 @@ import numpy as np
 
 from jitterkit.frames.files import open_bytes
 from jitterkit.frames.framefile import translated
-from jitterkit.frames.hdus import image_groups, read_hdus, walk
+from jitterkit.frames.hdus import find_images, walk
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.plainheader import PlainHeader
 
@@ -87,5 +87,5 @@ def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
         If there is no image, or the file cannot be read.
     """
     with translated(path), open_bytes(path) as handle:
-        image = image_groups(path, handle, read_hdus(path, handle, None)[0], None)[0].image
+        image = find_images(path, handle, None)[0][0].image
         return open_pixels(image).everything(), image.header

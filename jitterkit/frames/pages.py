@@ -1,13 +1,16 @@
-"""What a page of a TIFF must be to be a frame, held against the file that has it.
+"""Which pages of a TIFF are frames, held with suspicion against the file that has them.
 
-Reach for :func:`refuse_unusable` first and for :func:`refuse_missing_data` before pixels are decoded.  No
-TIFF library is needed here: a page is any object with the attributes of tifffile's.
+A TIFF is a linked list of directories, so a damaged one may loop or point anywhere: :func:`full_pages`
+follows the links without reading pixels.  Then :func:`refuse_unusable` looks at a page, and
+:func:`refuse_missing_data` before its pixels are decoded.  No TIFF library is needed: a page is any object
+with the attributes of tifffile's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +18,10 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.damage import damaged, in_colour, refuse_giant, truncated, unpacks_believably
+from jitterkit.frames.files import GZIP
 from jitterkit.frames.framefile import one_line
 
-__all__ = ["ORIENTATIONS", "orientation_of", "refuse_missing_data", "refuse_unusable"]
+__all__ = ["ORIENTATIONS", "full_pages", "orientation_of", "refuse_missing_data", "refuse_unusable"]
 
 #: How stored rows and columns become rows upwards and columns rightwards, by the Orientation tag.
 ORIENTATIONS: dict[int, Callable[[np.ndarray], np.ndarray]] = {
@@ -35,11 +39,67 @@ CHANNELS = {"RGB": "red, green, blue", "CMYK": "cyan, magenta, yellow, black", "
 #: Tiles of less than this, in bytes, may be larger than their image.
 SMALL_TILE = 1 << 24
 
+NEW_SUBFILE_TYPE = 254
+#: Bits of NewSubfileType: a thumbnail, and a transparency mask.
+NOT_A_FRAME = 0b101
+
+
+def full_pages(path: Path) -> list[int]:
+    """Return the indices, in the chain, of the pages that are full-size images.
+
+    Raises
+    ------
+    FrameError
+        If the chain loops, overlaps itself, leaves the file, or has no such page.
+    """
+    pages = [page for page, subfile in enumerate(_subfiles(path)) if not subfile & NOT_A_FRAME]
+    if not pages:
+        raise FrameError(ErrorCode.NO_IMAGE, path, "holds no full-size page", "give a TIFF with an image")
+    return pages
+
+
+def _subfiles(path: Path) -> Iterator[int]:
+    """Yield the NewSubfileType of each directory of the chain."""
+    size, read = path.stat().st_size, 0
+    seen: set[int] = set()
+    with path.open("rb") as handle:
+        head = handle.read(16)
+        if head.startswith(GZIP):
+            problem, remedy = "is a gzipped TIFF, which is not read", "unpack it with gunzip"
+            raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, path, problem, remedy)
+        number = partial(int.from_bytes, byteorder="little" if head.startswith(b"II") else "big")
+        big = number(head[2:4]) == 43
+        width, entry, link = (8, 20, 8) if big else (2, 12, 4)
+        if size < 2 * link:
+            raise truncated(path, f"ends after {size} bytes, within its header")
+        offset = number(head[8:16] if big else head[4:8])
+        while offset:
+            page = f"page {len(seen)}"
+            if offset in seen:
+                raise damaged(path, f"{page} points back to an earlier page")
+            if offset >= size:
+                raise truncated(path, f"{page} lies beyond the end of the file")
+            seen.add(offset)
+            handle.seek(offset)
+            count = handle.read(width)
+            entries = number(count) if len(count) == width else 0
+            if not 0 < entries <= 65535:
+                refuse = damaged if len(count) == width else truncated
+                raise refuse(path, f"{page} has a directory of {entries} entries")
+            data, length = handle.read(entries * entry + link), entries * entry
+            if len(data) < length:
+                raise truncated(path, f"{page} has a directory cut short")
+            read += width + length
+            if read > size:
+                raise damaged(path, f"{page} has a directory that overlaps others")
+            # tags are sorted and 254 is the lowest in use, so it is the first where it is present
+            yield number(data[entry - link :][:4]) if number(data[:2]) == NEW_SUBFILE_TYPE else 0
+            offset = number(data[length:]) if len(data) == length + link else 0
+
 
 def orientation_of(page: Any) -> int:
     """The Orientation tag, whatever stands in it; 1 where there is none."""
-    tag = page.tags.get("Orientation")
-    return 1 if tag is None else tag.value
+    return page.tags.valueof("Orientation", 1)
 
 
 def refuse_unusable(path: Path, page: Any) -> None:

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.damage import refuse_giant, truncated, unpacks_believably
+from jitterkit.frames.damage import damaged, refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.fitsio import packed_image
 from jitterkit.frames.hdu import Hdu, product_of
 
@@ -29,9 +29,6 @@ _METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "
 
 _MOST_TILE = 1 << 16
 """A tile may be larger than its image, up to this side [pixel]."""
-
-_MOST_PACKING = 1100
-"""Deflate packs at most 1032 to 1."""
 
 _CHUNK = 100 * 2880
 """Bytes that are read at once where they are only summed."""
@@ -215,34 +212,37 @@ def open_pixels(hdu: Hdu) -> Pixels:
     :func:`~jitterkit.frames.damage.unpacks_believably`; then reading it fails.
     """
     nx, ny = (*hdu.shape[::-1], 1)[:2]
+    _refuse_missing_data(hdu, nx * ny)
+    refuse_giant(hdu.path, f"HDU {hdu.number}", nx, ny)
+    if not hdu.packed:
+        return Pixels(hdu)
+    method = hdu.header.get("ZCMPTYPE")
+    if isinstance(method, str) and method not in _METHODS:
+        problem = f"HDU {hdu.number} uses {method[:40]!r} compression, which is not read"
+        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, hdu.path, problem, "save the image uncompressed")
+    return Pixels(hdu, packed_image(hdu.handle, hdu.number, blank="BLANK" in hdu.header))
+
+
+def _refuse_missing_data(hdu: Hdu, pixels: int) -> None:
     size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
     declared = abs(hdu.bitpix) // 8 * math.prod(hdu.shape)
     held = hdu.data + (hdu.span if hdu.packed else declared) <= size
-    if not hdu.packed and not zipped:
+    if hdu.packed or zipped:  # of what is packed a frame still takes a byte
+        short = not unpacks_believably(declared, pixels, size) or hdu.planes > size
+    else:
         short = not held
-    else:  # of what is packed a frame still takes a byte
-        short = not unpacks_believably(declared, ny * nx, size) or hdu.planes > size
     if hdu.packed:
         short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
-    elif zipped and not short:
-        short = declared > _MOST_PACKING * size
-        if not short and hdu.planes > 1:
-            hdu.handle.seek(hdu.data + declared - 1)
-            short = not hdu.handle.read(1)
+    elif zipped and not short and hdu.planes > 1:  # a single plane is read at once, or found missing then
+        hdu.handle.seek(hdu.data + declared - 1)
+        short = not hdu.handle.read(1)
     if short:
         amount = declared if declared < 10**18 else "more than 10^18"
-        problem = f"declares {amount} bytes of pixels and the file of {size} bytes lacks them"
-        if held and not zipped:  # the table is complete but too short for the declared pixels
-            raise hdu.refusal(problem)
-        raise truncated(hdu.path, f"HDU {hdu.number} {problem}")
-    refuse_giant(hdu.path, f"HDU {hdu.number}", nx, ny)
-    method = hdu.header.get("ZCMPTYPE")
-    if hdu.packed and isinstance(method, str) and method not in _METHODS:
-        problem = f"HDU {hdu.number} uses {method[:40]!r} compression, which is not read"
-        raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, hdu.path, problem, "save the image uncompressed")
-    return Pixels(
-        hdu, packed_image(hdu.handle, hdu.number, blank="BLANK" in hdu.header) if hdu.packed else None
-    )
+        problem = (
+            f"HDU {hdu.number} declares {amount} bytes of pixels and the file of {size} bytes lacks them"
+        )
+        # a complete table may be too short for the pixels that it declares
+        raise (damaged if held and not zipped else truncated)(hdu.path, problem)
 
 
 def _tiles(hdu: Hdu) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 
-__all__ = ["NONE_MASKED", "Placed", "image_of", "matching", "number_or_map", "require_positive"]
+__all__ = ["NONE_MASKED", "Placed", "image_of", "matching", "require_positive"]
 
 #: Stands for a mask without a bad pixel; the records spread it over the image.
 NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
@@ -113,11 +113,6 @@ def matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.
         problem = f"{name} has shape {array.shape}, the image {shape}; give one value per pixel."
         raise JitterkitError(ErrorCode.WRONG_SHAPE, problem)
     return array
-
-
-def number_or_map(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray | float:
-    """One number stays one: it costs nothing where a detector is even."""
-    return float(values) if np.ndim(values) == 0 else matching(name, values, shape, np.float64)
 
 
 def require_positive(name: str, value: float | None, unit: str, zero_allowed: bool = False) -> None:

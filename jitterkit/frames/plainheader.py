@@ -32,6 +32,8 @@ class PlainHeader(Mapping[str, Any]):
 
     Attributes
     ----------
+    images : list of str
+        The cards as they stand in the file.
     comments : dict of str to str
         Of the cards read so far.
     warnings : list of str
@@ -43,7 +45,7 @@ class PlainHeader(Mapping[str, Any]):
     """
 
     def __init__(self, cards: Any, text: str) -> None:
-        self._text = text
+        self.images = [text[at : at + CARD] for at in range(0, len(text), CARD)]
         self._cards: dict[str, list[Any]] = {}
         for card in cards.cards:
             self._cards.setdefault(card.keyword, []).append(card)
@@ -86,8 +88,7 @@ class PlainHeader(Mapping[str, Any]):
 
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""
-        images = (self._text[at : at + CARD] for at in range(0, len(self._text), CARD))
-        return "".join(i for i in images if keywords.match(i) and not _VALUELESS.fullmatch(i))
+        return "".join(i for i in self.images if keywords.match(i) and not _VALUELESS.fullmatch(i))
 
 
 def _value(card: Any) -> Any:

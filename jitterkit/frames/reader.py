@@ -94,7 +94,8 @@ def is_whole(path: str | Path, *, hdu: int | None = None) -> bool:
     """
     try:
         with open_frames(path, hdu=hdu) as file:
-            file.read_through()
+            for _ in file:
+                pass
     except (FrameError, ConfigurationError):
         return False
     return True

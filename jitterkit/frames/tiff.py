@@ -17,11 +17,16 @@ import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.damage import truncated
-from jitterkit.frames.directories import full_pages
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, overheard, translated
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.pages import ORIENTATIONS, orientation_of, refuse_missing_data, refuse_unusable
+from jitterkit.frames.pages import (
+    ORIENTATIONS,
+    full_pages,
+    orientation_of,
+    refuse_missing_data,
+    refuse_unusable,
+)
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
 

@@ -18,7 +18,6 @@ __all__ = ["epoch_seconds", "resolve_time"]
 
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART")
 MJD_EPOCH = datetime(1858, 11, 17)
-OLD_DATE = re.compile(r"(\d\d)/(\d\d)/(\d\d)$")
 
 _DATE = re.compile(
     r"(?P<date>\d{4}([-/.])\d{1,2}\2\d{1,2})"
@@ -27,6 +26,13 @@ _DATE = re.compile(
     re.I,
 )
 """ISO 8601, and what is near it: slashes, blanks, single digits, 60 seconds."""
+
+_OTHERS = {
+    r"^(\d\d)/(\d\d)/(\d\d)$": r"19\3-\2-\1",
+    r"^(\d{4})(\d\d)(\d\d)$": r"\1-\2-\3",
+    r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)$": r"\1-\2-\3T\4:\5:\6",
+}
+"""Dates of the years 1900 to 1999, and ISO 8601 without separators, with what they are replaced by."""
 
 _SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB": "tcb", "TCG": "tcg"}
 """Time scales of ``TIMESYS`` that are converted to UTC."""
@@ -75,10 +81,11 @@ def _parse(text: str) -> Any:
 
     A 60th second, which UTC has now and then, is that of the minute after, as in the time of computers.
     """
-    old = OLD_DATE.match(text)  # of the years 1900 to 1999
-    match = _DATE.fullmatch(f"19{old[3]}-{old[2]}-{old[1]}" if old else text)
+    for pattern, iso in _OTHERS.items():
+        text = re.sub(pattern, iso, text)
+    match = _DATE.fullmatch(text)
     if match is None:
-        return _compact(text)
+        return None
     year, month, day = (int(part) for part in re.split(r"[-/.]", match["date"]))
     try:
         if match["hours"] is None:
@@ -93,18 +100,6 @@ def _parse(text: str) -> Any:
             when -= ahead if match["sign"] == "+" else -ahead
         return when
     except (ValueError, OverflowError):  # the latter of the last hour of the year 9999, west of Greenwich
-        return None
-
-
-def _compact(text: str) -> Any:
-    """Read ISO 8601 without separators."""
-    try:
-        return (
-            datetime.strptime(text, "%Y%m%dT%H%M%S")
-            if "T" in text
-            else datetime.strptime(text, "%Y%m%d").date()
-        )
-    except ValueError:
         return None
 
 
