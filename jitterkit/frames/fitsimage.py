@@ -58,7 +58,10 @@ class FitsImage:
         self._parts = {role: open_pixels(part) for role, part in group.parts.items()}
         self._factor, self._unverified = 1.0, True
         self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
-        header, number = self.hdu.header, self.hdu.number
+        self.metadata = self._resolved(primary, tables)
+
+    def _resolved(self, primary: Mapping[str, Any], tables: Callable[[], Any]) -> Metadata:
+        header, number, quality = self.hdu.header, self.hdu.number, self.group.parts.get("quality")
         inherit = primary if number and header.get("INHERIT") is not False else None
         cards = Cards(header, number, inherit)
         odd = [] if self.hdu.role else self._pixels.lossy_warnings()
@@ -75,12 +78,12 @@ class FitsImage:
             metadata = metadata.override(known.source, unit=known)
         elif metadata.value("unit", "adu") not in COUNTS + RATES:
             odd.append(f"the pixels are in {metadata.value('unit')}, which is neither ADU nor electrons")
-        if "quality" in group.parts:
-            bits, convention = bad_bits(group.parts["quality"].header, cards)
-            known = Known(bits, "", f"{group.parts['quality'].label}, convention: {convention}")
+        if quality is not None:
+            bits, convention = bad_bits(quality.header, cards)
+            known = Known(bits, "", f"{quality.label}, convention: {convention}")
             metadata = metadata.override(known.source, bad_bits=known)
-        metadata = metadata.warn(*header.warnings, *messages, *odd, *group.warnings)
-        self.metadata = metadata.reordered(-1) if from_top else metadata
+        metadata = metadata.warn(*header.warnings, *messages, *odd, *self.group.warnings)
+        return metadata.reordered(-1) if from_top else metadata
 
     def read(self, index: int) -> RawFrame:
         """Return one plane; the first time all HDUs that are read are compared with their checksums."""
@@ -134,7 +137,8 @@ class FitsImage:
 
 
 def _text(cards: Cards, key: str) -> str:
-    return cards.text(key).upper() if isinstance((cards.find(key) or [""])[0], str) else ""
+    value = (cards.find(key) or ("",))[0]
+    return value.strip().upper() if isinstance(value, str) else ""
 
 
 def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
