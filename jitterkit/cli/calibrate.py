@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.runtime import command_line, say
+from jitterkit.cli.runtime import aligned, command_line, log
 
 if TYPE_CHECKING:
     from jitterkit.calibration import Calibration, Stack
@@ -18,70 +18,23 @@ if TYPE_CHECKING:
 __all__ = ["calibrate"]
 
 _PICTURE, _LEVELS = "calibration.png", "photon_transfer.ecsv"
-_FRAMES = "FILE_OR_DIR"
 
 
 def calibrate(
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")],
-    bias: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar=_FRAMES,
-            help="Bias frames: FITS or TIFF, a directory of them, or the option several times.",
-            show_default=False,
-        ),
-    ] = None,
-    dark: Annotated[
-        list[Path] | None,
-        typer.Option(metavar=_FRAMES, help="Dark frames, of one exposure or several.", show_default=False),
-    ] = None,
-    flat: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar=_FRAMES,
-            help="Flat frames, two or more of each level of light.",
-            show_default=False,
-        ),
-    ] = None,
+    *,
+    output: options.OutputDirectory,
+    bias: list[Path] | None = None,
+    dark: list[Path] | None = None,
+    flat: list[Path] | None = None,
     instrument: options.InstrumentName = "toliman",
-    exposure: Annotated[
-        float | None,
-        typer.Option(help="Of the darks and flats, s, whatever their headers say.", show_default=False),
-    ] = None,
-    gain: Annotated[
-        float | None,
-        typer.Option(
-            help="e-/ADU, where there are no flats; by default the header's, or else the instrument's.",
-            show_default=False,
-        ),
-    ] = None,
-    bias_level: Annotated[
-        float | None,
-        typer.Option(
-            help="ADU, where there are no bias frames; by default the instrument's.",
-            show_default=False,
-        ),
-    ] = None,
-    clip: Annotated[
-        float, typer.Option(help="Noises of a frame beyond which a value is left out, 3 or more.")
-    ] = 5.0,
-    hot: Annotated[
-        float, typer.Option(help="Robust sigmas over the median dark current from which a pixel is hot.")
-    ] = 10.0,
-    dead: Annotated[
-        float, typer.Option(help="Share of the response around it below which a pixel is dead.")
-    ] = 0.5,
-    smooth: Annotated[
-        bool,
-        typer.Option(
-            "--smooth",
-            help="Divide the flat by a smooth surface (third order in x and y): what is smooth is the "
-            "lamp's. Without it vignetting is corrected, and the lamp's unevenness with it.",
-        ),
-    ] = False,
-    memory: Annotated[
-        float, typer.Option(help="Megabytes that the pixels read at a time may take.")
-    ] = 1200.0,
+    exposure: float | None = None,
+    gain: float | None = None,
+    bias_level: float | None = None,
+    clip: float = 5.0,
+    hot: float = 10.0,
+    dead: float = 0.5,
+    smooth: bool = False,
+    memory: float = 1200.0,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Measure a detector from bias, dark and flat frames; whatever is given of them.
@@ -89,6 +42,32 @@ def calibrate(
     Writes bias.fits, read_noise.fits, dark_current.fits, flat.fits, bad_pixels.fits, photon_transfer.ecsv,
     calibration.png and detector.toml, an instrument file for the other commands, process -i
     DIR/detector.toml.
+
+    Parameters
+    ----------
+    bias : FILE_OR_DIR
+        Bias frames: FITS or TIFF, a directory of them, or the option several times.
+    dark : FILE_OR_DIR
+        Dark frames, of one exposure or several.
+    flat : FILE_OR_DIR
+        Flat frames, two or more of each level of light.
+    exposure
+        Of the darks and flats, s, whatever their headers say.
+    gain
+        e-/ADU, where there are no flats; by default the header's, or else the instrument's.
+    bias_level
+        ADU, where there are no bias frames; by default the instrument's.
+    clip
+        Noises of a frame beyond which a value is left out, 3 or more.
+    hot
+        Robust sigmas over the median dark current from which a pixel is hot.
+    dead
+        Share of the response around it below which a pixel is dead.
+    smooth
+        Divide the flat by a smooth surface (third order in x and y): what is smooth is the lamp's. Without
+        it vignetting is corrected, and the lamp's unevenness with it.
+    memory
+        Megabytes that the pixels read at a time may take.
     """
     from jitterkit.calibration import Settings, open_stacks
     from jitterkit.calibration import calibrate as measure
@@ -106,27 +85,20 @@ def calibrate(
         for kind, given in (("dark", dark), ("flat", flat))
     )
     stacks = [*([biases] if biases else []), *darks, *flats]
-    level, of_level = _level(bias_level, telescope) if flat and not bias else (bias_level, "")
-    own_gain, of_gain = (None, "") if flat else _gain(gain, stacks, telescope)
-    calibration = measure(
-        biases,
-        darks,
-        flats,
-        bias_level=level,
-        gain=own_gain,
-        settings=chosen,
-    )
-    for sentence in filter(None, (of_level, of_gain, *calibration_sentences(calibration))):
-        say(sentence)
-    _print(calibration_rows(calibration))
-    _write(calibration, output, instrument, telescope.detector.full_well)
-    say(f"wrote {output}; use it by -i {output / 'detector.toml'}")
+    level, level_source = _level(bias_level, telescope) if flat and not bias else (bias_level, "")
+    own_gain, gain_source = (None, "") if flat else _gain(gain, stacks, telescope)
+    calibration = measure(biases, darks, flats, bias_level=level, gain=own_gain, settings=chosen)
+    for sentence in filter(None, (level_source, gain_source, *calibration_sentences(calibration))):
+        log(sentence)
+    typer.echo("\n".join(aligned(_cells(*row) for row in calibration_rows(calibration))))
+    _write_outputs(calibration, output, instrument, telescope.detector.full_well)
+    log(f"wrote {output}; use it by -i {output / 'detector.toml'}")
 
 
 def _gain(given: float | None, stacks: list[Stack], telescope: Instrument) -> tuple[float | None, str]:
-    """The gain where no flats tell it, and a sentence on whose it is."""
-    said = next((shot.gain for stack in stacks for shot in stack.shots if shot.gain), None)
-    for value, whose in ((given, "--gain"), (said, "the headers")):
+    """Return the gain where there are no flats, and a sentence on its source."""
+    header = next((shot.gain for stack in stacks for shot in stack.shots if shot.gain), None)
+    for value, whose in ((given, "--gain"), (header, "the headers")):
         if value is not None:
             return value, f"A gain of {value:g} e-/ADU is taken from {whose}."
     value = telescope.detector.gain
@@ -136,7 +108,7 @@ def _gain(given: float | None, stacks: list[Stack], telescope: Instrument) -> tu
 
 
 def _level(given: float | None, telescope: Instrument) -> tuple[float | None, str]:
-    """The level that flats stand on, and a sentence where the instrument says it."""
+    """Return the bias level of the flats, and a sentence if it is the instrument's."""
     import numpy as np
 
     level = telescope.detector.bias
@@ -146,27 +118,17 @@ def _level(given: float | None, telescope: Instrument) -> tuple[float | None, st
     return value, f"A bias of {value:g} ADU is taken from the instrument {telescope.name!r}."
 
 
-def _print(rows: list[tuple[str, float, float, str]]) -> None:
+def _cells(name: str, value: float, error: float, unit: str) -> tuple[str, str, str]:
+    """Return a row of the table as text: a count, a value, or a value with its error."""
     from jitterkit.report.words import number, with_error
 
-    cells = [
-        [
-            name,
-            f"{value:.0f}"
-            if not unit
-            else number(value, 5)
-            if math.isnan(error)
-            else with_error(value, error),
-            unit,
-        ]
-        for name, value, error, unit in rows
-    ]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    typer.echo("\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in cells))
+    if not unit:
+        return name, f"{value:.0f}", unit
+    return name, number(value, 5) if math.isnan(error) else with_error(value, error), unit
 
 
-def _write(calibration: Calibration, output: Path, instrument: str, full_well: float | None) -> None:
-    """Everything or nothing; the instrument file is read once before it is handed out."""
+def _write_outputs(calibration: Calibration, output: Path, instrument: str, full_well: float | None) -> None:
+    """Write all files or none; read the instrument file once before the others are kept."""
     from jitterkit.calibration import together, write_calibration
     from jitterkit.calibration.products import DETECTOR
     from jitterkit.instruments import load_instrument

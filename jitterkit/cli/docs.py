@@ -10,13 +10,14 @@ import typer
 __all__ = ["docs"]
 
 
-def docs(
-    topic: Annotated[
-        str | None,
-        typer.Argument(metavar="TOPIC", help="A page; without it, all pages are listed.", show_default=False),
-    ] = None,
-) -> None:
-    """List the pages of the handbook, or show one."""
+def docs(*, topic: Annotated[str | None, typer.Argument()] = None) -> None:
+    """List the pages of the handbook, or show one.
+
+    Parameters
+    ----------
+    topic : TOPIC
+        A page; without it, all pages are listed.
+    """
     from jitterkit.docs import read_page, topics
 
     if topic is None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import replace
+from typing import Any
 
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus, parse_sizes
-from jitterkit.cli.pair import OF_PAIRS, pair_before, refuse_unused
-from jitterkit.cli.products import check_products, deliver
+from jitterkit.cli.loci import build_locus
+from jitterkit.cli.options import refuse_if, refuse_unused
+from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
-from jitterkit.cli.runtime import prepare_jax, say
+from jitterkit.cli.runtime import log, prepare_jax, print_table
+from jitterkit.errors import ErrorCode
 
 __all__ = ["forecast"]
 
@@ -21,64 +22,22 @@ _DETECTOR = ("gain", "read_noise", "full_well")
 
 _SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
 
-
-_SCENES = {"star": (*OF_PAIRS, "sweep", "allow"), "binary": ()}
-"""Scenes, and the options that each has no use for: sweeps and allowances are about the separation."""
+_SCENES = {"star": (*options.OF_PAIRS, "sweep", "allow"), "binary": ()}
+"""Scenes, and the options that each one does not use: sweeps and allowances are about the separation."""
 
 
 def forecast(
     context: typer.Context,
+    *,
     instrument: options.InstrumentName = "toliman",
-    locus: options.LocusName = "stable",
-    length: options.Length = None,
-    sigma: options.Sigma = None,
-    shear: options.Shear = None,
-    angle: options.Angle = None,
-    sizes: options.Sizes = None,
-    scene: Annotated[
-        str, typer.Option(metavar="star|binary", help="One star, at --x and --y, or a pair.")
-    ] = "binary",
-    separation: options.Separation = 10.0,
-    theta: options.Theta = 180.0,
-    x: options.MiddleX = 0.0,
-    y: options.MiddleY = 0.0,
-    flux: options.Flux = None,
-    contrast: options.Contrast = 3.37,
-    sweep: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=FROM:TO:COUNT",
-            help="Forecast a range of any size, scene parameter, aberration [nm], gain, read_noise or "
-            "full_well; twice for a grid. NAME=a,b,c takes values as they are, FROM:TO:COUNT:log equal "
-            "ratios.",
-            show_default=False,
-        ),
-    ] = None,
-    target: Annotated[
-        str, typer.Option(metavar="ANGLE", help="Error of the mean separation to count frames and time for.")
-    ] = "1uas",
-    allow: Annotated[
-        str | None,
-        typer.Option(
-            metavar="10%|1uas",
-            help="Ask the other way round: how much jitter of each kind costs so much more observing time, "
-            "or biases the separation by so much where it is fitted with --fitted.",
-            show_default=False,
-        ),
-    ] = None,
-    fitted: Annotated[
-        str, typer.Option(metavar="LOCUS", help="What the frames are fitted with, for --allow with a bias.")
-    ] = "mvn",
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.png",
-            help="Draw it: matrices of one forecast, curves of a sweep, the largest vibration of --allow.",
-            show_default=False,
-        ),
-    ] = None,
-    output: options.TableOutput = None,
-    overwrite: options.Overwrite = False,
+    jitter: options.Jitter,
+    scene: str = "binary",
+    pair: options.Pair,
+    sweep: list[str] | None = None,
+    target: str = "1uas",
+    allow: str | None = None,
+    fitted: str = "mvn",
+    products: Products,
 ) -> None:
     """Forecast errors, frames and time from the expected Fisher information.
 
@@ -86,47 +45,59 @@ def forecast(
     knowing the others inflates it, and its correlation with the separation's; with --sweep a row a setting;
     with --allow a row a motion, at 0, 45 and 90 degrees from the pair. The detector's noise and saturated
     pixels are counted.
+
+    Parameters
+    ----------
+    scene : star|binary
+        One star, at --x and --y, or a pair.
+    sweep : NAME=FROM:TO:COUNT
+        Forecast a range of any size, scene parameter, aberration [nm], gain, read_noise or full_well; twice
+        for a grid. NAME=a,b,c takes values as they are, FROM:TO:COUNT:log equal ratios.
+    target : ANGLE
+        Error of the mean separation to count frames and time for.
+    allow : 10%|1uas
+        Ask the other way round: how much jitter of each kind costs so much more observing time, or biases
+        the separation by so much where it is fitted with --fitted.
+    fitted : LOCUS
+        What the frames are fitted with, for --allow with a bias.
+    plot : FILE.png
+        Draw it: matrices of one forecast, curves of a sweep, the largest vibration of --allow.
     """
-    check_products(plot, output, overwrite)
-    sweeps, goal = parse_sweeps(sweep or []), parse_angle(target, "--target")
-    given = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
-    given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
+    products.check()
+    sweeps, goal, sizes = parse_sweeps(sweep or []), parse_angle(target, "--target"), jitter.size_values()
     refuse_unused(scene, _SCENES, context)
     if allow is not None:
-        _check_question(locus, given, sweeps)
+        _check_question(jitter.locus, sizes, sweeps)
     prepare_jax()
     from jitterkit.instruments import load_instrument
 
     telescope = load_instrument(instrument)
-    pair = {"separation": separation, "theta": theta, "contrast": contrast} if scene == "binary" else {}
-    setup = _Setup(telescope, locus, given, pair_before(telescope, flux, x=x, y=y, **pair))
+    parameters = pair.parameters(telescope)
+    if scene == "star":
+        parameters = {name: value for name, value in parameters.items() if name not in options.OF_PAIRS}
+    setup = _Setup(telescope, jitter.locus, sizes, parameters)
     if allow is not None:
-        table, draw = _ask_requirement(setup, allow, fitted)
+        table, draw = _forecast_requirement(setup, allow, fitted)
     elif sweeps:
-        table, draw = _ask_sweep(setup, sweeps, goal)
+        table, draw = _forecast_sweep(setup, sweeps, goal)
     elif scene == "star":
-        table, draw = _ask_one_star(setup)
+        table, draw = _forecast_star(setup)
     else:
-        table, draw = _ask_one(setup, goal)
-    deliver(table, lambda: draw().axes[0], plot, output, overwrite)
+        table, draw = _forecast_pair(setup, goal)
+    print_table(table)
+    products.write(table, lambda: draw().axes[0])
 
 
 def _check_question(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:
-    """Refuse what --allow does not ask about: it asks about every jitter."""
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
-    if sweeps:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "--allow and --sweep are two questions; ask them one at a time."
-        )
-    if locus != "stable" or sizes:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"--allow asks about every jitter; leave out --locus {locus} and its sizes."
-        )
+    """Refuse a sweep or a jitter beside --allow, which asks about every jitter."""
+    conflict = ErrorCode.CONFLICT
+    refuse_if(sweeps != {}, conflict, "--allow and --sweep are two questions; ask them one at a time.")
+    problem = f"--allow asks about every jitter; leave out --locus {locus} and its sizes."
+    refuse_if(locus != "stable" or sizes != {}, conflict, problem)
 
 
 class _Setup:
-    """A telescope, a scene and a jitter, of which any number may be changed by name."""
+    """Hold a telescope, a scene and a jitter, of which any number may be changed by name."""
 
     def __init__(self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float]) -> None:
         from jitterkit.refit import FitOptions, Priors
@@ -138,10 +109,9 @@ class _Setup:
         self.options = FitOptions(priors=known)
 
     def point(self, still: bool = False, censored: bool = False, **changes: float):
-        """The forecast with some settings changed; those of a ``still`` telescope without its jitter."""
+        """Return the forecast with some settings changed; that of a ``still`` telescope has no jitter."""
         import numpy as np
 
-        from jitterkit.errors import ConfigurationError, ErrorCode
         from jitterkit.forecast import forecast
         from jitterkit.forward import Parameters
         from jitterkit.loci import Stable
@@ -150,7 +120,8 @@ class _Setup:
 
         scene = {name: changes.pop(name, value) for name, value in self.scene.items()}
         state = np.array([changes.pop(name, 0.0) for name in self.telescope.aberrations])
-        detector = self._detector({name: changes.pop(name) for name in _DETECTOR if name in changes})
+        numbers = {name: changes.pop(name) for name in _DETECTOR if name in changes}
+        detector = replace(self.telescope.detector, **numbers) if numbers else self.telescope.detector
         jitter = Stable.of() if still else build_locus(self.locus, {**self.sizes, **changes})
         stars = Binary(**scene) if "separation" in scene else Star(**scene)
         parameters, otf = Parameters(stars, jitter, state), self.otf(state)
@@ -158,16 +129,16 @@ class _Setup:
         check_reach(stars, jitter, otf)
         exposure = self.telescope.exposure or 0.0
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
-        if not np.all(np.isfinite(found.covariance)):
-            raise ConfigurationError(
-                ErrorCode.NOT_CONSTRAINED,
-                f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
-                f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus.",
-            )
+        refuse_if(
+            not np.all(np.isfinite(found.covariance)),
+            ErrorCode.NOT_CONSTRAINED,
+            f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
+            f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus.",
+        )
         return found
 
     def still(self, changes: dict[str, float]) -> float:
-        """Error of the separation without jitter, at the same scene, optics and detector."""
+        """Return the error of the separation without jitter, for the same scene, optics and detector."""
         known = {*_SCENE, *_DETECTOR, *self.telescope.aberrations}
         beside = tuple((name, value) for name, value in changes.items() if name in known)
         if beside not in self._still:  # where the jitter alone is swept there is one
@@ -175,28 +146,23 @@ class _Setup:
         return self._still[beside]
 
     def otf(self, state):
-        """The optics at aberrations [nm]; those without are computed once."""
+        """Return the optics at aberrations [nm]; the optics without aberrations are computed once."""
         return self.optics.otf(state) if state.any() else self.optics.nominal
 
-    def _detector(self, changes: dict[str, float]):
-        from dataclasses import replace
 
-        return replace(self.telescope.detector, **changes) if changes else self.telescope.detector
-
-
-def _ask_one_star(setup: _Setup):
+def _forecast_star(setup: _Setup):
     from jitterkit.report.forecast_table import parameter_table
     from jitterkit.report.matrix_plots import plot_matrices
     from jitterkit.report.words import angle_size
 
     found = setup.point()
-    say(f"place: {angle_size(found.error('x'))} along x and {angle_size(found.error('y'))} along y, a frame.")
+    log(f"place: {angle_size(found.error('x'))} along x and {angle_size(found.error('y'))} along y, a frame.")
     if found.masked:
-        say(f"{found.masked} pixels saturate, or come near it, and are left out.")
+        log(f"{found.masked} pixels saturate, or come near it, and are left out.")
     return parameter_table(found), lambda: plot_matrices(found)
 
 
-def _ask_one(setup: _Setup, goal: float):
+def _forecast_pair(setup: _Setup, goal: float):
     from jitterkit.forecast import degenerate_directions
     from jitterkit.report.forecast_table import parameter_table
     from jitterkit.report.matrix_plots import plot_matrices
@@ -204,30 +170,27 @@ def _ask_one(setup: _Setup, goal: float):
 
     found, still = setup.point(), setup.point(still=True)
     error, frames = found.error("separation"), found.frames(goal)
-    exposure, goal_words = setup.telescope.exposure, angle_size(goal, 2).replace(".0 ", " ")
-    time = (
-        "" if exposure is None else f", {number(frames * exposure / 3600, 3)} h of {exposure:g} s exposures"
-    )
-    say(f"separation: {angle_size(error)} a frame; {goal_words} takes {frames:,.0f} frames{time}.")
+    exposure, target, time = setup.telescope.exposure, angle_size(goal, 2).replace(".0 ", " "), ""
+    if exposure is not None:
+        time = f", {number(frames * exposure / 3600, 3)} h of {exposure:g} s exposures"
+    log(f"separation: {angle_size(error)} a frame; {target} takes {frames:,.0f} frames{time}.")
     if setup.locus != "stable":
         more = 100 * ((error / still.error("separation")) ** 2 - 1)
         alone = angle_size(still.error("separation"))
-        say(f"The jitter costs {number(more, 3)} % more time than none ({alone}).")
+        log(f"The jitter costs {number(more, 3)} % more time than none ({alone}).")
     if found.masked:
         counted = angle_size(setup.point(censored=True).error("separation"))
-        say(
+        log(
             f"{found.masked} pixels saturate, or come near it, and are left out; counted as full, by "
             f"--censored of process, they would make it {counted}."
         )
     for direction in degenerate_directions(found):
-        share = (
-            f"; {100 * direction.share:.0f} % of the separation's variance" if direction.share > 0.05 else ""
-        )
-        say(f"degenerate: {direction}{share}.")
+        share = f"; {100 * direction.share:.0f} % of the separation's variance"
+        log(f"degenerate: {direction}{share if direction.share > 0.05 else ''}.")
     return parameter_table(found), lambda: plot_matrices(found)
 
 
-def _ask_sweep(setup: _Setup, sweeps: dict[str, list[float]], goal: float):
+def _forecast_sweep(setup: _Setup, sweeps: dict[str, list[float]], goal: float):
     import numpy as np
 
     from jitterkit.forecast import sweep
@@ -244,7 +207,7 @@ def _ask_sweep(setup: _Setup, sweeps: dict[str, list[float]], goal: float):
     return table, lambda: plot_errors(grid, still=still[0] if same else None, **drawn).figure
 
 
-def _ask_requirement(setup: _Setup, allow: str, fitted: str):
+def _forecast_requirement(setup: _Setup, allow: str, fitted: str):
     from jitterkit.forecast import jitter_requirements
     from jitterkit.report.forecast_plots import plot_requirements
     from jitterkit.report.forecast_table import requirement_table
@@ -261,8 +224,7 @@ def _ask_requirement(setup: _Setup, allow: str, fitted: str):
         options=setup.options,
     )
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
-    say(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")
+    log(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")
     exposure = setup.telescope.exposure
-    return requirement_table(
-        found, exposure
-    ), lambda: plot_requirements(found, exposure=exposure, title=title).figure
+    table = requirement_table(found, exposure)
+    return table, lambda: plot_requirements(found, exposure=exposure, title=title).figure

@@ -8,36 +8,36 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli.options import Hdu
-from jitterkit.cli.runtime import SOME_FAILED, say_error
+from jitterkit.cli.runtime import SOME_FAILED, aligned, log_error
+from jitterkit.errors import FrameError
 
 __all__ = ["info"]
 
-Things = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="FILES_OR_DIRS_OR_NAMES",
-        help="FITS or TIFF files, or directories of them; or instruments: files (.toml) or names of presets.",
-        show_default=False,
-    ),
-]
+Rows = list[tuple[str, str, str, str]]
+"""Name, value, unit and source of quantities."""
 
 
-def info(things: Things, hdu: Hdu = None) -> None:
-    """Print what is known about frames or instruments, and where each number comes from."""
-    from jitterkit.errors import FrameError
+def info(*, things: Annotated[list[str], typer.Argument()], hdu: Hdu = None) -> None:
+    """Print what is known about frames or instruments, and where each number comes from.
+
+    Parameters
+    ----------
+    things : FILES_OR_DIRS_OR_NAMES
+        FITS or TIFF files, or directories of them; or instruments: files (.toml) or names of presets.
+    """
     from jitterkit.frames import find_files
 
     failed = False
     for thing in things:
         if _is_instrument(thing):
-            _tell(thing, _instrument(thing))
+            _echo(thing, _instrument(thing))
             continue
         for path in find_files([thing]):
             try:
-                _tell(path, *_frames(path, hdu))
+                _echo(path, *_frames(path, hdu))
             except FrameError as error:
                 failed = True
-                say_error(error)
+                log_error(error)
     if failed:
         raise typer.Exit(SOME_FAILED)
 
@@ -51,7 +51,7 @@ def _is_instrument(thing: str) -> bool:
     return thing in {*PRESETS, *DETECTORS} and not Path(thing).exists()
 
 
-def _instrument(thing: str) -> list[tuple[str, str, str, str]]:
+def _instrument(thing: str) -> Rows:
     from jitterkit.detectors import DETECTORS, detector_preset
     from jitterkit.instruments import load_instrument
     from jitterkit.instruments.description import describe_detector, describe_instrument
@@ -61,9 +61,8 @@ def _instrument(thing: str) -> list[tuple[str, str, str, str]]:
     return describe_instrument(load_instrument(thing))
 
 
-def _frames(path: Path, hdu: int | None) -> tuple[list[tuple[str, str, str, str]], tuple[str, ...]]:
+def _frames(path: Path, hdu: int | None) -> tuple[Rows, tuple[str, ...]]:
     from jitterkit.detectors.pixel_units import NORMALISED, is_normalised
-    from jitterkit.errors import FrameError
     from jitterkit.frames import open_frames
 
     with open_frames(path, hdu=hdu) as file:
@@ -74,12 +73,8 @@ def _frames(path: Path, hdu: int | None) -> tuple[list[tuple[str, str, str, str]
         return file.describe(), (*first.metadata.warnings, *[NORMALISED] * is_normalised(first))
 
 
-def _tell(title, rows: list[tuple[str, str, str, str]], warnings: tuple[str, ...] = ()) -> None:
-    lines = [("", "value", "unit", "source"), *rows]
-    typer.echo(title)
-    widths = [max(len(line[i]) for line in lines) for i in range(3)]
-    for *cells, source in lines:
-        columns = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
-        typer.echo("  " + "  ".join(columns) + "  " + source)
-    for warning in warnings:
-        typer.echo(f"  warning: {warning}")
+def _echo(title: Path | str, rows: Rows, warnings: tuple[str, ...] = ()) -> None:
+    """Print a table with its title and warnings."""
+    lines = aligned([("", "value", "unit", "source"), *rows])
+    lines += [f"warning: {warning}" for warning in warnings]
+    typer.echo("\n".join([str(title), *(f"  {line}" for line in lines)]))

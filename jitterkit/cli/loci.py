@@ -1,7 +1,7 @@
-"""A jitter locus from what stands on the command line: its name and its sizes.
+"""Build a jitter locus from its name and sizes on the command line.
 
-Every locus is built by its ``of``; its signature says what it needs and what it may have, and so do the
-sentences here.  Those of ``--help`` are read off the source, because to import a locus is to import JAX.
+The signature of its ``of`` holds the sizes that a locus needs and those that it may have.  The help reads
+them from the source, because the import of a locus imports JAX.
 """
 
 from __future__ import annotations
@@ -9,13 +9,23 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import jitterkit
-from jitterkit.cli.runtime import say
+from jitterkit.cli.runtime import log, naming
+from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["build_locus", "locus_sizes", "other_sizes", "parse_sizes", "size_option", "trace_of"]
+__all__ = [
+    "build_locus",
+    "locus_sizes",
+    "other_sizes",
+    "parse_sizes",
+    "refuse_other_motions",
+    "size_option",
+    "trace_of",
+]
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
@@ -23,9 +33,9 @@ _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", 
 
 @functools.cache
 def locus_sizes() -> dict[str, list[str]]:
-    """Sizes that each locus of the registry is built from, by its name; without importing it."""
-    room = Path(jitterkit.__file__).parent / "loci"
-    nodes = [node for file in sorted(room.glob("*.py")) for node in ast.parse(file.read_text("utf-8")).body]
+    """Return the sizes of each locus of the registry by its name, without importing it."""
+    folder = Path(jitterkit.__file__).parent / "loci"
+    nodes = [node for file in sorted(folder.glob("*.py")) for node in ast.parse(file.read_text("utf-8")).body]
     classes = {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
     (registry,) = (
         node.value for node in nodes if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "LOCI"
@@ -37,13 +47,13 @@ def locus_sizes() -> dict[str, list[str]]:
 
 
 def other_sizes() -> str:
-    """The sizes without an option of their own, locus by locus, in a line."""
+    """Return the sizes without an option of their own, locus by locus, in a line."""
     others = {name: [s for s in sizes if s not in _OPTIONS] for name, sizes in locus_sizes().items()}
     return "; ".join(f"{', '.join(sizes)} of {name}" for name, sizes in others.items() if sizes)
 
 
 def _built_from(name: str, classes: dict[str, ast.ClassDef]) -> list[str]:
-    """Parameters of the ``of`` of a class, or else of its base."""
+    """Return the parameters of the ``of`` of a class, or else of its base."""
     for node in classes[name].body:
         if isinstance(node, ast.FunctionDef) and node.name == "of":
             return [argument.arg for argument in node.args.args[1:]]
@@ -51,20 +61,18 @@ def _built_from(name: str, classes: dict[str, ast.ClassDef]) -> list[str]:
 
 
 def parse_sizes(settings: list[str]) -> dict[str, Any]:
-    """Sizes by name from ``name=value``, or ``name=x:y,x:y,...`` for places.
+    """Return sizes by name from ``name=value``, or ``name=x:y,x:y,...`` for positions.
 
     Raises
     ------
     ConfigurationError
         If one is neither.
     """
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
     sizes: dict[str, Any] = {}
     for setting in settings:
         name, _, value = setting.partition("=")
         try:
-            sizes[name.strip()] = _places(value) if ":" in value else float(value)
+            sizes[name.strip()] = _positions(value) if ":" in value else float(value)
         except ValueError:
             raise ConfigurationError(
                 ErrorCode.MALFORMED,
@@ -75,14 +83,13 @@ def parse_sizes(settings: list[str]) -> dict[str, Any]:
 
 
 def build_locus(name: str, sizes: dict[str, Any]):
-    """The locus of a name with given sizes.
+    """Return the locus of a name with given sizes.
 
     Raises
     ------
     ConfigurationError
-        If it needs a size that is not given, or takes none of that name; the message lists what it does.
+        If it needs a size that is not given, or takes none of that name; the message lists its sizes.
     """
-    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.loci import Mvn, locus_class
 
     kind = locus_class(name)
@@ -117,39 +124,44 @@ def build_locus(name: str, sizes: dict[str, Any]):
 
 
 def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, Any]):
-    """The measured pointing in a file, from its start (or ``start``) over one exposure, where that is known.
+    """Return the measured pointing in a file, from its start (or ``start``) over one exposure, if known.
 
     Raises
     ------
     ConfigurationError
-        If another locus or its sizes are given too, or the record does not serve.
+        If another locus or its sizes are given too, or the record cannot be used.
     """
-    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.loci import Trace, read_trace
 
-    others = [size_option(size) for size in sizes if size != "start"]
-    others += ["--locus"] if locus != "stable" else []
-    if others:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"A --trace takes the place of a locus; leave out {others[0]}."
-        )
-    try:
+    refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
+    with naming(path):
         t, x, y = read_trace(path)
         trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
-    except ConfigurationError as error:
-        told = str(error)
-        raise ConfigurationError(
-            error.code, told if told.startswith(str(path)) else f"{path}: {told}"
-        ) from None
     duration = float(t[-1] - t[0])
     if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over
         first = "" if "start" in sizes else "the first "
-        say(f"{path}: {first}{exposure:g} of {duration:g} s of the trace are used for every frame.")
+        log(f"{path}: {first}{exposure:g} of {duration:g} s of the trace are used for every frame.")
     return trace
 
 
-def _places(text: str) -> list[list[float]]:
-    pairs = (place.split(":") for place in text.split(","))
+def refuse_other_motions(option: str, locus: str, sizes: Iterable[str], **motions: Any) -> None:
+    """Refuse another motion, a locus or its sizes beside a measured or drawn motion.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    others = [f"--{name}" for name, motion in motions.items() if motion is not None]
+    others += ["--locus"] if locus != "stable" else []
+    others += [size_option(size) for size in sizes]
+    if others:
+        raise ConfigurationError(
+            ErrorCode.CONFLICT, f"A {option} takes the place of a locus; leave out {others[0]}."
+        )
+
+
+def _positions(text: str) -> list[list[float]]:
+    pairs = (position.split(":") for position in text.split(","))
     return [[float(x), float(y)] for x, y in pairs]
 
 

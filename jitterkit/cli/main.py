@@ -1,4 +1,4 @@
-"""The commands of ``jitterkit``, put together."""
+"""Assemble the commands of ``jitterkit``, and declare the options of all commands together."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import typer
 
 from jitterkit.cli.calibrate import calibrate
 from jitterkit.cli.causes import causes
+from jitterkit.cli.command import as_command
 from jitterkit.cli.crossfit import crossfit
 from jitterkit.cli.docs import docs
 from jitterkit.cli.estimate import estimate
@@ -17,7 +18,7 @@ from jitterkit.cli.instrument import instrument
 from jitterkit.cli.motion import motion
 from jitterkit.cli.photons import photons
 from jitterkit.cli.process import process
-from jitterkit.cli.runtime import set_talk, tells_errors
+from jitterkit.cli.runtime import set_verbosity
 from jitterkit.cli.sequence import sequence
 from jitterkit.cli.simulate import simulate
 from jitterkit.cli.trade import trade
@@ -50,7 +51,7 @@ for command in (
     trade,
     docs,
 ):
-    app.command()(tells_errors(command))
+    app.command()(as_command(command))
 
 
 def _version(asked: bool) -> None:
@@ -72,7 +73,7 @@ def main(
     ] = False,
 ) -> None:
     """Telescope jitter from images: blur kernels, and the binary separation behind them."""
-    set_talk(-1 if quiet else verbose)
+    set_verbosity(-1 if quiet else verbose)
 
 
 def run() -> None:

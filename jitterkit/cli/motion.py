@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.products import check_products, write_picture
-from jitterkit.cli.runtime import command_line, prepare_jax, say, show_table
+from jitterkit.cli.products import Products
+from jitterkit.cli.runtime import log, prepare_jax, print_table
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -27,66 +27,16 @@ _SEPARATION, _CONTRAST = 10.0, 3.37
 
 
 def motion(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE.csv",
-            help="A spectrum: columns f,x,y[,xy] in Hz and arcsec²/Hz (one-sided); lines: "
-            "frequency,amplitude,angle[,minor] in Hz, arcsec (zero to peak) and degrees; both, one below the "
-            "other; or a pointing trace t,x,y in s and arcsec, or rates t,wx,wy in arcsec/s. The header may "
-            "give other units: x [mas].",
-            show_default=False,
-        ),
-    ],
+    *,
+    file: Annotated[Path, typer.Argument()],
     instrument: options.InstrumentName = "toliman",
-    exposure: Annotated[
-        float | None,
-        typer.Option(help="Exposure time, s; by default the instrument's.", show_default=False),
-    ] = None,
-    cadence: Annotated[
-        float | None,
-        typer.Option(
-            help="From the start of one frame to that of the next, s, for the motion between frames; by "
-            "default the exposure.",
-            show_default=False,
-        ),
-    ] = None,
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(
-            metavar="HZ",
-            help="Of a pointing loop (a fine tip/tilt stage) that takes out what is slower: a first-order "
-            "integrator leaves f²/(f²+bandwidth²) of the power.",
-            show_default=False,
-        ),
-    ] = None,
+    exposure: float | None = None,
+    cadence: float | None = None,
+    bandwidth: float | None = None,
     kind: options.SpectrumKind = None,
-    rates: Annotated[
-        str | None,
-        typer.Option(
-            metavar="UNIT",
-            help="Unit of the rates in a trace whose header does not say it, such as deg/s; they are "
-            "integrated.",
-            show_default=False,
-        ),
-    ] = None,
-    loss: Annotated[
-        bool,
-        typer.Option(
-            "--loss/--no-loss",
-            help="Forecast what the blur costs the separation; needs the instrument's optics and flux.",
-        ),
-    ] = True,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.png",
-            help="Draw spectrum, budget, predicted blur and its transfer function.",
-            show_default=False,
-        ),
-    ] = None,
-    output: options.TableOutput = None,
-    overwrite: options.Overwrite = False,
+    rates: str | None = None,
+    loss: bool = True,
+    products: Products,
 ) -> None:
     """Say what an exposure sees of a motion: displacement, smear and jitter, regime, locus, and the cost.
 
@@ -95,24 +45,46 @@ def motion(
     the rest (jitter). Then the predicted error of the separation of a pair of 10 arcsec, once along the blur
     and once across it, without the motion and with it, and how much more time the same precision takes; at
     the instrument's usual flux a frame, whatever the exposure.
+
+    Parameters
+    ----------
+    file : FILE.csv
+        A spectrum: columns f,x,y[,xy] in Hz and arcsec²/Hz (one-sided); lines:
+        frequency,amplitude,angle[,minor] in Hz, arcsec (zero to peak) and degrees; both, one below the
+        other; or a pointing trace t,x,y in s and arcsec, or rates t,wx,wy in arcsec/s. The header may give
+        other units: x [mas].
+    exposure
+        Exposure time, s; by default the instrument's.
+    cadence
+        From the start of one frame to that of the next, s, for the motion between frames; by default the
+        exposure.
+    bandwidth : HZ
+        Of a pointing loop (a fine tip/tilt stage) that takes out what is slower: a first-order integrator
+        leaves f²/(f²+bandwidth²) of the power.
+    rates : UNIT
+        Unit of the rates in a trace whose header does not say it, such as deg/s; they are integrated.
+    loss
+        Forecast what the blur costs the separation; needs the instrument's optics and flux.
+    plot : FILE.png
+        Draw spectrum, budget, predicted blur and its transfer function.
     """
-    check_products(plot, output, overwrite)
+    products.check()
     prepare_jax()
     from jitterkit.instruments import load_instrument
     from jitterkit.motion import assess_motion, read_motion
     from jitterkit.report.motion_table import motion_sentences, motion_table
-    from jitterkit.report.table import write_table
 
     telescope = load_instrument(instrument)
-    moved = read_motion(file, kind=kind, rates=rates, tell=say)
-    assessed = assess_motion(moved, _exposure(telescope, exposure), cadence=cadence, bandwidth=bandwidth)
+    moved = read_motion(file, kind=kind, rates=rates, tell=log)
+    seconds = telescope.exposure if exposure is None else exposure
+    seconds = options.required(seconds, telescope, "exposure; give --exposure")
+    assessed = assess_motion(moved, seconds, cadence=cadence, bandwidth=bandwidth)
     for sentence in motion_sentences(assessed, telescope.plate_scale):
-        say(sentence)
+        log(sentence)
     table = motion_table(assessed)
-    table.meta["command"] = command_line()
     _print(table[[name for name in table.colnames if not name.endswith(_MOMENTS)]])
     if loss and telescope.flux is None:
-        say(
+        log(
             f"What the blur costs is not forecast: the instrument {telescope.name!r} has no flux; give it "
             "photons per frame in its file."
         )
@@ -121,31 +93,20 @@ def motion(
         typer.echo()
         _print(costs)
         table.meta["loss"] = {name: costs[name].value.tolist() for name in costs.colnames}
-    if output is not None:
-        write_table(output, table, overwrite=overwrite)
-    if plot is not None:
+
+    def draw():
         from jitterkit.report.motion_plots import plot_motion
 
-        title = f"{file.name}, exposures of {assessed.exposure:g} s"
-        write_picture(plot, plot_motion(assessed, title)[0], overwrite)
+        return plot_motion(assessed, f"{file.name}, exposures of {assessed.exposure:g} s")[0]
 
-
-def _exposure(telescope: Instrument, exposure: float | None) -> float:
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
-    seconds = telescope.exposure if exposure is None else exposure
-    if seconds is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"The instrument {telescope.name!r} has no exposure; give --exposure."
-        )
-    return seconds
+    products.write(table, draw)
 
 
 def _print(table: QTable) -> None:
     for name in table.colnames:
         if table[name].dtype.kind == "f" and table[name].info.format is None:
             table[name].info.format = "{:.4g}"
-    show_table(table)
+    print_table(table)
 
 
 def _loss_table(telescope: Instrument, locus: Locus) -> QTable:

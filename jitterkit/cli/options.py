@@ -1,111 +1,58 @@
-"""Options that several commands share, worded once."""
+"""Declare the options that several commands share, in groups that turn them into records of the package."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from jitterkit.cli.loci import locus_sizes, other_sizes
+from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
+from jitterkit.errors import ConfigurationError, ErrorCode
+
+if TYPE_CHECKING:
+    from jitterkit.instruments import Instrument
 
 __all__ = [
-    "Angle",
+    "OF_PAIRS",
     "Background",
-    "BadBits",
-    "Bias",
     "Censored",
-    "Contrast",
-    "Device",
-    "Exposure",
+    "Detector",
     "Files",
-    "Float32",
-    "Flux",
-    "Gain",
     "Hdu",
     "InstrumentName",
-    "Length",
-    "LocusName",
-    "MiddleX",
-    "MiddleY",
+    "Jitter",
+    "OutputDirectory",
     "Overwrite",
-    "PlateScale",
-    "ReadNoise",
-    "Saturation",
+    "Pair",
     "SceneName",
-    "Separation",
-    "Shear",
-    "Sigma",
-    "Sizes",
     "SpectrumKind",
     "TableOutput",
-    "Theta",
-    "overrides",
+    "held",
+    "refuse_if",
+    "refuse_unused",
+    "required",
 ]
+
+T = TypeVar("T")
+
+OF_PAIRS = ("separation", "theta", "contrast")
+"""Options that only a pair uses."""
 
 Files = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them.", show_default=False
-    ),
+    typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them."),
 ]
+OutputDirectory = Annotated[
+    Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")
+]
+Overwrite = Annotated[bool, typer.Option(help="Replace files that exist.")]
 InstrumentName = Annotated[
     str, typer.Option("--instrument", "-i", metavar="NAME|FILE.toml", help="A preset, or an instrument file.")
 ]
-Hdu = Annotated[
-    int | None,
-    typer.Option(help="HDU to read; by default the first that holds an image.", show_default=False),
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
-Device = Annotated[
-    str | None,
-    typer.Option(
-        metavar="cpu|gpu", help="Where to compute; by default on a GPU if JAX finds one.", show_default=False
-    ),
-]
-Float32 = Annotated[
-    bool,
-    typer.Option("--float32", help="Compute in 32 bits, where speed matters more than the last digits."),
-]
-SceneName = Annotated[
-    str,
-    typer.Option(
-        "--scene",
-        metavar="auto|star|binary|stars",
-        help="What the frames show: auto is the simplest scene that they support.",
-    ),
-]
-Background = Annotated[
-    bool,
-    typer.Option(
-        "--background/--no-background",
-        help="Fit a constant background; held at zero, sky of 1 e-/pixel biases a separation by 43 µas.",
-    ),
-]
-Censored = Annotated[
-    bool,
-    typer.Option(
-        "--censored",
-        help="Count pixels at saturation as holding at least so much, instead of leaving out all that come "
-        "near it: costs nothing of the error, and asks that the response is linear up to there.",
-    ),
-]
-Gain = Annotated[float | None, typer.Option(help="Gain, e-/ADU.", show_default=False)]
-ReadNoise = Annotated[float | None, typer.Option(help="Read noise, e-.", show_default=False)]
-Bias = Annotated[float | None, typer.Option(help="Bias level, ADU.", show_default=False)]
-Saturation = Annotated[float | None, typer.Option(help="Saturation level, ADU.", show_default=False)]
-BadBits = Annotated[
-    int | None,
-    typer.Option(
-        min=0,
-        metavar="SUM",
-        help="Bits of a DQ or MASK extension that mask a pixel, their values added up; 0 for none. By "
-        "default those that the observatory calls bad.",
-        show_default=False,
-    ),
-]
-PlateScale = Annotated[float | None, typer.Option(help="Plate scale, arcsec/pixel.", show_default=False)]
-Exposure = Annotated[float | None, typer.Option(help="Exposure time, s.", show_default=False)]
+Hdu = Annotated[int | None, typer.Option(help="HDU to read; by default the first that holds an image.")]
 TableOutput = Annotated[
     Path | None,
     typer.Option(
@@ -113,81 +60,186 @@ TableOutput = Annotated[
         "-o",
         metavar="FILE.ecsv",
         help="Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.",
-        show_default=False,
     ),
 ]
-
+SceneName = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|star|binary|stars",
+        help="What the frames show: auto is the simplest scene that they support.",
+    ),
+]
+Background = Annotated[
+    bool,
+    typer.Option(
+        help="Fit a constant background; held at zero, sky of 1 e-/pixel biases a separation by 43 µas."
+    ),
+]
+Censored = Annotated[
+    bool,
+    typer.Option(
+        help="Count pixels at saturation as holding at least so much, instead of leaving out all that come "
+        "near it: costs nothing of the error, and asks that the response is linear up to there."
+    ),
+]
 SpectrumKind = Annotated[
     str | None,
     typer.Option(
-        "--kind",
         metavar="bins|curve",
         help="What the rows of a spectrum are: bins of a measured one, such as Welch's, that hold power, "
         "or points of a drawn curve, with power laws between them. By default their spacing tells.",
-        show_default=False,
     ),
 ]
 
-# a jitter, by its name and sizes
-LocusName = Annotated[
-    str, typer.Option("--locus", metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")
-]
-Length = Annotated[
-    float | None,
-    typer.Option(help="Full length, or peak to peak of a vibration, arcsec.", show_default=False),
-]
-Sigma = Annotated[
-    float | None, typer.Option(help="One sigma along the major axis, arcsec.", show_default=False)
-]
-Shear = Annotated[
-    float | None, typer.Option(help="1 - sigma_minor/sigma_major (mvn), 0 to 1.", show_default=False)
-]
-Angle = Annotated[
-    float | None,
-    typer.Option(help="Axis of the jitter, degrees counter-clockwise from +x.", show_default=False),
-]
-Sizes = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="SIZE=VALUE",
-        help="Any other size of the locus: --set cycles=0.7 --set phase=30; places in arcsec: --set "
-        f"knots=0:0,0.2:0.1,0.3:0.3. There are {other_sizes()}.",
-        show_default=False,
-    ),
-]
 
-# a binary
-Separation = Annotated[float, typer.Option(help="Separation, arcsec.")]
-Theta = Annotated[float, typer.Option(help="Direction from A to B, degrees counter-clockwise from +x.")]
-MiddleX = Annotated[float, typer.Option(help="Midpoint of the pair, arcsec from the frame's centre.")]
-MiddleY = Annotated[float, typer.Option(help="Likewise, upwards.")]
-Flux = Annotated[
-    float | None,
-    typer.Option(
-        help="Photons detected per frame from both stars; by default the instrument's.", show_default=False
-    ),
-]
-Contrast = Annotated[float, typer.Option(help="Flux of A over flux of B.")]
+@dataclass(frozen=True)
+class Detector:
+    """Replace what headers and instrument say of the detector and of the exposure.
+
+    Parameters
+    ----------
+    gain
+        Gain, e-/ADU.
+    read_noise
+        Read noise, e-.
+    bias
+        Bias level, ADU.
+    saturation
+        Saturation level, ADU.
+    plate_scale
+        Plate scale, arcsec/pixel.
+    exposure
+        Exposure time, s.
+    bad_bits : SUM
+        Bits of a DQ or MASK extension that mask a pixel, their values added up; 0 for none. By default those
+        that the observatory calls bad.
+    """
+
+    gain: float | None = None
+    read_noise: float | None = None
+    bias: float | None = None
+    saturation: float | None = None
+    plate_scale: float | None = None
+    exposure: float | None = None
+    bad_bits: Annotated[int | None, typer.Option(min=0)] = None
+
+    def metadata(self) -> dict[str, Any]:
+        """Return the metadata that were given, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
-def overrides(
-    gain: float | None,
-    read_noise: float | None,
-    bias: float | None,
-    saturation: float | None,
-    plate_scale: float | None,
-    exposure: float | None,
-    bad_bits: int | None,
-) -> dict[str, Any]:
-    """Metadata given on the command line; what was not given is left out."""
-    given = {
-        "gain": gain,
-        "read_noise": read_noise,
-        "bias": bias,
-        "saturation": saturation,
-        "plate_scale": plate_scale,
-        "exposure": exposure,
-        "bad_bits": bad_bits,
-    }
-    return {name: value for name, value in given.items() if value is not None}
+@dataclass(frozen=True)
+class Jitter:
+    """Describe a jitter by the name of its locus and its sizes.
+
+    Parameters
+    ----------
+    length
+        Full length, or peak to peak of a vibration, arcsec.
+    sigma
+        One sigma along the major axis, arcsec.
+    shear
+        1 - sigma_minor/sigma_major (mvn), 0 to 1.
+    angle
+        Axis of the jitter, degrees counter-clockwise from +x.
+    """
+
+    locus: Annotated[str, typer.Option(metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")] = (
+        "stable"
+    )
+    length: float | None = None
+    sigma: float | None = None
+    shear: float | None = None
+    angle: float | None = None
+    sizes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="SIZE=VALUE",
+            help="Any other size of the locus: --set cycles=0.7 --set phase=30; places in arcsec: --set "
+            f"knots=0:0,0.2:0.1,0.3:0.3. There are {other_sizes()}.",
+        ),
+    ] = None
+
+    def size_values(self) -> dict[str, Any]:
+        """Return the sizes that were given, by name."""
+        own = {"length": self.length, "sigma_major": self.sigma, "shear": self.shear, "angle": self.angle}
+        return {name: size for name, size in own.items() if size is not None} | parse_sizes(self.sizes or [])
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Describe a binary in front of a telescope.
+
+    Parameters
+    ----------
+    separation
+        Separation, arcsec.
+    theta
+        Direction from A to B, degrees counter-clockwise from +x.
+    x
+        Midpoint of the pair, arcsec from the frame's centre.
+    y
+        Likewise, upwards.
+    flux
+        Photons detected per frame from both stars; by default the instrument's.
+    contrast
+        Flux of A over flux of B.
+    """
+
+    separation: float = 10.0
+    theta: float = 180.0
+    x: float = 0.0
+    y: float = 0.0
+    flux: float | None = None
+    contrast: float = 3.37
+
+    def parameters(self, telescope: Instrument) -> dict[str, float]:
+        """Return the parameters by name, with the instrument's usual flux where none is given."""
+        flux = telescope.flux if self.flux is None else self.flux
+        return asdict(self) | {"flux": required(flux, telescope, "usual flux; give --flux")}
+
+
+def refuse_if(condition: bool, code: ErrorCode, message: str) -> None:
+    """Raise a ConfigurationError if a condition holds."""
+    if condition:
+        raise ConfigurationError(code, message)
+
+
+def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: typer.Context) -> None:
+    """Refuse an unknown scene, and options that were given and that the scene does not use.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    refuse_if(
+        scene not in unused,
+        ErrorCode.UNKNOWN_NAME,
+        f"There is no scene {scene!r} here; give one of {', '.join(unused)}.",
+    )
+    for name in unused[scene]:
+        source = context.get_parameter_source(name)
+        refuse_if(
+            source is not None and source.name == "COMMANDLINE",
+            ErrorCode.CONFLICT,
+            f"--scene {scene} has no use for --{name}; leave it out.",
+        )
+
+
+def held(background: bool) -> tuple[str, ...]:
+    """Return the names of parameters that a fit holds at zero."""
+    return () if background else ("background",)
+
+
+def required(value: T | None, telescope: Instrument, problem: str) -> T:
+    """Return a value, or refuse: the instrument has none, and the command line neither.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if value is None:
+        message = f"The instrument {telescope.name!r} has no {problem}."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
+    return value

@@ -1,113 +1,119 @@
-"""``process --tolerance``, ``--budget`` and ``--explain``: settings chosen for the frames of a run."""
+"""Choose settings for the frames of a run: ``process --tolerance``, ``--budget`` and ``--explain``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jitterkit.cli.options import refuse_if
 from jitterkit.cli.quantities import parse_allowed, parse_time
-from jitterkit.cli.runtime import say
+from jitterkit.cli.runtime import log
+from jitterkit.errors import ErrorCode
 
 if TYPE_CHECKING:
     from jitterkit.batch import Processor
     from jitterkit.trade import Settings
 
-__all__ = ["check_asked", "with_plan"]
+__all__ = ["Plan"]
 
 
-def check_asked(tolerance: str | None, budget: str | None) -> None:
-    """Refuse what is no angle, share or time, and two questions at once.
-
-    Raises
-    ------
-    ConfigurationError
-    """
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
-    if tolerance is not None and budget is not None:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            "--tolerance asks for the cheapest settings, --budget for the most exact; give one of the two.",
-        )
-    _meaning({"tolerance": tolerance, "budget": budget})
-
-
-def _meaning(asked: Mapping[str, str | None]) -> tuple[tuple[str, float] | None, float | None]:
-    """What may be lost, and seconds a frame."""
-    tolerance, budget = asked["tolerance"], asked["budget"]
-    allowed = None if tolerance is None else parse_allowed(tolerance, "--tolerance", "error")
-    return allowed, None if budget is None else parse_time(budget, "--budget")
-
-
-def with_plan(
-    processor: Processor,
-    files: Sequence[Path],
-    hdu: int | None,
-    asked: Mapping[str, str | None],
-    resumed: Path | None,
-    explain: bool,
-) -> tuple[Processor, dict[str, Any] | None]:
-    """The processor with the settings that its frames need, and how they were chosen.
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Choose the settings of the model by what they cost.
 
     Parameters
     ----------
-    processor : Processor
-    files : sequence of Path
-    hdu : int, optional
-    asked : mapping
-        ``tolerance`` and ``budget``, as the command line has them, at most one; by none the settings stay.
-    resumed : Path, optional
-        Directory of a run that goes on with the settings that it began with.
-    explain : bool
-        Whether to say what the settings leave out.
-
-    Raises
-    ------
-    ConfigurationError
-        If what is asked for is no quantity, cannot be had, or no frame can be fitted.
+    tolerance : 1uas|10%
+        Take the cheapest settings whose model puts no more wrong with the separation of a frame: an angle,
+        or a share of its error. Three frames of the run are looked at to choose them.
+    budget : 20ms
+        Take the most exact settings with which a frame, fitted by itself, takes no longer on this machine,
+        likewise.
+    explain
+        Say what the settings leave out of the model, and what that costs.
     """
-    from jitterkit.batch.configuration import describe
-    from jitterkit.batch.run import planned_before
-    from jitterkit.trade import Settings
 
-    before = None if resumed is None else planned_before(resumed)
-    if before is not None and _meaning(before["asked"]) == _meaning(asked):
-        say("going on with the settings that were chosen when the run began")
-        return Settings(**before["settings"]).applied(processor), dict(before)
-    settings = _choose(processor, files, hdu, asked, explain)
-    if not any(asked.values()):
-        return processor, None
-    return settings.applied(processor), {"asked": dict(asked), "settings": describe(settings)}
+    tolerance: str | None = None
+    budget: str | None = None
+    explain: bool = False
+
+    def check(self) -> None:
+        """Refuse what is no angle, share or time, and two criteria at once.
+
+        Raises
+        ------
+        ConfigurationError
+        """
+        problem = (
+            "--tolerance asks for the cheapest settings, --budget for the most exact; give one of the two."
+        )
+        refuse_if(self.tolerance is not None and self.budget is not None, ErrorCode.CONFLICT, problem)
+        _parsed(self.tolerance, self.budget)
+
+    def apply(
+        self, processor: Processor, files: Sequence[Path], hdu: int | None, resumed: Path | None
+    ) -> tuple[Processor, dict[str, Any] | None]:
+        """Return the processor with the settings that its frames need, and how they were chosen.
+
+        Parameters
+        ----------
+        processor : Processor
+        files : sequence of Path
+        hdu : int, optional
+        resumed : Path, optional
+            Directory of a run that goes on with the settings that it began with.
+
+        Raises
+        ------
+        ConfigurationError
+            If what is asked for cannot be had, or no frame can be fitted.
+        """
+        asked = {"tolerance": self.tolerance, "budget": self.budget}
+        if not any(asked.values()) and not self.explain:
+            return processor, None
+        from jitterkit.batch.configuration import describe
+        from jitterkit.batch.run import planned_before
+        from jitterkit.trade import Settings
+
+        before = None if resumed is None else planned_before(resumed)
+        if before is not None and _parsed(**before["asked"]) == _parsed(**asked):
+            log("going on with the settings that were chosen when the run began")
+            return Settings(**before["settings"]).applied(processor), dict(before)
+        settings = self._choose(processor, files, hdu)
+        if not any(asked.values()):
+            return processor, None
+        return settings.applied(processor), {"asked": asked, "settings": describe(settings)}
+
+    def _choose(self, processor: Processor, files: Sequence[Path], hdu: int | None) -> Settings:
+        """Fit some frames, and log what is expected of the settings that suit them."""
+        from jitterkit.report.words import angle_size
+        from jitterkit.trade.examples import examples_of
+        from jitterkit.trade.explain import explain
+        from jitterkit.trade.plan import Planner
+
+        allowed, seconds = _parsed(self.tolerance, self.budget)
+        log("looking at some frames, to know what their model needs ...")
+        planner = Planner(*examples_of(files, processor, hdu))
+        if allowed is not None:
+            kind, size = allowed
+            plan = planner.cheapest(size * planner.outlook.sigma if kind == "error" else size)
+        elif seconds is not None:
+            plan = planner.within(seconds)
+        else:
+            plan = planner.as_they_are()
+        log(
+            f"{1e3 * plan.seconds:.3g} ms a frame; what its model leaves out may cost "
+            f"{angle_size(plan.loss, 2)} of a separation that one frame tells to "
+            f"{angle_size(planner.outlook.sigma)}"
+        )
+        for sentence in explain(planner.outlook, plan) if self.explain else ():
+            log(f"  {sentence}")
+        return plan.settings
 
 
-def _choose(
-    processor: Processor,
-    files: Sequence[Path],
-    hdu: int | None,
-    asked: Mapping[str, str | None],
-    explain: bool,
-) -> Settings:
-    """Look at some frames, and say what is expected of the settings that suit them."""
-    from jitterkit.report.words import angle_size
-    from jitterkit.trade.examples import examples_of
-    from jitterkit.trade.explain import explain as sentences
-    from jitterkit.trade.plan import Planner
-
-    allowed, seconds = _meaning(asked)
-    say("looking at some frames, to know what their model needs ...")
-    planner = Planner(*examples_of(files, processor, hdu))
-    if allowed is not None:
-        kind, size = allowed
-        plan = planner.cheapest(size * planner.outlook.sigma if kind == "error" else size)
-    elif seconds is not None:
-        plan = planner.within(seconds)
-    else:
-        plan = planner.as_they_are()
-    say(
-        f"{1e3 * plan.seconds:.3g} ms a frame; what its model leaves out may cost {angle_size(plan.loss, 2)} "
-        f"of a separation that one frame tells to {angle_size(planner.outlook.sigma)}"
-    )
-    for sentence in sentences(planner.outlook, plan) if explain else ():
-        say(f"  {sentence}")
-    return plan.settings
+def _parsed(tolerance: str | None, budget: str | None) -> tuple[tuple[str, float] | None, float | None]:
+    """Return the kind and size of the allowed loss, and the time of a frame [s]."""
+    allowed = None if tolerance is None else parse_allowed(tolerance, "--tolerance", "error")
+    return allowed, None if budget is None else parse_time(budget, "--budget")

@@ -1,7 +1,7 @@
-"""How the telescope points while ``jitterkit simulate`` exposes frames: drifting, traced, or shaken.
+"""Declare the motions of ``jitterkit simulate``, and point the telescope while frames are exposed.
 
-A locus has no time.  A drift, a trace and a spectrum do, and where the detector rolls its rows are exposed
-to them one after the other.
+A locus has no time.  A drift, a trace and a spectrum have one: the rows of a rolling detector are exposed to
+them one after the other.
 """
 
 from __future__ import annotations
@@ -11,10 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jitterkit.cli.loci import trace_of
-from jitterkit.cli.runtime import say
+from jitterkit.cli.loci import build_locus, refuse_other_motions, trace_of
+from jitterkit.cli.options import Jitter, SpectrumKind, required
+from jitterkit.cli.quantities import parse_number
+from jitterkit.cli.runtime import log, naming
+from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Pointing", "drifting", "resting", "shaken", "traced"]
+__all__ = ["Motion", "Pointing", "shaken"]
 
 _SLOW = ("linear", "path", "partial", "smear")
 """Loci that a slow motion makes, which matters to a rolling shutter."""
@@ -22,13 +25,13 @@ _SLOW = ("linear", "path", "partial", "smear")
 
 @dataclass(frozen=True)
 class Pointing:
-    """The jitter of the frames, common to all or frame by frame.
+    """Hold the jitter of the frames, common to all or frame by frame.
 
     Parameters
     ----------
     loci : Locus or list of Locus
-    places : (frames, 2) array, optional
-        Where the pointing stands meanwhile, arcsec.
+    positions : (frames, 2) array, optional
+        Mean pointing of each frame, arcsec.
     velocity : (2,) tuple, optional
         arcsec/s.
     shutters : Shutter or list of Shutter, optional
@@ -36,23 +39,66 @@ class Pointing:
     """
 
     loci: Any
-    places: Any = None
+    positions: Any = None
     velocity: tuple[float, float] | None = None
     shutters: Any = None
 
 
-def resting(locus, name: str, detector) -> Pointing:
-    """A locus by itself; a rolling detector is told of what it does not say."""
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Choose a motion in place of a locus, or beside it.
+
+    Parameters
+    ----------
+    trace : FILE.csv
+        A measured pointing in place of a locus: columns t,x,y in s and arcsec. Every frame gets the same
+        exposure of it, the first; --set start=SECONDS for another.
+    spectrum : FILE.csv
+        A spectrum of the motion in place of a locus: columns f,x,y[,xy] in Hz and arcsec²/Hz, or lines
+        frequency,amplitude,angle[,minor] in Hz, arcsec and degrees. Of one motion drawn from it every frame
+        gets a piece of its own, and stands where that is.
+    drift : VX,VY
+        A uniform drift beside the locus, arcsec/s. The frames follow each other without a gap: each is
+        smeared by speed times exposure, and the pair moves on; --x and --y are its middle.
+    """
+
+    trace: Path | None = None
+    spectrum: Path | None = None
+    kind: SpectrumKind = None
+    drift: str | None = None
+
+    def pointing(self, jitter: Jitter, telescope, frames: int, row_order: int, generator) -> Pointing:
+        """Return the pointing of consecutive frames.
+
+        Raises
+        ------
+        ConfigurationError
+            If two motions are given, or one that cannot be used.
+        """
+        sizes, locus = jitter.size_values(), jitter.locus
+        if self.spectrum is not None:
+            refuse_other_motions("--spectrum", locus, sizes, trace=self.trace, drift=self.drift)
+            return shaken(self.spectrum, telescope, frames, row_order, generator, self.kind)
+        if self.trace is not None:
+            refuse_other_motions("--trace", "stable", (), drift=self.drift)
+            return _traced(self.trace, telescope, locus, sizes, row_order)
+        if self.drift is not None:
+            return _drifting(self.drift, telescope, build_locus(locus, sizes), frames)
+        return _resting(build_locus(locus, sizes), locus, telescope.detector)
+
+
+def _resting(locus, name: str, detector) -> Pointing:
+    """Return a locus without a motion; log that all rows of a rolling detector see it at once."""
     if detector.line_time and name in _SLOW:
-        say(
+        log(
             f"The locus {name} does not say when the pointing was where, so all rows are exposed at once; "
             "give --drift, --trace or --spectrum for the detector to roll."
         )
     return Pointing(locus)
 
 
-def drifting(drift: str, telescope, locus, frames: int) -> Pointing:
-    """A uniform drift ``VX,VY`` through consecutive frames, about ``locus``: each is smeared by its share.
+def _drifting(drift: str, telescope, locus, frames: int) -> Pointing:
+    """Return a uniform drift ``VX,VY`` through consecutive frames, which also shake by ``locus``.
 
     Raises
     ------
@@ -72,14 +118,13 @@ def drifting(drift: str, telescope, locus, frames: int) -> Pointing:
     return Pointing(both, np.outer(steps, (vx, vy)), (vx, vy))
 
 
-def traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order: int) -> Pointing:
-    """The measured pointing in a file, the same for every frame.
+def _traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order: int) -> Pointing:
+    """Return the measured pointing in a file, the same for every frame.
 
-    A detector that rolls begins as early as the rows of the frame let it, if not told when.
+    A rolling detector begins as early as the rows of the frame permit, unless ``start`` is among the sizes.
     """
     if not telescope.detector.line_time:
         return Pointing(trace_of(path, telescope.exposure, locus, sizes))
-    from jitterkit.errors import ConfigurationError
     from jitterkit.loci import Stable, read_trace
 
     exposure = _exposure(telescope, "a --trace to move it")
@@ -87,16 +132,14 @@ def traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order: 
         trace_of(path, exposure, locus, sizes)  # refuses
     t, x, y = read_trace(path)
     begin = sizes.get("start", t[0] + _wait(telescope))
-    try:
+    with naming(path):
         return Pointing(Stable.of(), shutters=_following(telescope, (t, x, y), begin, row_order))
-    except ConfigurationError as error:
-        raise ConfigurationError(error.code, f"{path}: {error}") from None
 
 
 def shaken(
     path: Path, telescope, frames: int, row_order: int, generator, kind: str | None = None
 ) -> Pointing:
-    """Consecutive frames in a motion drawn from the spectrum in a file, of bins or a curve (``kind``).
+    """Return consecutive pieces of a motion drawn from the spectrum in a file, of bins or a curve (``kind``).
 
     Raises
     ------
@@ -105,10 +148,9 @@ def shaken(
     """
     import numpy as np
 
-    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.motion import PowerSpectrum, read_motion, simulate_exposures
 
-    motion = read_motion(path, kind=kind, tell=say)
+    motion = read_motion(path, kind=kind, tell=log)
     if not isinstance(motion, PowerSpectrum):
         raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{path} is a trace; give it by --trace.")
     exposure = _exposure(telescope, "a --spectrum to shake it")
@@ -119,41 +161,25 @@ def shaken(
         return Pointing(loci, means)
     record = _record(loci, means, exposure)
     used = slice(margin, margin + frames)
-    places = means[used] - means[used].mean(axis=0)
+    positions = means[used] - means[used].mean(axis=0)
     shutters = [_following(telescope, record, exposure * (margin + k), row_order) for k in range(frames)]
-    return Pointing([_fast(locus) for locus in loci[used]], places, shutters=shutters)
+    return Pointing([_fast(locus) for locus in loci[used]], positions, shutters=shutters)
 
 
 def _velocity(text: str) -> tuple[float, float]:
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
-    code = ErrorCode.OUT_OF_RANGE
-    try:
-        vx, vy = (float(value) for value in text.split(","))
-    except ValueError:
-        code, vx, vy = ErrorCode.MALFORMED, math.nan, math.nan
-    if not math.isfinite(vx) or not math.isfinite(vy):
-        raise ConfigurationError(
-            code,
-            f"--drift {text} is not understood; write velocities along x and y in arcsec/s, --drift "
-            "0.5,-0.2.",
-        )
-    return vx, vy
+    problem = (
+        f"--drift {text} is not understood; write velocities along x and y in arcsec/s, --drift 0.5,-0.2."
+    )
+    vx, _, vy = text.partition(",")
+    return parse_number(vx, math.isfinite, problem), parse_number(vy, math.isfinite, problem)
 
 
 def _exposure(telescope, purpose: str) -> float:
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
-    if telescope.exposure is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"The instrument {telescope.name!r} has no exposure; give it one for {purpose}.",
-        )
-    return telescope.exposure
+    return required(telescope.exposure, telescope, f"exposure; give it one for {purpose}")
 
 
 def _wait(telescope) -> float:
-    """Time [s] between the exposures of a frame's central row and its last."""
+    """Return the time [s] between the exposures of a frame's central row and its last."""
     return (telescope.shape[0] - 1) / 2 * abs(telescope.detector.line_time or 0.0)
 
 
@@ -165,19 +191,19 @@ def _following(telescope, record, start: float, row_order: int):
 
 
 def _record(loci, means, exposure: float):
-    """The record ``t, x, y`` of which consecutive frames are the pieces; each begins where the last ended."""
+    """Return the record ``t, x, y`` of consecutive frames; each begins where the last one ended."""
     import numpy as np
 
     traces = [_parts(locus)[0] for locus in loci]
     t = [exposure * (k + np.asarray(trace.times[:-1])) for k, trace in enumerate(traces)]
-    places = [np.asarray(trace.places[:-1]) + mean for trace, mean in zip(traces, means, strict=True)]
+    positions = [np.asarray(trace.places[:-1]) + mean for trace, mean in zip(traces, means, strict=True)]
     end = np.asarray(traces[-1].places[-1:]) + means[-1]
-    x, y = np.concatenate([*places, end]).T
+    x, y = np.concatenate([*positions, end]).T
     return np.append(np.concatenate(t), exposure * len(traces)), x, y
 
 
 def _fast(locus):
-    """What a locus of a shaken frame has beside its trace."""
+    """Return the factors of the locus of a shaken frame without its trace."""
     from jitterkit.loci import Product, Stable
 
     _, *fast = _parts(locus)

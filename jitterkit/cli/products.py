@@ -1,53 +1,65 @@
-"""The table that a command prints, and the files that it may leave behind."""
+"""Declare the files that a command leaves behind beside the table that it prints, and write them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jitterkit.cli.runtime import command_line, say, show_table
+from jitterkit.cli import options
+from jitterkit.cli.runtime import command_line, log
 
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-__all__ = ["check_products", "deliver", "write_picture"]
+__all__ = ["Products", "write_picture"]
 
 
-def check_products(plot: Path | None, output: Path | None, overwrite: bool) -> None:
-    """Refuse a picture that is no PNG, a table of unknown ending, and files that cannot be written.
+@dataclass(frozen=True, kw_only=True)
+class Products:
+    """Choose the files that a command writes; the command says what its picture shows.
 
-    Raises
-    ------
-    ConfigurationError
+    Parameters
+    ----------
+    plot : FILE.png
+        Draw the result.
     """
-    from jitterkit.report.outputs import check_file, check_table
 
-    if plot is not None:
-        check_file(plot, overwrite, ".png")
-    if output is not None:
-        check_table(output, overwrite)
+    plot: Path | None = None
+    output: options.TableOutput = None
+    overwrite: options.Overwrite = False
 
+    def check(self) -> None:
+        """Refuse a picture that is no PNG, a table of unknown ending, and files that cannot be written.
 
-def deliver(
-    table: QTable, draw: Callable[[], Any], plot: Path | None, output: Path | None, overwrite: bool
-) -> None:
-    """Print a table; where asked, write it with the command that made it, and draw it."""
-    from jitterkit.report.table import write_table
+        Raises
+        ------
+        ConfigurationError
+        """
+        from jitterkit.report.outputs import check_file, check_table
 
-    show_table(table)
-    if output is not None:
-        table.meta["command"] = command_line()
-        write_table(output, table, overwrite=overwrite)
-    if plot is not None:
-        write_picture(plot, draw(), overwrite)
+        if self.plot is not None:
+            check_file(self.plot, self.overwrite, ".png")
+        if self.output is not None:
+            check_table(self.output, self.overwrite)
+
+    def write(self, table: QTable, draw: Callable[[], Any]) -> None:
+        """Where asked, write a table with the command that made it, and draw the result on some axes."""
+        from jitterkit.report.table import write_table
+
+        if self.output is not None:
+            table.meta["command"] = command_line()
+            write_table(self.output, table, overwrite=self.overwrite)
+        if self.plot is not None:
+            write_picture(self.plot, draw(), self.overwrite)
 
 
 def write_picture(path: Path, ax, overwrite: bool) -> None:
-    """Write the figure of some axes as PNG, whole or not at all, and say so."""
+    """Write the figure of some axes as PNG, whole or not at all, and log its name."""
     from jitterkit.frames.whole import replacing
     from jitterkit.report.plots import png
 
     with replacing(path, overwrite) as temporary:
         temporary.write_bytes(png(ax, dpi=160))
-    say(f"wrote {path}")
+    log(f"wrote {path}")

@@ -1,4 +1,4 @@
-"""The line that a run keeps on the screen: how far, how fast, and what it has found."""
+"""Show the progress of a run on the screen: files done, rate, time left, and the mean separation."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Follow", "Tally", "following", "watching"]
+__all__ = ["ProgressCallback", "RunningStatistics", "progress_bar", "run_progress"]
 
 _WINDOW = 30.0
-"""Seconds over which the rate is taken: long enough for the steps in which batches come."""
+"""Seconds over which the rate is taken: several batches."""
 
-_TOGETHER = 0.1
-"""Seconds within which rows come at one time: those of a batch take a few milliseconds to be told."""
+_SIMULTANEOUS = 0.1
+"""Seconds within which rows belong to one batch, which reports them within a few milliseconds."""
 
 
 @dataclass
-class Tally:
-    """What rows amount to, one after the other.
+class RunningStatistics:
+    """Accumulate counts, rate and mean separation of rows.
 
     Attributes
     ----------
@@ -35,23 +35,22 @@ class Tally:
     _times: deque[tuple[float, int]] = field(default_factory=deque, repr=False)
 
     def add(self, row: dict[str, Any], now: float | None = None) -> None:
-        """Count a row that was done at a time [s]; without one it was done in an earlier session."""
+        """Count a row that was done at a time [s], or without a time in an earlier session."""
         self.rows += 1
         if now is not None:
-            self._note(now)
+            self._record(now)
         separation, error = row["separation"], row["separation_err"]
         if row["status"] not in ("ok", "duplicate"):
             self.failed += 1
         elif row["status"] == "ok" and 0 < error < float("inf"):
-            self._first = (
-                separation if self._weight == 0 else self._first
-            )  # sums about it keep the last digits
+            if self._weight == 0:
+                self._first = separation  # sums about it keep the last digits
             self._weight += error**-2
             self._sum += (separation - self._first) * error**-2
 
-    def _note(self, now: float) -> None:
-        """Note how many rows there were when the last of those that come together had come."""
-        if self._times and now - self._times[-1][0] < _TOGETHER:
+    def _record(self, now: float) -> None:
+        """Record the number of rows when the last row of a batch has come."""
+        if self._times and now - self._times[-1][0] < _SIMULTANEOUS:
             now, _ = self._times.pop()
         self._times.append((now, self.rows))
         while self._times[0][0] < now - _WINDOW:
@@ -59,7 +58,7 @@ class Tally:
 
     @property
     def rate(self) -> float:
-        """Rows a second of late; NaN before two have come at different times."""
+        """Recent rows per second; NaN before two batches have come."""
         if not self._times or self._times[-1][0] == self._times[0][0]:
             return float("nan")
         (began, first), (ended, last) = self._times[0], self._times[-1]
@@ -67,7 +66,7 @@ class Tally:
 
     @property
     def separation(self) -> tuple[float, float]:
-        """Weighted mean and its error [arcsec]; NaN before the first."""
+        """Weighted mean and its error [arcsec]; NaN before the first separation."""
         if not self._weight:
             return float("nan"), float("nan")
         return self._first + self._sum / self._weight, self._weight**-0.5
@@ -80,15 +79,15 @@ class Tally:
         return "  ".join([*parts, *[f"{self.failed} failed"] * bool(self.failed)])
 
 
-def time_left(tally: Tally, done: int, total: int) -> str:
-    """How long files will take that are yet to come, if they hold as many frames as those that are done.
+def time_left(statistics: RunningStatistics, done: int, total: int) -> str:
+    """Return the time that the remaining files will take, if they hold as many frames as those that are done.
 
     Parameters
     ----------
-    tally : Tally
-        Of their rows.
+    statistics : RunningStatistics
+        Statistics of the rows.
     done, total : int
-        Files.
+        Numbers of files.
 
     Returns
     -------
@@ -97,67 +96,64 @@ def time_left(tally: Tally, done: int, total: int) -> str:
 
     Examples
     --------
-    >>> tally = Tally()
+    >>> statistics = RunningStatistics()
     >>> for now in range(5):
-    ...     tally.add({"status": "failed", "separation": 0.0, "separation_err": 0.0}, now=2.0 * now)
-    >>> time_left(tally, done=5, total=2005), time_left(Tally(), done=0, total=3)
+    ...     statistics.add({"status": "failed", "separation": 0.0, "separation_err": 0.0}, now=2.0 * now)
+    >>> time_left(statistics, done=5, total=2005), time_left(RunningStatistics(), done=0, total=3)
     ('1:06:40', '-:--:--')
     """
-    if tally.rate != tally.rate or not done:
+    if statistics.rate != statistics.rate or not done:
         return "-:--:--"
-    seconds = round((total - done) * tally.rows / done / tally.rate)
+    seconds = round((total - done) * statistics.rows / done / statistics.rate)
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
-Follow = Callable[[dict[str, Any]], None]
-"""To be called with a row."""
+ProgressCallback = Callable[[dict[str, Any]], None]
+"""Function that is called with each row."""
 
 
 @contextlib.contextmanager
-def following(total: int) -> Iterator[tuple[Follow, Follow]]:
-    """A line on stderr, at a terminal only.
+def run_progress(total: int) -> Iterator[tuple[ProgressCallback, ProgressCallback]]:
+    """Keep a line on stderr, at a terminal only.
 
     Parameters
     ----------
     total : int
-        Files.
+        Number of files.
 
     Yields
     ------
-    follow, recall : callable
-        To be called with each row: one that is done now, and one of an earlier session, which tells nothing
-        of how fast it goes.
+    update, recall : callable
+        Functions to call with each row that is done now, and with each row of an earlier session, which does
+        not count for the rate.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
-    console, tally = Console(stderr=True), Tally()
+    statistics = RunningStatistics()
     columns = (
         BarColumn(20),
         MofNCompleteColumn(),
         TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[text]}"),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task, seen, files = progress.add_task("", total=total, told="", left=""), "", 0
+    with _progress(*columns) as progress:
+        task, seen, files = progress.add_task("", total=total, text="", left=""), "", 0
 
         def count(row: dict[str, Any], now: float | None) -> None:
             nonlocal seen, files
-            tally.add(row, now)
+            statistics.add(row, now)
             seen, files = row["path"], files + (row["path"] != seen)
-            left = time_left(tally, files, total)
-            progress.update(task, completed=files, told=str(tally), left=left)
+            left = time_left(statistics, files, total)
+            progress.update(task, completed=files, text=str(statistics), left=left)
 
         yield lambda row: count(row, time.monotonic()), lambda row: count(row, None)
 
 
 @contextlib.contextmanager
-def watching(total: int, label: str) -> Iterator[Callable[[str], None]]:
-    """A progress bar on stderr, at a terminal only; yields a function to call with each item's name."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def progress_bar(total: int, label: str) -> Iterator[Callable[[str], None]]:
+    """Keep a progress bar on stderr, at a terminal only; yield a function to call with each item's name."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
-    console = Console(stderr=True)
     columns = (
         TextColumn(label),
         BarColumn(),
@@ -165,10 +161,15 @@ def watching(total: int, label: str) -> Iterator[Callable[[str], None]]:
         TimeRemainingColumn(),
         TextColumn("{task.fields[item]}", markup=False),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+    with _progress(*columns) as progress:
         task = progress.add_task(label, total=total, item="")
+        yield lambda item: progress.update(task, advance=1, item=item)
 
-        def advance(item: str) -> None:
-            progress.update(task, advance=1, item=item)
 
-        yield advance
+def _progress(*columns):
+    """Return a line of columns on stderr, which is hidden where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    return Progress(*columns, console=console, disable=not console.is_terminal, transient=True)

@@ -1,16 +1,18 @@
-"""Quantities and ranges as a command line has them: ``1uas``, ``10%``, ``length=0.05:0.75:30``."""
+"""Parse quantities and ranges of the command line: ``1uas``, ``10%``, ``length=0.05:0.75:30``."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["parse_allowed", "parse_angle", "parse_sweeps", "parse_time"]
+__all__ = ["parse_allowed", "parse_angle", "parse_number", "parse_share", "parse_sweeps", "parse_time"]
 
-_MOST_SWEPT = 2
+_MAX_SWEPT = 2
 
 
 def parse_angle(text: str, option: str) -> float:
-    """An angle on the sky in arcsec, from a number with its unit.
+    """Return an angle on the sky in arcsec, from a number with its unit.
 
     >>> parse_angle("2.5 mas", "--target")
     0.0025
@@ -24,7 +26,7 @@ def parse_angle(text: str, option: str) -> float:
 
 
 def parse_allowed(text: str, option: str = "--allow", of: str = "time") -> tuple[str, float]:
-    """What may be lost: ``of`` with a share, or ``"bias"`` and an angle in arcsec.
+    """Return what may be lost: ``of`` with a share, or ``"bias"`` and an angle in arcsec.
 
     >>> parse_allowed("10%")
     ('time', 0.1)
@@ -36,20 +38,44 @@ def parse_allowed(text: str, option: str = "--allow", of: str = "time") -> tuple
     """
     if not text.rstrip().endswith("%"):
         return "bias", parse_angle(text, option)
-    code = ErrorCode.OUT_OF_RANGE
+    return of, parse_share(text, f"{option} {text} is not a positive share of the {of}; write 10%, or 1uas.")
+
+
+def parse_share(text: str, problem: str) -> float:
+    """Return a share from a number of percent.
+
+    >>> parse_share("10%", "--target is not a share.")
+    0.1
+
+    Raises
+    ------
+    ConfigurationError
+        With ``problem`` as its message, if it is not positive and finite, or has no percent sign.
+    """
+    number, sign, rest = text.strip().partition("%")
+    if not sign or rest:
+        raise ConfigurationError(ErrorCode.MALFORMED, problem)
+    return parse_number(number, lambda percent: 0 < percent < float("inf"), problem) / 100
+
+
+def parse_number(text: str, is_valid: Callable[[float], bool], problem: str) -> float:
+    """Return a number, or refuse with ``problem`` as the message what is none, or is not valid.
+
+    Raises
+    ------
+    ConfigurationError
+    """
     try:
-        share = float(text.rstrip().removesuffix("%")) / 100
+        value = float(text)
     except ValueError:
-        code, share = ErrorCode.MALFORMED, 0.0
-    if not 0 < share < float("inf"):
-        raise ConfigurationError(
-            code, f"{option} {text} is not a positive share of the {of}; write 10%, or 1uas."
-        )
-    return of, share
+        raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
+    if not is_valid(value):
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+    return value
 
 
 def parse_time(text: str, option: str) -> float:
-    """A time in s, from a number with its unit.
+    """Return a time in s, from a number with its unit.
 
     >>> parse_time("20ms", "--budget")
     0.02
@@ -63,7 +89,7 @@ def parse_time(text: str, option: str) -> float:
 
 
 def _positive(text: str, option: str, unit: str, kind: str, example: str) -> float:
-    """A quantity of some kind in ``unit``, from a number with any unit of the kind."""
+    """Return a quantity of some kind in ``unit``, from a number with any unit of the kind."""
     from astropy import units
 
     code = ErrorCode.OUT_OF_RANGE
@@ -81,7 +107,7 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
 
 
 def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
-    """Values by name from ``name=from:to:count``, ``name=from:to:count:log`` or ``name=a,b,c``.
+    """Return values by name from ``name=from:to:count``, ``name=from:to:count:log`` or ``name=a,b,c``.
 
     >>> parse_sweeps(["angle=0:90:4", "flux=1e5,1e6"])
     {'angle': [0.0, 30.0, 60.0, 90.0], 'flux': [100000.0, 1000000.0]}
@@ -91,7 +117,7 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     ConfigurationError
         If one is neither, or there are more than two.
     """
-    if len(texts) > _MOST_SWEPT:
+    if len(texts) > _MAX_SWEPT:
         raise ConfigurationError(
             ErrorCode.TOO_MANY,
             f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice.",

@@ -1,14 +1,14 @@
-"""What a command needs around it: JAX set up, a console for talk, and errors told in a sentence."""
+"""Set up JAX and logging for a command, and write its messages and tables."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -18,7 +18,16 @@ if TYPE_CHECKING:
 
     from jitterkit.errors import JitterkitError
 
-__all__ = ["command_line", "prepare_jax", "say", "say_error", "show_table", "tells_errors"]
+__all__ = [
+    "aligned",
+    "command_line",
+    "log",
+    "log_error",
+    "naming",
+    "prepare_jax",
+    "print_table",
+    "set_verbosity",
+]
 
 USAGE, SOME_FAILED = 2, 1
 
@@ -26,7 +35,7 @@ _ARENA_MAX = -8
 """glibc's name for the number of heaps."""
 
 
-def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = False) -> None:
+def prepare_jax(device: str | None = None, float32: bool = False, single_threaded: bool = False) -> None:
     """Choose where to compute and with what numbers, and keep compiled programs for the next start.
 
     Parameters
@@ -34,10 +43,9 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
     device : str, optional
         ``cpu`` or ``gpu``; by default what JAX finds best.
     float32 : bool
-        Whether to do with 32 bits.
-    alone : bool
-        Whether one processor does all, for scripts that measure times or run in several processes: XLA has
-        one thread then, in which the programs of all others wait for each other.
+        Whether to compute with 32 bits.
+    single_threaded : bool
+        Whether XLA has one thread, for commands that measure times or run in several processes.
 
     Raises
     ------
@@ -45,7 +53,7 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
         If there is no such device.
     """
     _share_heaps()
-    if alone:
+    if single_threaded:
         os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax
 
@@ -74,45 +82,40 @@ def prepare_jax(device: str | None = None, float32: bool = False, alone: bool = 
 
 
 def _share_heaps() -> None:
-    """Let threads share heaps, as many as there are processors, where the C library is glibc and nobody has
-    said how many: it makes eight times as many, of which 0.2 to 0.4 GB lie idle in a long run."""
+    """Let glibc make as many heaps as there are processors, unless the environment sets their number.
+
+    By default it makes eight times as many, of which 0.2 to 0.4 GB lie idle in a long run.
+    """
     if "MALLOC_ARENA_MAX" not in os.environ:
         with contextlib.suppress(AttributeError, OSError, TypeError):
             ctypes.CDLL(None).mallopt(_ARENA_MAX, max(2, os.cpu_count() or 2))
 
 
-def tells_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn an error that the user can correct into its message and code on stderr, and exit status 2."""
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the name of a file before the message of an error that does not name it."""
+    from jitterkit.errors import ConfigurationError
 
-    @functools.wraps(command)
-    def wrapped(*args, **kwargs):
-        from jitterkit.errors import JitterkitError
-
-        try:
-            command(*args, **kwargs)
-        except JitterkitError as error:
-            say_error(error)
-            raise typer.Exit(USAGE) from None
-        except KeyboardInterrupt:
-            say("jitterkit: interrupted.")
-            raise typer.Exit(130) from None
-        except BrokenPipeError:  # the reader of stdout has gone: `jitterkit info ... | head`
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-    return wrapped
+    try:
+        yield
+    except ConfigurationError as error:
+        message = str(error)
+        if str(path) in message:
+            raise
+        raise ConfigurationError(error.code, f"{path}: {message}") from None
 
 
-def say_error(error: JitterkitError) -> None:
+def log_error(error: JitterkitError) -> None:
     """Write an error to stderr: its message, then its code in brackets, which scripts can compare."""
-    say(f"jitterkit: {error} [{error.code}]")
+    log(f"jitterkit: {error} [{error.code}]")
 
 
-def say(message: str) -> None:
-    """Talk goes to stderr; stdout is data."""
+def log(message: str) -> None:
+    """Write a message to stderr; stdout is for data."""
     typer.echo(message, err=True)
 
 
-def show_table(table: QTable, align: str | None = None) -> None:
+def print_table(table: QTable, align: str | None = None) -> None:
     """Print a table, all of its rows and columns, aligned as astropy's ``pformat`` says."""
     from astropy.table import Table
 
@@ -120,13 +123,24 @@ def show_table(table: QTable, align: str | None = None) -> None:
     typer.echo("\n".join(plain.pformat(max_lines=-1, max_width=-1, align=align)))
 
 
+def aligned(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return rows of cells as lines of text with aligned columns.
+
+    >>> aligned([("gain", "3.7"), ("read noise", "2.4")])
+    ['gain        3.7', 'read noise  2.4']
+    """
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+
+
 def command_line() -> str:
-    """The command as it was given."""
+    """Return the command as it was given."""
     return " ".join(["jitterkit", *sys.argv[1:]])
 
 
-def set_talk(verbosity: int) -> None:
-    """Set the level of logging: negative is quiet, positive is chatty."""
+def set_verbosity(verbosity: int) -> None:
+    """Set the level of logging: negative is quiet, positive is verbose."""
     level = {-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}.get(verbosity, logging.DEBUG)
     logging.basicConfig(level=level, format="%(name)s: %(message)s", stream=sys.stderr)
     logging.getLogger("jitterkit").setLevel(level)

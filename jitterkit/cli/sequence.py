@@ -9,76 +9,37 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
-from jitterkit.cli.progress import watching
-from jitterkit.cli.runtime import SOME_FAILED, command_line, prepare_jax, say
+from jitterkit.cli.options import refuse_if
+from jitterkit.cli.products import write_picture
+from jitterkit.cli.progress import progress_bar
+from jitterkit.cli.runtime import SOME_FAILED, command_line, log, prepare_jax
+from jitterkit.errors import ErrorCode
 
 __all__ = ["sequence"]
 
-_SERIES = 25
-"""Frames of which averages can be studied."""
+_MIN_SERIES = 25
+"""Number of frames from which averages are studied."""
 
-OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN = (
-    "sequence.ecsv",
-    "sequence.json",
-    "averaging.png",
-    "run.png",
-)
+OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN = ("sequence.ecsv", "sequence.json", "averaging.png", "run.png")
+
+_LOCUS = typer.Option(metavar="NAME", help=f"Jitter of every frame: {', '.join(locus_sizes())}.")
 
 
 def sequence(
+    *,
     files: options.Files,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")],
+    output: options.OutputDirectory,
     instrument: options.InstrumentName = "toliman",
-    locus: Annotated[
-        str, typer.Option(metavar="NAME", help=f"Jitter of every frame: {', '.join(locus_sizes())}.")
-    ] = "mvn",
-    law: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=LAW",
-            help="How something shared changes: constant, polynomial:DEGREE, wander:RMS:SECONDS, or wander, "
-            "which is then measured. NAME is separation, theta, contrast, diffusion, an aberration, or "
-            "aberrations for all of them. Aberrations wander, all else is constant, unless told.",
-            show_default=False,
-        ),
-    ] = None,
-    diffusion: Annotated[
-        bool,
-        typer.Option("--diffusion", help="Measure the detector's charge diffusion from all frames together."),
-    ] = False,
-    telemetry: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            help="Measured pointing, columns t,x,y in s from the beginning of the first exposure and arcsec, "
-            "in place of the motion from frame to frame.",
-            show_default=False,
-        ),
-    ] = None,
-    global_shutter: Annotated[
-        bool, typer.Option("--global-shutter", help="Take all rows as exposed at once.")
-    ] = False,
-    cadence: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-9, help="From frame to frame, s, in place of the headers' times.", show_default=False
-        ),
-    ] = None,
-    scene: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|binary", help="Refuse frames that show no pair beyond doubt, or fit a pair to all."
-        ),
-    ] = "auto",
+    locus: Annotated[str, _LOCUS] = "mvn",
+    law: list[str] | None = None,
+    diffusion: bool = False,
+    telemetry: Path | None = None,
+    global_shutter: bool = False,
+    cadence: Annotated[float | None, typer.Option(min=1e-9)] = None,
+    scene: str = "auto",
     censored: options.Censored = False,
     background: options.Background = True,
-    gain: options.Gain = None,
-    read_noise: options.ReadNoise = None,
-    bias: options.Bias = None,
-    saturation: options.Saturation = None,
-    plate_scale: options.PlateScale = None,
-    exposure: options.Exposure = None,
-    bad_bits: options.BadBits = None,
+    detector: options.Detector,
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
 ) -> None:
@@ -88,15 +49,30 @@ def sequence(
     sequence.ecsv (a row a frame), sequence.json, run.png (what changed meanwhile) and, of 25 frames or more,
     averaging.png (scatter and Allan deviation). Exit status: 0 if every frame counts, 1 if some do not, 2 if
     the command cannot be carried out.
+
+    Parameters
+    ----------
+    law : NAME=LAW
+        How something shared changes: constant, polynomial:DEGREE, wander:RMS:SECONDS, or wander, which is
+        then measured. NAME is separation, theta, contrast, diffusion, an aberration, or aberrations for all
+        of them. Aberrations wander, all else is constant, unless told.
+    diffusion
+        Measure the detector's charge diffusion from all frames together.
+    telemetry : FILE.csv
+        Measured pointing, columns t,x,y in s from the beginning of the first exposure and arcsec, in place
+        of the motion from frame to frame.
+    global_shutter
+        Take all rows as exposed at once.
+    cadence
+        From frame to frame, s, in place of the headers' times.
+    scene : auto|binary
+        Refuse frames that show no pair beyond doubt, or fit a pair to all.
     """
-    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import check_directory
 
-    if global_shutter and telemetry is not None:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "Telemetry is for rolling shutters; give --telemetry or --global-shutter."
-        )
+    problem = "Telemetry is for rolling shutters; give --telemetry or --global-shutter."
+    refuse_if(global_shutter and telemetry is not None, ErrorCode.CONFLICT, problem)
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
     prepare_jax()
@@ -106,54 +82,44 @@ def sequence(
     from jitterkit.loci.trace_locus import read_trace
     from jitterkit.refit import Status
 
-    held = () if background else ("background",)
-    overrides = options.overrides(gain, read_noise, bias, saturation, plate_scale, exposure, bad_bits)
-    exposures = FileExposures(files, Finder(load_instrument(instrument), overrides), hdu=hdu, cadence=cadence)
+    finder = Finder(load_instrument(instrument), detector.metadata())
+    exposures = FileExposures(files, finder, hdu=hdu, cadence=cadence)
     how = SequenceOptions(
         laws=_laws(law or []),
         rolling=not global_shutter,
         telemetry=None if telemetry is None else read_trace(telemetry),
     )
+    held = options.held(background)
     looker = Looker(exposures.optics, locus, held, diffusion=diffusion, censored=censored, scene=scene)
-    with watching(len(exposures.files), "files") as advance:
+    with progress_bar(len(exposures.files), "files") as advance:
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:
-        say(
+        log(
             "No header says when its frame was taken: they are taken in the natural order of their names, to "
             "follow each other without a pause."
         )
-    _write(fit, output, overwrite)
+    _write_outputs(fit, output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
     if not fit.combined.kept.all() or len(fit.messages) + duplicates < len(fit.records):
         raise typer.Exit(SOME_FAILED)
 
 
 def _laws(texts: list[str]) -> dict[str, Any]:
-    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.joint import parse_law
 
     laws = {}
     for text in texts:
         name, equals, words = text.partition("=")
-        if not equals:
-            raise ConfigurationError(
-                ErrorCode.MALFORMED, f"--law {text!r} is not NAME=LAW; say, aberrations=constant."
-            )
+        problem = f"--law {text!r} is not NAME=LAW; say, aberrations=constant."
+        refuse_if(not equals, ErrorCode.MALFORMED, problem)
         laws[name.strip()] = parse_law(words.strip())
     return laws
 
 
-def _write(fit, output: Path, overwrite: bool) -> None:
-    """Table, summary and pictures; the separation on stdout, the rest on stderr."""
-    from jitterkit.cli.products import write_picture
+def _write_outputs(fit, output: Path, overwrite: bool) -> None:
+    """Write table, summary and pictures; print the separation on stdout, and log the rest."""
+    from jitterkit.report import joint_table
     from jitterkit.report.joint_plots import plot_run
-    from jitterkit.report.joint_table import (
-        averaging_floor,
-        frame_table,
-        joint_summary,
-        say_joint,
-        separation_series,
-    )
     from jitterkit.report.outputs import make_directory
     from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
@@ -161,20 +127,21 @@ def _write(fit, output: Path, overwrite: bool) -> None:
     from jitterkit.report.words import with_error
 
     make_directory(output, OUTPUTS, overwrite)
-    series = separation_series(fit)
-    floor = averaging_floor(series)
-    summary = joint_summary(fit, floor)
-    write_table(output / TABLE, frame_table(fit, {"command": command_line()}), overwrite=overwrite)
+    series = joint_table.separation_series(fit)
+    floor = joint_table.averaging_floor(series)
+    summary = joint_table.joint_summary(fit, floor)
+    table = joint_table.frame_table(fit, {"command": command_line()})
+    write_table(output / TABLE, table, overwrite=overwrite)
     write_summary(output / SUMMARY, summary, overwrite=overwrite)
     write_picture(output / RUN, plot_run(fit)[0], overwrite)
-    if series is not None and len(series.values) >= _SERIES:
+    if series is not None and len(series.values) >= _MIN_SERIES:
         write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
     else:
-        say(f"{AVERAGING} is drawn of {_SERIES} frames or more that count.")
+        log(f"{AVERAGING} is drawn of {_MIN_SERIES} frames or more that count.")
     for frame in fit.frames():
         if frame.shared is None:
-            say(f"{frame.record.name} {frame.record.status.name.lower()}: {frame.record.message}")
+            log(f"{frame.record.name} {frame.record.status.name.lower()}: {frame.record.message}")
     typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames")
-    for sentence in say_joint(summary):
-        say(sentence)
-    say(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")
+    for sentence in joint_table.say_joint(summary):
+        log(sentence)
+    log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

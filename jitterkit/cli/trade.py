@@ -3,47 +3,30 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus, parse_sizes
-from jitterkit.cli.pair import pair_before
-from jitterkit.cli.products import check_products, deliver
-from jitterkit.cli.runtime import prepare_jax, say
+from jitterkit.cli.command import Default, Fixed
+from jitterkit.cli.loci import build_locus
+from jitterkit.cli.products import Products
+from jitterkit.cli.runtime import log, prepare_jax, print_table
 
 __all__ = ["trade"]
 
 _USUAL = {"linear": {"length": 0.375}}
-"""Sizes where none are given: of a pixel of TOLIMAN."""
+"""Sizes of a locus where none are given: one pixel of TOLIMAN, arcsec."""
 
 
 def trade(
+    *,
     instrument: options.InstrumentName = "toliman",
-    locus: options.LocusName = "linear",
-    length: options.Length = None,
-    sigma: options.Sigma = None,
-    shear: options.Shear = None,
-    angle: options.Angle = None,
-    sizes: options.Sizes = None,
-    separation: options.Separation = 10.0,
-    flux: options.Flux = None,
-    contrast: options.Contrast = 3.37,
-    frames: Annotated[
-        int,
-        typer.Option(
-            min=1, help="Frames that each setting fits, with noise and without, and as many turned."
-        ),
-    ] = 4,
-    seed: Annotated[int, typer.Option(min=0, help="Of the generator of the frames.")] = 0,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="Draw time against error.", show_default=False),
-    ] = None,
-    output: options.TableOutput = None,
-    overwrite: options.Overwrite = False,
+    jitter: Annotated[options.Jitter, Default(locus="linear")],
+    pair: Annotated[options.Pair, Fixed(theta=0.0, x=0.0, y=0.0)],
+    frames: Annotated[int, typer.Option(min=1)] = 4,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    products: Products,
 ) -> None:
     """Measure what each setting costs in time and in accuracy, for your scene, on this machine.
 
@@ -54,9 +37,18 @@ def trade(
     Rows on the front are beaten by none in both time and error. Of TOLIMAN under linear jitter the settings
     of dLuxToliman, if it is installed, stand beside them. Frames that stand still are fitted as by 'process
     --locus auto', which does not know it. Takes a quarter of an hour, most of it compiling.
+
+    Parameters
+    ----------
+    frames
+        Frames that each setting fits, with noise and without, and as many turned.
+    seed
+        Of the generator of the frames.
+    plot : FILE.png
+        Draw time against error.
     """
-    check_products(plot, output, overwrite)
-    prepare_jax(alone=True)
+    products.check()
+    prepare_jax(single_threaded=True)
     import numpy as np
 
     from jitterkit.instruments import load_instrument
@@ -68,22 +60,19 @@ def trade(
     from jitterkit.trade.table import trade_table
 
     telescope = load_instrument(instrument)
-    scene = pair_before(telescope, flux, separation=separation, theta=0.0, x=0.0, y=0.0, contrast=contrast)
-    given: dict[str, Any] = {"length": length, "sigma_major": sigma, "shear": shear, "angle": angle}
-    given = {name: value for name, value in given.items() if value is not None} | parse_sizes(sizes or [])
-    given = given or _USUAL.get(locus, {})
-    jitter = build_locus(locus, given)
-    check_scene(Binary(**scene), jitter)
-    drawn = TradeScene.of(telescope, Binary(**scene), jitter, frames, np.random.default_rng(seed))
+    binary = Binary(**pair.parameters(telescope))
+    sizes = jitter.size_values() or _USUAL.get(jitter.locus, {})
+    locus = build_locus(jitter.locus, sizes)
+    check_scene(binary, locus)
+    scene = TradeScene.of(telescope, binary, locus, frames, np.random.default_rng(seed))
     points = []
-    fitted = "auto" if locus == "stable" else locus
-    for point in climb_ladder(telescope, drawn, locus=fitted):
+    for point in climb_ladder(telescope, scene, locus="auto" if jitter.locus == "stable" else jitter.locus):
         numbers = f"{1e3 * point.seconds:.1f} ms a frame, error {point.error:.2g} of the least"
-        say(f"{point.name}: {point.message or numbers}")
+        log(f"{point.name}: {point.message or numbers}")
         points.append(point)
-    if instrument == "toliman" and locus == "linear" and find_spec("dLuxToliman"):
-        for point in public_points(Binary(**scene), given["length"]):
-            say(f"{point.name}: {1e3 * point.seconds:.0f} ms a frame, error {point.error:.2g} of the least")
+    if instrument == "toliman" and jitter.locus == "linear" and find_spec("dLuxToliman"):
+        for point in public_points(binary, sizes["length"]):
+            log(f"{point.name}: {1e3 * point.seconds:.0f} ms a frame, error {point.error:.2g} of the least")
             points.append(point)
 
     def draw():
@@ -92,4 +81,6 @@ def trade(
         peers = [point.name for point in points if point.settings is None]
         return plot_trade(*columns, front=best, presets=list(PRESETS), peers=peers)
 
-    deliver(trade_table(points, telescope), draw, plot, output, overwrite)
+    table = trade_table(points, telescope)
+    print_table(table)
+    products.write(table, draw)

@@ -10,13 +10,13 @@ from typer.testing import CliRunner
 
 from jitterkit.calibration import Settings
 from jitterkit.cli.calibrate import calibrate
-from jitterkit.cli.runtime import tells_errors
+from jitterkit.cli.command import as_command
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits, write_tiff
 
 runner = CliRunner()
 app = typer.Typer()
-app.command()(tells_errors(calibrate))
+app.command()(as_command(calibrate))
 
 
 @pytest.fixture(scope="module")

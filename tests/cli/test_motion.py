@@ -9,8 +9,8 @@ import typer
 from astropy.io import fits
 from typer.testing import CliRunner
 
+from jitterkit.cli.command import as_command
 from jitterkit.cli.motion import motion
-from jitterkit.cli.runtime import tells_errors
 from jitterkit.cli.simulate import simulate
 from jitterkit.errors import ErrorCode
 from jitterkit.motion import Line, PowerSpectrum, split_spectrum
@@ -19,7 +19,7 @@ from jitterkit.report.table import read_table
 runner = CliRunner()
 app = typer.Typer()
 for command in (motion, simulate):
-    app.command()(tells_errors(command))
+    app.command()(as_command(command))
 HST = Path(__file__).parents[2] / "sample_frames" / "motion" / "hst.csv"
 
 

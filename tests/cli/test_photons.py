@@ -9,8 +9,8 @@ import typer
 from astropy.table import QTable
 from typer.testing import CliRunner
 
+from jitterkit.cli.command import as_command
 from jitterkit.cli.photons import photons
-from jitterkit.cli.runtime import tells_errors
 from jitterkit.errors import ErrorCode
 from jitterkit.photons.stars import MAGNITUDES, TEMPERATURES
 from jitterkit.photons.throughput import GLASS, PLATES
@@ -18,7 +18,7 @@ from jitterkit.photons.throughput import GLASS, PLATES
 pytest.importorskip("synphot")
 runner = CliRunner()
 app = typer.Typer()
-app.command()(tells_errors(photons))
+app.command()(as_command(photons))
 
 
 def run(*arguments):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jitterkit.cli.progress import Tally, following, time_left
+from jitterkit.cli.progress import RunningStatistics, run_progress, time_left
 
 
 def row(file=0, **changes):
@@ -13,7 +13,7 @@ def row(file=0, **changes):
 
 
 def test_rows_of_an_earlier_session_say_nothing_of_how_fast_it_goes():
-    tally = Tally()
+    tally = RunningStatistics()
     for _ in range(60_000):
         tally.add(row())
     assert tally.rate != tally.rate
@@ -24,7 +24,7 @@ def test_rows_of_an_earlier_session_say_nothing_of_how_fast_it_goes():
 
 def test_the_rate_is_that_of_batches_whose_rows_come_together():
     """Thirty-two rows every two seconds, each batch told within milliseconds."""
-    tally, rates = Tally(), []
+    tally, rates = RunningStatistics(), []
     for batch in range(30):
         for place in range(32):
             tally.add(row(), now=2.0 * batch + 1e-4 * place)
@@ -34,7 +34,7 @@ def test_the_rate_is_that_of_batches_whose_rows_come_together():
 
 
 def test_the_time_left_is_that_of_the_frames_in_files_that_are_yet_to_come():
-    tally = Tally()
+    tally = RunningStatistics()
     for _ in range(90):
         tally.add(row())
     assert time_left(tally, 9, 100) == "-:--:--"
@@ -52,8 +52,8 @@ def terminal(monkeypatch):
 def test_the_line_counts_the_files_of_earlier_sessions_but_not_their_time(terminal, capsys, monkeypatch):
     clock = SimpleNamespace(monotonic=iter([50.0, 51.0, 52.0]).__next__)
     monkeypatch.setattr("jitterkit.cli.progress.time", clock)
-    monkeypatch.setattr("jitterkit.cli.progress.time_left", lambda tally, *files: f"{tally.rate} {files}")
-    with following(9) as (follow, recall):
+    monkeypatch.setattr("jitterkit.cli.progress.time_left", lambda rows, *files: f"{rows.rate} {files}")
+    with run_progress(9) as (follow, recall):
         for file in (0, 0, 1):
             recall(row(file))
         for file in (2, 3, 3):

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
 from jitterkit.cli.screen import _EVERY, Screen, _lines
-from jitterkit.cli.watch import _until_asked
+from jitterkit.cli.watch import _until_interrupted
 from jitterkit.errors import ErrorCode
 from jitterkit.report.table import read_table
 
@@ -70,7 +70,7 @@ def listening():
 
 
 def test_who_asks_once_is_waited_for_and_who_asks_twice_is_not(listening, capsys):
-    with _until_asked() as asked:
+    with _until_interrupted() as asked:
         assert not asked()
         os.kill(os.getpid(), signal.SIGINT)
         assert asked()

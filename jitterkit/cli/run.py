@@ -1,0 +1,103 @@
+"""Declare the options of a run that writes a directory of results, and report its result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from jitterkit.cli import options
+from jitterkit.cli.runtime import SOME_FAILED, command_line, log
+
+__all__ = ["Run", "finalize"]
+
+_REPORTED = {"prior_contradicted", "prior_unused"}
+"""Flags of fitted frames that are worth a line on stderr."""
+
+_LISTED = 50
+"""Largest number of such lines."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Choose what happens to the results of an earlier run.
+
+    Parameters
+    ----------
+    resume
+        Go on with a run that was interrupted; nothing is done twice.
+    """
+
+    overwrite: options.Overwrite = False
+    resume: bool = False
+
+    def check(self, output: Path) -> None:
+        """Refuse a directory that cannot be written, or that holds results which may not be replaced.
+
+        Raises
+        ------
+        ConfigurationError
+        """
+        from jitterkit.report.outputs import RUN, check_directory
+
+        check_directory(output, RUN, self.overwrite or self.resume)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings of the executor."""
+        return {"overwrite": self.overwrite, "resume": self.resume, "command": command_line()}
+
+
+def finalize(run, telescope) -> None:
+    """Report the result of a run; exit with status 1 if some frames were not fitted."""
+    _list_frames(run)
+    _echo_result(run)
+    _warn_of_rolling_shutter(run, telescope)
+    if run.failures:
+        raise typer.Exit(SOME_FAILED)
+
+
+def _list_frames(run) -> None:
+    """Log the frames that were not fitted, and those whose prior was not used."""
+    from jitterkit.report.flags import decode_flags
+
+    listed = [
+        row for row in run.table if row["status"] != "ok" or _REPORTED & set(decode_flags(row["flags"]))
+    ]
+    for row in listed[:_LISTED]:
+        log(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
+    if len(listed) > _LISTED:
+        log(f"... and {len(listed) - _LISTED} more, which the table and the report have")
+
+
+def _echo_result(run) -> None:
+    """Print the separation, or the jitter of stars, on stdout; log the rest."""
+    from jitterkit.report.sequence import say_loci
+    from jitterkit.report.words import ellipse_size, with_error
+
+    fitted = int(sum(run.table["status"] == "ok"))
+    separation, jitter = run.summary["separation"], run.summary["jitter"]
+    if pairs := separation["n"]:
+        value = with_error(separation["mean"], separation["error"])
+        typer.echo(f"separation {value} arcsec from {pairs} frames")
+    elif fitted:
+        size = ellipse_size(jitter["major"], jitter["minor"])
+        typer.echo(f"jitter, 1 sigma, {size} from {fitted} frames")
+    if loci := say_loci(run.summary["loci"]):
+        log(loci)
+    log(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")
+
+
+def _warn_of_rolling_shutter(run, telescope) -> None:
+    """Log what a rolling shutter may have done to the separation, which one frame does not show."""
+    from jitterkit.report.words import angle_size
+
+    line_time, separation = telescope.detector.line_time, run.summary["separation"]["mean"]
+    if line_time and separation == separation:  # not NaN
+        leverage = abs(line_time) * separation / telescope.plate_scale
+        log(
+            "The rows of this detector are exposed one after the other, which one frame does not show: a "
+            f"drift along the pair and the columns moves its separation by {angle_size(leverage, 2)} per "
+            "arcsec/s. 'jitterkit sequence' takes it out."
+        )
