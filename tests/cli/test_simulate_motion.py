@@ -84,7 +84,7 @@ def test_frames_in_a_spectrum_of_motion_are_pieces_of_one_record(here):
     assert all(isinstance(locus, Mvn) for locus in pointing.loci)  # what is faster than 320 Hz
     first, second = pointing.shutters[:2]
     # the record goes on where the exposure ends, in the next frame: 0.1 s later, about another mean
-    apart = pointing.places[1] - pointing.places[0]
+    apart = pointing.positions[1] - pointing.positions[0]
     late = 0.1 + np.linspace(0.0, 0.012, 50)
     for axis in (0, 1):
         seen = np.interp(late, first.times, first.places[:, axis])
@@ -92,7 +92,7 @@ def test_frames_in_a_spectrum_of_motion_are_pieces_of_one_record(here):
         assert seen == pytest.approx(again, abs=1e-9)
     still = shaken(here / "motion.csv", load_instrument("smallsat"), 3, 1, np.random.default_rng(5))
     assert still.shutters is None
-    assert np.abs(pointing.places.mean(axis=0)).max() < 1e-12
+    assert np.abs(pointing.positions.mean(axis=0)).max() < 1e-12
 
 
 @pytest.mark.slow

@@ -1,0 +1,100 @@
+"""Functions as commands: groups of options, help from docstrings, and errors as exit statuses."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from jitterkit.cli.command import Default, Fixed, as_command
+from jitterkit.cli.main import app
+from jitterkit.errors import ConfigurationError, ErrorCode
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipse:
+    """Describe an ellipse.
+
+    Parameters
+    ----------
+    major : LENGTH
+        Semi-major axis,
+        metres.
+    minor
+        Semi-minor axis.
+    """
+
+    major: float = 2.0
+    minor: float = 1.0
+    filled: bool = False
+
+
+def draw(
+    *,
+    name: Annotated[str, typer.Argument()],
+    shape: Annotated[Ellipse, Default(major=5.0), Fixed(filled=True)],
+    colour: str = "red",
+) -> None:
+    """Draw a shape.
+
+    It is printed.
+
+    Parameters
+    ----------
+    name : NAME
+        Name of the drawing.
+    minor
+        Height of the ellipse.
+    """
+    if name == "nothing":
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, "There is no shape 'nothing'.")
+    if name == "interrupted":
+        raise KeyboardInterrupt
+    typer.echo(f"{name} {shape} {colour}")
+
+
+def run(*arguments):
+    single = typer.Typer()
+    single.command()(as_command(draw))
+    return CliRunner().invoke(single, arguments)
+
+
+def options():
+    single = typer.Typer()
+    single.command()(as_command(draw))
+    return {option.name: option for option in typer.main.get_command(single).params}
+
+
+def test_the_fields_of_a_group_stand_in_its_place():
+    assert [name for name in options() if "completion" not in name] == ["name", "major", "minor", "colour"]
+
+
+def test_a_group_is_built_from_its_options_changed_defaults_and_fixed_values():
+    assert run("x").stdout == f"x {Ellipse(major=5.0, filled=True)} red\n"
+    done = run("x", "--major", "3", "--minor", "0.5", "--colour", "blue")
+    assert done.stdout == f"x {Ellipse(major=3.0, minor=0.5, filled=True)} blue\n"
+    assert run("x", "--filled").exit_code == 2
+
+
+def test_help_is_that_of_the_docstrings_and_the_command_has_precedence():
+    found = options()
+    assert (found["major"].metavar, found["major"].help) == ("LENGTH", "Semi-major axis, metres.")
+    assert found["minor"].help == "Height of the ellipse."
+    text = run("--help").stdout
+    assert "It is printed." in text
+    assert "Parameters" not in text
+    assert "default: 5.0" in text
+
+
+def test_errors_are_a_line_with_the_code_and_exit_statuses():
+    done = run("nothing")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr == "jitterkit: There is no shape 'nothing'. [unknown_name]\n"
+    assert run("interrupted").exit_code == 130
+
+
+@pytest.mark.parametrize("command", sorted(typer.main.get_command(app).commands))
+def test_every_option_of_every_command_has_help(command):
+    for option in typer.main.get_command(app).commands[command].params:
+        assert option.help, option.name
