@@ -21,8 +21,8 @@ _SURE = 5.0
 """Errors of the mean chi-squared from which the model lacks something."""
 
 _HIDDEN = 0.2
-"""Errors of a frame's separation by which an effect biased it, for each root of the chi-squared that it added:
-at most, of those of ``scripts/systematics`` that added any.  A wrong plate scale adds none."""
+"""Errors of a frame's separation by which an effect biased it, for each root of the chi-squared that it
+added: at most, of those of ``scripts/systematics`` that added any.  A wrong plate scale adds none."""
 
 
 def judge_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.ndarray) -> dict[str, Any]:
