@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
-from jitterkit.linearisation import SETTLED, climb_and_expand
+from jitterkit.linearisation import SETTLED, climb_and_expand, linearisation_error
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.metric import invert_information
@@ -26,6 +26,7 @@ __all__ = ["Start", "polished", "with_best_signs"]
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _ADDED = 0.02  # deviance per pixel that the optics of a start may add by being off
+_EXACT = 0.1 * SETTLED  # sigmas of the whole image that the optics of a start may be off by
 _SQUARED = 0.6  # share of its slope that an aberration has about no aberrations, if it shows by its square
 _SHOWING = 3.0  # standard errors from which the sign of an aberration may matter
 _LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
@@ -108,18 +109,19 @@ def with_best_signs(
         for i, size in zip(places, sizes, strict=True)
         if first[i] < _SQUARED * here[i] and abs(value[i]) > _SHOWING * size
     ]
-    is_rough = False
+    given = start
     for turning in [[i] for i in turned] + [turned] * (len(turned) > 1):
         state = np.array(start.parameters.aberrations)
         state[turning] *= -1
         where = optics.otf(state), start.parameters.scene, start.parameters.locus
-        trial = polished(data, optics, *where, hold, rough=True)
+        trial = _climbed(data, optics, *where, hold, rough=True)
         if trial.deviance_dof < start.deviance_dof:
-            start, is_rough = trial, True
-    if rough or not is_rough:
+            start = trial
+    if start is given:
         return start
+    start = _with_exact_optics(start, optics)
     p = start.parameters
-    return polished(data, optics, start.otf, p.scene, p.locus, hold)
+    return start if rough else polished(data, optics, start.otf, p.scene, p.locus, hold)
 
 
 def polished(
@@ -144,6 +146,20 @@ def polished(
     jitter : Locus or None
         To begin with; None for none.
     """
+    return _with_exact_optics(_climbed(data, optics, otf, scene, jitter, hold, rough=rough), optics)
+
+
+def _climbed(
+    data: Data,
+    optics: Optics,
+    otf: OTF,
+    scene: Scene,
+    jitter: Locus | None,
+    hold: Collection[str],
+    *,
+    rough: bool,
+) -> Start:
+    """The same with the optics of the last climb, which are about a state less near its own."""
     locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
     here = Parameters(otf.colour(scene), locus, otf.state)
     names, free = free_parameters(here, otf, hold)
@@ -161,6 +177,11 @@ def polished(
         steps=15,
         tolerance=_NEARBY if rough else _CLOSE,
     )
-    if otf.names:
-        otf = optics.otf(end.parameters.aberrations)
     return Start(end.parameters, otf, float(end.objective) / used, np.asarray(end.information), names)
+
+
+def _with_exact_optics(start: Start, optics: Optics) -> Start:
+    """Expand the optics of a start about its own aberrations, unless they are as good as that."""
+    if linearisation_error(optics, start.parameters, start.otf) < _EXACT:
+        return start
+    return replace(start, otf=optics.otf(start.parameters.aberrations))

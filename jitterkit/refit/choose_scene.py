@@ -4,7 +4,8 @@
    doubt, or nothing else does, they are the answer.  So are a pair and four stars or more that are not
    much fainter.
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
-   than blur and resolution, with a companion beyond doubt, is the answer.
+   than blur and resolution, with a companion beyond doubt, is the answer.  If one of them is much fainter,
+   step 2 comes first.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
    stands out of its residual, and its blur is not that of two stars: a long one.
 3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
@@ -62,8 +63,14 @@ _SHINING = 4.0
 _APART, _BRIGHT = 1.5, 100.0
 """Separation, in resolutions, and contrast of two peaks that an image shows without a fit."""
 
-_STANDS_OUT = 25.0
-"""Chi-squared of a companion from which the residual of a star is looked into."""
+_LIKE_RINGS = 10.0
+"""Contrast of these from which the fainter may be a diffraction ring or a speckle.  The search for a pair
+takes as long as all else: then it is made only if one star does not do."""
+
+_STANDS_OUT, _BY_CHANCE = 25.0, 16.0
+"""Chi-squared of a companion from which the residual of a star is looked into, and up to which it is noise,
+the best of some ten thousand places.  Aberrations explain a part of a companion: between them a pair is
+searched for where an image shows two peaks."""
 
 _LONG = 3.0
 """Standard errors by which a blur is longer than wide, from which it may be that of two stars."""
@@ -97,10 +104,14 @@ def choose_scene(
     several = frame.stars() if frame.looks_like_several() else None
     if several is not None and frame.beyond_doubt(several):
         return SceneChoice(several, math.inf)
-    pair = frame.pair() if frame.looks_like_a_pair() else None
+    contrast = frame.contrast_of_peaks()
+    star = frame.star() if contrast > _LIKE_RINGS else None
+    if star is not None and frame.is_one(star):
+        return SceneChoice(star, -math.inf)
+    pair = frame.pair() if contrast < _BRIGHT else None
     if pair is not None and frame.beyond_doubt(pair):
         return SceneChoice(frame.pair_or_field(pair), math.inf)
-    star = locate_star(data, optics, frame.options.hold, rough=rough)
+    star = star or frame.star()
     if star is None:
         return None
     if several is not None and frame.is_apart(several):
@@ -119,15 +130,15 @@ class _Frame(Weighing):
     def pair(self) -> Start | None:
         return locate_binary(self.data, self.optics, self.options.hold, rough=self.rough)
 
-    def looks_like_a_pair(self) -> bool:
-        """Whether two bright peaks stand apart."""
+    def star(self) -> Start | None:
+        return locate_star(self.data, self.optics, self.options.hold, rough=self.rough)
+
+    def contrast_of_peaks(self) -> float:
+        """Contrast of the two brightest peaks, without a fit; infinite if they do not stand apart."""
         found = find_pairs(self.data, self.optics.nominal, most=1)
         scene = found[0].scene if found else None
-        return (
-            scene is not None
-            and float(scene.separation) > _APART * self.fineness
-            and float(scene.contrast) < _BRIGHT
-        )
+        apart = scene is not None and float(scene.separation) > _APART * self.fineness
+        return float(scene.contrast) if apart else math.inf
 
     def looks_like_several(self) -> bool:
         """Whether more than two bright peaks stand apart."""
@@ -169,17 +180,25 @@ class _Frame(Weighing):
             return SceneChoice(self.pair_or_field(pair), math.inf)
         return SceneChoice(several, math.inf)
 
+    def is_one(self, star: Start) -> bool:
+        """Whether one star describes the frame, and nothing in it is like a second."""
+        return star.describes(self.data) and self.beside(star, _BY_CHANCE) is None and not _looks_long(star)
+
+    def beside(self, star: Start, least: float = _STANDS_OUT) -> Star | None:
+        """What stands out most of the residual of a star, if it takes so much off chi-squared."""
+        image = np.asarray(expected_image(star.parameters, star.otf))
+        other, gain = Residual(self.data, image, star.otf, star.parameters.locus).star()
+        return other if gain > least else None
+
     def pairs_instead(self, star: Start, pair: Start | None) -> Iterator[Start]:
         """Pairs that a frame may show in place of a star; ``pair`` has been searched for."""
         hold, parameters = self.options.hold, star.parameters
-        image = np.asarray(expected_image(parameters, star.otf))
-        other, gain = Residual(self.data, image, star.otf, parameters.locus).star()
-        if gain > _STANDS_OUT:
+        other = self.beside(star)
+        if other is not None:
             scene = _with_companion(parameters.scene, other)
             yield polished(self.data, self.optics, star.otf, scene, parameters.locus, hold, rough=self.rough)
-        moments, covariance = np.asarray(parameters.locus.moments()), star.covariance
-        if significance(moments, covariance) > DETECTED and _is_long(moments, covariance):
-            yield replace(star, parameters=_split(parameters, moments))
+        if _looks_long(star):
+            yield replace(star, parameters=_split(parameters, np.asarray(parameters.locus.moments())))
         if pair is None and not star.describes(self.data):
             pair = self.pair()
         if pair is not None:
@@ -205,8 +224,11 @@ def _is_clear(start: Start) -> bool:
     return bool(np.all(values > _SHINING * np.sqrt(np.diag(start.covariance_of(fluxes)))))
 
 
-def _is_long(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether a blur is longer than it is wide, beyond doubt."""
+def _looks_long(star: Start) -> bool:
+    """Whether a star's blur is seen, and longer than it is wide, beyond doubt."""
+    moments, covariance = np.asarray(star.parameters.locus.moments()), star.covariance
+    if not significance(moments, covariance) > DETECTED:
+        return False
     major, minor, angle = axis_variances(moments)
     turned = covariance_on_axis(covariance, angle)
     error = math.sqrt(max(turned[0, 0] + turned[2, 2] - 2 * turned[0, 2], 0.0))

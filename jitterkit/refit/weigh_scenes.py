@@ -165,7 +165,7 @@ class Weighing:
             told |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
         yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
         if not _surely(start):
-            yield self.still(start, common)
+            yield self.still(start, common, sure=True)  # its signs were tried with a normal
 
     def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
         """Two stars with a normal blur, and without jitter."""
@@ -195,8 +195,8 @@ class Weighing:
         together = float(np.logaddexp.reduce(list(evidence.values()))) - math.log(len(evidence))
         return self.reading(start, fit, together - math.log(self.sizes))
 
-    def still(self, start: Start, common) -> _Reading:
-        fit = fit_locus("stable", *common)
+    def still(self, start: Start, common, *, sure: bool = False) -> _Reading:
+        fit = fit_locus("stable", *common, sure=sure)
         return self.reading(start, fit, log_volume(fit) if fit.status is Status.OK else -math.inf)
 
     def reading(self, start: Start, fit: FitResult, evidence: float) -> _Reading:
