@@ -15,6 +15,7 @@ from jitterkit.locate import resolution
 from jitterkit.optics import OTF
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.absurd import absurdity
+from jitterkit.refit.outliers import OUTLIERS, left_out
 from jitterkit.scene import Stars
 
 __all__ = [
@@ -41,18 +42,6 @@ _MANY = 20.0
 
 _OUTLIER = 8.0
 """Sigmas: chance makes one pixel in 1e15 stand out so far."""
-
-
-OUTLIERS = "outliers_left_out"
-"""Flag of a frame of which single pixels were left out."""
-
-
-def left_out(pixels: int) -> str:
-    """Say in a sentence that single pixels were left out."""
-    which = (
-        "1 pixel that stood out alone was" if pixels == 1 else f"{pixels} pixels that stood out alone were"
-    )
-    return f"{which} left out."
 
 
 def further_stars(result: FitResult) -> FitResult:

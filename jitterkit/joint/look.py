@@ -22,7 +22,7 @@ from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.linearisation import SETTLED, linearisation_error
-from jitterkit.locate import locate_binary
+from jitterkit.locate import Residual, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.otf import OTF
@@ -152,6 +152,8 @@ class Looker:
         nominal = self.optics.nominal
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
+        # what no star can have made: a search would take it for one
+        data = data.without(Residual.of_dark(data, nominal).outliers(0.0, surely=True))
         choice = None
         if near is None and self.scene == "auto":
             choice = choose_scene(data, self.optics, FitOptions(hold=self.hold))

@@ -30,7 +30,9 @@ from jitterkit.joint.result import SequenceFit
 from jitterkit.joint.shutters import Shutters
 from jitterkit.joint.wander import loose_laws, settle_laws
 from jitterkit.optics.colours import WAVELENGTH
+from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
+from jitterkit.refit.outliers import Fit, fit_without_outliers
 from jitterkit.shutter import Shutter
 
 __all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
@@ -126,6 +128,7 @@ class _Run:
         self.exposures, self.looker, self.options = exposures, looker, options
         self.watch = watch or (lambda number, name: None)
         self.template: Parameters | None = None
+        self.left_out: dict[int, np.ndarray] = {}  # by the frame's place, flat: pixels that do not belong
         self.shutters = Shutters(looker.optics.nominal.grid, options.rolling, options.telemetry)
         common = options.laws.get("aberrations")
         laws = dict.fromkeys(looker.optics.nominal.names, common) | {WAVELENGTH: Constant()}
@@ -165,8 +168,6 @@ class _Run:
         names = self.looker.optics.nominal.names
         return settle_laws(self.given, messages, names, self.shutters.exposure or 1.0)
 
-    # -- passes over the frames --------------------------------------------------------------------
-
     def _first_pass(self) -> tuple[Messages, Records]:
         """Each frame with the shared parameters as the frames before it have them."""
         looker, messages, records = self.looker, Messages(self.looker.shared), Records(self.looker.own)
@@ -177,15 +178,21 @@ class _Run:
             if exposure.frame is None:
                 records.append(_record(exposure, _why(exposure), looker.own))
                 continue
-            if run is None or here is None or here.parameters is None:
-                fit, otf = looker.first(exposure.frame, self.shutters.of(exposure.frame))
-            else:
+            shutter, known = self.shutters.of(exposure.frame), None
+            if run is not None:
                 run.move(exposure.time)
                 known = dict(zip(looker.shared, run.shared(), strict=True))
-                start = looker.at(here.parameters, known)
-                fit, otf = looker.anew(exposure.frame, start, here.image, nearby.at(start))
-                if not fit.status.usable:  # lost: what is shared, or the pair, has moved too far
-                    fit, otf = looker.first(exposure.frame, self.shutters.of(exposure.frame), known)
+
+            def looked(frame: Frame, here=here, known=known, shutter=shutter) -> tuple[FitResult, OTF]:
+                if known is not None and here is not None and here.parameters is not None:
+                    start = looker.at(here.parameters, known)
+                    fit, otf = looker.anew(frame, start, here.image, nearby.at(start))
+                    if fit.status.usable:
+                        return fit, otf
+                # the first, or lost: what is shared, or the pair, has moved too far
+                return looker.first(frame, shutter, known)
+
+            exposure, fit, otf = self._without_outliers(len(records), exposure, looked)
             message = looker.told(exposure.frame, fit, otf, exposure.time, first=not len(messages))
             records.append(_record(exposure, fit, looker.own, told=message is not None))
             if message is None:
@@ -214,15 +221,28 @@ class _Run:
             assert self.template is not None
             shutter = self.shutters.of(exposure.frame, velocity)
             start = _shuttered(looker.at(self.template, values), shutter)
-            fit, otf = looker.again(exposure.frame, start, nearby.at(start))
-            if not fit.status.usable:
-                # what the others say does not suit it: it speaks for itself, and will be judged
-                fit, otf = looker.first(exposure.frame, shutter, values)
+
+            def looked(frame: Frame, start=start, shutter=shutter, values=values) -> tuple[FitResult, OTF]:
+                fit, otf = looker.again(frame, start, nearby.at(start))
+                # what the others say may not suit it: it speaks for itself then, and will be judged
+                return (fit, otf) if fit.status.usable else looker.first(frame, shutter, values)
+
+            exposure, fit, otf = self._without_outliers(len(records), exposure, looked)
             message = looker.told(exposure.frame, fit, otf, exposure.time, first=not len(messages))
             records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
             if message is not None:
                 messages.append(message)
         return _told(messages, records)
+
+    def _without_outliers(self, place: int, exposure: Exposure, fit: Fit) -> tuple[Exposure, FitResult, OTF]:
+        """A frame without pixels that do not belong to it, in this pass or one before, and its fit."""
+        whole = exposure.frame
+        assert whole is not None
+        before = np.isin(np.arange(whole.mask.size), self.left_out.get(place, [])).reshape(whole.shape)
+        frame, result, otf = fit_without_outliers(whole, fit, before)
+        if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
+            self.left_out[place] = found
+        return exposure._replace(frame=frame), result, otf
 
     def _frames(self, number: int) -> Iterator[Exposure]:
         """The frames, watched, in the order of time."""
