@@ -149,6 +149,9 @@ class Processor(Finder):
             after += alone
             frame = replace(frame, mask=frame.mask | hit, flags=_with(frame.flags, flag))
             result, before = self._fit_once(frame)
+        if result.status.usable and result.parameters is not None and result.image is not None:
+            limit = self._left(frame, result).hidden(result.parameters.scene)
+            result = replace(result, further_limit=limit)
         return frame, _remark_left_out(result, before + after)
 
     def _do_not_belong(self, frame: Frame, result: FitResult) -> tuple[np.ndarray, str]:
@@ -157,9 +160,15 @@ class Processor(Finder):
             return np.zeros(frame.shape, bool), ""
         if self.rays and (rays := find_rays(result.residual)).any():
             return rays, "rays_masked"
-        data = Data.of(frame).without(~np.isfinite(result.residual))
-        left = Residual(data, result.image, self.optics(frame).nominal, result.parameters.locus)
+        left = self._left(frame, result)
         return left.outliers(float(result.parameters.background)), OUTLIERS
+
+    def _left(self, frame: Frame, result: FitResult) -> Residual:
+        """What a fit leaves of a frame."""
+        assert result.image is not None
+        assert result.parameters is not None
+        data = Data.of(frame).without(~np.isfinite(result.residual))
+        return Residual(data, result.image, self.optics(frame).nominal, result.parameters.locus)
 
     def _fit_once(self, frame: Frame) -> tuple[FitResult, int]:
         """Fit a frame, and say how many pixels the search for its stars left out."""

@@ -119,6 +119,9 @@ class FitResult:
         Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
         a fit where it is known well; NaN
         where no jitter was detected or the locus was not to be chosen.
+    further_limit : float
+        Electrons of a further star that would have been found, by
+        :meth:`~jitterkit.locate.Residual.hidden`; NaN where none was looked for.
     iterations : int
     seconds : float
     code : ErrorCode or None
@@ -142,6 +145,7 @@ class FitResult:
     candidates: tuple[Candidate, ...] = ()
     shape: float = float("nan")
     shape_err: float = float("nan")
+    further_limit: float = float("nan")
     iterations: int = 0
     seconds: float = 0.0
     code: ErrorCode | None = None

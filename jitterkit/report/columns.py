@@ -89,6 +89,7 @@ COLUMNS: tuple[Column, ...] = (
         kind=str,
     ),
     Column("stars", "all stars of a frame that shows more than a pair, as JSON; see stars.ecsv", kind=str),
+    Column("further_limit", "light from which a further star would have been found", "electron"),
     Column("iterations", "steps of the fit", kind=int),
     Column("seconds", "time the frame took", "s"),
     Column("digest", "identifies the raw pixels of the frame", kind=str),

@@ -96,6 +96,7 @@ def make_row(
         "locus_weight": float(result.locus_weight),
         "chi2_dof": float(result.chi2_dof),
         "dof": int(result.dof),
+        "further_limit": float(result.further_limit),
         "candidates": _candidates(result.candidates),
         "stars": encode_stars(result),
         "iterations": int(result.iterations),

@@ -122,3 +122,29 @@ def test_a_scene_with_further_stars_is_the_sum_of_its_stars(plain_otf):
     for scene in (pair, Stars.of(x, y, flux), pair.shifted(1.0, -2.0).shifted(-1.0, 2.0)):
         image = np.asarray(expected_image(Parameters(scene, Stable.of(), np.zeros(2)), plain_otf))
         np.testing.assert_allclose(image, summed, rtol=0, atol=1e-9 * summed.max())
+
+
+def test_the_light_that_may_hide_is_that_of_white_noise_under_a_normal_star():
+    """A star of sigma s on pixels p in a flat sky b has an error of sqrt(4 pi b) s/p by least squares."""
+    sigma, sky = 0.6, 30.0
+    star = Star(3.1, -2.2, 2e4)
+    left = Residual(Data(np.full((48, 48), sky)), np.full((48, 48), sky), optics(sigma))
+    # nine tenths of the places reach into the row next to the edge, where 4 % of a star's square is lost
+    assert left.hidden(star) == pytest.approx(8 * np.sqrt(4 * np.pi * sky) * sigma / SCALE, rel=0.03)
+    blind = Residual(Data(np.full((48, 48), sky), used=np.zeros((48, 48), bool)), left.image, left.otf)
+    assert np.isnan(blind.hidden(star))
+
+
+def test_a_star_of_that_light_is_found_and_one_of_half_of_it_is_not(rng):
+    otf, sky, known = optics(0.6), 30.0, Star(3.1, -2.2, 2e4)
+    light = sky + 2e4 * normal_star(0.6, 3.1, -2.2)
+    limit = Residual(Data(light), light, otf).hidden(known)
+
+    def found(flux):
+        x, y = rng.uniform(-9.0, 0.0, 2)
+        counts = rng.poisson(light + flux * normal_star(0.6, x, y))
+        further = Residual(Data(counts), light, otf).further_stars(known)
+        return further is not None and np.hypot(further.x[0] - x, further.y[0] - y) < 0.5
+
+    assert sum(found(limit) for _ in range(40)) >= 35  # of 39.1 that are expected
+    assert sum(found(limit / 2) for _ in range(40)) <= 6  # of 0.9, and of more between the pixels
