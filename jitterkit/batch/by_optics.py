@@ -60,7 +60,7 @@ class OpticsMeasurer:
     def among(self, batch: Batch, hdu: int | None) -> OpticsMeasurer:
         """The same for the frames of a batch, with what its lead shows."""
         self._survey = self._survey or Survey(self.finder, hdu)
-        return OpticsMeasurer(replace(self.finder, known=self._survey.of(batch.lead)), self._survey)
+        return OpticsMeasurer(replace(self.finder, known=self._survey.of(batch)), self._survey)
 
     def begin(self, raw: RawFrame) -> Frame:
         """Calibrate a frame: many small steps of Python's, in which threads would hold each other up."""

@@ -251,11 +251,15 @@ class Finder:
         known = self.known.get(self.grid(frame))
         scene = known.scene if self.scene == AUTO and known is not None else self.scene
         optics, hold = self.optics(frame), self.options.hold
+        seen = known.choices.get(frame.digest) if rough and known is not None else None
+        if seen is not None and (scene in (AUTO, seen.scene) or seen.evidence is None):
+            return seen  # it agrees with the others, or is in no doubt
         start = None if scene == AUTO else _SEARCHES[scene](data, optics, hold, rough=rough)
         choice = None
         # a frame of a run need not be as the run is
         if start is not None and (scene == self.scene or start.describes(data)):
-            choice = SceneChoice(start, -math.inf if scene == Star.name else math.inf)
+            told = ("", False) if seen is None else (seen.readings, True)
+            choice = SceneChoice(start, -math.inf if scene == Star.name else math.inf, *told)
         elif self.scene == AUTO:
             choice = choose_scene(data, optics, self.options, rough=rough)
         if choice is None:

@@ -149,24 +149,24 @@ class Processor(Finder):
             after += alone
             frame = replace(frame, mask=frame.mask | hit, flags=_with(frame.flags, flag))
             result, before = self._fit_once(frame)
-        if result.status.usable and result.parameters is not None and result.image is not None:
-            limit = self._left(frame, result).hidden(result.parameters.scene)
-            result = replace(result, further_limit=limit)
+        left = self._left(frame, result)
+        if left is not None and result.parameters is not None and result.status.usable:
+            result = replace(result, further_limit=left.hidden(result.parameters.scene))
         return frame, _remark_left_out(result, before + after)
 
     def _do_not_belong(self, frame: Frame, result: FitResult) -> tuple[np.ndarray, str]:
         """Pixels that a fit leaves over, and the flag that says so of the frame."""
-        if result.residual is None or result.image is None or result.parameters is None:
+        left = self._left(frame, result)
+        if left is None or result.parameters is None:
             return np.zeros(frame.shape, bool), ""
         if self.rays and (rays := find_rays(result.residual)).any():
             return rays, "rays_masked"
-        left = self._left(frame, result)
         return left.outliers(float(result.parameters.background)), OUTLIERS
 
-    def _left(self, frame: Frame, result: FitResult) -> Residual:
-        """What a fit leaves of a frame."""
-        assert result.image is not None
-        assert result.parameters is not None
+    def _left(self, frame: Frame, result: FitResult) -> Residual | None:
+        """What a fit leaves of a frame; None if there is none."""
+        if result.residual is None or result.image is None or result.parameters is None:
+            return None
         data = Data.of(frame).without(~np.isfinite(result.residual))
         return Residual(data, result.image, self.optics(frame).nominal, result.parameters.locus)
 

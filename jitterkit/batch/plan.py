@@ -38,7 +38,8 @@ class Batch:
     items : tuple of (Path, int)
         File and place of the frame in it, from 0; each becomes one row.
     lead : tuple of (Path, int)
-        Frames that show the optics to this batch and those next to it; none where there are few.
+        Frames that show the optics to this batch and those next to it; where there are none, as in a short
+        run, the frames of a batch of a few: they show their scene.
     """
 
     number: int
@@ -107,4 +108,5 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
             return
         if number % _TOGETHER == 0:
             lead = chunk[:_LEAD] if len(chunk) >= FEWEST else ()
-        yield Batch(number, chunk, lead)
+        few = chunk if 1 < len(chunk) < FEWEST else ()
+        yield Batch(number, chunk, lead or few)

@@ -101,7 +101,7 @@ def process_batches(
     survey = Survey(processor, hdu)
 
     def begin(batch: Batch) -> _Prepare[_Fit]:
-        return partial(_prepare, replace(processor, known=survey.of(batch.lead)), processor)
+        return partial(_prepare, replace(processor, known=survey.of(batch)), processor)
 
     drawing: deque[_Drawing] = deque()
     with ThreadPoolExecutor(1, "draw") as painter:  # while frames go on being read

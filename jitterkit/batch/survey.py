@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
@@ -11,6 +11,7 @@ from threading import Lock
 import numpy as np
 
 from jitterkit.batch.finder import AUTO, Finder, GridKey
+from jitterkit.batch.plan import Batch
 from jitterkit.batch.shown import Shown
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.forward import Parameters
@@ -20,12 +21,16 @@ from jitterkit.locate import ReferenceFrame
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
 from jitterkit.refit import SceneChoice
 from jitterkit.refit.fit import settled
-from jitterkit.refit.weigh_scenes import DECIDED
+from jitterkit.refit.scene_choice import DECIDED
+from jitterkit.refit.together import scene_together
 
 __all__ = ["Item", "Survey", "read_items"]
 
 Item = tuple[Path, int]
 """File and place of the frame in it."""
+
+Look = tuple[Frame, SceneChoice]
+"""A frame, and what it shows by itself."""
 
 _KEPT = 100_000_000
 """Bytes of anchors that are kept for leads to come: eight at 128 x 128 pixels."""
@@ -36,7 +41,7 @@ class Survey:
 
     An anchor's state is rounded to a whole nm, so that leads between which little has changed share one.
 
-    The first frame of a lead whose scene is in no doubt decides for all that are registered to it.
+    The frames of a lead decide the scene together; two that agree and are in no doubt are enough.
 
     Parameters
     ----------
@@ -48,28 +53,57 @@ class Survey:
     def __init__(self, finder: Finder, hdu: int | None = None) -> None:
         self._finder, self._hdu = finder, hdu
         self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
-        self._last: tuple[tuple[Item, ...], dict[GridKey, Shown]] = ((), {})
+        self._last: tuple[tuple[tuple[Item, ...], bool], Mapping[GridKey, Shown]] = (((), False), {})
         self._looking = Lock()
 
-    def of(self, lead: tuple[Item, ...]) -> Mapping[GridKey, Shown]:
-        """By the grids of frames; nothing of a grid on which no frame of the lead is sound."""
+    def of(self, batch: Batch) -> Mapping[GridKey, Shown]:
+        """By the grids of frames; nothing of a grid on which no frame of the batch's lead is sound.
+
+        Of a batch that is its own lead only the scene is told: it has too few frames for more.
+        """
         with self._looking:  # threads of two batches may ask
-            if lead != self._last[0]:
-                self._last = lead, self._look(lead)
+            few = batch.lead == batch.items
+            if (batch.lead, few) != self._last[0]:
+                looked = self._look(batch.lead, every=few)
+                tell = self._scene_of if few else self._shown_together
+                told = ((key, tell(list(seen))) for key, seen in looked.items())
+                self._last = (batch.lead, few), {key: shown for key, shown in told if shown is not None}
             return self._last[1]
 
-    def _look(self, lead: tuple[Item, ...]) -> dict[GridKey, Shown]:
-        found: dict[GridKey, Shown] = {}
+    def _look(self, lead: tuple[Item, ...], *, every: bool) -> dict[GridKey, list[Look]]:
+        """What each frame shows by itself: of every frame, or until their scene is in no doubt."""
+        found: defaultdict[GridKey, list[Look]] = defaultdict(list)
         for _, _, raw in read_items(lead, self._hdu):
             frame = None if isinstance(raw, JitterkitError) else self._finder.prepare(raw)
-            if not isinstance(frame, Frame) or (key := self._finder.grid(frame)) in found:
+            if not isinstance(frame, Frame):
+                continue
+            seen = found[self._finder.grid(frame)]
+            if self._agree(seen) and not every:
                 continue
             choice = self._finder.choose_scene(frame)
-            if choice is None or abs(choice.log_odds) < DECIDED:
-                continue  # the next may tell
-            if (shown := self._shown(frame, choice)) is not None:
-                found[key] = shown
+            if choice is not None:
+                seen.append((frame, choice))
         return found
+
+    def _agree(self, seen: list[Look]) -> bool:
+        """Whether enough frames show one scene without doubt; who names the scene needs one frame."""
+        scenes = [choice.scene for _, choice in seen if not abs(choice.log_odds) < DECIDED]
+        return len(set(scenes)) == 1 and len(scenes) >= (2 if self._finder.scene == AUTO else 1)
+
+    def _shown_together(self, seen: list[Look]) -> Shown | None:
+        """What frames show of their telescope, by the first that shows what they show together."""
+        scene = scene_together([choice for _, choice in seen])
+        looks = [look for look in seen if look[1].scene == scene]
+        if looks:
+            return self._shown(*looks[0])
+        return None if scene is None else Shown(scene)
+
+    def _scene_of(self, seen: list[Look]) -> Shown | None:
+        """What scene a few frames show together, and what each shows by itself."""
+        if self._finder.scene != AUTO:
+            return None
+        scene = scene_together([choice for _, choice in seen]) or AUTO
+        return Shown(scene, choices={frame.digest: choice for frame, choice in seen})
 
     def shown(self, frame: Frame) -> Shown | None:
         """What one frame shows; None of one that is not sound, and where nothing is known by it."""

@@ -192,8 +192,9 @@ class _Run:
                 # the first, or lost: what is shared, or the pair, has moved too far
                 return looker.first(frame, shutter, known)
 
-            exposure, fit, otf = self._without_outliers(len(records), exposure, looked)
-            message = looker.told(exposure.frame, fit, otf, exposure.time, first=not len(messages))
+            frame, fit, otf = self._without_outliers(len(records), exposure.frame, looked)
+            exposure = exposure._replace(frame=frame)
+            message = looker.told(frame, fit, otf, exposure.time, first=not len(messages))
             records.append(_record(exposure, fit, looker.own, told=message is not None))
             if message is None:
                 continue
@@ -227,22 +228,21 @@ class _Run:
                 # what the others say may not suit it: it speaks for itself then, and will be judged
                 return (fit, otf) if fit.status.usable else looker.first(frame, shutter, values)
 
-            exposure, fit, otf = self._without_outliers(len(records), exposure, looked)
-            message = looker.told(exposure.frame, fit, otf, exposure.time, first=not len(messages))
+            frame, fit, otf = self._without_outliers(len(records), exposure.frame, looked)
+            exposure = exposure._replace(frame=frame)
+            message = looker.told(frame, fit, otf, exposure.time, first=not len(messages))
             records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
             if message is not None:
                 messages.append(message)
         return _told(messages, records)
 
-    def _without_outliers(self, place: int, exposure: Exposure, fit: Fit) -> tuple[Exposure, FitResult, OTF]:
+    def _without_outliers(self, place: int, whole: Frame, fit: Fit) -> tuple[Frame, FitResult, OTF]:
         """A frame without pixels that do not belong to it, in this pass or one before, and its fit."""
-        whole = exposure.frame
-        assert whole is not None
         before = np.isin(np.arange(whole.mask.size), self.left_out.get(place, [])).reshape(whole.shape)
         frame, result, otf = fit_without_outliers(whole, fit, before)
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
             self.left_out[place] = found
-        return exposure._replace(frame=frame), result, otf
+        return frame, result, otf
 
     def _frames(self, number: int) -> Iterator[Exposure]:
         """The frames, watched, in the order of time."""

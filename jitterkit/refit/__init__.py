@@ -13,7 +13,7 @@ from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
 from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
 from jitterkit.refit.result import POOR, Candidate, FitResult, Status
 from jitterkit.refit.sampling import sample_posterior
-from jitterkit.refit.weigh_scenes import SceneChoice
+from jitterkit.refit.scene_choice import SceneChoice
 
 __all__ = [
     "POOR",

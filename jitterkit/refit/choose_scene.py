@@ -39,7 +39,8 @@ from jitterkit.optics import Optics
 from jitterkit.refit.choose import DETECTED
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.priors import Priors
-from jitterkit.refit.weigh_scenes import FAINTEST, SceneChoice, Weighing
+from jitterkit.refit.scene_choice import SceneChoice
+from jitterkit.refit.weigh_scenes import FAINTEST, Weighing
 from jitterkit.scene import Binary, Scene, Star, Stars
 
 __all__ = ["SCENES", "choose_scene"]
@@ -136,9 +137,9 @@ class _Frame(Weighing):
     def contrast_of_peaks(self) -> float:
         """Contrast of the two brightest peaks, without a fit; infinite if they do not stand apart."""
         found = find_pairs(self.data, self.optics.nominal, most=1)
-        scene = found[0].scene if found else None
-        apart = scene is not None and float(scene.separation) > _APART * self.fineness
-        return float(scene.contrast) if apart else math.inf
+        if not found or not float(found[0].scene.separation) > _APART * self.fineness:
+            return math.inf
+        return float(found[0].scene.contrast)
 
     def looks_like_several(self) -> bool:
         """Whether more than two bright peaks stand apart."""

@@ -26,10 +26,11 @@ from jitterkit.refit.evidence import log_volume, minor_variance
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import fit_locus
 from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
 from jitterkit.refit.weigh import weight_of_evidence
 from jitterkit.scene import Binary
 
-__all__ = ["COMPANIONS", "DECIDED", "FAINTEST", "SceneChoice", "Weighing"]
+__all__ = ["COMPANIONS", "FAINTEST", "Weighing"]
 
 COMPANIONS = 0.05
 """Share of stars that have a companion, an e-fold of separation: 44 % of stars like the sun, over a normal
@@ -37,9 +38,6 @@ law of 2.28 decades of period (Duchene & Kraus, Annu. Rev. Astron. Astrophys. 51
 
 FAINTEST = 1000.0
 """Largest contrast that is searched for."""
-
-DECIDED = 3.0
-"""Logarithm of the odds, 20 to 1, from which a pair is one; by less in its favour a frame does not decide."""
 
 _SIZED = 3.0
 """Standard errors of the total variance from which a jitter has a size, as its evidence takes for granted."""
@@ -56,48 +54,6 @@ _SURELY = 200.0
 
 _ALIKE = 9.0
 """Deviance by which a pair may fit worse than one star, and look like it."""
-
-
-@dataclass(frozen=True)
-class SceneChoice:
-    """What scene a frame shows.
-
-    Attributes
-    ----------
-    start : Start
-        Of the scene that is more probable, fitted briefly.
-    log_odds : float
-        Logarithm of the odds of a pair against one star, priors included; infinite where only one of them
-        was worth a fit.
-    readings : str
-        Both, in words, where both were fitted.
-    alike : bool
-        Whether the odds are below 20 to 1; or a pair without jitter, closer than the resolution, fits the
-        frame as well as one star, so that only what is probable beforehand tells them apart.
-    fit : FitResult or None
-        Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
-    """
-
-    start: Start
-    log_odds: float
-    readings: str = ""
-    alike: bool = False
-    fit: FitResult | None = None
-
-    @property
-    def undecided(self) -> bool:
-        """Whether a pair is the more probable, but not by enough."""
-        return 0 < self.log_odds < DECIDED
-
-    @property
-    def doubt(self) -> str:
-        """That a pair may look the same as the star that was chosen, in a sentence; or nothing."""
-        return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""
-
-    @property
-    def scene(self) -> str:
-        """Name of the scene, one of :data:`SCENES`."""
-        return self.start.parameters.scene.name
 
 
 @dataclass(frozen=True)
@@ -144,7 +100,24 @@ class Weighing:
         chosen = two if log_odds > 0 else one
         start = frame.begun(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
-        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit)
+        told = self.told(one, two) if math.isfinite(log_odds) else None
+        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit, told)
+
+    def told(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
+        """What a frame says of one star and of a pair, without their priors."""
+        names = ("separation", "theta", "contrast")
+        if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
+            return None
+        slots = [two.fit.names.index(name) for name in names]
+        alone = self.scene_prior(one.fit)
+        return SceneEvidence(
+            one.evidence - alone,
+            two.evidence - self.scene_prior(two.fit),
+            alone,
+            math.log(COMPANIONS),
+            np.array([two.fit.of_scene(name) for name in names]),
+            two.fit.covariance[np.ix_(slots, slots)],
+        )
 
     def begun(self, reading: _Reading) -> Start:
         """Where the fit begins of a pair that was made of a blur."""

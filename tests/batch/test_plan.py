@@ -16,11 +16,14 @@ A, B, C, D = (Path(name) for name in "ABCD")
 
 
 def test_a_batch_goes_across_files_and_through_cubes_in_order():
-    assert list(plan_batches([A, B, C, D], [1, 4, 1, 1], 3)) == [
-        Batch(0, ((A, 0), (B, 0), (B, 1))),
-        Batch(1, ((B, 2), (B, 3), (C, 0))),
-        Batch(2, ((D, 0),)),
+    cut = list(plan_batches([A, B, C, D], [1, 4, 1, 1], 3))
+    assert [(batch.number, batch.items) for batch in cut] == [
+        (0, ((A, 0), (B, 0), (B, 1))),
+        (1, ((B, 2), (B, 3), (C, 0))),
+        (2, ((D, 0),)),
     ]
+    # a few frames show each other their scene, and one has no others
+    assert [batch.lead for batch in cut] == [cut[0].items, cut[1].items, ()]
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 48, 1000])

@@ -1,0 +1,86 @@
+"""What scene a frame shows, and how far that is in doubt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jitterkit.locate import Start
+from jitterkit.refit.result import FitResult
+
+__all__ = ["DECIDED", "SceneChoice", "SceneEvidence"]
+
+DECIDED = 3.0
+"""Logarithm of the odds, 20 to 1, from which a pair is one; by less in its favour a frame does not decide."""
+
+
+@dataclass(frozen=True)
+class SceneEvidence:
+    """What a frame says of one star and of a pair.
+
+    Attributes
+    ----------
+    star, pair : float
+        Logarithm of the evidence, if the prior density of each scene were one.
+    alone : float
+        Logarithm of the probability of one star beforehand.
+    companions : float
+        Logarithm of that of a companion, an e-fold of separation.
+    values : (3,) array
+        Separation [arcsec], theta [deg] and contrast of the pair.
+    covariance : (3, 3) array
+        Of these.
+    """
+
+    star: float
+    pair: float
+    alone: float
+    companions: float
+    values: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class SceneChoice:
+    """What scene a frame shows.
+
+    Attributes
+    ----------
+    start : Start
+        Of the scene that is more probable, fitted briefly.
+    log_odds : float
+        Logarithm of the odds of a pair against one star, priors included; infinite where only one of them
+        was worth a fit.
+    readings : str
+        Both, in words, where both were fitted.
+    alike : bool
+        Whether the odds are below 20 to 1; or a pair without jitter, closer than the resolution, fits the
+        frame as well as one star, so that only what is probable beforehand tells them apart.
+    fit : FitResult or None
+        Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
+    evidence : SceneEvidence or None
+        For other frames of the same target; None where only one scene was worth a fit.
+    """
+
+    start: Start
+    log_odds: float
+    readings: str = ""
+    alike: bool = False
+    fit: FitResult | None = None
+    evidence: SceneEvidence | None = None
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a pair is the more probable, but not by enough."""
+        return 0 < self.log_odds < DECIDED
+
+    @property
+    def doubt(self) -> str:
+        """That a pair may look the same as the star that was chosen, in a sentence; or nothing."""
+        return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene, one of :data:`SCENES`."""
+        return self.start.parameters.scene.name
