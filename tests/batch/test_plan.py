@@ -8,7 +8,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.batch import plan
-from jitterkit.batch.plan import Batch, count_frames, plan_batches
+from jitterkit.batch.plan import count_frames, plan_batches
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits
 
