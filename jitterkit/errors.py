@@ -27,6 +27,7 @@ __all__ = [
     "code_of",
     "did_you_mean",
     "out_of_memory",
+    "printable",
     "reading_code",
 ]
 
@@ -171,6 +172,18 @@ def reading_code(error: Exception, contents: ErrorCode = ErrorCode.MALFORMED) ->
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return ErrorCode.NOT_FOUND
     return ErrorCode.NOT_READABLE if isinstance(error, OSError) else contents
+
+
+def printable(text: object) -> str:
+    r"""Escape everything a terminal, a table or a page could mistake for a command.
+
+    Line breaks, control characters, text-direction marks and the undecodable bytes of a file name
+    become visible escapes.
+
+    >>> printable("night\n1.fits")
+    'night\\n1.fits'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text))
 
 
 def out_of_memory(error: BaseException) -> bool:

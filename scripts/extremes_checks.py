@@ -10,7 +10,7 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, to_vector
@@ -144,7 +144,7 @@ def fitted(
         **options,
     ).raw
     frame = frame if mask is None else replace(frame, mask=mask)
-    result = Processor(instrument, locus=by).process(frame).result
+    result = FrameProcessor(instrument, locus=by).process(frame).result
     if result.status.name in ends:
         return Check(f"{result.status.name}: “{result.message}”", bool(result.message))
     return (

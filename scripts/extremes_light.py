@@ -7,7 +7,7 @@ from extremes_checks import STATE, Check, binary, finite, fitted, image_of, near
 from extremes_references import direct
 from extremes_table import OTF, ROUNDING, TELESCOPE, UNRESOLVED, row
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.loci import Linear, Shm, Stable
 from jitterkit.scene import Star
 from jitterkit.simulate import simulate_frame
@@ -35,7 +35,7 @@ def many_photons():
     errors = {}
     for photons in (1e8, 1e12):
         frame = simulate_frame(TELESCOPE, binary(flux=photons), Stable.of(), detector=False)
-        errors[photons] = Processor(TELESCOPE, locus="mvn").process(frame.raw).result.error("separation")
+        errors[photons] = FrameProcessor(TELESCOPE, locus="mvn").process(frame.raw).result.error("separation")
     ratio = errors[1e8] / errors[1e12]
     return [
         finite(binary(flux=1e12), Linear.of(0.6, 25.0), OTF),

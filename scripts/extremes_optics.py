@@ -10,7 +10,7 @@ from extremes_checks import STATE, Check, binary, finite, fitted, image_of, near
 from extremes_references import direct
 from extremes_table import TELESCOPE, UNRESOLVED, row
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.forward import Parameters, image_and_jacobian
 from jitterkit.loci import Linear, Stable
 from jitterkit.optics import Spectrum, flat_band, lines
@@ -65,7 +65,7 @@ def huge_frame():
     checks = [
         near("image", drawn.expected[middle, middle], inner, 1e-6),
         near("slope", np.asarray(slope)[0, middle, middle], inner_slope[0], 1e-6),
-        recovered(Processor(region, locus="linear").process(drawn.raw).result, 3.0),
+        recovered(FrameProcessor(region, locus="linear").process(drawn.raw).result, 3.0),
     ]
     spent, memory = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
     return [

@@ -1,8 +1,7 @@
-"""Many frames: each processed on its own, all bound into a table, a summary and a report."""
+"""Many frames: each processed on its own, by threads or workers; results are yielded and stored."""
 
-from jitterkit.batch.finder import Finder
-from jitterkit.batch.frame import Processed, Processor
-from jitterkit.batch.run import Run, process_files
+from jitterkit.batch.processor import FrameProcessor
+from jitterkit.batch.records import ProcessedFrame
 from jitterkit.batch.sequence import FileExposures
 
-__all__ = ["FileExposures", "Finder", "Processed", "Processor", "Run", "process_files"]
+__all__ = ["FileExposures", "FrameProcessor", "ProcessedFrame"]

@@ -1,12 +1,12 @@
-"""Frames worked through by the processes of dask.distributed, here or on other machines.
+"""Frames processed by the workers of dask.distributed, here or on other machines.
 
 Reach for :func:`connected`, which gives the client of a cluster that is there or of workers started here, and
-hand that to :func:`process_on_cluster`, which takes the place of
-:func:`~jitterkit.batch.stream.process_batches`.  Only paths travel to the workers and only rows and pictures
-come back.  Rows are what one process gives, to the last digit.
+hand that to :func:`execute_on_cluster`, which takes the place of
+:func:`~jitterkit.batch.executor.execute`.  Only paths travel to the workers and only what is kept of frames
+comes back: what one process gives, to the last digit.
 
-A process that dies takes nothing with it: what it was doing is done again in ever smaller parts, and at last
-frame by frame, each alone.  A frame that kills even then has a row that says so.
+A process that dies takes nothing with it: what it was doing is done again frame by frame, each alone.  A
+frame that kills even then has an outcome that says so.
 
 It needs the extra ``cluster``.  A script that calls it keeps its own doings under
 ``if __name__ == "__main__":``, since workers are spawned and import it.
@@ -15,21 +15,23 @@ It needs the extra ``cluster``.  A script that calls it keeps its own doings und
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import chain, groupby, islice
-from typing import Any
+from typing import Any, Generic, TypeVar
 from uuid import uuid4
 
-from jitterkit.batch.dispatch import Dispatch, threads_of
-from jitterkit.batch.equipment import Equipment, Part, distributed
-from jitterkit.batch.frame import Processor
-from jitterkit.batch.ledger_worst import Rank
-from jitterkit.batch.plan import Batch
-from jitterkit.batch.stream import Done
+from jitterkit.batch.executor import Finish, FrameTask, Outcome
+from jitterkit.batch.plan import Batch, Item
+from jitterkit.batch.worker import Part, WorkerSetup, distributed, work
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.refit import FitResult, Status
 
-__all__ = ["connected", "process_on_cluster"]
+__all__ = ["connected", "execute_on_cluster"]
+
+T = TypeVar("T")
 
 _CONFIGURED = {
     "distributed.worker.multiprocessing-method": "spawn",  # JAX has threads, which a fork would lose
@@ -46,7 +48,19 @@ _REACHED, _JOINED = 10, 60
 """Seconds to wait for a scheduler, and for the first of its workers."""
 
 _TOGETHER = 4
-"""Batches, at most, that a worker does at a time: half a minute of work, which is lost with it."""
+"""Batches, at most, that a worker is given at a time: to find out about their optics costs 2 s."""
+
+_PIECE = 16
+"""Frames that are tried together after a worker died of what it was given."""
+
+_HOPELESS = 8
+"""Parts that killed their workers, with none done, after which it is no frame's fault."""
+
+_KILLED = FitResult(
+    Status.FAILED,
+    f"{Status.FAILED.value}: it killed the process that fitted it, and again when it was alone there.",
+    code=ErrorCode.WORKER_LOST,
+)
 
 
 @contextmanager
@@ -138,31 +152,28 @@ def _quiet() -> Iterator[None]:
             logger.setLevel(level)
 
 
-def process_on_cluster(
-    batches: Iterable[Batch],
-    processor: Processor,
-    client: Any,
-    *,
-    hdu: int | None = None,
-    ranks: Callable[[], Iterable[Rank]] = tuple,
-) -> Iterator[Done]:
-    """Process batches at the workers of a cluster.
+def execute_on_cluster(
+    batches: Iterable[Batch], task: FrameTask, finish: Finish[T], *, client: Any, hdu: int | None = None
+) -> Iterator[T]:
+    """Process the frames of batches at the workers of a cluster.
 
     Parameters
     ----------
     batches : iterable of Batch
         Asked for as workers become free.
-    processor : Processor
+    task : FrameTask
         Sent to each worker once.
+    finish : callable
+        Sent with every part of a batch, as it is then.
     client : distributed.Client
         Of :func:`connected`.
-    hdu, ranks
-        As for :func:`~jitterkit.batch.stream.process_batches`.
+    hdu : int, optional
+        As for :func:`~jitterkit.batch.executor.execute`.
 
     Yields
     ------
-    done : Done
-        In any order.
+    finished : Any
+        What ``finish`` returns of parts of batches, in any order.
 
     Raises
     ------
@@ -172,33 +183,125 @@ def process_on_cluster(
 
     Notes
     -----
-    Some batches with one lead go to a worker together, where there are enough for all: to find out about the
-    optics costs 2 s.  In a worker of several threads as many of these run at a time.
+    A worker keeps what the latest reference frames show, which costs 2 s to find out.
     """
-    batches, width = iter(batches), threads_of(client)
-    ahead = list(islice(batches, _TOGETHER * width))
+    batches, threads = iter(batches), _threads_of(client)
+    ahead = list(islice(batches, _TOGETHER * threads))
     if not ahead:
         return
-    parts = _parts(chain(ahead, batches), max(1, len(ahead) // width))
+    parts = _parts(chain(ahead, batches), max(1, len(ahead) // threads))
     name = f"jitterkit-{uuid4().hex}"
     try:
-        _equip(client, Equipment(processor, hdu, ahead[0].items[0][0]), name)
-        yield from Dispatch(client, name, ranks).all(parts)
+        _set_up(client, WorkerSetup(task, hdu, ahead[0].items[0][0]), name)
+        yield from _Scheduler(client, name, finish).run(parts)
     finally:
         if client.status == "running":
             client.unregister_worker_plugin(name)
 
 
+def _threads_of(client: Any) -> int:
+    """Return the threads of all workers that there are at this moment; one if there is none."""
+    return max(1, sum(client.nthreads().values()))
+
+
 def _parts(batches: Iterable[Batch], most: int) -> Iterator[Part]:
-    for _, group in groupby(batches, key=lambda batch: batch.lead):
+    for _, group in groupby(batches, key=lambda batch: batch.references):
         while part := tuple(islice(group, most)):
             yield part
 
 
-def _equip(client: Any, equipment: Equipment, name: str) -> None:
+def _set_up(client: Any, setup: WorkerSetup, name: str) -> None:
     try:
-        client.register_plugin(equipment, name=name)
+        client.register_plugin(setup, name=name)
     except ImportError as error:
         raise ConfigurationError(
             ErrorCode.MISSING_PACKAGE, f"A worker lacks {error.name}; install there what is installed here."
         ) from None
+
+
+class _Scheduler(Generic[T]):
+    """Hands parts of batches to workers, and sees to those that end with their worker."""
+
+    def __init__(self, client: Any, name: str, finish: Finish[T]) -> None:
+        self._client, self._name, self._finish = client, name, finish
+        self._done = self._killed = 0
+
+    def run(self, parts: Iterator[Part]) -> Iterator[T]:
+        """Yield what is made of all parts; of those that killed in pieces, then frame by frame."""
+        killed: list[Batch] = []
+        yield from self._each(parts, killed)
+        again, killed = killed, []
+        pieces = (one.part(at, at + _PIECE) for one in again for at in range(0, len(one.items), _PIECE))
+        yield from self._each(((piece,) for piece in pieces), killed)
+        for piece in killed:
+            yield from self._frame_by_frame(piece)
+
+    def _each(self, parts: Iterator[Part], killed: list[Batch]) -> Iterator[T]:
+        """Keep every thread at work, with no part waiting at a worker, which might be blamed for its end."""
+        going = distributed.as_completed()
+        sent: dict[Any, Part] = {}
+
+        def send(part: Part, **where: Any) -> None:
+            future = self._submit(part, **where)
+            sent[future] = part
+            going.add(future)
+
+        def send_more() -> None:
+            for part in islice(parts, max(0, _threads_of(self._client) - len(sent))):
+                send(part)
+
+        send_more()
+        for future in going:
+            part, done = sent.pop(future), self._result(future)
+            if done is None:
+                killed += part
+            elif done[1]:  # the worker knows the reference frames
+                send(done[1], workers=[done[2]], allow_other_workers=True)
+            send_more()
+            yield from () if done is None else done[0]
+
+    def _submit(self, part: Part, **where: Any) -> Any:
+        return self._client.submit(work, self._name, part, self._finish, pure=False, **where)
+
+    def _result(self, future: Any) -> tuple[list[T], Part, str] | None:
+        """Return what came of a part, as :func:`work` does; None if it killed its worker."""
+        try:
+            finished = future.result()
+        except distributed.KilledWorker:
+            self._killed += 1
+            if self._killed >= _HOPELESS and not self._done:
+                raise ConfigurationError(
+                    ErrorCode.WORKER_LOST,
+                    f"Workers died {self._killed} times and none has finished anything; see that there is "
+                    "memory for them (1 GB each), or start fewer.",
+                ) from None
+            return None
+        except (distributed.scheduler.NoValidWorkerError, distributed.scheduler.NoWorkerError):
+            raise ConfigurationError(
+                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and go on with --resume."
+            ) from None
+        except CancelledError:
+            raise ConfigurationError(
+                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and go on with --resume."
+            ) from None
+        self._done += 1
+        return finished
+
+    def _alone(self, batch: Batch) -> list[T] | None:
+        done = self._result(self._submit((batch,)))
+        return None if done is None else done[0]
+
+    def _frame_by_frame(self, part: Batch) -> Iterator[T]:
+        """Try each frame of a part that killed alone, with nothing else at any worker."""
+        part = replace(part, references=self._sound(part))
+        for place, item in enumerate(part.items):
+            frame = part.part(place, place + 1)
+            done = self._alone(frame)
+            yield from [self._finish(frame, [Outcome(*item, _KILLED)])] if done is None else done
+
+    def _sound(self, part: Batch) -> tuple[Item, ...]:
+        """Return the reference frames without those that kill whoever looks at them."""
+        if self._alone(replace(part, items=())) is not None:
+            return part.references
+        alone = (item for item in part.references if self._alone(Batch(part.number, (item,))) is not None)
+        return tuple(alone)

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.batch.frame import Processor
-from jitterkit.batch.ledger_match import FILES, VERSIONS
+from jitterkit.batch.processor import FrameProcessor
+from jitterkit.batch.resume import FILES, VERSIONS
 from jitterkit.instruments import Instrument
 
 __all__ = ["describe", "settings", "versions"]
@@ -27,12 +27,12 @@ _SHORT = 32
 """Numbers of an array that are given one by one; of a longer one the digest."""
 
 
-def settings(processor: Processor, files: Sequence[Path], **more: Any) -> dict[str, Any]:
-    """All that the rows of a run depend on.
+def settings(processor: FrameProcessor, files: Sequence[Path], **more: Any) -> dict[str, Any]:
+    """Return all that the rows of a run depend on.
 
     Parameters
     ----------
-    processor : Processor
+    processor : FrameProcessor
     files : sequence of Path
     more
         Whatever else there is, by name.
@@ -51,7 +51,7 @@ def settings(processor: Processor, files: Sequence[Path], **more: Any) -> dict[s
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computes."""
+    """Return the versions of what computes."""
     known = {"python": platform.python_version()}
     for name in _PACKAGES:
         with suppress(PackageNotFoundError):
@@ -60,7 +60,7 @@ def versions() -> dict[str, str]:
 
 
 def describe(value: Any) -> Any:
-    """A value as JSON knows it: records by their fields, long arrays by their digest."""
+    """Return a value as JSON knows it: records by their fields, long arrays by their digest."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, Instrument):  # its pupil and PSF may be functions that make them

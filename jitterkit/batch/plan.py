@@ -1,4 +1,4 @@
-"""Which frames are done together: the files of a run, cut into batches in order.
+"""Which frames are processed together, and how they are read: batches of the frames of all files, in order.
 
 Reach for :func:`plan_batches`.  A plan follows from the list of files, the number of frames in each and
 the size of a batch, and from nothing else: a run that is resumed with the same three has the same plan.
@@ -7,44 +7,61 @@ the size of a batch, and from nothing else: a run that is resumed with the same 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
+from typing import Self
 
-from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
-from jitterkit.frames import frame_count
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, JitterkitError
+from jitterkit.frames import FrameFile, RawFrame, frame_count, open_frames
 
-__all__ = ["FEWEST", "Batch", "count_frames", "plan_batches"]
+__all__ = ["PLAN", "Batch", "FrameReader", "Item", "count_frames", "plan_batches"]
+
+Item = tuple[Path, int]
+"""File and index of the frame in it."""
 
 
-_TOGETHER = 8
-"""Batches that have one lead: at ten frames a second two minutes, in which a telescope changes little."""
+@dataclass(frozen=True)
+class PlanSettings:
+    """Numbers of frames and batches that share reference frames."""
 
-_LEAD = 4
-"""Frames in it: one is enough, if it is sound."""
+    sharing: int = 8
+    """Batches with the same reference frames: at ten frames a second two minutes, in which a telescope
+    changes little."""
+    references: int = 4
+    """Reference frames: one is enough, if it is sound."""
+    fewest: int = 8
+    """Frames for which it is worth a second to find out about the optics beforehand."""
 
-FEWEST = 8
-"""Frames for which it is worth a second to find out about the optics beforehand."""
+
+PLAN = PlanSettings()
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Frames that are done together and kept together.
+    """Frames that are processed together.
 
     Attributes
     ----------
     number : int
-        Place in the plan, from 0.
+        Position in the plan, from 0.
     items : tuple of (Path, int)
-        File and place of the frame in it, from 0; each becomes one row.
-    lead : tuple of (Path, int)
-        Frames that show the optics to this batch and those next to it; where there are none, as in a short
-        run, the frames of a batch of a few: they show their scene.
+        File and index of each frame, from 0; each becomes one row.
+    references : tuple of (Path, int)
+        Reference frames, which show the optics to this batch and those next to it; where
+        there are none, as in a short run, the frames of a batch of a few, which show their scene.
+    start : int
+        Position of the first item in the planned batch: not 0 if earlier frames of the batch are done.
     """
 
     number: int
-    items: tuple[tuple[Path, int], ...]
-    lead: tuple[tuple[Path, int], ...] = ()
+    items: tuple[Item, ...]
+    references: tuple[Item, ...] = ()
+    start: int = 0
+
+    def part(self, begin: int, end: int | None = None) -> Batch:
+        """Return the items from one index to another as a batch with the same reference frames."""
+        return replace(self, items=self.items[begin:end], start=self.start + begin)
 
 
 def count_frames(path: Path, hdu: int | None = None) -> int:
@@ -80,7 +97,7 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
         In the order of the table.
     counts : iterable of int
         Frames in each file, from :func:`count_frames`, or from
-        :meth:`~jitterkit.batch.ledger.Ledger.frame_counts`, which knows them from the time before.
+        :meth:`~jitterkit.batch.store.Store.frame_counts`, which knows them from the session before.
     size : int
         Frames in a batch; the last may have fewer.
 
@@ -101,12 +118,71 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
             ErrorCode.OUT_OF_RANGE, f"A batch cannot have {size} frames; give one or more."
         )
     items = ((path, index) for path, n in zip(files, counts, strict=True) for index in range(n))
-    lead: tuple[tuple[Path, int], ...] = ()
+    references: tuple[Item, ...] = ()
     for number in count():
         chunk = tuple(islice(items, size))
         if not chunk:
             return
-        if number % _TOGETHER == 0:
-            lead = chunk[:_LEAD] if len(chunk) >= FEWEST else ()
-        few = chunk if 1 < len(chunk) < FEWEST else ()
-        yield Batch(number, chunk, lead or few)
+        if number % PLAN.sharing == 0:
+            references = chunk[: PLAN.references] if len(chunk) >= PLAN.fewest else ()
+        few = chunk if 1 < len(chunk) < PLAN.fewest else ()
+        yield Batch(number, chunk, references or few)
+
+
+class FrameReader:
+    """Reads frames; a file stays open until a frame of another one is asked for.
+
+    Parameters
+    ----------
+    hdu : int, optional
+        HDU to read in every FITS file.
+    """
+
+    def __init__(self, hdu: int | None = None) -> None:
+        self._hdu, self._path = hdu, Path()
+        self._file: FrameFile | JitterkitError | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def read(self, items: Iterable[Item]) -> Iterator[tuple[Path, int, RawFrame | JitterkitError]]:
+        """Yield frames, or what is wrong with their files or the TOML beside them."""
+        opened = None  # for these items
+        for path, index in items:
+            if path != self._path or self._file is None:
+                opened = self._open(path)
+            raw = self._frame(index)
+            # a file that was opened for an earlier batch may have grown since
+            if isinstance(raw, JitterkitError) and raw.code is ErrorCode.CHANGED and path != opened:
+                opened = self._open(path)
+                raw = self._frame(index)
+            yield path, index, raw
+
+    def _open(self, path: Path) -> Path:
+        self._close()
+        self._path = path
+        try:
+            self._file = open_frames(path, hdu=self._hdu)
+        except JitterkitError as error:
+            self._file = error
+        return path
+
+    def _frame(self, index: int) -> RawFrame | JitterkitError:
+        if not isinstance(self._file, FrameFile):
+            assert self._file is not None
+            return self._file
+        try:
+            return self._file[index]
+        except JitterkitError as error:
+            return error
+        except IndexError:
+            problem = f"has {len(self._file)} frames, fewer than before"
+            return FrameError(ErrorCode.CHANGED, self._path, problem, "see who writes to it")
+
+    def _close(self) -> None:
+        if isinstance(self._file, FrameFile):
+            self._file.close()
+        self._file = None

@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from jitterkit.batch.finder import Finder
+from jitterkit.batch.diagnose import status_from_exception
+from jitterkit.batch.processor import FrameProcessor
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.frames.duplicates import Duplicates
@@ -27,7 +28,7 @@ class FileExposures:
     ----------
     paths : sequence of str or Path
         Files, and directories of FITS and TIFF files.
-    finder : Finder
+    processor : FrameProcessor
         Calibrates them, and cuts the stars out of large ones.
     hdu : int, optional
     cadence : float, optional
@@ -55,12 +56,12 @@ class FileExposures:
     def __init__(
         self,
         paths: Sequence[str | Path],
-        finder: Finder,
+        processor: FrameProcessor,
         *,
         hdu: int | None = None,
         cadence: float | None = None,
     ) -> None:
-        self.finder, self.hdu, self.cadence = finder, hdu, cadence
+        self.processor, self.hdu, self.cadence = processor, hdu, cadence
         files = sorted(find_files(paths), key=_natural)
         times = {path: time for path in files if (time := _begun(path, hdu)) is not None}
         known = {path: time for path, time in times.items() if math.isfinite(time)}
@@ -93,19 +94,20 @@ class FileExposures:
         for path in self.files:
             try:
                 with open_frames(path, hdu=self.hdu) as file:
-                    return self.finder.optics(self.finder.calibrate(file[0]))
+                    return self.processor.optics(self.processor.calibrate(file[0]))
             except JitterkitError as error:
                 told, code = str(error), error.code
         raise JitterkitError(code, f"No frame of the sequence can be used; the last: {told}")
 
     def _exposure(self, raw: RawFrame, clock: _Clock, known: Duplicates) -> Exposure:
         try:
-            frame = self.finder.calibrate(raw)
+            frame = self.processor.calibrate(raw)
             if original := known.original(frame.digest, f"{raw.path} [{raw.index}]"):
                 return Exposure(raw.name, math.nan, None, FitResult.duplicate_of(original))
-            optics, when = self.finder.optics(frame), clock.middle(frame)
+            optics, when = self.processor.optics(frame), clock.middle(frame)
         except JitterkitError as error:
-            return Exposure(raw.name, clock.lost(), None, self.finder.trouble(error))
+            result = status_from_exception(error, None, self.processor.plate_scale)
+            return Exposure(raw.name, clock.lost(), None, result)
         if optics is self.optics:
             return Exposure(raw.name, when, frame)
         told = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."

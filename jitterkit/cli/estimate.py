@@ -69,7 +69,7 @@ class Exports:
 
     def products(self, overwrite: bool):
         """Return the writer of the products of each frame."""
-        from jitterkit.batch.products import Products
+        from jitterkit.run.products import Products
 
         return Products(self.plot, self.export, self.deblur, overwrite, self.oversample, self.file_rows)
 
@@ -136,30 +136,30 @@ def estimate(
     exports.check_directories(overwrite)
     sharp = None if reference is None or str(reference) == _ROUNDEST else _first_frame(reference)
     prepare_jax()
-    from jitterkit.batch.kernels import estimate_files
     from jitterkit.report.table import write_table
+    from jitterkit.run.estimate import estimate_files
 
     measurer: Any
     metadata = detector.metadata()
     if replaced or blind:
-        from jitterkit.batch.reference import sharpest
-        from jitterkit.batch.scenes import SceneMeasurer
+        from jitterkit.batch.scene_blur import SceneBlurEstimator
+        from jitterkit.batch.sharp_frame import sharpest
 
         if str(reference) == _ROUNDEST:
             sharp, stars = sharpest(paths, hdu), True
             log(f"{sharp.name} is the roundest and serves as reference")
-        measurer = SceneMeasurer(sharp, stars, estimator or "blind", metadata)
+        measurer = SceneBlurEstimator(sharp, stars, estimator or "blind", metadata)
         measurer.check(paths, hdu)
     else:
-        from jitterkit.batch import Finder
-        from jitterkit.batch.by_optics import OpticsMeasurer
+        from jitterkit.batch import FrameProcessor
+        from jitterkit.batch.template_blur import TemplateBlurEstimator
         from jitterkit.instruments import load_instrument
         from jitterkit.refit import FitOptions
 
         telescope = load_instrument(instrument or _INSTRUMENT)
         fit = FitOptions(hold=options.held(background))
-        finder = Finder(telescope, metadata, kernel=estimator or "score", scene=scene, options=fit)
-        measurer = OpticsMeasurer(finder)
+        processor = FrameProcessor(telescope, metadata, kernel=estimator or "score", scene=scene, options=fit)
+        measurer = TemplateBlurEstimator(processor)
     write = exports.products(overwrite).write
     with progress_bar(len(paths), "files") as advance:
         table = estimate_files(paths, measurer, hdu=hdu, watch=advance, keep=write)

@@ -13,7 +13,7 @@ from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.runtime import log, prepare_jax
 
 if TYPE_CHECKING:
-    from jitterkit.batch import Processor
+    from jitterkit.batch import FrameProcessor
 
 __all__ = ["FrameFit"]
 
@@ -56,7 +56,7 @@ class FrameFit:
     float32: bool = False
     preset: str = "balanced"
 
-    def processor(self) -> Processor:
+    def processor(self) -> FrameProcessor:
         """Prepare JAX and return the processor of the frames.
 
         Raises
@@ -65,7 +65,7 @@ class FrameFit:
             If the optics do not carry the preset, or there is no such instrument, device, preset or prior.
         """
         prepare_jax(self.device, self.float32)
-        from jitterkit.batch import Processor
+        from jitterkit.batch import FrameProcessor
         from jitterkit.instruments import load_instrument
         from jitterkit.refit import FitOptions, read_kernel_prior
         from jitterkit.trade import settings as trade
@@ -79,7 +79,7 @@ class FrameFit:
         prior = None if self.prior is None else read_kernel_prior(self.prior, exposure=exposure)
         if prior is not None and prior.remark:
             log(f"{self.prior}: {prior.remark}")
-        return Processor(
+        return FrameProcessor(
             modelled,
             self.detector.metadata(),
             locus=self.locus,

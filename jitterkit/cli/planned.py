@@ -13,7 +13,7 @@ from jitterkit.cli.runtime import log
 from jitterkit.errors import ErrorCode
 
 if TYPE_CHECKING:
-    from jitterkit.batch import Processor
+    from jitterkit.batch import FrameProcessor
     from jitterkit.trade import Settings
 
 __all__ = ["Plan"]
@@ -53,13 +53,13 @@ class Plan:
         _parsed(self.tolerance, self.budget)
 
     def apply(
-        self, processor: Processor, files: Sequence[Path], hdu: int | None, resumed: Path | None
-    ) -> tuple[Processor, dict[str, Any] | None]:
+        self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None, resumed: Path | None
+    ) -> tuple[FrameProcessor, dict[str, Any] | None]:
         """Return the processor with the settings that its frames need, and how they were chosen.
 
         Parameters
         ----------
-        processor : Processor
+        processor : FrameProcessor
         files : sequence of Path
         hdu : int, optional
         resumed : Path, optional
@@ -74,7 +74,7 @@ class Plan:
         if not any(asked.values()) and not self.explain:
             return processor, None
         from jitterkit.batch.configuration import describe
-        from jitterkit.batch.run import planned_before
+        from jitterkit.run.process import planned_before
         from jitterkit.trade import Settings
 
         before = None if resumed is None else planned_before(resumed)
@@ -86,7 +86,7 @@ class Plan:
             return processor, None
         return settings.applied(processor), {"asked": asked, "settings": describe(settings)}
 
-    def _choose(self, processor: Processor, files: Sequence[Path], hdu: int | None) -> Settings:
+    def _choose(self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None) -> Settings:
         """Fit some frames, and log what is expected of the settings that suit them."""
         from jitterkit.report.words import angle_size
         from jitterkit.trade.examples import examples_of

@@ -17,6 +17,7 @@ from jitterkit.cli.planned import Plan
 from jitterkit.cli.progress import run_progress
 from jitterkit.cli.run import Run, finalize
 from jitterkit.cli.runtime import log
+from jitterkit.cli.signals import as_interrupt
 from jitterkit.errors import ErrorCode
 
 __all__ = ["process"]
@@ -45,15 +46,15 @@ class Workers:
         refuse_if(self.workers is not None and self.scheduler is not None, ErrorCode.CONFLICT, problem)
 
     @contextlib.contextmanager
-    def engine(self) -> Iterator[Callable | None]:
+    def executor(self) -> Iterator[Callable | None]:
         """Yield the function that processes batches on the workers; None if there are none."""
         if self.workers is None and self.scheduler is None:
             yield None
             return
-        from jitterkit.batch.cluster import connected, process_on_cluster
+        from jitterkit.batch.cluster import connected, execute_on_cluster
 
         with connected(self.workers, self.scheduler) as client:
-            yield partial(process_on_cluster, client=client)
+            yield partial(execute_on_cluster, client=client)
 
 
 def process(
@@ -79,16 +80,20 @@ def process(
     paths = find_files(files)
     run.check(output)
     processor, planned = plan.apply(fit.processor(), paths, hdu, output if run.resume else None)
-    from jitterkit.batch import process_files
+    from jitterkit.run import process_files
 
     try:
-        with workers.engine() as engine, run_progress(len(paths)) as (watch, before):
+        with (
+            as_interrupt(),
+            workers.executor() as executor,
+            run_progress(len(paths)) as (watch, before),
+        ):
             result = process_files(
                 paths,
                 output,
                 processor,
                 hdu=hdu,
-                engine=engine,
+                executor=executor,
                 watch=watch,
                 before=before,
                 plan=planned,

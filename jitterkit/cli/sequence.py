@@ -76,14 +76,14 @@ def sequence(
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
     prepare_jax()
-    from jitterkit.batch import FileExposures, Finder
+    from jitterkit.batch import FileExposures, FrameProcessor
     from jitterkit.instruments import load_instrument
     from jitterkit.joint import Looker, SequenceOptions, refit_sequence
     from jitterkit.loci.trace_locus import read_trace
     from jitterkit.refit import Status
 
-    finder = Finder(load_instrument(instrument), detector.metadata())
-    exposures = FileExposures(files, finder, hdu=hdu, cadence=cadence)
+    processor = FrameProcessor(load_instrument(instrument), detector.metadata())
+    exposures = FileExposures(files, processor, hdu=hdu, cadence=cadence)
     how = SequenceOptions(
         laws=_laws(law or []),
         rolling=not global_shutter,

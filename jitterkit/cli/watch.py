@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +10,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit
 from jitterkit.cli.run import Run, finalize
-from jitterkit.cli.runtime import log
 from jitterkit.cli.screen import live_screen
+from jitterkit.cli.signals import until_interrupted
 from jitterkit.errors import ErrorCode, FrameError
 
 __all__ = ["watch"]
@@ -52,9 +49,9 @@ def watch(
         raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
     run.check(output)
     processor = fit.processor()
-    from jitterkit.batch.live import watch_directory
+    from jitterkit.run.watch import watch_directory
 
-    with live_screen(printable(directory)) as (update, recall), _until_interrupted() as interrupted:
+    with live_screen(printable(directory)) as (update, recall), until_interrupted() as interrupted:
         result = watch_directory(
             directory,
             output,
@@ -68,23 +65,3 @@ def watch(
             **run.settings(),
         )
     finalize(result, processor.instrument)
-
-
-@contextlib.contextmanager
-def _until_interrupted() -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether the user has pressed Ctrl-C; the second Ctrl-C ends at once."""
-    interrupted = False
-    before = signal.getsignal(signal.SIGINT)
-
-    def interrupt(*_: object) -> None:
-        nonlocal interrupted
-        interrupted = True
-        signal.signal(signal.SIGINT, before)
-        log("jitterkit: ending with the frames that have come; Ctrl-C again ends at once.")
-
-    if before is not signal.SIG_IGN:  # as it is behind an ampersand in a script, which nobody interrupts
-        signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield lambda: interrupted
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -26,11 +26,11 @@ Fit = Callable[[Frame], tuple[FitResult, OTF]]
 
 
 def left_out(pixels: int) -> str:
-    """Say in a sentence that single pixels were left out."""
-    which = (
-        "1 pixel that stood out alone was" if pixels == 1 else f"{pixels} pixels that stood out alone were"
-    )
-    return f"{which} left out."
+    """Say in a sentence that single pixels were left out; nothing if none were."""
+    if not pixels:
+        return ""
+    which, were = ("1 pixel", "was") if pixels == 1 else (f"{pixels} pixels", "were")
+    return f"{which} that stood out alone {were} left out."
 
 
 def fit_without_outliers(

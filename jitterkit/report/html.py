@@ -25,7 +25,7 @@ from markupsafe import Markup
 from jitterkit.frames.whole import replacing
 from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
-from jitterkit.report.pictures import FrameReport, Gallery
+from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_pictures
 from jitterkit.report.row import Row
 from jitterkit.report.run_fit import say_fit
 from jitterkit.report.run_pictures import run_pictures
@@ -55,7 +55,7 @@ def write_report(
     table: QTable,
     summary: dict[str, Any],
     *,
-    max_pictures: int = 24,
+    max_pictures: int = MOST_PICTURES,
     title: str = "jitterkit report",
     overwrite: bool = False,
 ) -> None:
@@ -65,8 +65,7 @@ def write_report(
     ----------
     path : str or Path
     entries : iterable of FrameReport
-        The frames with pictures, consumed one by one; of a long run, what a
-        :class:`~jitterkit.report.pictures.Gallery` chose.
+        The frames with pictures; of a long run, the worst of them.
     table : QTable
         All frames.
     summary : dict
@@ -84,16 +83,15 @@ def write_report(
     FrameError
         If the file exists and may not be overwritten, or cannot be written.
     """
-    gallery = Gallery(max_pictures)
-    for entry in entries:
-        gallery.add(entry)
+    entries = list(entries)
+    shown = [entries[place] for place in choose_pictures([entry.row for entry in entries], max_pictures)]
     page = _template().render(
         title=printable(title),
         style=Markup(_resource("report.css")),
         table=_Listing(table),
         summary=summary,
         plots=run_pictures(table, summary),
-        pictures=gallery.chosen(),
+        pictures=shown,
         provenance=_flattened({k: v for k, v in table.meta.items() if k != "flags"}),
     )
     with replacing(Path(path), overwrite) as temporary:

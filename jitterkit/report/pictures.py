@@ -1,20 +1,22 @@
-"""One fitted frame as a picture, made right after the fit so that the frame can be let go.
+"""One fitted frame as a picture: data, model, residual and kernel side by side.
 
-:func:`render_frame` encodes data, model, residual and kernel side by side; a :class:`Gallery` keeps
-the few of a long run that are worth looking at.
+:func:`render_frame` draws a frame at once.  A run keeps :func:`pack_picture` of a few frames and draws the
+worst of them at its end with :func:`render_picture`; :func:`choose_pictures` says which.
 """
 
 from __future__ import annotations
 
-import heapq
+import io
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, printable
 from jitterkit.frames.frame import Frame
+from jitterkit.loci import LOCI, Locus, locus_name
 from jitterkit.refit.result import FitResult
 from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.plots import (
@@ -26,10 +28,17 @@ from jitterkit.report.plots import (
     stretch,
 )
 from jitterkit.report.row import Row, make_row
-from jitterkit.report.words import number, printable
+from jitterkit.report.words import number
 from jitterkit.scene import Stars
 
-__all__ = ["MOST_PICTURES", "FrameReport", "Gallery", "render_frame"]
+__all__ = [
+    "MOST_PICTURES",
+    "FrameReport",
+    "choose_pictures",
+    "pack_picture",
+    "render_frame",
+    "render_picture",
+]
 
 MOST_PICTURES = 24
 """Frames that a report shows."""
@@ -57,6 +66,22 @@ class FrameReport:
     alt: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """What is drawn of a frame: images (ny, nx), masked pixels NaN; the scale in arcsec per pixel."""
+
+    name: str
+    plate_scale: float | None
+    data: np.ndarray
+    model: np.ndarray | None = None
+    residual: np.ndarray | None = None
+    chi2_dof: float = math.nan
+    stars: np.ndarray | None = None
+    letters: str = ""
+    locus: Locus | None = None
+    locus_name: str = ""
+
+
 def render_frame(frame: Frame, result: FitResult, row: Row | None = None) -> FrameReport:
     """Draw data, model, residual and kernel of a frame.
 
@@ -73,85 +98,96 @@ def render_frame(frame: Frame, result: FitResult, row: Row | None = None) -> Fra
     report : FrameReport
         About 0.06 MB, and free of the arrays it was made from.
     """
+    if row is None:
+        row = make_row(result, frame.path, frame.index, metadata=frame.metadata, flags=frame.flags)
+    return _draw(_picture(frame, result), row)
+
+
+def pack_picture(frame: Frame, result: FitResult) -> bytes:
+    """Return what a picture is drawn from, compressed: about 0.15 MB for a frame of 128 x 128 pixels."""
+    picture = _picture(frame, result)
+    names = ("data", "model", "residual", "stars")
+    arrays = {name: getattr(picture, name) for name in names if getattr(picture, name) is not None}
+    arrays = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+    kind = "" if picture.locus is None else locus_name(picture.locus)
+    if picture.locus is not None and kind in LOCI:
+        arrays["coords"] = np.asarray(picture.locus.coords)
+    texts = {"name": picture.name, "letters": picture.letters, "locus_name": picture.locus_name}
+    numbers = {"plate_scale": picture.plate_scale, "chi2_dof": picture.chi2_dof, "kind": kind}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, text=np.array(json.dumps(texts | numbers)), **arrays)
+    return buffer.getvalue()
+
+
+def render_picture(packed: bytes, row: Row) -> FrameReport:
+    """Draw what :func:`pack_picture` packed of the frame with a row."""
+    with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
+        found = {name: arrays[name] for name in arrays.files}
+    told = json.loads(str(found.pop("text")))
+    kind, coords = told.pop("kind"), found.pop("coords", None)
+    locus = None if coords is None else LOCI[kind](coords)
+    return _draw(_Picture(**told, **found, locus=locus), row)
+
+
+def choose_pictures(rows: Sequence[Row], limit: int = MOST_PICTURES) -> list[int]:
+    """Choose the frames of a run that are worth a picture: what failed, and what fits worst.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+    limit : int
+        How many to choose.  Half are frames that failed, half those that were fitted; what one kind leaves
+        free the other takes.
+
+    Returns
+    -------
+    indices : list of int
+        Failures first, each kind from the worst fit to the best; one without a fit comes last of its kind,
+        and ties stay in order.
+    """
+    if limit < 0:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"A report cannot show {limit} pictures; give zero or more."
+        )
+    misfits = [row["chi2_dof"] if math.isfinite(row["chi2_dof"]) else -math.inf for row in rows]
+    ordered = sorted(range(len(rows)), key=lambda i: -misfits[i])
+    fitted = [i for i in ordered if rows[i]["status"] == "ok"]
+    failed = [i for i in ordered if rows[i]["status"] != "ok"]
+    failed = failed[: max(limit // 2, limit - len(fitted))]
+    return failed + fitted[: limit - len(failed)]
+
+
+def _picture(frame: Frame, result: FitResult) -> _Picture:
     data = np.where(frame.mask, np.nan, frame.electrons)
-    axes = four_panels()
-    plot_image(data, frame.plate_scale, axes[0], norm=stretch(data), title="data")
+    name, scale, p = printable(frame.name), frame.plate_scale, result.parameters
     if result.image is None or result.residual is None:
+        return _Picture(name, scale, data)
+    fit = np.asarray(result.image), np.asarray(result.residual), result.chi2_dof
+    if p is None:
+        return _Picture(name, scale, data, *fit)
+    stars = None if scale is None else np.asarray(p.scene.sources()[:2], float)
+    letters = "" if isinstance(p.scene, Stars) else "AB"
+    return _Picture(name, scale, data, *fit, stars, letters, p.locus, result.locus)
+
+
+def _draw(picture: _Picture, row: Row) -> FrameReport:
+    axes, scale = four_panels(), picture.plate_scale
+    plot_image(picture.data, scale, axes[0], norm=stretch(picture.data), title="data")
+    if picture.model is None or picture.residual is None:
         for ax in axes[1:]:
             ax.set_axis_off()
         shown = "data"
     else:
-        _draw_fit(frame, result, axes[1:], data)
         shown = "data, model, residual and jitter kernel"
-    if row is None:
-        row = make_row(result, frame.path, frame.index, metadata=frame.metadata, flags=frame.flags)
-    return FrameReport(printable(frame.name), row, small_png(axes[0]), f"{shown} of {printable(frame.name)}")
-
-
-def _draw_fit(frame: Frame, result: FitResult, axes: Sequence, data: np.ndarray) -> None:
-    plot_image(np.asarray(result.image), frame.plate_scale, axes[0], norm=stretch(data), title="model")
-    title = f"residual, χ²/dof = {number(result.chi2_dof, 4)}"
-    plot_residual(np.asarray(result.residual), frame.plate_scale, axes[1], title=title)
-    for ax in axes[:2]:
-        ax.set_ylabel("")
-    if result.parameters is not None:
-        if frame.plate_scale is not None:
-            scene = result.parameters.scene
-            plot_stars(*scene.sources()[:2], axes[0], "" if isinstance(scene, Stars) else "AB")
-        title = f"kernel: {result.locus}"
-        plot_kernel(result.parameters.locus, axes[2], plate_scale=frame.plate_scale, title=title)
-
-
-class Gallery:
-    """The frames of a run that are worth a picture: what failed, and what fits worst.
-
-    Parameters
-    ----------
-    limit : int
-        How many to keep in the end.  Half the places are for frames that failed, half for those
-        that were fitted; what one kind leaves free the other takes.
-
-    Notes
-    -----
-    Holds at most ``2 * limit`` pictures however many it is offered.
-    """
-
-    def __init__(self, limit: int = MOST_PICTURES) -> None:
-        if limit < 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A gallery cannot show {limit} pictures; give zero or more."
-            )
-        self.limit = limit
-        self._heaps: dict[bool, list[tuple[float, int, FrameReport]]] = {True: [], False: []}
-        self._count = 0
-
-    def add(self, report: FrameReport) -> None:
-        """Offer a frame; the best-fitting of its kind makes room."""
-        usable, misfit = report.row["status"] == "ok", _misfit(report.row["chi2_dof"])
-        if not self._admits(usable, misfit):
-            return
-        heap, item = self._heaps[usable], (misfit, self._count, report)
-        self._count += 1
-        if len(heap) < self.limit:
-            heapq.heappush(heap, item)
-        else:
-            heapq.heapreplace(heap, item)
-
-    def _admits(self, usable: bool, misfit: float) -> bool:
-        heap = self._heaps[usable]
-        return len(heap) < self.limit or (self.limit > 0 and misfit > heap[0][0])
-
-    def chosen(self) -> list[FrameReport]:
-        """At most ``limit`` frames, failures first, each kind from the worst fit to the best."""
-        failed, fitted = self._ranked(usable=False), self._ranked(usable=True)
-        failed = failed[: max(self.limit // 2, self.limit - len(fitted))]
-        return failed + fitted[: self.limit - len(failed)]
-
-    def _ranked(self, usable: bool) -> list[FrameReport]:
-        worst_first = sorted(self._heaps[usable], key=lambda item: (-item[0], item[1]))
-        return [report for _, _, report in worst_first]
-
-
-def _misfit(chi2_dof: float) -> float:
-    """Rank of a frame; one without a fit comes last of the failures."""
-    return chi2_dof if math.isfinite(chi2_dof) else -math.inf
+        plot_image(picture.model, scale, axes[1], norm=stretch(picture.model), title="model")
+        title = f"residual, χ²/dof = {number(picture.chi2_dof, 4)}"
+        plot_residual(picture.residual, scale, axes[2], title=title)
+        for ax in axes[1:3]:
+            ax.set_ylabel("")
+        if picture.stars is not None:
+            x, y = picture.stars
+            plot_stars(x, y, axes[1], picture.letters)
+        if picture.locus is not None:
+            title = f"kernel: {picture.locus_name}"
+            plot_kernel(picture.locus, axes[3], plate_scale=scale, title=title)
+    return FrameReport(picture.name, row, small_png(axes[0]), f"{shown} of {picture.name}")

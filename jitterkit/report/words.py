@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from jitterkit.errors import printable
+
 __all__ = ["angle_size", "angle_unit", "ellipse_size", "number", "printable", "with_error"]
 
 MINUS, TIMES, MICRO = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}", "\N{MICRO SIGN}"
@@ -12,18 +14,6 @@ NOTHING = "\N{EN DASH}"
 
 #: Sizes from which, and to which, a number is written with a power of ten.
 LARGE, SMALL = 1e6, 1e-5
-
-
-def printable(text: object) -> str:
-    r"""Escape everything a terminal, a table or a page could mistake for a command.
-
-    Line breaks, control characters, text-direction marks and the undecodable bytes of a file name
-    become visible escapes.
-
-    >>> printable("night\n1.fits")
-    'night\\n1.fits'
-    """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text))
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from jitterkit.batch.plan import FEWEST
+from jitterkit.batch.plan import PLAN
 from jitterkit.instruments import Instrument
 from jitterkit.optics import Grid
 from jitterkit.trade.fitting import TOGETHER
@@ -46,4 +46,4 @@ def work(settings: Settings, instrument: Instrument, parameters: int, frames: in
         return fit
     rays = instrument.pupil.opd.size / settings.binning**2 * (1 + len(instrument.aberrations))
     look = rays * (settings.samples or len(instrument.spectrum.wavelengths))
-    return fit + look / (min(frames, TOGETHER) if frames >= FEWEST else 1)
+    return fit + look / (min(frames, TOGETHER) if frames >= PLAN.fewest else 1)

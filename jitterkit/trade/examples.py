@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.batch import Processor
-from jitterkit.batch.plan import count_frames
-from jitterkit.batch.survey import read_items
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.plan import FrameReader, count_frames
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.trade.predict import Example
 
@@ -20,7 +19,7 @@ _LOOKED_AT, _TRIED = 3, 12
 
 
 def examples_of(
-    files: Sequence[Path], processor: Processor, hdu: int | None = None
+    files: Sequence[Path], processor: FrameProcessor, hdu: int | None = None
 ) -> tuple[list[Example], int]:
     """Fit frames spread over the files of a run, until there are enough.
 
@@ -28,7 +27,7 @@ def examples_of(
     ----------
     files : sequence of Path
         At least one.
-    processor : Processor
+    processor : FrameProcessor
     hdu : int, optional
         Of FITS files.
 
@@ -52,11 +51,12 @@ def examples_of(
     items = [(file, round(share * (counts[file] - 1))) for file, share in zip(chosen, shares, strict=True)]
     spread = list(dict.fromkeys(items))
     examples: list[Example] = []
-    for _, _, raw in read_items(spread, hdu):
-        example = None if isinstance(raw, JitterkitError) else Example.of(raw, processor)
-        examples += [] if example is None else [example]
-        if len(examples) == _LOOKED_AT:
-            break
+    with FrameReader(hdu) as reader:
+        for _, _, raw in reader.read(spread):
+            example = None if isinstance(raw, JitterkitError) else Example.of(raw, processor)
+            examples += [] if example is None else [example]
+            if len(examples) == _LOOKED_AT:
+                break
     if not examples:
         raise ConfigurationError(
             ErrorCode.TOO_FEW,

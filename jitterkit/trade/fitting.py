@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.batch import Processor
-from jitterkit.batch.survey import Survey
+from jitterkit.batch import FrameProcessor
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.trade.methods import separations
 
@@ -25,29 +24,29 @@ class Fitting:
 
     Attributes
     ----------
-    processor : Processor
+    processor : FrameProcessor
     share : float
         s.
     method : str
         Of :mod:`jitterkit.trade.methods`.
     """
 
-    processor: Processor
+    processor: FrameProcessor
     share: float = 0.0
     method: str = "refit"
 
     @classmethod
     def anchored(
-        cls, processor: Processor, raw: RawFrame, frames: int = TOGETHER, method: str = "refit"
+        cls, processor: FrameProcessor, raw: RawFrame, frames: int = TOGETHER, method: str = "refit"
     ) -> Fitting:
         """With the optics about what a first frame of several shows."""
         frame = processor.calibrate(raw)
-        Survey(processor).shown(frame)  # compiles
+        processor.with_warm_starts({}).warm_start(frame)  # compiles
         began = time.perf_counter()
-        shown = Survey(processor).shown(frame)
+        warm = processor.with_warm_starts({}).warm_start(frame)
         share = (time.perf_counter() - began) / min(max(frames, 1), TOGETHER)
-        known = {} if shown is None else {processor.grid(frame): shown}
-        return cls(replace(processor, known=known), share, method)
+        known = {} if warm is None else {processor.grid(frame): warm}
+        return cls(processor.with_warm_starts(known), share, method)
 
     def separations(self, frames: Iterable[Frame]) -> np.ndarray:
         """Separations of calibrated frames with their errors (n, 2), arcsec.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.instruments import Instrument
@@ -220,7 +220,7 @@ def measure(
 
 
 def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locus: str) -> Fitting:
-    processor = settings.applied(Processor(instrument, scene="binary", locus=locus))
+    processor = settings.applied(FrameProcessor(instrument, scene="binary", locus=locus))
     if settings.aberrations == "expanded" or settings.method == "joint":
         return Fitting(processor, method=settings.method)
     return Fitting.anchored(processor, scene.lead, method=settings.method)

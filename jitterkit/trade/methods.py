@@ -20,8 +20,8 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from jitterkit.batch import Processor
-from jitterkit.batch.estimated import Estimated
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.records import SceneEstimate
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
@@ -35,14 +35,14 @@ _DRAWS, _CHAINS, _WARMUP = 150, 1, 60
 """Fewer than serve for the error itself: what they leave of the mean is what is measured."""
 
 
-def separations(method: str, processor: Processor, frames: Iterable[Frame]) -> np.ndarray:
+def separations(method: str, processor: FrameProcessor, frames: Iterable[Frame]) -> np.ndarray:
     """Separations of calibrated frames of one instrument.
 
     Parameters
     ----------
     method : str
         One of :data:`jitterkit.trade.settings.METHODS`.
-    processor : Processor
+    processor : FrameProcessor
     frames : iterable of Frame
 
     Returns
@@ -61,11 +61,11 @@ def separations(method: str, processor: Processor, frames: Iterable[Frame]) -> n
     return np.array([one(processor, frame) for frame in frames])
 
 
-def _scored(processor: Processor, frame: Frame) -> tuple[float, float]:
+def _scored(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     return float(_estimated(processor, frame).parameters.binary.separation), math.nan
 
 
-def _given_the_blur(processor: Processor, frame: Frame) -> tuple[float, float]:
+def _given_the_blur(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     estimated = _estimated(replace(processor, kernel="mtf"), frame)
     blur = estimated.estimate.locus
     start = estimated.parameters.with_locus(Mvn.near(estimated.estimate.moments) if blur is None else blur)
@@ -74,11 +74,11 @@ def _given_the_blur(processor: Processor, frame: Frame) -> tuple[float, float]:
     return _told(fit_frame(estimated.data, processor.optics(frame), start, estimated.otf, options))
 
 
-def _refitted(processor: Processor, frame: Frame) -> tuple[float, float]:
+def _refitted(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     return _told(processor.fit(frame).result)
 
 
-def _drawn(processor: Processor, frame: Frame) -> tuple[float, float]:
+def _drawn(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     fitted = processor.fit(frame)
     _told(fitted.result)
     frame = frame if fitted.frame is None else fitted.frame
@@ -95,7 +95,7 @@ def _drawn(processor: Processor, frame: Frame) -> tuple[float, float]:
     return posterior.mean("separation"), posterior.error("separation")
 
 
-_OF_ONE: dict[str, Callable[[Processor, Frame], tuple[float, float]]] = {
+_OF_ONE: dict[str, Callable[[FrameProcessor, Frame], tuple[float, float]]] = {
     "score": _scored,
     "mtf": _given_the_blur,
     "refit": _refitted,
@@ -103,7 +103,7 @@ _OF_ONE: dict[str, Callable[[Processor, Frame], tuple[float, float]]] = {
 }
 
 
-def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
+def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     """What each says, all that they share known by all of them, with the joint error."""
     exposures = [
         Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
@@ -123,7 +123,7 @@ def _joint(processor: Processor, frames: list[Frame]) -> np.ndarray:
     return np.array([(one.separation, error) for one in fit.frames()])
 
 
-def _estimated(processor: Processor, frame: Frame) -> Estimated:
+def _estimated(processor: FrameProcessor, frame: Frame) -> SceneEstimate:
     estimated = processor.estimate(frame)
     if isinstance(estimated, FitResult):
         raise JitterkitError(ErrorCode(estimated.reason), estimated.message)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-from jitterkit.batch.plan import FEWEST
+from jitterkit.batch.plan import PLAN
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.trade.cost import work
 from jitterkit.trade.fitting import TOGETHER, Fitting
@@ -155,7 +155,7 @@ class Planner:
         """
         examples = self.outlook.examples
         raws, processor = [one.raw for one in examples], settings.applied(examples[0].processor)
-        few = self.frames < FEWEST  # each of which looks at the optics itself
+        few = self.frames < PLAN.fewest  # each of which looks at the optics itself
         fitting = Fitting(processor) if few else Fitting.anchored(processor, raws[0], self.frames)
         return fitting.timed(raws)[1]
 

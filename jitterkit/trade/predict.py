@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jitterkit.batch import Processor
-from jitterkit.batch.finder import SCORE
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.warm_start import SCORE
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.frames import Frame, RawFrame
@@ -72,20 +72,20 @@ class Example:
     frame : Frame
         Calibrated, cut to what the instrument fits.
     result : FitResult
-    processor : Processor
+    processor : FrameProcessor
         That fitted it.
     """
 
     raw: RawFrame
     frame: Frame
     result: FitResult
-    processor: Processor
+    processor: FrameProcessor
     _told: dict[Settings, tuple[tuple[str, ...], np.ndarray]] = field(
         init=False, repr=False, default_factory=dict
     )
 
     @classmethod
-    def of(cls, raw: RawFrame, processor: Processor) -> Example | None:
+    def of(cls, raw: RawFrame, processor: FrameProcessor) -> Example | None:
         """Fit a frame; None of one that cannot be fitted."""
         processed = processor.process(raw)
         if processed.frame is None or not processed.result.status.usable:
@@ -225,7 +225,7 @@ class Example:
         names = (*self.processor.instrument.aberrations, *self.truth.locus.names)
         return float([*self.truth.aberrations, *self.truth.locus.coords][names.index(name)])
 
-    def _equations(self, processor: Processor) -> tuple[tuple[str, ...], NormalEquations, Array, int]:
+    def _equations(self, processor: FrameProcessor) -> tuple[tuple[str, ...], NormalEquations, Array, int]:
         """Names of the free parameters, what the exact image and what priors tell of them, and its pixels."""
         frame = processor.calibrate(self.raw)
         held = processor.options.hold

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
@@ -55,7 +55,8 @@ class Settings:
     jitter : str
         One of :data:`JITTER`.
     method : str
-        One of :data:`METHODS`, for the ladder; a :class:`~jitterkit.batch.Processor` refits whatever it is.
+        One of :data:`METHODS`, for the ladder; a :class:`~jitterkit.batch.FrameProcessor` refits whatever it
+        is.
 
     Raises
     ------
@@ -134,16 +135,14 @@ class Settings:
             may_be_still=self.jitter == "seen",
         )
 
-    def applied(self, processor: Processor) -> Processor:
+    def applied(self, processor: FrameProcessor) -> FrameProcessor:
         """The same as another processor, with these settings.
 
         In as many bits as JAX is set to, and with aberrations anchored where it is told what is known.
         """
         telescope = processor.instrument
         options = self.options(telescope, processor.options)
-        return replace(
-            processor, instrument=self.instrument(telescope), options=options, known={}, _systems={}
-        )
+        return replace(processor, instrument=self.instrument(telescope), options=options, known={})
 
 
 PRESETS = {

@@ -8,7 +8,7 @@ import skimage.data
 from scipy.ndimage import map_coordinates
 from scipy.special import erf
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.frames import RawFrame, open_frames, write_fits
 from jitterkit.loci import Mvn
 from jitterkit.scene import Binary
@@ -19,7 +19,7 @@ LENGTH, SIGMA = 5.0, 1.5
 
 @pytest.fixture(scope="module")
 def processor(telescope):
-    return Processor(telescope, locus="mvn")  # by itself it would try, and compile, a dozen loci
+    return FrameProcessor(telescope, locus="mvn")  # by itself it would try, and compile, a dozen loci
 
 
 @pytest.fixture(scope="session")

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jitterkit.batch import Processor
-from jitterkit.batch.by_optics import OpticsMeasurer
-from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.frames import write_fits
 from jitterkit.loci import Linear
 from jitterkit.refit import POOR
+from jitterkit.run.estimate import estimate_files
 from jitterkit.scene import Binary
 from jitterkit.simulate import fits_header, simulate_sequence
 
 
 def test_a_frame_without_a_pair_is_a_row_with_a_status(telescope, tmp_path):
     write_fits(tmp_path / "dark.fits", np.random.default_rng(1).normal(100.0, 3.0, (64, 64)))
-    measurer = OpticsMeasurer(Processor(telescope))
+    measurer = TemplateBlurEstimator(FrameProcessor(telescope))
     (row,) = estimate_files([tmp_path / "dark.fits"], measurer)
     assert (row["status"], row["reason"]) == ("no_star", "no_star")
     assert np.isnan(row["sxx"].value)
@@ -38,7 +38,7 @@ def drifted(telescope, tmp_path_factory):
 
 
 def test_a_pair_with_aberrations_is_described_by_its_template(telescope, drifted):
-    (row,) = estimate_files([drifted], OpticsMeasurer(Processor(telescope)))
+    (row,) = estimate_files([drifted], TemplateBlurEstimator(FrameProcessor(telescope)))
     assert (row["status"], row["reason"], row["message"]) == ("ok", "", "")
 
 
@@ -52,7 +52,9 @@ def test_a_frame_that_no_binary_describes_is_a_poor_fit_that_names_its_scale_and
     header = {"BUNIT": "electron", "PIXSCALE": 1.3 * telescope.plate_scale}
     write_fits(tmp_path / "one.fits", star, header=header)
     kept = []
-    (row,) = estimate_files([tmp_path / "one.fits"], OpticsMeasurer(Processor(telescope)), keep=kept.append)
+    (row,) = estimate_files(
+        [tmp_path / "one.fits"], TemplateBlurEstimator(FrameProcessor(telescope)), keep=kept.append
+    )
     assert (row["status"], row["reason"]) == ("poor_fit", "model_mismatch")
     assert np.isnan(row["sxx"].value)
     assert kept == []
@@ -60,7 +62,7 @@ def test_a_frame_that_no_binary_describes_is_a_poor_fit_that_names_its_scale_and
     assert all(f" {way}" in row["message"] for way in ("--stars", "--reference", "--blind", "-i"))
 
 
-class _Blind(Processor):
+class _Blind(FrameProcessor):
     """Finds the pair, and no blur."""
 
     def estimate(self, frame, **kwargs):
@@ -71,13 +73,13 @@ class _Blind(Processor):
 def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_doubted(
     telescope, drifted
 ):
-    (row,) = estimate_files([drifted], OpticsMeasurer(_Blind(telescope)))
+    (row,) = estimate_files([drifted], TemplateBlurEstimator(_Blind(telescope)))
     assert (row["status"], row["reason"]) == ("ok", "")
     without, fitted = map(float, re.findall(r"chi²/dof\D+([\d.e+]+),\D+([\d.e+]+):", row["message"])[0])
     assert without > POOR >= fitted
 
 
-class _Insensitive(Processor):
+class _Insensitive(FrameProcessor):
     """Of a detector that counts a quarter, and whose frames are divided by that."""
 
     def calibrate(self, raw):
@@ -88,10 +90,10 @@ class _Insensitive(Processor):
 @pytest.mark.slow
 def test_the_picture_s_residual_is_in_sigmas_of_what_was_counted(telescope, drifted):
     titles = []
-    for kind in (Processor, _Insensitive):
+    for kind in (FrameProcessor, _Insensitive):
         estimate_files(
             [drifted],
-            OpticsMeasurer(kind(telescope)),
+            TemplateBlurEstimator(kind(telescope)),
             keep=lambda one: titles.append(one.draw()[2].get_title()),
         )
     plain, divided = titles

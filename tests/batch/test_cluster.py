@@ -10,16 +10,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from records import process_batches
 from refusals import refused
 
-from jitterkit.batch import Processor, cluster, dispatch, process_files
-from jitterkit.batch.cluster import connected, process_on_cluster
-from jitterkit.batch.equipment import Equipment
+from jitterkit.batch import FrameProcessor, cluster
+from jitterkit.batch.cluster import connected, execute_on_cluster
+from jitterkit.batch.executor import execute
 from jitterkit.batch.plan import plan_batches
-from jitterkit.batch.stream import process_batches
+from jitterkit.batch.store import TOP
+from jitterkit.batch.worker import WorkerSetup
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits
-from jitterkit.report.pictures import MOST_PICTURES
+from jitterkit.run import process_files
 
 distributed = pytest.importorskip("distributed")
 cloudpickle = pytest.importorskip("cloudpickle")
@@ -43,19 +45,22 @@ def night(telescope, drawn_by, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def processor(telescope):
-    return Processor(telescope, locus="mvn")
+    return FrameProcessor(telescope, locus="mvn")
 
 
-def done(night, engine):
+def done(night, processor, executor):
     """What becomes of each batch, by its number; one picture is left to be drawn, the worst."""
-    ranks = [(True, -1e9, -1, place) for place in range(MOST_PICTURES - 1)]
+    ranks = [(True, -1e9, -1, place) for place in range(TOP - 1)]
     batches = plan_batches(night, [1] * FRAMES, SIZE)
-    return {part.batch.number: part for part in engine(batches, ranks=lambda: ranks)}
+    return {
+        part.batch.number: part
+        for part in process_batches(batches, processor, ranks=ranks, executor=executor)
+    }
 
 
 @pytest.fixture(scope="module")
 def alone(night, processor):
-    return done(night, partial(process_batches, processor=processor, threads=1))
+    return done(night, processor, partial(execute, threads=1))
 
 
 class Armed(distributed.WorkerPlugin):
@@ -65,16 +70,16 @@ class Armed(distributed.WorkerPlugin):
         import os
         import signal
 
-        from jitterkit.batch import survey
+        from jitterkit.batch import plan
 
-        sound = survey.open_frames
+        sound = plan.open_frames
 
         def opened(path, **options):
             if "deadly" in path.name:
                 os.kill(os.getpid(), signal.SIGKILL)
             return sound(path, **options)
 
-        survey.open_frames = opened
+        plan.open_frames = opened
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +89,7 @@ def spread(night, processor, alone):
         cloudpickle.register_pickle_by_value(sys.modules[__name__])  # which workers cannot import
         client.register_plugin(Armed())
         cloudpickle.unregister_pickle_by_value(sys.modules[__name__])
-        return done(night, partial(process_on_cluster, processor=processor, client=client))
+        return done(night, processor, partial(execute_on_cluster, client=client))
 
 
 def exactly(parts):
@@ -114,15 +119,15 @@ def test_a_frame_that_kills_its_worker_has_a_row_that_says_so(spread, night):
 def test_pictures_come_back_with_the_rows(alone, spread):
     assert list(spread[0].pictures) == list(alone[0].pictures)
     name = next(iter(alone[0].pictures))
-    assert spread[0].pictures[name].row == spread[0].rows[name]
+    assert spread[0].pictures[name] == alone[0].pictures[name]
 
 
 def test_a_run_takes_what_workers_give_in_any_order(night, processor, alone, tmp_path, monkeypatch):
-    def backwards(batches, processor, *, hdu, ranks):
+    def backwards(batches, processor, finish, *, hdu):
         return [alone[batch.number] for batch in reversed(list(batches))]
 
-    monkeypatch.setattr("jitterkit.batch.run.batch_size", lambda shape: SIZE)
-    run = process_files(night, tmp_path / "out", processor, engine=backwards)
+    monkeypatch.setattr("jitterkit.run.process.batch_size", lambda shape: SIZE)
+    run = process_files(night, tmp_path / "out", processor, executor=backwards)
     assert list(run.table["file"]) == [path.name for path in night]
 
 
@@ -163,40 +168,40 @@ def test_without_dask_the_remedy_is_told(monkeypatch):
 
 
 @pytest.fixture
-def equipment(processor, night):
-    return Equipment(processor, None, night[0])
+def setup(processor, night):
+    return WorkerSetup(processor, None, night[0])
 
 
 @pytest.fixture
 def far(monkeypatch):
-    """A worker of three threads, as far as equipment asks it; what it sets does not outlast the test."""
+    """A worker of three threads, as far as its setup asks it; what it sets does not outlast the test."""
     for name in ("NPROC", "XLA_PYTHON_CLIENT_PREALLOCATE"):
         monkeypatch.setenv(name, "")  # noted, to be put back
         monkeypatch.delenv(name)
     return SimpleNamespace(address="tcp://far:1", state=SimpleNamespace(nthreads=3))
 
 
-def test_threads_of_a_worker_need_not_wait_for_each_other(equipment, far):
-    equipment.setup(far)
+def test_threads_of_a_worker_need_not_wait_for_each_other(setup, far):
+    setup.setup(far)
     assert os.environ["NPROC"] == "3"
 
 
-def test_what_a_worker_has_set_itself_is_kept(equipment, far, monkeypatch):
+def test_what_a_worker_has_set_itself_is_kept(setup, far, monkeypatch):
     monkeypatch.setenv("NPROC", "2")
-    equipment.setup(far)
+    setup.setup(far)
     assert os.environ["NPROC"] == "2"
 
 
-def test_a_worker_that_does_not_see_the_files_is_told(equipment, far, tmp_path):
-    equipment.witness = tmp_path / "elsewhere.fits"
-    with refused(ErrorCode.NOT_FOUND, far.address, equipment.witness):
-        equipment.setup(far)
+def test_a_worker_that_does_not_see_the_files_is_told(setup, far, tmp_path):
+    setup.probe = tmp_path / "elsewhere.fits"
+    with refused(ErrorCode.NOT_FOUND, far.address, setup.probe):
+        setup.setup(far)
 
 
-def test_a_worker_of_another_version_is_told(equipment, far):
-    equipment.computed["numpy"] = "1.0"
+def test_a_worker_of_another_version_is_told(setup, far):
+    setup.computed["numpy"] = "1.0"
     with refused(ErrorCode.CONFLICT, far.address, f"numpy {np.__version__}", "1.0"):
-        equipment.setup(far)
+        setup.setup(far)
 
 
 @pytest.mark.parametrize(
@@ -213,15 +218,15 @@ def test_where_nothing_is_left_to_work_the_run_ends_with_a_sentence(error, gone)
         raise error
 
     with refused(ErrorCode.WORKER_LOST, gone, "--resume"):
-        dispatch.Dispatch(client=None, name="any", ranks=tuple)._result(SimpleNamespace(result=result))
+        cluster._Scheduler(client=None, name="any", finish=list)._result(SimpleNamespace(result=result))
 
 
 def test_workers_that_die_whatever_they_do_end_the_run():
     def result():
         raise distributed.KilledWorker("task", None, 0)
 
-    one = dispatch.Dispatch(client=None, name="any", ranks=tuple)
+    one = cluster._Scheduler(client=None, name="any", finish=list)
     killing = SimpleNamespace(result=result)
-    assert [one._result(killing) for _ in range(dispatch._HOPELESS - 1)] == [None] * 7
+    assert [one._result(killing) for _ in range(cluster._HOPELESS - 1)] == [None] * 7
     with refused(ErrorCode.WORKER_LOST, 8):
         one._result(killing)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from jitterkit.batch import Finder, process_files
-from jitterkit.batch.by_optics import OpticsMeasurer
-from jitterkit.batch.kernels import estimate_files
-from jitterkit.batch.stream import Done
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.frames import write_fits
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.row import make_row
+from jitterkit.run import process_files
+from jitterkit.run.estimate import estimate_files
 from jitterkit.simulate import fits_header
 
 
@@ -89,16 +89,16 @@ def spell(batches, processor, *, backwards=False, most=9, **_):
 
 @pytest.fixture
 def run(tmp_path, processor, monkeypatch):
-    monkeypatch.setattr("jitterkit.batch.run.batch_size", lambda shape: 2)
-    monkeypatch.setattr("jitterkit.batch.run.count_frames", lambda path, hdu: len(LETTERS[path.name]))
+    monkeypatch.setattr("jitterkit.run.process.batch_size", lambda shape: 2)
+    monkeypatch.setattr("jitterkit.run.process.count_frames", lambda path, hdu: len(LETTERS[path.name]))
     (tmp_path / "in").mkdir()
     for name in LETTERS:
         (tmp_path / "in" / name).touch()
 
     def run(resume=False, watch=None, **how):
-        engine = partial(spell, **how)
+        executor = partial(spell, **how)
         return process_files(
-            [tmp_path / "in"], tmp_path / "out", processor, engine=engine, resume=resume, watch=watch
+            [tmp_path / "in"], tmp_path / "out", processor, executor=executor, resume=resume, watch=watch
         )
 
     return run
@@ -128,7 +128,7 @@ def test_a_run_that_is_resumed_knows_the_pixels_of_the_time_before(run):
 
 def test_an_estimate_counts_a_duplicate_once(night, telescope):
     """A prior made of the table would else count its photons twice."""
-    table = estimate_files([night], OpticsMeasurer(Finder(telescope)))
+    table = estimate_files([night], TemplateBlurEstimator(FrameProcessor(telescope)))
     numbers = table["sxx"].value[table["status"] == "ok"]
     assert list(table["file"][table["status"] == "ok"]) == ["a copy.fits", "b.fits"]
     assert np.isfinite(numbers).all()

@@ -23,7 +23,7 @@ def test_a_batch_goes_across_files_and_through_cubes_in_order():
         (2, ((D, 0),)),
     ]
     # a few frames show each other their scene, and one has no others
-    assert [batch.lead for batch in cut] == [cut[0].items, cut[1].items, ()]
+    assert [batch.references for batch in cut] == [cut[0].items, cut[1].items, ()]
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 48, 1000])

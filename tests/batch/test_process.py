@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from jitterkit.batch import Processor, process_files
-from jitterkit.batch.by_optics import OpticsMeasurer
-from jitterkit.batch.kernels import estimate_files
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits, write_tiff
 from jitterkit.kernel_estimate import KernelEstimate
@@ -17,6 +16,8 @@ from jitterkit.loci import Mvn
 from jitterkit.refit import KernelPrior
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.table import read_table
+from jitterkit.run import process_files
+from jitterkit.run.estimate import estimate_files
 from jitterkit.simulate import fits_header, tiff_metadata
 
 
@@ -173,7 +174,7 @@ def test_a_world_coordinate_system_gives_a_position_angle(telescope, processor, 
 
 
 def test_estimates_come_as_a_table(spoilt, processor):
-    table = estimate_files([spoilt], OpticsMeasurer(processor))
+    table = estimate_files([spoilt], TemplateBlurEstimator(processor))
     good = table[table["status"] == "ok"]
     assert set(good["file"]) >= {"a-good.fits", "z-good.fits"}
     assert {"no_star", "unreadable", "no_data"} <= set(table["status"])
@@ -190,7 +191,7 @@ def test_sample_frames_directory_is_where_the_readme_says():
 def test_a_prior_that_the_frame_contradicts_is_a_flag_in_its_row(telescope, tmp_path, rng, drawn):
     estimate = KernelEstimate(np.array([0.5, 0.0, 0.5]), np.eye(3) * 1e-4, "score", "yesterday.fits[0]")
     write(tmp_path / "frame.fits", drawn(rng), telescope)
-    processor = Processor(telescope, locus="mvn", prior=KernelPrior("a file", (estimate,)))
+    processor = FrameProcessor(telescope, locus="mvn", prior=KernelPrior("a file", (estimate,)))
     (row,) = process_files([tmp_path / "frame.fits"], tmp_path / "out", processor).table
     assert row["status"] == "ok"
     assert "prior_contradicted" in decode_flags(row["flags"])

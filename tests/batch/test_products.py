@@ -9,19 +9,19 @@ import pytest
 from astropy.io import fits
 from refusals import refused
 
-from jitterkit.batch.kernels import estimate_files
-from jitterkit.batch.products import Products
-from jitterkit.batch.scenes import SceneMeasurer
+from jitterkit.batch.scene_blur import SceneBlurEstimator
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, write_tiff
 from jitterkit.frames.images import read_image
 from jitterkit.kernels import read_kernel
 from jitterkit.refit import read_kernel_prior
+from jitterkit.run.estimate import estimate_files
+from jitterkit.run.products import Products
 
 
 def test_pictures_kernels_and_deblurred_images_are_named_after_the_frame(folder, tmp_path, first):
     products = Products(tmp_path / "a", tmp_path / "b", tmp_path / "c")
-    table = estimate_files([folder / "view.fits"], SceneMeasurer(), keep=products.write)
+    table = estimate_files([folder / "view.fits"], SceneBlurEstimator(), keep=products.write)
     assert (tmp_path / "a/view.png").read_bytes().startswith(b"\x89PNG")
     kernel = read_kernel(tmp_path / "b/view.kernel.fits").kernel
     x = np.arange(kernel.shape[1]) - kernel.shape[1] // 2
@@ -71,7 +71,7 @@ def test_two_frames_of_one_name_do_not_replace_each_others_products(namesakes, t
     for count in (1, 2):
         refusals, products = [], Products(**{kind: tmp_path / str(count)})
         keep = refusals_of(products, refusals)
-        table = estimate_files(namesakes[:count], SceneMeasurer(stars=True), keep=keep)
+        table = estimate_files(namesakes[:count], SceneBlurEstimator(stars=True), keep=keep)
         written.append((tmp_path / str(count) / f"field.{end}").read_bytes())
     assert written[0] == written[1]
     assert list(table["status"]) == ["ok", "undetermined"]  # the second field's stars are round
@@ -83,7 +83,7 @@ def test_two_frames_of_one_name_do_not_replace_each_others_products(namesakes, t
 
 def test_where_nothing_is_written_frames_may_share_a_name(namesakes):
     refusals = []
-    table = estimate_files(namesakes, SceneMeasurer(stars=True), keep=refusals_of(Products(), refusals))
+    table = estimate_files(namesakes, SceneBlurEstimator(stars=True), keep=refusals_of(Products(), refusals))
     assert list(table["status"]) == ["ok", "undetermined"]  # the second field's stars are round
     assert refusals == []
 
@@ -92,7 +92,7 @@ def test_a_second_frame_of_one_stem_has_products_of_its_file_s_full_name(folder,
     (tmp_path / "field.fit").write_bytes((folder / "field.fits").read_bytes())
     refusals, products = [], Products(kernels=tmp_path / "kernels")
     files = [tmp_path / "field.fit", folder / "field.fits"]
-    estimate_files(files, SceneMeasurer(stars=True), keep=refusals_of(products, refusals))
+    estimate_files(files, SceneBlurEstimator(stars=True), keep=refusals_of(products, refusals))
     assert refusals == []
     assert (tmp_path / "kernels/field.kernel.fits").exists()
     assert read_kernel(tmp_path / "kernels/field.fits.kernel.fits").cards["SOURCE"] == "field.fits"
@@ -101,7 +101,7 @@ def test_a_second_frame_of_one_stem_has_products_of_its_file_s_full_name(folder,
 @pytest.mark.parametrize("oversample", [2, 3])
 def test_an_exported_kernel_has_the_oversampling_asked_for_and_says_so(folder, tmp_path, oversample):
     products = Products(kernels=tmp_path, oversample=oversample)
-    table = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=products.write)
+    table = estimate_files([folder / "field.fits"], SceneBlurEstimator(stars=True), keep=products.write)
     kernel, scale, cards = read_kernel(tmp_path / "field.kernel.fits")
     assert (scale, cards["OVERSAMP"]) == (pytest.approx(0.5 / oversample), oversample)
     assert cards["GS_SCALE"] == scale
@@ -114,7 +114,7 @@ def test_an_exported_kernel_has_the_oversampling_asked_for_and_says_so(folder, t
 def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
     measured = []
     keep = measured.append
-    table = estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=keep)
+    table = estimate_files([folder / "field.fits"], SceneBlurEstimator(stars=True), keep=keep)
     table.write(tmp_path / "k.ecsv", format="ascii.ecsv")
     found = measured[0].estimate
     mean, covariance = read_kernel_prior(tmp_path / "k.ecsv").of("another.fits").moments
@@ -125,27 +125,27 @@ def test_a_table_carries_what_a_prior_needs_of_it(folder, tmp_path):
 class _Same:
     """A measurer that has the same to say of every frame."""
 
-    name, threads, together = "same", 1, 8
+    name, threads, batch_size, plate_scale = "same", 1, 8, None
 
     def __init__(self, measured):
         self.measured = measured
 
-    def among(self, batch, hdu):
+    def for_batch(self, batch, hdu):
         return self
 
-    def begin(self, raw):
+    def prepare(self, raw):
         return raw
 
-    def measure(self, raw):
+    def complete(self, raw):
         return self.measured(raw)
 
 
 @pytest.mark.parametrize("breakage", ["estimate", "picture"])
 def test_a_frame_that_breaks_down_takes_no_row_with_it(folder, tmp_path, breakage):
-    scenes = SceneMeasurer(stars=True)
+    scenes = SceneBlurEstimator(stars=True)
 
     def measured(raw):
-        found = scenes.measure(raw)
+        found = scenes.complete(raw)
         odd = replace(found.estimate, covariance=np.zeros((3, 3)))
         return replace(found, estimate=odd) if breakage == "estimate" else found
 
@@ -172,7 +172,7 @@ def test_each_frame_has_a_row_of_its_own(folder, tmp_path):
     def measured(raw):
         if raw.name == "view.fits":
             raise np.linalg.LinAlgError("Singular matrix")
-        return replace(SceneMeasurer(stars=True).measure(raw_field), message=raw.name)
+        return replace(SceneBlurEstimator(stars=True).complete(raw_field), message=raw.name)
 
     with open_frames(files[0]) as file:
         raw_field = file[0]
@@ -189,7 +189,7 @@ def test_each_frame_has_a_row_of_its_own(folder, tmp_path):
 @pytest.mark.parametrize(("size", "told"), [(0.5, True), (5.0, False)])
 def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path, size, told):
     def measured(raw):
-        found = SceneMeasurer(stars=True).measure(raw)
+        found = SceneBlurEstimator(stars=True).complete(raw)
         # chi-squared of one moment of size standard errors: 0.25 and 25, of three one in 1000 is beyond 16.3
         noise = replace(found.estimate, moments=size * np.array([1e-3, 0, 0]), covariance=np.eye(3) * 1e-6)
         return replace(found, estimate=replace(noise, locus=None))
@@ -203,7 +203,7 @@ def test_undetected_jitter_is_called_so_in_its_row_and_its_file(folder, tmp_path
 @pytest.mark.parametrize(("spread", "remarked"), [(0.01, True), (0.03, False)])
 def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder, spread, remarked):
     def measured(raw):
-        found = SceneMeasurer(stars=True).measure(raw)
+        found = SceneBlurEstimator(stars=True).complete(raw)
         kernel = np.outer([0, 1, 0], [0.25, 0.5, 0.25])  # a variance of half a pixel² along x, none along y
         moments = np.array([0.1, 0.0, 0.0])  # at 0.5 arcsec a pixel the kernel has 0.125
         pixels = replace(found.estimate, kernel=kernel, locus=None, moments=moments)
@@ -219,7 +219,7 @@ def test_exports_of_a_tiff_say_the_order_of_their_rows(folder, tmp_path, first, 
     data = first(folder / "view.fits").data
     write_tiff(tmp_path / "view.tif", data.astype(np.float32), metadata={"plate_scale": 0.5})
     products = Products(kernels=tmp_path / "k", images=tmp_path / "i", file_rows=file_rows)
-    (row,) = estimate_files([tmp_path / "view.tif"], SceneMeasurer(), keep=products.write)
+    (row,) = estimate_files([tmp_path / "view.tif"], SceneBlurEstimator(), keep=products.write)
     assert row["status"] == "ok", row["message"]
     array, cards = read_image(tmp_path / "k/view.kernel.fits")
     image, image_cards = read_image(tmp_path / "i/view.deblurred.fits")
@@ -235,13 +235,15 @@ def test_exports_of_a_tiff_say_the_order_of_their_rows(folder, tmp_path, first, 
 
 
 def test_exports_of_a_frame_that_begins_with_its_lowest_row_say_nothing_of_rows(folder, tmp_path):
-    estimate_files([folder / "field.fits"], SceneMeasurer(stars=True), keep=Products(kernels=tmp_path).write)
+    estimate_files(
+        [folder / "field.fits"], SceneBlurEstimator(stars=True), keep=Products(kernels=tmp_path).write
+    )
     assert "ROWORDER" not in read_kernel(tmp_path / "field.kernel.fits").cards
 
 
 def test_a_blur_that_is_no_trail_is_undetermined_and_its_kernel_says_so(folder, tmp_path):
     products = Products(kernels=tmp_path, images=tmp_path)
-    (row,) = estimate_files([folder / "sharpfield.fits"], SceneMeasurer(stars=True), keep=products.write)
+    (row,) = estimate_files([folder / "sharpfield.fits"], SceneBlurEstimator(stars=True), keep=products.write)
     assert (row["status"], row["reason"]) == ("undetermined", "not_constrained")
     assert "compatible with zero" in row["message"]
     assert np.isnan(row["significance"])

@@ -4,18 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from records import process_batches
 
-from jitterkit.batch import Processor
-from jitterkit.batch.by_optics import OpticsMeasurer
-from jitterkit.batch.kernels import estimate_files
-from jitterkit.batch.plan import plan_batches
-from jitterkit.batch.stream import process_batches
-from jitterkit.batch.survey import read_items
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.plan import FrameReader, plan_batches
+from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Mvn, Stable
 from jitterkit.optics import obstructed_circle
 from jitterkit.report.flags import decode_flags
+from jitterkit.run.estimate import estimate_files
 from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
@@ -47,7 +46,7 @@ def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(teles
     (files, truth), (names, noting) = night, searched
     names.clear()
     kept = []
-    table = estimate_files(files, OpticsMeasurer(noting(telescope)), keep=kept.append)
+    table = estimate_files(files, TemplateBlurEstimator(noting(telescope)), keep=kept.append)
     assert list(table["status"]) == ["ok"] * FRAMES
     assert {name for name in names if name != files[0].name} == {files[OTHER].name}
     pulls = [
@@ -61,8 +60,8 @@ def test_threads_do_not_matter(telescope, night, monkeypatch):
     files, _ = night
     tables = []
     for threads in (1, 3):
-        monkeypatch.setattr(OpticsMeasurer, "threads", threads)
-        tables.append(estimate_files(files, OpticsMeasurer(Processor(telescope))))
+        monkeypatch.setattr(TemplateBlurEstimator, "threads", threads)
+        tables.append(estimate_files(files, TemplateBlurEstimator(FrameProcessor(telescope))))
     for name in tables[0].colnames:
         np.testing.assert_array_equal(np.asarray(tables[0][name]), np.asarray(tables[1][name]), err_msg=name)
 
@@ -72,7 +71,7 @@ def searched(telescope):
     """Names of frames that were searched through for a pair; beside it a processor that notes them."""
     names = []
 
-    class Noting(Processor):
+    class Noting(FrameProcessor):
         def _found(self, frame, data, *, rough=False):
             names.append(frame.name)
             return super()._found(frame, data, rough=rough)
@@ -83,7 +82,7 @@ def searched(telescope):
 def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, tmp_path):
     rng, names, truth = np.random.default_rng(7), [], []
 
-    class Noting(Processor):
+    class Noting(FrameProcessor):
         def _found(self, frame, data, *, rough=False):
             names.append(frame.name)
             return super()._found(frame, data, rough=rough)
@@ -114,7 +113,7 @@ def test_frames_of_a_run_share_the_doubt_and_an_odd_one_its_own_scene(telescope,
         image = simulate_frame(telescope, scene, Stable.of(), aberrations=[5.0, -8.0], rng=rng).raw.data
         write_fits(tmp_path / f"{number:02d}.fits", image.astype(np.float32))
     batches = plan_batches(sorted(tmp_path.iterdir()), [1] * 9, 9)
-    (done,) = process_batches(batches, Processor(telescope, locus="mvn"))
+    (done,) = process_batches(batches, FrameProcessor(telescope, locus="mvn"))
     other = done.rows.pop(OTHER)
     assert (other["status"], other["scene"]) == ("ok", "binary")
     assert {(row["status"], row["scene"]) for row in done.rows} == {("ok", "star")}
@@ -141,9 +140,9 @@ def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alon
     assert {name for name in names if name != files[0].name} == {files[OTHER].name}
     some = slice(None, None, 3)
     for (_, _, raw), row in zip(
-        read_items([(path, 0) for path in files[some]], None), rows[some], strict=True
+        FrameReader().read([(path, 0) for path in files[some]]), rows[some], strict=True
     ):
-        alone = Processor(telescope, **{"locus": "mvn", **options}).process(raw).result
+        alone = FrameProcessor(telescope, **{"locus": "mvn", **options}).process(raw).result
         for name in ("separation", "theta", "x", "flux", "contrast"):
             assert abs(row[name] - alone.of_scene(name)) < 0.05 * alone.error(name)
         assert row["separation_err"] == pytest.approx(alone.error("separation"), rel=2e-3)
@@ -157,7 +156,7 @@ def test_fits_of_repeated_frames_are_the_same_to_the_last_digit_whoever_works_an
     first, second = plan_batches(files, [1] * FRAMES, 8)
 
     def rows(*batches, threads):
-        done = [*process_batches(batches, Processor(telescope, locus="mvn"), threads=threads)][-1]
+        done = [*process_batches(batches, FrameProcessor(telescope, locus="mvn"), threads=threads)][-1]
         return [repr({**row, "seconds": 0.0}) for row in done.rows]
 
     assert rows(second, threads=1) == rows(first, second, threads=3)

@@ -10,18 +10,18 @@ from functools import partial
 import pytest
 from refusals import refused
 
-from jitterkit.batch import process_files
-from jitterkit.batch.ledger import LEDGER
-from jitterkit.batch.stream import Done
+from jitterkit.batch.store import STORE
 from jitterkit.errors import ErrorCode
 from jitterkit.refit import FitResult, Status
 from jitterkit.report.row import make_row
+from jitterkit.run import process_files
+from jitterkit.run.rows import Record
 
 FILES, SIZE = 6, 2
 RESULTS = {"results.ecsv", "summary.json", "report.html", "configuration.json"}
 
 
-def spell(batches, processor, *, most=FILES, **_):
+def spell(batches, processor, finish, *, most=FILES, **_):
     """Do some batches, then hear Ctrl-C."""
     for done, batch in enumerate(batches):
         if done == most:
@@ -30,21 +30,21 @@ def spell(batches, processor, *, most=FILES, **_):
             make_row(FitResult(Status.UNREADABLE, path.read_text()[place]), path, place)
             for path, place in batch.items
         ]
-        yield Done(batch, rows, {})
+        yield Record(batch, rows, {})
 
 
 @pytest.fixture
 def run(tmp_path, processor, monkeypatch):
     """Process the files of the night, a letter each, into a directory."""
-    monkeypatch.setattr("jitterkit.batch.run.batch_size", lambda shape: SIZE)
-    monkeypatch.setattr("jitterkit.batch.run.count_frames", lambda path, hdu: len(path.read_text()))
+    monkeypatch.setattr("jitterkit.run.process.batch_size", lambda shape: SIZE)
+    monkeypatch.setattr("jitterkit.run.process.count_frames", lambda path, hdu: len(path.read_text()))
     (tmp_path / "night").mkdir()
     for number in range(FILES):
         (tmp_path / "night" / f"{number}.fits").write_text("a")
 
     def run(most=FILES, **options):
-        engine = partial(spell, most=most)
-        done = process_files([tmp_path / "night"], tmp_path / "out", processor, engine=engine, **options)
+        executor = partial(spell, most=most)
+        done = process_files([tmp_path / "night"], tmp_path / "out", processor, executor=executor, **options)
         return "".join(done.table["message"])
 
     return run
@@ -122,7 +122,7 @@ def test_a_directory_that_has_gained_files_is_told_how_many_and_what_to_do(stopp
 
 def test_results_without_a_ledger_are_not_replaced_by_going_on(run, out):
     run()
-    (out / LEDGER).unlink()
+    (out / STORE).unlink()
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     with refused(ErrorCode.EXISTS, out, "results.ecsv", "--overwrite"):
         run(resume=True)
@@ -133,7 +133,7 @@ def test_results_without_a_ledger_are_not_replaced_by_going_on(run, out):
 def test_results_beside_a_ledger_that_holds_no_run_are_not_replaced_either(run, out):
     out.mkdir()
     (out / "report.html").write_text("mine")
-    (out / LEDGER).touch()  # of a run that was killed before it began
+    (out / STORE).touch()  # of a run that was killed before it began
     with refused(ErrorCode.EXISTS, out, "report.html"):
         run(resume=True)
     assert (out / "report.html").read_text() == "mine"
@@ -141,15 +141,15 @@ def test_results_beside_a_ledger_that_holds_no_run_are_not_replaced_either(run, 
 
 def test_a_run_that_is_begun_anew_and_interrupted_leaves_no_results_of_the_one_before(run, night, out):
     run()
-    assert names(out) == RESULTS | {LEDGER}
+    assert names(out) == RESULTS | {STORE}
     (out / "summary.json.bak").write_text("mine")
     (out / "plots").mkdir()
     (night / "5.fits").write_text("b")
     with pytest.raises(KeyboardInterrupt):
         run(most=1, overwrite=True)
-    assert names(out) == {LEDGER, "summary.json.bak", "plots"}
+    assert names(out) == {STORE, "summary.json.bak", "plots"}
     assert run(resume=True) == "aaaaab"
-    assert names(out) == RESULTS | {LEDGER, "summary.json.bak", "plots"}
+    assert names(out) == RESULTS | {STORE, "summary.json.bak", "plots"}
 
 
 def test_results_that_cannot_be_removed_keep_the_run_to_which_they_belong(run, out):

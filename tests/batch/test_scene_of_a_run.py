@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jitterkit.batch import finder
+from jitterkit.batch import processor as processing
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.survey import Survey
 from jitterkit.frames import write_fits
 from jitterkit.loci import Stable
 from jitterkit.refit.scene_choice import SceneEvidence
@@ -21,7 +20,7 @@ PAIR = Binary(3.0, 30.0, 1.0, -2.0, 1.2e5, 2.0)
 @pytest.fixture
 def hesitant(telescope, rng, tmp_path, monkeypatch):
     """A batch of four frames of a pair, each of which says that it leaves that open."""
-    choose = finder.choose_scene
+    choose = processing.choose_scene
     covariance = np.diag([0.05, 6.0, 0.25]) ** 2
     told = SceneEvidence(0.0, 13.0, -0.2, math.log(0.05), np.array([3.0, 30.0, 2.0]), covariance)
 
@@ -29,7 +28,7 @@ def hesitant(telescope, rng, tmp_path, monkeypatch):
         found = choose(*given, **options)
         return replace(found, log_odds=1.0, readings="one star, or two", evidence=told)
 
-    monkeypatch.setattr(finder, "choose_scene", hesitate)
+    monkeypatch.setattr(processing, "choose_scene", hesitate)
     items = []
     for number in range(4):
         path, simulated = tmp_path / f"{number}.fits", simulate_frame(telescope, PAIR, Stable.of(), rng=rng)
@@ -39,25 +38,25 @@ def hesitant(telescope, rng, tmp_path, monkeypatch):
 
 
 def test_few_frames_that_do_not_decide_alone_decide_together(hesitant, processor, telescope, rng):
-    known = Survey(processor).of(hesitant)
+    known = processor.for_batch(hesitant).known
     (shown,) = known.values()
     assert (shown.scene, len(shown.choices)) == ("binary", 4)
     assert shown.reference is None  # so few are not registered
     raw = simulate_frame(telescope, PAIR, Stable.of(), rng=rng).raw
     assert processor.process(raw).result.status.name == "UNDETERMINED"
-    result = replace(processor, known=known).process(raw).result
+    result = processor.with_warm_starts(known).process(raw).result
     assert result.status.usable, result.message
     assert result.parameters.scene.name == "binary"
 
 
 def test_frames_that_disagree_about_the_pair_show_one_star(hesitant, processor):
-    survey, angles = Survey(processor), iter((30.0, 80.0, 130.0, 200.0))
+    angles, choose = iter((30.0, 80.0, 130.0, 200.0)), processor.choose_scene
 
     def turned(frame):
-        found = finder.Finder.choose_scene(processor, frame)
+        found = choose(frame)
         told = replace(found.evidence, values=np.array([3.0, next(angles), 2.0]))
         return replace(found, evidence=told)
 
     processor.choose_scene = turned
-    (shown,) = survey.of(hesitant).values()
+    (shown,) = processor.for_batch(hesitant).known.values()
     assert shown.scene == "star"

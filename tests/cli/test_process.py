@@ -36,14 +36,14 @@ def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_pat
     out = str(tmp_path / "out")
     command = ["process", str(blanks), "-o", out, "-i", "smallsat", "--locus", "mvn"]
     with monkeypatch.context() as patched:
-        patched.setattr("jitterkit.batch.run.process_batches", interrupted)
+        patched.setattr("jitterkit.run.process.execute", interrupted)
         stopped = runner.invoke(app, command)
     assert stopped.exit_code == 130
     assert how_to_go_on(stopped, out) == {"--resume"}
     told(runner.invoke(app, command), ErrorCode.EXISTS, out)  # which is not to be lost unasked
     assert runner.invoke(app, [*command, "--resume"]).exit_code == 1
     with monkeypatch.context() as patched:
-        patched.setattr("jitterkit.batch.run.process_batches", interrupted)
+        patched.setattr("jitterkit.run.process.execute", interrupted)
         stopped = runner.invoke(app, [*command, "--overwrite"])
     assert how_to_go_on(stopped, out) == {"--resume", "--overwrite"}
 

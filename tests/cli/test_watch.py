@@ -1,16 +1,13 @@
 """``jitterkit watch``: what it shows, how it ends, and the options it shares with ``process``."""
 
 import json
-import os
 import re
-import signal
 
 import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
 from jitterkit.cli.screen import _EVERY, Screen, _lines
-from jitterkit.cli.watch import _until_interrupted
 from jitterkit.errors import ErrorCode
 from jitterkit.report.table import read_table
 
@@ -59,25 +56,6 @@ def test_where_there_is_no_terminal_lines_come_every_few_seconds(capsys):
         follow(row(number))
     said = capsys.readouterr().err.splitlines()
     assert [re.search(r"; last (\d)", line)[1] for line in said] == ["0", "3"]
-
-
-@pytest.fixture
-def listening():
-    """As at a terminal; what a shell starts in the background does not hear SIGINT."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-def test_who_asks_once_is_waited_for_and_who_asks_twice_is_not(listening, capsys):
-    with _until_interrupted() as asked:
-        assert not asked()
-        os.kill(os.getpid(), signal.SIGINT)
-        assert asked()
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
-    assert capsys.readouterr().err.count("Ctrl-C") == 1
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_frames_are_watched_for_and_the_result_is_told_as_process_tells_it(tmp_path):

@@ -106,11 +106,12 @@ def test_a_row_whose_digest_is_missing_goes_by_its_name(rng, tmp_path, estimates
 
 
 def test_a_frame_is_told_its_own_row_by_its_pixels_from_file_to_fit(telescope, tmp_path, rng):
-    from jitterkit.batch import Processor, process_files
-    from jitterkit.batch.by_optics import OpticsMeasurer
-    from jitterkit.batch.kernels import estimate_files
+    from jitterkit.batch import FrameProcessor
+    from jitterkit.batch.template_blur import TemplateBlurEstimator
     from jitterkit.frames import write_fits
     from jitterkit.report.flags import decode_flags
+    from jitterkit.run import process_files
+    from jitterkit.run.estimate import estimate_files
     from jitterkit.scene import Binary
     from jitterkit.simulate import fits_header, simulate_frame
 
@@ -123,8 +124,8 @@ def test_a_frame_is_told_its_own_row_by_its_pixels_from_file_to_fit(telescope, t
         write_fits(folder / "frame.fits", drawn.raw.data.astype(np.uint16), header=header)
     first = folders[0] / "frame.fits"
     (tmp_path / "renamed.fits").write_bytes(first.read_bytes())
-    plain = Processor(telescope, locus="mvn")
-    estimate_files([first], OpticsMeasurer(plain)).write(tmp_path / "e.ecsv", format="ascii.ecsv")
+    plain = FrameProcessor(telescope, locus="mvn")
+    estimate_files([first], TemplateBlurEstimator(plain)).write(tmp_path / "e.ecsv", format="ascii.ecsv")
     told = replace(plain, prior=read_kernel_prior(tmp_path / "e.ecsv"))
     files = [tmp_path / "renamed.fits", folders[1] / "frame.fits"]
     without = process_files(files, tmp_path / "without", plain).table

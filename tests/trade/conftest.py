@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.detectors import Detector
 from jitterkit.instruments import Instrument
 from jitterkit.loci import Mvn
@@ -49,7 +49,7 @@ def one(plain):
 @pytest.fixture(scope="session")
 def example(plain, one):
     """The frame as its noise has it."""
-    return Example.of(one.noisy[0], Processor(plain, locus="mvn"))
+    return Example.of(one.noisy[0], FrameProcessor(plain, locus="mvn"))
 
 
 @pytest.fixture(scope="session")

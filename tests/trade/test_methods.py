@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.loci import Linear, Mvn
 from jitterkit.scene import Binary
@@ -18,7 +18,7 @@ from jitterkit.trade.methods import separations
 
 @pytest.fixture(scope="module")
 def anchored(plain, scene):
-    return Fitting.anchored(Processor(plain, locus="mvn"), scene.lead).processor
+    return Fitting.anchored(FrameProcessor(plain, locus="mvn"), scene.lead).processor
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def wide(plain):
     """The same with so many pixels that a frame can repeat another, and a turned one."""
     telescope, pair = replace(plain, shape=(128, 128)), Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
     scene = TradeScene.of(telescope, pair, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
-    anchored = Fitting.anchored(Processor(telescope, locus="mvn"), scene.lead).processor
+    anchored = Fitting.anchored(FrameProcessor(telescope, locus="mvn"), scene.lead).processor
     frames = zip(scene.plain, scene.images, strict=True)
     return anchored, [without_noise(anchored.calibrate(raw), image) for raw, image in frames]
 
@@ -65,7 +65,7 @@ def test_a_step_from_another_frame_finds_the_separation(wide, refitted):
 def test_a_blur_that_is_no_normal_is_held_as_it_was_measured(plain):
     pair = Binary(5.0, 0.0, 0.0, 0.0, 1e6, 3.0)
     scene = TradeScene.of(plain, pair, Linear.of(1.0, 20.0), 1, np.random.default_rng(5))
-    processor = Processor(plain, locus="linear")
+    processor = FrameProcessor(plain, locus="linear")
     frame = without_noise(processor.calibrate(scene.plain[0]), scene.images[0])
     found, (fit,) = separations("mtf", processor, [frame]), separations("refit", processor, [frame])
     assert found[0, 0] == pytest.approx(5.0, abs=0.05 * fit[1])

@@ -11,7 +11,7 @@ from astropy.io import fits
 from planner_loss import fitted, loss
 from refusals import refused
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.errors import ErrorCode
 from jitterkit.loci import Mvn, PartialShm, Stable
 from jitterkit.refit import FitOptions
@@ -105,7 +105,7 @@ def still(plain):
     """A frame without jitter, fitted by ``auto``."""
     pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
     scene = TradeScene.of(plain, pair, Stable.of(), 1, np.random.default_rng(5))
-    return Example.of(scene.noisy[0], Processor(plain, locus="auto"))
+    return Example.of(scene.noisy[0], FrameProcessor(plain, locus="auto"))
 
 
 def said_of_jitter(outlook, settings=OWN):
@@ -149,14 +149,14 @@ def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(still, example
         (still, {"options": known}),
         (example, {"locus": "auto"}),
     ):
-        other = Planner([replace(one, processor=replace(one.processor, _systems={}, **changes))])
+        other = Planner([replace(one, processor=replace(one.processor, **changes))])
         assert other.outlook.cost_of_jitter() == math.inf
         assert other.cheapest(1.5 * cost).settings.jitter == "always"
 
 
 @pytest.mark.slow
 def test_a_frame_that_shakes_is_fitted_as_ever_by_settings_that_leave_out_what_is_not_seen(example):
-    auto = replace(example.processor, locus="auto", _systems={})
+    auto = replace(example.processor, locus="auto")
     always, seen = (
         replace(Settings(), jitter=jitter).applied(auto).process(example.raw).result
         for jitter in ("always", "seen")
@@ -168,7 +168,7 @@ def test_a_frame_that_shakes_is_fitted_as_ever_by_settings_that_leave_out_what_i
 def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, planner):
     bright = Binary(5.0, 0.0, 0.0, 0.0, 1e9, 3.0)
     scene = TradeScene.of(plain, bright, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
-    detector = Processor(plain, locus="mvn")
+    detector = FrameProcessor(plain, locus="mvn")
     shown = Example.of(scene.noisy[0], detector)
     seen = shown.foresee(Settings(samples=3))
     assert seen.misfit > 1
@@ -248,7 +248,7 @@ def test_an_aberration_that_no_frame_tells_is_named_with_what_holds_it(plain, ex
     faint = replace(example, result=replace(example.result, covariance=1e6 * example.result.covariance))
     (free,) = said(faint)
     assert all(value in free for value in ("noll7, noll8", "100 nm", "aberration_sigma"))
-    well_known = replace(example.processor, instrument=replace(plain, aberration_sigma=0.05), _systems={})
+    well_known = replace(example.processor, instrument=replace(plain, aberration_sigma=0.05))
     (held,) = said(Example.of(example.raw, well_known))
     assert all(value in held for value in ("noll7, noll8", "0.045 nm", "0.05 nm"))
 
@@ -259,13 +259,13 @@ def test_examples_are_taken_where_frames_can_be_fitted(tmp_path, plain, one):
         fits.writeto(tmp_path / f"{number}.fits", one.noisy[0].data if number == 4 else blank)
     cube = tmp_path / "cube.fits"
     fits.writeto(cube, np.stack([one.noisy[0].data] * 30))
-    seen, frames = examples_of([cube], Processor(plain, locus="mvn"))
+    seen, frames = examples_of([cube], FrameProcessor(plain, locus="mvn"))
     assert sorted(example.raw.index for example in seen) == [0, 11, 21]
     assert frames == 30
     cube.unlink()
     files = sorted(tmp_path.iterdir())
-    found, frames = examples_of(files, Processor(plain, locus="mvn"))
+    found, frames = examples_of(files, FrameProcessor(plain, locus="mvn"))
     assert [example.raw.path.name for example in found] == ["4.fits"]
     assert frames == 9
     with refused(ErrorCode.TOO_FEW, 8):
-        examples_of([file for file in files if file.name != "4.fits"], Processor(plain, locus="mvn"))
+        examples_of([file for file in files if file.name != "4.fits"], FrameProcessor(plain, locus="mvn"))

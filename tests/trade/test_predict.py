@@ -8,7 +8,7 @@ import pytest
 from planner_loss import bias_of, fitted
 from refusals import refused
 
-from jitterkit.batch import Processor
+from jitterkit.batch import FrameProcessor
 from jitterkit.errors import ErrorCode
 from jitterkit.forecast import forecast
 from jitterkit.forward import expected_image
@@ -139,4 +139,4 @@ def test_what_cannot_be_had_is_refused(shown):
 
 def test_a_frame_that_cannot_be_fitted_is_no_example(plain, one):
     empty = replace(one.noisy[0], data=np.full(plain.shape, 100.0))
-    assert Example.of(empty, Processor(plain, locus="mvn")) is None
+    assert Example.of(empty, FrameProcessor(plain, locus="mvn")) is None

@@ -1,0 +1,308 @@
+"""The status of a frame and its flags, all decided here.
+
+* :func:`status_from_exception`: whatever an error stopped.
+* :func:`unusable`: a frame that shows too little to be fitted.
+* :func:`diagnose`: a frame that was fitted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jitterkit.batch.records import SceneEstimate
+from jitterkit.detectors import NORMALISED
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError, UndeterminedError, code_of
+from jitterkit.frames import Frame, sky_position_angle
+from jitterkit.kernel_estimate import is_detected
+from jitterkit.likelihood import Data
+from jitterkit.locate import resolution
+from jitterkit.optics import OTF
+from jitterkit.refit import FitResult, SceneChoice, Status, single_star
+from jitterkit.refit.absurd import absurdity
+from jitterkit.refit.over_field import say_if_blur_varies
+from jitterkit.scene import Stars
+
+__all__ = [
+    "LIMITS",
+    "classify",
+    "diagnose",
+    "flag_faint_companion",
+    "midpoint_pixel",
+    "position_angle",
+    "remark",
+    "scale_hint",
+    "status_from_exception",
+    "undecided",
+    "unusable",
+]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where one status or flag ends and another begins."""
+
+    side: int = 8
+    """Pixels along a side below which a pair cannot be told from one star."""
+    used: int = 32
+    """Usable pixels below which several pairs fit alike: of fits to 10 to 16 one in thirty was off by 20
+    errors."""
+    contrast: float = 100.0
+    separation: float = 5.0
+    """Contrast, and separation in resolutions, of a companion as errors of the optics make them: 15 to 17 nm
+    made some of 330 to 510 at three resolutions."""
+    below: float = 5.0
+    """Standard errors below zero from which a background is none."""
+    counts: float = 20.0
+    """Electrons from which a Poisson law is nearly normal, so that an outlier can be told."""
+    outlier: float = 8.0
+    """Sigmas: chance makes one pixel in 1e15 stand out so far."""
+
+
+LIMITS = Limits()
+
+
+def status_from_exception(
+    error: Exception, frame: Frame | None = None, plate_scale: float | None = None
+) -> FitResult:
+    """Map an exception to a result with the matching status.
+
+    Parameters
+    ----------
+    error : Exception
+        Raised while a frame was processed; errors of reading it are not among these.
+    frame : Frame, optional
+        For a hint where its plate scale is not the instrument's.
+    plate_scale : float, optional
+        The instrument's [arcsec]; None where there is no instrument, which a frame could not suit.
+
+    Returns
+    -------
+    result : FitResult
+        ``NO_STAR``, ``REFERENCE``, ``UNDETERMINED``, ``MISMATCH``, or else ``FAILED``.
+    """
+    code = code_of(error)
+    if code is ErrorCode.NO_STAR and isinstance(error, FrameError | UndeterminedError):
+        return FitResult.from_error(Status.NO_STAR, error)
+    if isinstance(error, UndeterminedError):
+        is_reference = code is ErrorCode.IS_REFERENCE
+        return FitResult.from_error(Status.REFERENCE if is_reference else Status.UNDETERMINED, error)
+    if plate_scale is None:
+        return FitResult.from_error(Status.FAILED, error)
+    if not isinstance(error, JitterkitError):
+        return FitResult.from_error(Status.FAILED, error, f"{Status.FAILED.value}: {error}")
+    hint = "" if frame is None else scale_hint(frame, plate_scale)
+    return FitResult.from_error(Status.MISMATCH, error, f"{Status.MISMATCH.value}: {error} {hint}".rstrip())
+
+
+def unusable(frame: Frame, data: Data) -> FitResult | None:
+    """Return why a frame shows too little to be fitted; None for one that does not."""
+    used = int(np.count_nonzero(np.asarray(data.used)))
+    if not used:
+        return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {_why_unusable(frame)}.")
+    if min(frame.shape) < LIMITS.side:
+        return FitResult(Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a fit.")
+    if used < LIMITS.used:
+        few = f"{used} usable pixels are too few for a fit; at least {LIMITS.used} are needed."
+        return FitResult(Status.NO_DATA, few)
+    return None
+
+
+def undecided(choice: SceneChoice) -> FitResult | None:
+    """Return why no scene can be chosen; None if one can."""
+    if not choice.undecided:
+        return None
+    return FitResult(
+        Status.UNDETERMINED,
+        f"A pair closer than the resolution, or a smear: {choice.readings}; the odds are "
+        f"{math.exp(choice.log_odds):.2g} to 1 for the pair. Give --scene if it is known.",
+    )
+
+
+def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale: float) -> FitResult:
+    """Add to a fit's result what only the frame and its fit together tell.
+
+    Parameters
+    ----------
+    frame : Frame
+    found : SceneEstimate
+        Where the fit started.
+    result : FitResult
+    plate_scale : float
+        The instrument's, arcsec.
+    """
+    result = _flag_further_stars(result)
+    result = _flag_varying_blur(found, result)
+    result = classify(frame, result, plate_scale)
+    result = flag_faint_companion(result, found.optics.nominal)
+    return remark(result, found.doubt, "maybe_pair") if result.status.usable else result
+
+
+def remark(result: FitResult, sentence: str, flag: str) -> FitResult:
+    """Return a result with a sentence more, and its flag; without a sentence the result as it is."""
+    if not sentence:
+        return result
+    message = f"{result.message or result.status.value} {sentence}"
+    return replace(result, message=message, flags=tuple(dict.fromkeys((*result.flags, flag))))
+
+
+def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
+    """Say why a frame does not fit where that can be told, and that a pair is not one.
+
+    Parameters
+    ----------
+    frame : Frame
+    result : FitResult
+    plate_scale : float
+        The instrument's, arcsec.
+    """
+    if result.parameters is None:
+        return result
+    if result.status in (Status.OK, Status.NOT_CONVERGED) and single_star(result):
+        message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
+        return replace(result, status=Status.NO_PAIR, message=message)
+    absurd = absurdity(result.parameters, frame.shape, frame.plate_scale or plate_scale)
+    if absurd:
+        message = f"{Status.POOR_FIT.value}: {absurd}."
+        return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
+    outliers = _outlier_hint(frame, result)
+    if outliers and result.status is Status.OK and "misfit" not in result.flags:
+        result = replace(result, flags=(*result.flags, "misfit"))
+    if result.status is Status.POOR_FIT or "misfit" in result.flags:
+        scale = scale_hint(frame, plate_scale)
+        jitter = "" if scale or outliers else _jitter_hint(result)
+        # the wings of a blur look like sky, and so does a wrong unit
+        sky = "" if jitter or NORMALISED in frame.flags else _sky_hint(result)
+        hints = filter(None, (scale, outliers, jitter, sky))
+        return replace(result, message=" ".join([result.message, *hints]))
+    return result
+
+
+def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
+    """Add a remark to a result where a companion may as well be an error of the optics."""
+    contrast, separation = result.of_scene("contrast"), result.of_scene("separation")
+    close = contrast > LIMITS.contrast and separation < LIMITS.separation * resolution(otf)
+    if not (result.status.usable and close):
+        return result
+    said = f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
+    return remark(result, said, "faint_companion")
+
+
+def midpoint_pixel(frame: Frame | None, result: FitResult, plate_scale: float) -> tuple[float, float]:
+    """Return the scene's position ``(x, y)`` in 0-based pixels of the original frame; NaN without a fit."""
+    if frame is None or result.parameters is None:
+        return math.nan, math.nan
+    scene, (ny, nx), (x0, y0) = result.parameters.scene, frame.shape, frame.origin
+    return (
+        x0 + (nx - 1) / 2 + float(scene.x) / plate_scale,
+        y0 + (ny - 1) / 2 + float(scene.y) / plate_scale,
+    )
+
+
+def position_angle(frame: Frame | None, result: FitResult, plate_scale: float) -> float:
+    """Return the direction A to B, north through east [deg]; NaN without a WCS or a fit of a pair."""
+    theta = result.of_scene("theta")
+    if frame is None or frame.metadata.wcs is None or math.isnan(theta):
+        return math.nan
+    return sky_position_angle(frame.metadata.wcs, *midpoint_pixel(frame, result, plate_scale), theta)
+
+
+def scale_hint(frame: Frame, expected: float) -> str:
+    """Return a sentence where a frame that does not fit has an unexpected plate scale."""
+    known = frame.metadata.plate_scale
+    if known is None or abs(known.value / expected - 1) < 0.01:
+        return ""
+    return (
+        f"Its plate scale of {known.value:g} arcsec ({known.source}) is not the instrument's {expected:g}: "
+        "give --plate-scale if it is wrong."
+    )
+
+
+def _flag_further_stars(result: FitResult) -> FitResult:
+    """Add a remark to a result where stars beside those of the scene were fitted."""
+    scene = None if result.parameters is None else result.parameters.scene
+    if scene is None or scene.others is None or isinstance(scene, Stars):
+        return result
+    x, y, flux = (np.asarray(part) for part in scene.sources())
+    brightest = np.asarray(scene.others.flux).argmax() + len(x) - len(scene.others.x)
+    fainter = (
+        f"{2.5 * np.log10(flux[0] / flux[brightest]):.2g} mag fainter than A"
+        if flux[brightest] > 0
+        else "dark"
+    )
+    apart = np.hypot(x[brightest] - x[0], y[brightest] - y[0])
+    count = len(scene.others.x)
+    which = "the brightest " * (count > 1)
+    said = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
+    return remark(result, said, "further_stars")
+
+
+def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
+    """Add a remark to a result where the stars of a field differ in their blur."""
+    p = result.parameters
+    if p is None or result.image is None or result.residual is None or p.scene.name != Stars.name:
+        return result
+    if not result.status.usable:
+        return result
+    data = found.data.without(~np.isfinite(result.residual))
+    said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
+    return remark(result, said or "", "blur_varies")
+
+
+def _why_unusable(frame: Frame) -> str:
+    saturation = frame.metadata.saturation
+    if frame.saturated and saturation is not None:
+        return (
+            f"{frame.saturated} of {frame.mask.size} pixels are saturated at {saturation.value:g} ADU "
+            f"({saturation.source}), the rest masked"
+        )
+    return "every pixel is masked or not a number"
+
+
+def _jitter_hint(result: FitResult) -> str:
+    """Return a sentence where the jitter that the frame shows was left out."""
+    found = result.estimate
+    if result.locus != "stable" or found is None or not is_detected(found.moments, found.covariance):
+        return ""
+    size = f"{found.axes[0]:.2g} arcsec rms"
+    return f"--locus stable leaves out jitter, of which the frame shows {size}: use --locus auto."
+
+
+def _sky_hint(result: FitResult) -> str:
+    """Return a sentence where the data lie above or below the model everywhere."""
+    if result.residual is None:
+        return ""
+    if "background" in result.names:
+        if result.parameters is None or not len(result.covariance):
+            return ""
+        level, error = float(result.parameters.background), result.error("background")
+        if level > -LIMITS.below * error:
+            return ""
+        return f"The background is {level:.3g} electrons a pixel: the bias level may be too high (--bias)."
+    mean, count = float(np.nanmean(result.residual)), int(np.isfinite(result.residual).sum())
+    if abs(mean) * np.sqrt(count) < LIMITS.outlier:
+        return ""
+    side = "above" if mean > 0 else "below"
+    return f"The frame lies {side} the model all over: leave out --no-background if there may be sky."
+
+
+def _outlier_hint(frame: Frame, result: FitResult) -> str:
+    """Return a sentence where a few pixels are all that does not fit."""
+    if result.residual is None:
+        return ""
+    size = np.nan_to_num(np.abs(result.residual))
+    if result.image is not None:  # of few counts a Poisson law has a long tail
+        size = np.where(result.image + frame.read_variance > LIMITS.counts, size, 0.0)
+    outliers = size > LIMITS.outlier
+    count, rest = int(outliers.sum()), float((size[~outliers] ** 2).sum())
+    if not 0 < count <= 0.002 * size.size or rest > 1.2 * result.dof:
+        return ""
+    row, column = np.unravel_index(int(size.argmax()), size.shape)
+    position = f"x = {frame.origin[0] + int(column)}, y = {frame.origin[1] + int(row)}"
+    number = "One pixel stands" if count == 1 else f"{count} pixels stand"
+    return (
+        f"{number} out by more than {LIMITS.outlier:g} sigma (the worst at {position}) and the rest fits: "
+        "give the instrument a map of its hot pixels."
+    )

@@ -1,0 +1,248 @@
+"""Whether a run that is resumed is the run that was begun: its settings, and the files that it has looked at.
+
+Reach for :func:`refuse_difference` and :func:`recounted`: rows of two configurations, or of two contents of
+a file, in one table would be worse than none.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jitterkit.batch.plan import Batch, plan_batches
+from jitterkit.errors import ConfigurationError, ErrorCode, printable
+
+__all__ = ["FILES", "VERSIONS", "Counted", "counted", "recounted", "refuse_difference"]
+
+FILES = "files"
+"""Key of a configuration under which the names of files stand, in order."""
+
+VERSIONS = "versions"
+"""Key of a configuration under which the versions of programs stand."""
+
+_LONGEST = 80
+"""Characters of a value that are worth reading in a sentence."""
+
+_ABSENT = object()
+_NOT_MADE: tuple[Any, ...] = (None, {}, _ABSENT)
+"""What stands for a setting that is left alone, or that there was not when a run began."""
+
+
+def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
+    """Compare two configurations and refuse the second if anything in it is different.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    begun, now : dict
+        As JSON gives them back: nested dicts and lists of text, numbers, booleans and None.
+
+    Raises
+    ------
+    ConfigurationError
+        It names the first difference.
+    """
+    if (difference := _first_difference(begun, now)) is None:
+        return
+    place, before, after = difference
+    inside_files = place[0] == FILES and len(place) > 1
+    if inside_files and (sentence := _come_or_gone(printable(directory), begun[FILES], now[FILES])):
+        raise ConfigurationError(ErrorCode.CONFLICT, sentence)
+    what = f"{printable(directory)} was begun {_said(place, before, after)}"
+    if place[0] == VERSIONS:
+        raise ConfigurationError(
+            ErrorCode.CONFLICT,
+            f"{what}, and the last digits need the same versions; install those, or give another directory.",
+        )
+    raise ConfigurationError(ErrorCode.CONFLICT, f"{what}; give the same, or another directory.")
+
+
+def _first_difference(a: Any, b: Any, place: tuple = ()) -> tuple[tuple, Any, Any] | None:
+    """Where two values first differ, and both values there; None if they do not."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return _first_of(dict.fromkeys([*a, *b]), a.get, b.get, place)
+    if isinstance(a, list) and isinstance(b, list):
+        return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, place)
+    same = a == b or (a != a and b != b)  # NaN is NaN
+    same = same or all(value in _NOT_MADE for value in (a, b))
+    return None if same else (place, a, b)
+
+
+def _first_of(keys, a, b, place: tuple) -> tuple[tuple, Any, Any] | None:
+    pairs = ((key, a(key, _ABSENT), b(key, _ABSENT)) for key in keys)
+    found = (_first_difference(x, y, (*place, key)) for key, x, y in pairs)
+    return next((difference for difference in found if difference), None)
+
+
+def _said(place: tuple, before: Any, after: Any) -> str:
+    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
+    name = printable("".join(names).removeprefix("."))
+    if before is _ABSENT:
+        return f"without {name}, not with {name} {_short(after)}"
+    if after is _ABSENT:
+        return f"with {name} {_short(before)}, not without"
+    return f"with {name} {_short(before)}, not {_short(after)}"
+
+
+def _come_or_gone(directory: str, begun: list[str], now: list[str]) -> str:
+    """What to do about files that are new, or about some that are missing; nothing if both, or neither."""
+    new, gone = _without(now, begun), _without(begun, now)
+    if new and not gone:
+        return (
+            f"{directory} was begun without {len(new)} of these files ({_some(new)}); process what is new "
+            "into another directory, give --overwrite instead of --resume to begin anew with all, or let "
+            "'jitterkit watch' follow a directory that grows."
+        )
+    if gone and not new:
+        return (
+            f"{directory} was begun with {len(gone)} file{'s' * (len(gone) > 1)} more than these "
+            f"({_some(gone)}); put back what is missing, or give another directory."
+        )
+    return ""
+
+
+def _without(names: list[str], others: list[str]) -> list[str]:
+    known = set(others)
+    return [name for name in names if name not in known]
+
+
+def _some(names: list[str]) -> str:
+    return printable(names[0]) + " for one" * (len(names) > 1)
+
+
+def _short(value: Any) -> str:
+    text = printable(value if isinstance(value, str) and value else json.dumps(value))
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+Stamp = tuple[int, int]
+"""Size [bytes] of a file and the time [ns] at which it was last written."""
+
+_GRAINS = (1_000_000_000, 1_000, 100)
+"""Times [ns] of which file systems keep whole multiples: HFS+ and ext3, many servers of NFS, those of SMB."""
+
+_REMEDY = "put it back as it was, time and all, or give --overwrite instead of --resume to begin anew."
+
+
+@dataclass(frozen=True)
+class Counted:
+    """What a run knows of a file.
+
+    Attributes
+    ----------
+    frames : int
+    stamp : (int, int), optional
+        Its size and time when it was counted; None if it could not be asked for them.
+    """
+
+    frames: int
+    stamp: Stamp | None = None
+
+
+def counted(path: Path, count: Callable[[Path], int]) -> Counted:
+    """Count the frames of a file; what is written to it meanwhile makes its stamp one of the past."""
+    stamp = _stamp(path)
+    return Counted(count(path), stamp)
+
+
+def recounted(
+    files: Sequence[Path],
+    known: Sequence[Counted],
+    count: Callable[[Path], int],
+    size: int,
+    done: Collection[int],
+) -> dict[int, Counted]:
+    """Look at files again before a run goes on, and count those that are others now.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        In the order of the plan.
+    known : sequence of Counted
+        Of as many of them as have been counted.
+    count : callable
+        Counts the frames of a file.
+    size : int
+        Frames in a batch.
+    done : collection of int
+        Numbers of batches.
+
+    Returns
+    -------
+    changed : dict from int to Counted
+        By place in the list, files that have changed and of which no frame has been looked at.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file has changed of which frames were fitted, or showed the optics to frames that were; or if it
+        has another number of frames now, so that batches which are done would mean other frames.
+
+    Notes
+    -----
+    *Assumes* that a file of the same size and time is the same.  A time that a file system has since rounded
+    to a coarser grain is the same time.  A file that is gone, or was not to be had when it was
+    counted, is taken as it was counted: reading it tells what is wrong.
+
+    *Fails when* a file is replaced by one of its size within the grain of the file system's clock, or with
+    its time set back.
+    """
+    present = {place: stamp for place, path in enumerate(files[: len(known)]) if (stamp := _stamp(path))}
+    changed = {place: now for place, now in present.items() if not _is_same(known[place].stamp, now)}
+    if not changed:
+        return {}
+    frames = [one.frames for one in known]
+    planned = _batches(files, frames, size, done)
+    looked_at = {path for batch in planned for path, _ in (*batch.items, *batch.references)}
+    if spoilt := [place for place in changed if files[place] in looked_at]:
+        raise ConfigurationError(ErrorCode.CHANGED, _spoilt(files, known, changed, spoilt))
+    again = {place: Counted(count(files[place]), stamp) for place, stamp in changed.items()}
+    shifted = [place for place, one in again.items() if one.frames != frames[place]]
+    if _batches(files, _with(frames, again), size, done) != planned:
+        first = shifted[0]
+        raise ConfigurationError(
+            ErrorCode.CHANGED,
+            f"The number of frames in {printable(files[first])} was {frames[first]} and is "
+            f"{again[first].frames} now, and frames after those have been done; {_REMEDY}",
+        )
+    return again
+
+
+def _stamp(path: Path) -> Stamp | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_size, status.st_mtime_ns
+
+
+def _is_same(then: Stamp | None, now: Stamp) -> bool:
+    return then is None or (then[0] == now[0] and _is_same_time(then[1], now[1]))
+
+
+def _is_same_time(a: int, b: int) -> bool:
+    """Whether two times are equal, or one is the other rounded to a grain."""
+    return a == b or any(abs(a - b) < grain and (a % grain == 0) != (b % grain == 0) for grain in _GRAINS)
+
+
+def _batches(files: Sequence[Path], frames: Sequence[int], size: int, done: Collection[int]) -> list[Batch]:
+    return [batch for batch in plan_batches(files[: len(frames)], frames, size) if batch.number in done]
+
+
+def _with(frames: Sequence[int], again: Mapping[int, Counted]) -> list[int]:
+    return [again[place].frames if place in again else n for place, n in enumerate(frames)]
+
+
+def _spoilt(
+    files: Sequence[Path], known: Sequence[Counted], changed: Mapping[int, Stamp], spoilt: Sequence[int]
+) -> str:
+    first = spoilt[0]
+    was, now = known[first].stamp, changed[first]
+    assert was is not None  # else it would not have changed
+    how = f"{was[0]} bytes then, {now[0]} now" if was[0] != now[0] else "it was written at another time"
+    others = f", as have {len(spoilt) - 1} more," if len(spoilt) > 1 else ""
+    return f"{printable(files[first])} has changed{others} since frames of it were done ({how}); {_REMEDY}"

@@ -1,0 +1,163 @@
+"""The blur of frames for which there is no optical model: star fields, and scenes without stars.
+
+Reach for :class:`SceneBlurEstimator`.  A sharp frame beside the blurred one is worth more than any method:
+of a star field it gives the PSF, of any other scene the scene itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from jitterkit.batch.plan import Batch
+from jitterkit.batch.records import BlurMeasurement
+from jitterkit.batch.sharp_frame import check_reference, check_size, is_same
+from jitterkit.detectors import Detector
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
+from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
+from jitterkit.frames import Frame, RawFrame
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.kernels import fill_masked
+from jitterkit.starfield import estimate_field, field_psf
+
+__all__ = ["METHODS", "SceneBlurEstimator"]
+
+METHODS = {**BLIND, "trail": estimate_trail}
+"""What needs nothing but the image, by name; the last where points of light have drawn lines."""
+
+
+@dataclass(frozen=True)
+class SceneBlurEstimator:
+    """Measures the blur of frames without an optical model.
+
+    Attributes
+    ----------
+    reference : RawFrame, optional
+        A sharp frame: of the same telescope for stars, of the same scene for anything else.
+    stars : bool, optional
+        Whether the frames show a field of stars; by default the reference decides: it does where three
+        isolated stars are found in it.
+    method : str
+        A name in :data:`METHODS`, for scenes without stars and without a reference.
+    overrides : mapping
+        Metadata from the command line, by field.
+    """
+
+    reference: RawFrame | None = None
+    stars: bool | None = None
+    method: str = "blind"
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME,
+                f"There is no blind estimator {self.method!r}; choose from {', '.join(METHODS)}.",
+            )
+
+    @property
+    def name(self) -> str:
+        """Of the estimator."""
+        if self.reference is None:
+            return "starfield" if self.stars else self.method
+        return "reference"
+
+    threads = 1
+    """What finds stars and warns of them is not made for more."""
+    batch_size = 1
+    """A frame may be as large as its camera."""
+    plate_scale = None
+    """There is no instrument."""
+
+    def for_batch(self, batch: Batch, hdu: int | None) -> Self:
+        """Return itself: every frame is compared with the reference alone."""
+        return self
+
+    def check(self, paths: Sequence[str | Path], hdu: int | None = None) -> None:
+        """Refuse a reference that cannot serve any of some files, before any work is done.
+
+        Raises
+        ------
+        ConfigurationError
+            As :func:`~jitterkit.batch.reference.check_reference` does.
+        """
+        if self._sharp is not None:
+            check_reference(self._sharp, self._starless if self._shows_stars else None, paths, hdu)
+
+    def prepare(self, raw: RawFrame) -> RawFrame:
+        """Do nothing yet."""
+        return raw
+
+    def complete(self, raw: RawFrame) -> BlurMeasurement:
+        """Measure one frame.
+
+        Raises
+        ------
+        UndeterminedError
+            If the image does not determine the blur, or is the reference itself (code ``is_reference``).
+        ConfigurationError
+            If the reference is of another shape than a scene without stars.
+        """
+        if self.reference is not None and is_same(raw, self.reference):
+            raise UndeterminedError(
+                ErrorCode.IS_REFERENCE, f"{raw.name} is the reference that the others are compared with."
+            )
+        frame = self.calibrate(raw)
+        return self._field(frame) if self._shows_stars else self._extended(frame)
+
+    def calibrate(self, raw: RawFrame) -> Frame:
+        """Return a frame in electrons, by what its header and the command line say."""
+        metadata = raw.metadata.apply("command line", **self.overrides)
+        return Detector().calibrate(replace(raw, metadata=metadata))
+
+    @cached_property
+    def _sharp(self) -> Frame | None:
+        """The reference, calibrated."""
+        return None if self.reference is None else self.calibrate(self.reference)
+
+    @cached_property
+    def _shows_stars(self) -> bool:
+        """Whether frames show stars: what the user says, or what the reference shows."""
+        if self.stars is not None or self._sharp is None:
+            return bool(self.stars)
+        return not self._starless
+
+    @cached_property
+    def _starless(self) -> str:
+        """Say why the reference shows no stars; nothing if it does."""
+        assert self._sharp is not None
+        try:
+            field_psf(self._sharp)
+        except UndeterminedError as error:
+            return str(error)
+        return ""
+
+    def _field(self, frame: Frame) -> BlurMeasurement:
+        found = estimate_field(frame, reference=self._sharp)
+        message = " ".join([found.verdict.sentence, *found.remarks])
+        sizes = found.length, found.length_err, found.angle_err
+        return BlurMeasurement(frame, found.kernel, frame.plate_scale, found, *sizes, message)
+
+    def _extended(self, frame: Frame) -> BlurMeasurement:
+        scale, image = frame.plate_scale, _filled(frame)
+        return BlurMeasurement.from_estimate(frame, self._estimate(image, frame, scale or 1.0), scale, image)
+
+    def _estimate(self, image: np.ndarray, frame: Frame, scale: float) -> KernelEstimate:
+        sharp = self._sharp
+        if sharp is None:
+            return METHODS[self.method](image, plate_scale=scale)
+        check_size(sharp, frame.name, frame.shape)
+        mask = sharp.mask | frame.mask
+        return estimate_from_reference(_filled(sharp), image, plate_scale=scale, mask=mask)
+
+
+def _filled(frame: Frame) -> np.ndarray:
+    """Return the image, masked pixels taken from their neighbours."""
+    if frame.mask.all():
+        raise UndeterminedError(ErrorCode.NO_DATA, f"{frame.name} has no usable pixel.")
+    return fill_masked(frame.electrons, ~frame.mask)

@@ -1,0 +1,227 @@
+"""The SQLite file of a store, open to one process at a time, and what can happen to it, in sentences.
+
+Reach for :class:`StoreFile`: it reads, and writes all of a block or nothing.  Its lock is SQLite's own and
+ends with the process that holds it, however that ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import threading
+import time
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from jitterkit.errors import ConfigurationError, ErrorCode, printable
+
+__all__ = ["StoreFile", "translate_errors", "unwritable"]
+
+_APPLICATION = 0x4A544B4C
+"""Marks the file as ours in its header: JTKL."""
+
+_FORMAT = 3
+"""Of the tables below; to be raised when they change."""
+
+_TABLES = """
+    CREATE TABLE run (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+    CREATE TABLE files (position INTEGER PRIMARY KEY, frames INTEGER NOT NULL, size INTEGER, time INTEGER);
+    CREATE TABLE batches (
+        batch INTEGER, start INTEGER, count INTEGER, rows BLOB NOT NULL, PRIMARY KEY (batch, start)
+    );
+    CREATE TABLE frames (
+        batch INTEGER, place INTEGER, file TEXT, frame INTEGER, status TEXT, locus TEXT,
+        separation REAL, separation_err REAL, chi2_dof REAL, PRIMARY KEY (batch, place)
+    ) WITHOUT ROWID;
+    CREATE TABLE pictures (
+        batch INTEGER, place INTEGER, usable INTEGER, misfit REAL, data BLOB, PRIMARY KEY (batch, place)
+    );
+"""
+
+_WAITS = (0.05, 0.1, 0.2, 0.4)
+"""Seconds between attempts to get the lock: a process that is just ending may hold it, or one that
+looks and is about to be refused."""
+
+_ERRORS = (sqlite3.Error, zlib.error, UnicodeDecodeError, json.JSONDecodeError)
+"""What a disk or a file can do; whatever has no sentence of its own below is damage."""
+
+_LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+_BROKEN = (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_PROTOCOL, sqlite3.SQLITE_NOLFS)
+_CLOSED = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH)
+
+
+class StoreFile:
+    """A store's tables, made if need be; what is committed survives the loss of power.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    ConfigurationError
+        Here and from every method: if another process has it open, it cannot be written, is damaged, is no
+        ledger or one of another format, or the disk is full or fails.
+
+    Notes
+    -----
+    A write-ahead log costs one flush of the disk a transaction.  As the lock is exclusive and taken first,
+    the log needs no memory shared between processes, so that a network file system will do if it can lock.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if os.path.exists(path) and not os.access(path, os.W_OK):  # SQLite would open it for reading
+            raise unwritable(path, "it is read-only")
+        self.path, self._lock = path, threading.RLock()
+        self.connection = _open_patiently(path)
+
+    def read(self, query: str, values: Sequence[Any] = ()) -> list[tuple]:
+        """Return all that a query finds."""
+        with self._lock, translate_errors(self.path):
+            return self.connection.execute(query, values).fetchall()
+
+    @contextmanager
+    def transaction(self) -> Iterator[Callable[..., sqlite3.Cursor]]:
+        """Do all that the block executes, or nothing; other threads wait."""
+        with self._lock, translate_errors(self.path):
+            self.connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self.connection.execute
+                self.connection.execute("COMMIT")
+            except BaseException:
+                if self.connection.in_transaction:  # SQLite may have taken it back already
+                    self.connection.execute("ROLLBACK")
+                raise
+
+    def close(self) -> None:
+        """Let the file go; harmless when done twice."""
+        with self._lock, translate_errors(self.path):
+            self.connection.close()
+
+
+def _open_patiently(path: Path) -> sqlite3.Connection:
+    waits = iter(_WAITS)
+    while True:
+        try:
+            with translate_errors(path):
+                return _open(path)
+        except ConfigurationError as error:
+            wait = next(waits, None)
+            if wait is None or _code(error.__cause__) not in _LOCKED:
+                raise
+            time.sleep(wait)
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    # any thread may use it: the store lets in one after the other
+    connection = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
+    try:
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")  # before anything else looks at the file
+        _recognise(path, connection)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA fullfsync = ON")  # macOS flushes the drive only if asked
+        connection.execute("PRAGMA secure_delete = OFF")
+        connection.execute("BEGIN EXCLUSIVE")
+        if _is_empty(connection):
+            for statement in _TABLES.split(";"):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id = {_APPLICATION}")
+            connection.execute(f"PRAGMA user_version = {_FORMAT}")
+        connection.execute("COMMIT")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _recognise(path: Path, connection: sqlite3.Connection) -> None:
+    """Refuse a database that is not ours before anything in it is changed."""
+    if _is_empty(connection):
+        return
+    if _pragma(connection, "application_id") != _APPLICATION:
+        raise ConfigurationError(
+            ErrorCode.UNKNOWN_FORMAT,
+            f"{printable(path)} is a database but no ledger; give another directory.",
+        )
+    if (found := _pragma(connection, "user_version")) != _FORMAT:
+        raise ConfigurationError(
+            ErrorCode.UNSUPPORTED,
+            f"{printable(path)} was written by another version of jitterkit (ledger format {found}, not "
+            f"{_FORMAT}); finish the run with that version, delete it, or give another directory.",
+        )
+    if (found := _pragma(connection, "quick_check")) != "ok":
+        raise _damaged(path, found)
+
+
+def _is_empty(connection: sqlite3.Connection) -> bool:
+    return not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+
+
+def _pragma(connection: sqlite3.Connection, name: str) -> Any:
+    return connection.execute(f"PRAGMA {name}").fetchone()[0]
+
+
+@contextmanager
+def translate_errors(path: Path) -> Iterator[None]:
+    """Turn what the disk or the file does not allow into a sentence with its remedy.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    try:
+        yield
+    except _ERRORS as error:
+        if isinstance(error, sqlite3.ProgrammingError):
+            raise  # ours to mend
+        raise _translated(path, error) from error
+
+
+def _translated(path: Path, error: Exception) -> ConfigurationError:
+    code, file, directory = _code(error), printable(path), printable(path.parent)
+    if code in _LOCKED:
+        return ConfigurationError(
+            ErrorCode.LOCKED,
+            f"Another run is writing to {directory} (if there is none, its disk cannot lock files); wait "
+            "for it, or give another directory.",
+        )
+    if code == sqlite3.SQLITE_FULL:
+        return ConfigurationError(
+            ErrorCode.NOT_WRITABLE,
+            f"{file} cannot grow ({error}); make room and resume the run: what it did is kept.",
+        )
+    if code in _BROKEN:
+        return ConfigurationError(
+            ErrorCode.NOT_WRITABLE,
+            f"{file} cannot be read or written ({error}); look at its disk (space, quota, connection) and "
+            "resume the run: what it did is kept.",
+        )
+    return unwritable(path, error) if code in _CLOSED else _damaged(path, error)
+
+
+def unwritable(path: Path, problem: object) -> ConfigurationError:
+    """Return the error of a file that may only be read, or not even that."""
+    return ConfigurationError(
+        ErrorCode.NOT_WRITABLE,
+        f"{printable(path)} cannot be written ({problem}); give a directory that can, or look at its "
+        "permissions.",
+    )
+
+
+def _damaged(path: Path, problem: object) -> ConfigurationError:
+    what = " ".join(printable(problem).replace(r"\n", " ").split())
+    return ConfigurationError(
+        ErrorCode.DAMAGED,
+        f"{printable(path)} is damaged or no ledger ({what}); delete it and begin again, or give another "
+        "directory.",
+    )
+
+
+def _code(error: BaseException | None) -> int:
+    """Return SQLite's code, without the detail in its upper bytes; 0 if it has none."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF

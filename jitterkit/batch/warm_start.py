@@ -1,0 +1,147 @@
+"""What reference frames show of their telescope, so that later frames need not be searched.
+
+A :class:`WarmStart` holds for the frames on one grid; :class:`WarmStartCache` keeps those of the latest
+reference frames.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from threading import Lock
+
+import jax.numpy as jnp
+import numpy as np
+
+from jitterkit.batch.records import SceneEstimate
+from jitterkit.estimators.score import estimate_from_normal
+from jitterkit.frames import Frame
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.likelihood import Data
+from jitterkit.linearisation import SETTLED
+from jitterkit.locate import ReferenceFrame
+from jitterkit.loci import Mvn
+from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.refit import FitOptions, SceneChoice
+from jitterkit.refit.fit import settled
+
+__all__ = ["SCORE", "GridKey", "WarmStart", "WarmStartCache"]
+
+GridKey = tuple[tuple[int, int], float]
+"""Shape ``(ny, nx)`` and plate scale [arcsec]."""
+
+SCORE = "score"
+"""The estimator that is what finding the stars does, as far as a fit's start goes."""
+
+_ANCHOR_BYTES = 100_000_000
+"""Of anchors that are kept for later reference frames: eight at 128 x 128 pixels."""
+
+
+@dataclass(frozen=True)
+class WarmStart:
+    """What is known of the frames on one grid before they are looked at.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene that they show, or ``"auto"`` where they leave that open.
+    doubt : str
+        What else they may show that looks the same, in a sentence.
+    anchored : AnchoredOptics or None
+        None for optics that cannot change.
+    reference : ReferenceFrame or None
+        What they may be registered to; then stars and blur need not be searched for.
+    choices : mapping
+        What reference frames have shown by themselves at first sight, by their digests.
+    """
+
+    scene: str
+    doubt: str = ""
+    anchored: AnchoredOptics | None = None
+    reference: ReferenceFrame | None = None
+    choices: Mapping[str, SceneChoice] = field(default_factory=dict)
+
+    def optics(self, frame: Frame) -> AnchoredOptics:
+        """Return the optics for a frame: how far they reach depends on its light."""
+        assert self.anchored is not None
+        light = float(np.sum(frame.electrons, where=~frame.mask))
+        return replace(self.anchored, photons=max(light, 1.0))
+
+    def register(self, frame: Frame, data: Data, hold: Collection[str], rough: bool) -> SceneEstimate | None:
+        """Return what a frame shows that repeats the reference frame; None for one that does not.
+
+        Parameters
+        ----------
+        frame : Frame
+        data : Data
+            Of the frame.
+        hold : collection of str
+            Parameters that are not free.
+        rough : bool
+            Whether a normal blur will do for an estimate.
+        """
+        start = None if self.reference is None else self.reference.locate(data)
+        if start is None or not np.all(np.isfinite(start.covariance)):
+            return None
+        if rough and start.describes(start.parameters):
+            parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
+            estimate = KernelEstimate(moments, start.covariance, SCORE)
+        else:
+            estimate, parameters = estimate_from_normal(
+                start.parameters, start.covariance, start.otf, start.data, hold
+            )
+            if not start.describes(parameters):
+                return None
+            parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
+        optics = self.optics(frame)
+        return SceneEstimate(data, start.in_frame(parameters), estimate, optics, doubt=self.doubt)
+
+
+class WarmStartCache:
+    """The warm starts of the latest reference frames, and the anchors of the optics of those before.
+
+    An anchor's state is rounded to a whole nm, so that reference frames between which little has changed
+    share one: what a cache returns does not depend on what was asked before.
+    """
+
+    def __init__(self) -> None:
+        self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
+        self._key: Hashable = None
+        self._latest: Mapping[GridKey, WarmStart] = {}
+        self._lock = Lock()
+
+    def __reduce__(self) -> tuple:
+        return WarmStartCache, ()  # a lock does not travel to other processes
+
+    def get(
+        self, key: Hashable, find: Callable[[], Mapping[GridKey, WarmStart]]
+    ) -> Mapping[GridKey, WarmStart]:
+        """Return the warm starts of some reference frames, found unless they are the latest."""
+        with self._lock:  # threads of two batches may ask
+            if key != self._key:
+                self._latest, self._key = find(), key
+            return self._latest
+
+    def warm_start(
+        self, grid: GridKey, optics: Optics, choice: SceneChoice, options: FitOptions
+    ) -> WarmStart | None:
+        """Return what a reference frame with a scene shows of its optics; None if they cannot change."""
+        parameters = choice.start.parameters
+        if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):
+            return None
+        state = np.asarray(parameters.aberrations)
+        anchor = self._anchor(grid, optics, np.round(state))
+        strict = settled(options.tolerance) / SETTLED  # it has to be as good as if more showed
+        light = float(parameters.scene.flux) / strict**2
+        anchored = AnchoredOptics.about(optics, anchor, light, state)
+        reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
+        return WarmStart(choice.scene, choice.doubt, anchored, reference)
+
+    def _anchor(self, grid: GridKey, optics: OpticalSystem, state: np.ndarray) -> Anchor:
+        key = (grid, *state)
+        anchor = self._anchors.pop(key, None) or Anchor.at(optics, state)
+        self._anchors[key] = anchor
+        while len(self._anchors) > 1 and sum(one.nbytes for one in self._anchors.values()) > _ANCHOR_BYTES:
+            self._anchors.popitem(last=False)
+        return anchor

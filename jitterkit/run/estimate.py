@@ -1,0 +1,193 @@
+"""Kernel estimates of many frames, as a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from astropy.table import QTable
+from astropy.units import Unit
+
+from jitterkit.batch.executor import FrameTask, Outcome, execute
+from jitterkit.batch.plan import count_frames, plan_batches
+from jitterkit.batch.records import BlurMeasurement
+from jitterkit.errors import printable
+from jitterkit.frames import find_files
+from jitterkit.frames.duplicates import Duplicates
+from jitterkit.kernels import kernel_moments
+from jitterkit.refit import FitResult, Status
+from jitterkit.refit.prior_file import CORRELATIONS
+
+__all__ = ["BlurEstimator", "estimate_files"]
+
+_MOMENTS = ("sxx", "sxy", "syy")
+_POWERS = dict.fromkeys((*_MOMENTS, *(f"{name}_err" for name in _MOMENTS)), 2)
+_POWERS |= dict.fromkeys(("major", "minor", "length", "length_err"), 1)
+"""Columns that are powers of a length."""
+
+_NUMBERS = (
+    *(f"{name}{end}" for name in _MOMENTS for end in ("", "_err")),
+    *CORRELATIONS,
+    *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
+)
+
+_FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
+
+
+class BlurEstimator(FrameTask, Protocol):
+    """What measures the blur of frames: :meth:`complete` returns a BlurMeasurement, or a FitResult.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator.
+    threads : int or None
+        How many may measure at a time; None for as many as there are processors.
+    batch_size : int
+        Frames of a batch, all of which are held until it is done.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def threads(self) -> int | None: ...
+
+    @property
+    def batch_size(self) -> int: ...
+
+
+def estimate_files(
+    paths: Sequence[str | Path],
+    estimator: BlurEstimator,
+    *,
+    hdu: int | None = None,
+    watch: Callable[[str], None] | None = None,
+    keep: Callable[[BlurMeasurement], None] | None = None,
+) -> QTable:
+    """Estimate the kernel of every frame.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Files, or directories of them.
+    estimator : BlurEstimator
+    hdu : int, optional
+    watch : callable, optional
+        Called with the name of each file when it is done.
+    keep : callable, optional
+        Called with each frame that could be measured: to draw it, say.
+
+    Returns
+    -------
+    table : QTable
+        One row per frame: file, frame, status, reason, scene, estimator, moments with errors and their
+        correlations, axes, length and shape where the estimator knows them, significance, digest of the
+        pixels, message.
+        In arcsec; in pixels if a frame has no scale.  An undetermined frame has the length and its error
+        where they were measured, no moments and no significance.  The frame that is the reference of the
+        others has the status ``reference``, one with the pixels of an earlier one ``duplicate``.
+    """
+    files = find_files(paths)
+    batches = plan_batches(files, map(partial(count_frames, hdu=hdu), files), estimator.batch_size)
+    rows: list[dict[str, Any]] = []
+    known = Duplicates()
+    finish = lambda batch, outcomes: outcomes  # noqa: E731
+    for outcomes in execute(batches, estimator, finish, hdu=hdu, threads=estimator.threads):
+        for one in outcomes:
+            rows.append(_row(one, estimator.name, known, keep))
+            if watch is not None and one.index == 0:
+                watch(printable(one.path.name))
+    return _table(rows)
+
+
+def _table(rows: list[dict[str, Any]]) -> QTable:
+    scaled = all(math.isfinite(row["scale"]) for row in rows if row["scale"] is not None)
+    table = QTable()
+    for name in ("file", "frame", "status", "reason", "scene", "estimator", *_NUMBERS, "digest", "message"):
+        power = _POWERS.get(name, 0)
+        values = [row[name] if scaled or not power else _in_pixels(row, name, power) for row in rows]
+        table[name] = np.array(values)
+        if power:
+            table[name] = table[name] << Unit("arcsec" if scaled else "pix") ** power
+            table[name].info.format = ".3g"
+    for name in ("angle", "angle_err"):
+        table[name] = table[name] << Unit("deg")
+    for name, how in _FORMATS.items():
+        table[name].info.format = how
+    return table
+
+
+def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
+    scale = row["scale"] or 1.0
+    return row[name] / (scale if math.isfinite(scale) else 1.0) ** power
+
+
+def _row(one: Outcome, name: str, known: Duplicates, keep: Callable | None) -> dict[str, Any]:
+    if isinstance(one.result, FitResult):
+        return _blank(one, name, one.result) | {"digest": one.digest}
+    row = _measured_row(one, name, one.result, keep)
+    if row["status"] == "ok" and (
+        original := known.original(one.digest, f"{printable(one.path)} [{one.index}]")
+    ):
+        row = _blank(one, name, FitResult.duplicate_of(original))
+    return row | {"digest": one.digest}
+
+
+def _measured_row(
+    one: Outcome, name: str, measured: BlurMeasurement, keep: Callable | None
+) -> dict[str, Any]:
+    estimate = measured.estimate
+    message = " ".join(filter(None, [estimate.undetermined, measured.message, *_remarks(measured)]))
+    if keep is not None:
+        try:
+            keep(measured)
+        except Exception as error:  # the estimate stands all the same
+            message = f"{message} {error}".lstrip()
+    status = Status.UNDETERMINED if estimate.undetermined else Status.OK
+    row = _blank(one, name, FitResult(status, message)) | {
+        "scale": math.nan if measured.plate_scale is None else measured.plate_scale
+    }
+    row |= {column: getattr(measured, column) for column in ("length", "length_err", "angle_err")}
+    if estimate.undetermined:
+        return row | {"angle": estimate.axes[2]}
+    for column, value, spread in zip(_MOMENTS, estimate.moments, estimate.errors, strict=True):
+        row |= {column: value, f"{column}_err": spread}
+    row |= {column: _correlation(estimate.covariance, i, j) for column, (i, j) in CORRELATIONS.items()}
+    row |= {"scene": measured.scene} | dict(zip(("major", "minor", "angle"), estimate.axes, strict=True))
+    row |= {column: getattr(estimate, column) for column in ("shape", "shape_err", "significance")}
+    return row
+
+
+def _remarks(measured: BlurMeasurement) -> Iterator[str]:
+    """Yield what a table's numbers do not say of themselves."""
+    estimate = measured.estimate
+    if estimate.is_undetected:
+        yield f"Jitter is undetected (chi-squared {estimate.significance:.1f} of three degrees of freedom)."
+    if estimate.locus is None and estimate.kernel is not None:
+        own = kernel_moments(estimate.kernel, measured.plate_scale or 1.0)
+        if np.any(np.abs(own - estimate.moments) > estimate.errors):
+            sizes = ", ".join(f"{name} {value:.3g}" for name, value in zip(_MOMENTS, own, strict=True))
+            yield f"The kernel's pixels have other moments than the table: {sizes}; its file has these."
+
+
+def _correlation(covariance: np.ndarray, i: int, j: int) -> float:
+    scale = math.sqrt(covariance[i, i] * covariance[j, j])
+    return float(covariance[i, j] / scale) if scale > 0 else math.nan
+
+
+def _blank(one: Outcome, name: str, result: FitResult) -> dict[str, Any]:
+    row = {
+        "file": printable(one.path.name),
+        "frame": one.index,
+        "status": result.status.name.lower(),
+        "reason": result.reason,
+        "scene": "",
+        "estimator": name,
+        "digest": "",
+    }
+    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": None, "message": result.message}
