@@ -139,7 +139,7 @@ class FrameReader:
     """
 
     def __init__(self, hdu: int | None = None) -> None:
-        self._hdu, self._path = hdu, Path()
+        self._hdu, self._path, self._fresh = hdu, Path(), False
         self._file: FrameFile | JitterkitError | None = None
 
     def __enter__(self) -> Self:
@@ -150,25 +150,21 @@ class FrameReader:
 
     def read(self, items: Iterable[Item]) -> Iterator[tuple[Path, int, RawFrame | JitterkitError]]:
         """Yield frames, or what is wrong with their files or the TOML beside them."""
-        opened = None  # for these items
+        self._fresh = False
+        if isinstance(self._file, JitterkitError):
+            self._file = None  # it may be whole by now
         for path, index in items:
             if path != self._path or self._file is None:
-                opened = self._open(path)
-            raw = self._frame(index)
-            # a file that was opened for an earlier batch may have grown since
-            if isinstance(raw, JitterkitError) and raw.code is ErrorCode.CHANGED and path != opened:
-                opened = self._open(path)
-                raw = self._frame(index)
-            yield path, index, raw
+                self._open(path)
+            yield path, index, self._frame(index)  # which nobody holds here
 
-    def _open(self, path: Path) -> Path:
+    def _open(self, path: Path) -> None:
         self._close()
-        self._path = path
+        self._path, self._fresh = path, True
         try:
             self._file = open_frames(path, hdu=self._hdu)
         except JitterkitError as error:
             self._file = error
-        return path
 
     def _frame(self, index: int) -> RawFrame | JitterkitError:
         if not isinstance(self._file, FrameFile):
@@ -177,10 +173,14 @@ class FrameReader:
         try:
             return self._file[index]
         except JitterkitError as error:
-            return error
+            problem: JitterkitError = error
         except IndexError:
-            problem = f"has {len(self._file)} frames, fewer than before"
-            return FrameError(ErrorCode.CHANGED, self._path, problem, "see who writes to it")
+            fewer = f"has {len(self._file)} frames, fewer than before"
+            problem = FrameError(ErrorCode.CHANGED, self._path, fewer, "see who writes to it")
+        if self._fresh or problem.code is not ErrorCode.CHANGED:
+            return problem
+        self._open(self._path)  # opened for an earlier batch, it may have grown since
+        return self._frame(index)
 
     def _close(self) -> None:
         if isinstance(self._file, FrameFile):

@@ -16,6 +16,7 @@ from jitterkit.refit import FitResult, Status
 from jitterkit.report.row import make_row
 from jitterkit.run import process_files
 from jitterkit.run.estimate import estimate_files
+from jitterkit.run.rows import Record
 from jitterkit.simulate import fits_header
 
 
@@ -70,7 +71,7 @@ LETTERS = {"0.fits": "x", "1.fits": "yx", "2.fits": "y", "3.fits": "z", "4.fits"
 """Pixels of the frames of some files: a letter each."""
 
 
-def spell(batches, processor, *, backwards=False, most=9, **_):
+def spell(batches, processor, finish, *, backwards=False, most=9, **_):
     """Do some batches without a fit: the digest of a frame is its letter; z cannot be fitted at first."""
     batches = list(batches)
     for batch in batches[::-1][:most] if backwards else batches[:most]:
@@ -82,7 +83,7 @@ def spell(batches, processor, *, backwards=False, most=9, **_):
             rows.append(
                 make_row(fit, path, place, digest=letter) | {"separation": 1.0, "separation_err": 2.0}
             )
-        yield Done(batch, rows, {})
+        yield Record(batch, rows, {})
     if len(batches) > most:
         raise KeyboardInterrupt
 

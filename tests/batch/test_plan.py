@@ -8,8 +8,8 @@ import pytest
 from refusals import refused
 
 from jitterkit.batch import plan
-from jitterkit.batch.plan import count_frames, plan_batches
-from jitterkit.errors import ErrorCode
+from jitterkit.batch.plan import Batch, FrameReader, count_frames, plan_batches
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 
 A, B, C, D = (Path(name) for name in "ABCD")
@@ -96,3 +96,17 @@ def test_a_file_that_cannot_be_opened_counts_as_one_frame(tmp_path):
 def test_a_file_that_holds_nothing_counts_as_one_frame_so_that_it_has_a_row(monkeypatch):
     monkeypatch.setattr(plan, "frame_count", lambda path, hdu: 0)
     assert count_frames(A) == 1
+
+
+@pytest.mark.parametrize("first", [None, 2])
+def test_a_file_that_could_not_be_read_or_has_grown_is_opened_again_for_the_next_frames(tmp_path, first):
+    path = tmp_path / "a.fits"
+    path.write_bytes(b"") if first is None else write_fits(path, np.zeros((first, 6, 5), np.float32))
+    with FrameReader() as reader:
+        before = [raw for *_, raw in reader.read([(path, 0), (path, 2)])]
+        write_fits(path, np.ones((3, 6, 5), np.float32), overwrite=True)
+        ((_, _, raw),) = reader.read([(path, 2)])
+    assert [isinstance(one, FrameError) for one in before] == [first is None, True]
+    assert first is None or before[1].code is ErrorCode.CHANGED
+    assert raw.index == 2
+    assert (raw.data == 1).all()

@@ -8,13 +8,15 @@ from astropy.io import fits
 
 from jitterkit.batch import FileExposures
 from jitterkit.frames import Frame, write_tiff
-from jitterkit.refit import FitResult, Status
+from jitterkit.refit import Status
 
 EXPOSURE = 0.5
 
 
 class Plain:
-    """A finder that takes pixels for electrons; all frames have one optics."""
+    """A processor that takes pixels for electrons; all frames have one optics."""
+
+    plate_scale = 1.0
 
     def calibrate(self, raw):
         about = {"path": raw.path, "index": raw.index, "several": raw.several, "digest": raw.digest}
@@ -22,9 +24,6 @@ class Plain:
 
     def optics(self, frame):
         return "optics"
-
-    def trouble(self, error):
-        return FitResult.from_error(Status.MISMATCH, error)
 
 
 @pytest.fixture
