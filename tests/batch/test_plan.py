@@ -8,7 +8,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.batch import plan
-from jitterkit.batch.plan import Batch, FrameReader, count_frames, plan_batches
+from jitterkit.batch.plan import FrameReader, count_frames, plan_batches
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 
