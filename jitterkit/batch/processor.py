@@ -39,7 +39,14 @@ from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
-from jitterkit.locate import Residual, locate_binary, locate_star, locate_stars, most_outliers
+from jitterkit.locate import (
+    Residual,
+    allow_for_model,
+    locate_binary,
+    locate_star,
+    locate_stars,
+    most_outliers,
+)
 from jitterkit.loci import locus_class
 from jitterkit.optics import Optics
 from jitterkit.refit import (
@@ -58,6 +65,7 @@ from jitterkit.refit import (
 from jitterkit.refit.outliers import OUTLIERS, left_out
 from jitterkit.refit.rays import find_rays
 from jitterkit.refit.scene_choice import DECIDED
+from jitterkit.refit.scene_search import found_allowing
 from jitterkit.refit.together import scene_together
 from jitterkit.scene import Star
 
@@ -264,7 +272,8 @@ class FrameProcessor:
         """Return what scene a frame shows at first sight; None if it shows none."""
         try:
             data = self._without_outliers(frame, Data.of(frame, censored=self.censored))
-            found = self._found(frame, data, rough=True)
+            search = functools.partial(self._found, frame)
+            found, _ = found_allowing(search, data, self.options.model_error, rough=True)
         except Exception as error:
             if out_of_memory(error):
                 raise
@@ -335,8 +344,9 @@ class FrameProcessor:
         """Return what a fit leaves of a frame; None for one that could not be fitted."""
         if result.residual is None or result.image is None or result.parameters is None:
             return None
-        data = Data.of(frame).without(~np.isfinite(result.residual))
-        return Residual(data, result.image, self.optics(frame).nominal, result.parameters.locus)
+        data, otf = Data.of(frame).without(~np.isfinite(result.residual)), self.optics(frame).nominal
+        data = allow_for_model(data, result.parameters, result.image, otf, self.options.model_error)
+        return Residual(data, result.image, otf, result.parameters.locus)
 
     def _fit_once(self, frame: Frame) -> tuple[FitResult, int]:
         """Fit a frame, and say how many pixels the search for its stars left out."""
@@ -411,7 +421,8 @@ class FrameProcessor:
     def _located(self, frame: Frame, data: Data, rough: bool) -> SceneEstimate | FitResult:
         """Return what a frame shows that is searched through."""
         clean = self._without_outliers(frame, data)
-        found = self._found(frame, clean, rough=rough and self.kernel == SCORE)
+        search, haste = functools.partial(self._found, frame), rough and self.kernel == SCORE
+        found, clean = found_allowing(search, clean, self.options.model_error, rough=haste)
         if isinstance(found, FitResult):
             return found
         if (result := undecided(found)) is not None:

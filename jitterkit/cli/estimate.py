@@ -94,6 +94,7 @@ def estimate(
     exports: Exports,
     scene: options.SceneName = "auto",
     background: options.Background = True,
+    model_error: options.ModelError = "0",
     detector: options.Detector,
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
@@ -130,7 +131,7 @@ def estimate(
     _check_method(replaced, blind, estimator)
     exports.check(estimator)
     if replaced or blind:
-        _check_no_optics(instrument, scene, background)
+        _check_no_optics(instrument, scene, background, model_error)
     if output is not None:
         check_table(output, overwrite)
     exports.check_directories(overwrite)
@@ -157,7 +158,8 @@ def estimate(
         from jitterkit.refit import FitOptions
 
         telescope = load_instrument(instrument or _INSTRUMENT)
-        fit = FitOptions(hold=options.held(background))
+        error = options.parse_model_error(model_error)
+        fit = FitOptions(hold=options.held(background), model_error=error)
         processor = FrameProcessor(telescope, metadata, kernel=estimator or "score", scene=scene, options=fit)
         measurer = TemplateBlurEstimator(processor)
     write = exports.products(overwrite).write
@@ -188,10 +190,10 @@ def _check_method(replaced: str, blind: bool, estimator: str | None) -> None:
     )
 
 
-def _check_no_optics(instrument: str | None, scene: str, background: bool) -> None:
+def _check_no_optics(instrument: str | None, scene: str, background: bool, model_error: str) -> None:
     """Refuse options of known optics where there are none."""
     given = ["--instrument"] * (instrument is not None) + ["--scene"] * (scene != "auto")
-    given += ["--no-background"] * (not background)
+    given += ["--no-background"] * (not background) + ["--model-error"] * (model_error != "0")
     refuse_if(
         given != [],
         ErrorCode.CONFLICT,

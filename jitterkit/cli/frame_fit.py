@@ -51,6 +51,7 @@ class FrameFit:
     censored: options.Censored = False
     rays: bool = False
     background: options.Background = True
+    model_error: options.ModelError = "0"
     detector: options.Detector
     device: str | None = None
     float32: bool = False
@@ -64,6 +65,7 @@ class FrameFit:
         ConfigurationError
             If the optics do not carry the preset, or there is no such instrument, device, preset or prior.
         """
+        error = options.parse_model_error(self.model_error)
         prepare_jax(self.device, self.float32)
         from jitterkit.batch import FrameProcessor
         from jitterkit.instruments import load_instrument
@@ -72,6 +74,7 @@ class FrameFit:
 
         telescope = load_instrument(self.instrument)
         settings = trade.preset(self.preset, telescope)
+        fit = FitOptions(hold=options.held(self.background), model_error=error)
         modelled = settings.instrument(telescope)
         if settings != trade.Settings():
             modelled.system()  # refuses what its pupil does not carry before any frame is read
@@ -85,7 +88,7 @@ class FrameFit:
             locus=self.locus,
             kernel=self.estimator,
             scene=self.scene,
-            options=settings.options(telescope, FitOptions(hold=options.held(self.background))),
+            options=settings.options(telescope, fit),
             prior=prior,
             censored=self.censored,
             rays=self.rays,

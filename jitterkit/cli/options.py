@@ -24,6 +24,7 @@ __all__ = [
     "Hdu",
     "InstrumentName",
     "Jitter",
+    "ModelError",
     "OutputDirectory",
     "Overwrite",
     "Pair",
@@ -31,6 +32,7 @@ __all__ = [
     "SpectrumKind",
     "TableOutput",
     "held",
+    "parse_model_error",
     "refuse_if",
     "refuse_unused",
     "required",
@@ -73,6 +75,14 @@ Background = Annotated[
     bool,
     typer.Option(
         help="Fit a constant background; held at zero, sky of 1 e-/pixel biases a separation by 43 µas."
+    ),
+]
+ModelError = Annotated[
+    str,
+    typer.Option(
+        metavar="FRACTION|auto",
+        help="Error of the modelled light in each pixel, as a share of it, where the optics are not known "
+        "exactly: added to the noise; auto takes what each frame shows.",
     ),
 ]
 Censored = Annotated[
@@ -225,6 +235,18 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
             ErrorCode.CONFLICT,
             f"--scene {scene} has no use for --{name}; leave it out.",
         )
+
+
+def parse_model_error(text: str) -> Any:
+    """Read a model error as it is given on the command line."""
+    from jitterkit.errors import ConfigurationError, ErrorCode
+
+    try:
+        return text if text == "auto" else float(text)
+    except ValueError:
+        raise ConfigurationError(
+            ErrorCode.MALFORMED, f"--model-error {text!r} is no number; give a share, such as 0.02, or auto."
+        ) from None
 
 
 def held(background: bool) -> tuple[str, ...]:

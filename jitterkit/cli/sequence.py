@@ -39,6 +39,7 @@ def sequence(
     scene: str = "auto",
     censored: options.Censored = False,
     background: options.Background = True,
+    model_error: options.ModelError = "0",
     detector: options.Detector,
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
@@ -75,6 +76,7 @@ def sequence(
     refuse_if(global_shutter and telemetry is not None, ErrorCode.CONFLICT, problem)
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
+    error = options.parse_model_error(model_error)
     prepare_jax()
     from jitterkit.batch import FileExposures, FrameProcessor
     from jitterkit.instruments import load_instrument
@@ -89,8 +91,15 @@ def sequence(
         rolling=not global_shutter,
         telemetry=None if telemetry is None else read_trace(telemetry),
     )
-    held = options.held(background)
-    looker = Looker(exposures.optics, locus, held, diffusion=diffusion, censored=censored, scene=scene)
+    looker = Looker(
+        exposures.optics,
+        locus,
+        options.held(background),
+        diffusion=diffusion,
+        censored=censored,
+        scene=scene,
+        model_error=error,
+    )
     with progress_bar(len(exposures.files), "files") as advance:
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:

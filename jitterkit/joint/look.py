@@ -22,15 +22,16 @@ from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.linearisation import SETTLED, linearisation_error
-from jitterkit.locate import Residual, locate_binary
+from jitterkit.locate import ModelError, Residual, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene
+from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, choose_scene
 from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.scene_search import found_allowing
 from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
@@ -90,6 +91,8 @@ class Looker:
         Whether full pixels count; see :meth:`jitterkit.likelihood.Data.of`.
     scene : str
         ``"auto"`` to refuse frames that show no pair, or ``"binary"``.
+    model_error : float or "auto"
+        Of :class:`~jitterkit.refit.FitOptions`.
 
     Raises
     ------
@@ -104,9 +107,11 @@ class Looker:
     diffusion: bool = False
     censored: bool = False
     scene: str = "auto"
+    model_error: ModelError = 0.0
 
     def __post_init__(self) -> None:
         locus_class(self.locus)
+        check_model_error(self.model_error)
         if self.scene not in ("auto", Binary.name):
             raise ConfigurationError(
                 ErrorCode.UNKNOWN_NAME,
@@ -154,20 +159,18 @@ class Looker:
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
         # what no star can have made: a search would take it for one
         data = data.without(Residual.of_dark(data, nominal).outliers(0.0, surely=True))
-        choice = None
-        if near is None and self.scene == "auto":
-            choice = choose_scene(data, self.optics, FitOptions(hold=self.hold))
-            if choice is not None and choice.scene != Binary.name:
-                told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."
-                if choice.scene == Stars.name:
-                    told = "it shows a field of stars; --scene binary fits the brightest two as a pair."
-                return FitResult(Status.NO_PAIR, told), nominal
-        start = locate_binary(data, self.optics, self.hold) if choice is None else choice.start
-        if start is None:
+        search = self._choice if near is None and self.scene == "auto" else self._pair
+        choice, data = found_allowing(search, data, self.model_error, rough=False)
+        if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
-        p = start.parameters
+        if search == self._choice and choice.scene != Binary.name:
+            told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."
+            if choice.scene == Stars.name:
+                told = "it shows a field of stars; --scene binary fits the brightest two as a pair."
+            return FitResult(Status.NO_PAIR, told), nominal
+        start, p = choice.start, choice.start.parameters
         begin = Parameters(p.scene, p.locus, p.aberrations, p.background, shutter=shutter)
-        options = FitOptions(hold=self.hold, priors=self.priors)
+        options = FitOptions(hold=self.hold, priors=self.priors, model_error=self.model_error)
         fit, otf = fit_and_expand(data, self.optics, begin, start.otf, options)
         if self.diffusion and fit.parameters is not None:
             fit = replace(fit, parameters=self._parted(fit.parameters))
@@ -213,7 +216,8 @@ class Looker:
         names, free = free_parameters(fit.parameters, otf, self.hold)
         shared = [names.index(name) for name in self.shared]
         own = [names.index(name) for name in fit.names]
-        data = self._data(frame).clear(fit.image)
+        where = fit.parameters, fit.image, otf, self.model_error
+        data = allow_for_model(self._data(frame), *where).clear(fit.image)
         if not first and otf.colours is not None:
             otf = replace(otf, colours=Colours(sigma=math.inf), wavelength_sigma=math.inf)
         equations = normal_equations(fit.parameters, otf, data, free, exact=False)
@@ -257,7 +261,17 @@ class Looker:
 
     @cached_property
     def _options(self) -> FitOptions:
-        return FitOptions(hold=(*self.hold, *self.shared), priors=self.priors)
+        hold = (*self.hold, *self.shared)
+        return FitOptions(hold=hold, priors=self.priors, model_error=self.model_error)
+
+    def _choice(self, data: Data, *, rough: bool) -> SceneChoice | None:
+        """Choose the scene of data."""
+        return choose_scene(data, self.optics, FitOptions(hold=self.hold), rough=rough)
+
+    def _pair(self, data: Data, *, rough: bool) -> SceneChoice | None:
+        """Search data for a pair."""
+        start = locate_binary(data, self.optics, self.hold, rough=rough)
+        return None if start is None else SceneChoice(start, math.inf)
 
     def _data(self, frame: Frame) -> Data:
         return Data.of(frame, censored=self.censored)

@@ -21,6 +21,7 @@ from jitterkit.likelihood.equations import (
     equations_of,
     information_at,
     normal_equations,
+    slope_products,
 )
 from jitterkit.likelihood.misfit import Misfit, chi_squared, pearson
 
@@ -36,4 +37,5 @@ __all__ = [
     "is_clear",
     "normal_equations",
     "pearson",
+    "slope_products",
 ]

@@ -15,6 +15,7 @@ __all__ = [
     "clears",
     "is_clear",
     "mean_counts",
+    "pixel_variance",
     "relative_residual",
     "telling",
 ]
@@ -48,6 +49,11 @@ class Data(eqx.Module):
         Level from which on a pixel is full; None where nothing comes near it.
     full : (ny, nx) bool array or None
         Pixels that count as having reached the ceiling; None to leave out what comes near it.
+    model_variance : (ny, nx) array or None
+        Variance of a pixel by errors of the model, electrons² before any division; None without any.
+    model_area : () array or None
+        Pixels whose model errors are alike: the likelihood takes so many times ``model_variance``, since
+        together they say no more than one.
     """
 
     electrons: Float[Array | np.ndarray, "ny nx"]
@@ -56,9 +62,20 @@ class Data(eqx.Module):
     response: Float[Array | np.ndarray, "ny nx"] | None
     ceiling: Float[Array | np.ndarray, "ny nx"] | None
     full: Bool[Array | np.ndarray, "ny nx"] | None
+    model_variance: Float[Array | np.ndarray, "ny nx"] | None
+    model_area: Float[Array | np.ndarray, ""] | None
 
     def __init__(
-        self, electrons, read_variance=0.0, used=None, *, response=None, ceiling=None, full=None
+        self,
+        electrons,
+        read_variance=0.0,
+        used=None,
+        *,
+        response=None,
+        ceiling=None,
+        full=None,
+        model_variance=None,
+        model_area=1.0,
     ) -> None:
         electrons = np.asarray(electrons, float)
         used = np.ones(electrons.shape, bool) if used is None else np.asarray(used, bool)
@@ -71,6 +88,9 @@ class Data(eqx.Module):
         ceiling = None if ceiling is None else np.minimum(np.asarray(ceiling, float), _NO_CEILING)
         self.ceiling = None if ceiling is None else _spread(ceiling, electrons.shape)
         self.full = None if full is None else np.asarray(full, bool)
+        allowed = None if model_variance is None else np.asarray(model_variance, float)
+        self.model_variance = None if allowed is None else _spread(allowed, electrons.shape)
+        self.model_area = None if allowed is None else np.asarray(model_area, float)
 
     @classmethod
     def of(cls, frame: Frame, *, censored: bool = False) -> Data:
@@ -113,17 +133,46 @@ class Data(eqx.Module):
         if not self.trims:
             return self
         keep = np.asarray(is_clear(jnp.asarray(image), self))
-        return Data(self.electrons, self.read_variance, keep, response=self.response)
+        return Data(
+            self.electrons,
+            self.read_variance,
+            keep,
+            response=self.response,
+            model_variance=self.model_variance,
+            model_area=self.model_area,
+        )
 
     def without(self, pixels: np.ndarray) -> Data:
         """The same without some pixels (ny, nx), which are marked true."""
         used = np.asarray(self.used) & ~pixels
         return eqx.tree_at(lambda d: (d.electrons, d.used), self, (np.where(used, self.electrons, 0.0), used))
 
+    def allowing(self, variance, area=1.0) -> Data:
+        """Return the same with a variance of model errors (ny, nx) and their area [pixels]; None for none."""
+        return Data(
+            self.electrons,
+            self.read_variance,
+            self.used,
+            response=self.response,
+            ceiling=self.ceiling,
+            full=self.full,
+            model_variance=variance,
+            model_area=area,
+        )
+
     @property
     def offset(self) -> Float[Array | np.ndarray, "ny nx"]:
         """What is added to electrons and image to make both of them Poisson."""
-        return self.read_variance if self.response is None else self.read_variance / self.response
+        alike = self.alike_variance
+        variance = self.read_variance if alike is None else self.read_variance + alike
+        return variance if self.response is None else variance / self.response
+
+    @property
+    def alike_variance(self) -> Float[Array | np.ndarray, "ny nx"] | None:
+        """Variance of model errors in the likelihood: of a pixel, times the pixels that have the same."""
+        if self.model_variance is None or self.model_area is None:
+            return None
+        return self.model_area * self.model_variance
 
     @property
     def weight(self):
@@ -172,6 +221,14 @@ def _floor(image, data: Data):
 
 def mean_counts(image, data: Data):
     return jnp.maximum(image + data.offset, _floor(image, data))
+
+
+def pixel_variance(mean, data: Data):
+    """Variance of a pixel's electrons by itself, where the likelihood expects a mean count."""
+    alike, own = data.alike_variance, data.model_variance
+    if alike is None or own is None:
+        return mean / data.weight
+    return (mean - (alike - own) / data.weight) / data.weight
 
 
 def telling(image, data: Data):

@@ -30,6 +30,7 @@ __all__ = [
     "equations_of",
     "information_at",
     "normal_equations",
+    "slope_products",
 ]
 
 
@@ -138,6 +139,14 @@ def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int
     _, _, weight = _pull_and_weight(image, single(data))
     rows = slopes.reshape(len(free), -1).astype(parameters.background.dtype)
     return (rows * weight.ravel()) @ rows.T + _colour_information(parameters, otf, free)
+
+
+@eqx.filter_jit
+def slope_products(parameters: Parameters, otf: OTF, weight, free: tuple[int, ...]) -> Float[Array, "p p"]:
+    """Sum the products of the image's derivatives by the free parameters, with weights of pixels (ny, nx)."""
+    _, slopes = _single_slopes(parameters, otf, free)
+    slopes = slopes.astype(parameters.background.dtype)
+    return jnp.tensordot(slopes * weight, slopes, ((1, 2), (1, 2)))
 
 
 def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.likelihood.data import Data, clears, mean_counts, relative_residual, telling
+from jitterkit.likelihood.data import Data, clears, mean_counts, pixel_variance, telling
 
 __all__ = ["Misfit", "chi_squared", "pearson"]
 
@@ -54,6 +54,7 @@ def _pearson(image, data: Data):
     counts = telling(image, data) & data.used
     if data.ceiling is not None:
         counts &= clears(mean, data)
-    residual = jnp.where(counts, relative_residual(mean, data) * jnp.sqrt(mean * data.weight), jnp.nan)
-    variance = jnp.where(counts, 2 + jnp.clip(image, 0) / (data.weight * mean**2), 0.0).sum()
+    own = pixel_variance(mean, data)
+    residual = jnp.where(counts, (data.electrons + data.offset - mean) / jnp.sqrt(own), jnp.nan)
+    variance = jnp.where(counts, 2 + jnp.clip(image, 0) / (data.weight**3 * own**2), 0.0).sum()
     return jnp.nansum(residual**2), counts.sum(), jnp.sqrt(variance), residual

@@ -2,6 +2,13 @@
 
 from jitterkit.locate.further import with_further_stars
 from jitterkit.locate.matched_filter import resolution
+from jitterkit.locate.model_error import (
+    AUTO,
+    ModelError,
+    allow_for_model,
+    check_model_error,
+    relative_error,
+)
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual, most_outliers
 from jitterkit.locate.search import bright_stars, locate_binary, locate_star, locate_stars
@@ -9,12 +16,16 @@ from jitterkit.locate.start import Start, polished, with_best_signs
 from jitterkit.locate.warm import ReferenceFrame, WarmStart
 
 __all__ = [
+    "AUTO",
     "FoundPair",
+    "ModelError",
     "ReferenceFrame",
     "Residual",
     "Start",
     "WarmStart",
+    "allow_for_model",
     "bright_stars",
+    "check_model_error",
     "find_pairs",
     "find_star",
     "locate_binary",
@@ -22,6 +33,7 @@ __all__ = [
     "locate_stars",
     "most_outliers",
     "polished",
+    "relative_error",
     "resolution",
     "with_best_signs",
     "with_further_stars",

@@ -132,10 +132,15 @@ class Residual:
             significance, x, y, flux = star
             found.append((x, y, flux))
             scene = Star(x, y, flux) if scene is None else scene.joined(FurtherStars(x, y, flux))
-            image = self.otf.grid.crop(star_at((x, y), self._spectrum, self.otf.grid))
-            left = replace(left, image=left.image + flux * image)
+            left = left.without(Star(x, y, flux))
             least = max(least, _AT_ONCE * significance)
         return FurtherStars(*zip(*found, strict=True)) if found else None
+
+    def without(self, star: Star) -> Residual:
+        """Return what is left when the image has one more star."""
+        place = float(star.x), float(star.y)
+        image = self.otf.grid.crop(star_at(place, self._spectrum, self.otf.grid))
+        return replace(self, image=self.image + float(star.flux) * image)
 
     def _outstanding(self, scene: Scene | None, least: float, apart: float):
         """Significance, place [arcsec] and flux of the star that stands out most, if by so many errors."""

@@ -123,7 +123,7 @@ def _fit_still(
 
 
 def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> FitResult:
-    normal, otf = frame.fit("mvn", start, moments, otf)
+    normal, otf, frame = frame.first_fit("mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci

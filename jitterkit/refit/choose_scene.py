@@ -88,7 +88,7 @@ def choose_scene(
     optics : Optics
     options : FitOptions, optional
         Of the fit to come.  Whoever holds, or has a prior on, what only a pair has gets a pair; priors on
-        anything else do not enter.
+        anything else do not enter, nor does a model error that the data do not allow for.
     rough : bool
         As for :func:`~jitterkit.locate.locate_binary`.
 
@@ -98,7 +98,7 @@ def choose_scene(
         None if no star rises above the noise.
     """
     options = options or FitOptions()
-    frame = _Frame(data, optics, replace(options, priors=Priors()), rough)
+    frame = _Frame(data, optics, replace(options, priors=Priors(), model_error=0.0), rough)
     if _OF_PAIRS & {*options.hold, *options.priors.terms}:  # who knows them knows that there is a pair
         pair = frame.pair()
         return None if pair is None else SceneChoice(pair, math.inf)

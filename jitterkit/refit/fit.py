@@ -18,12 +18,14 @@ import numpy as np
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.linearisation import SETTLED, Expanded, climb_and_expand
+from jitterkit.locate import ModelError, allow_for_model, check_model_error
 from jitterkit.loci import Locus, Streak
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.leashes import leashes
+from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import POOR, FitResult, Status
 from jitterkit.refit.tip import at_the_tip
@@ -54,6 +56,8 @@ _CONTRADICTION = (
     "The frame contradicts its prior: look where the prior comes from, or fit without; values and errors "
     "assume that both are right."
 )
+_ALLOWANCES = 3
+"""Times that a fit is made again with the model error that the one before shows: the first is bent by it."""
 _AT_REST, _NEAR = 0.01, 0.1
 """Standard errors that everything else may have to go: where a streak is at its tip, and in a valley where
 the steps ran out (one frame in a hundred)."""
@@ -76,6 +80,10 @@ class FitOptions:
         :func:`~jitterkit.refit.fit_locus` does; None for as many as they have themselves.
     may_be_still : bool
         Whether :func:`~jitterkit.refit.choose.fit_best_locus` may fit no jitter to a frame that shows none.
+    model_error : float or "auto"
+        Error of the expected light in each pixel, 1 sigma, as a share of it, to be added to the variance; or
+        as large as the residual shows (:func:`~jitterkit.locate.allow_for_model`).  Zero leaves what the
+        data have.
     """
 
     hold: Collection[str] = ()
@@ -83,6 +91,11 @@ class FitOptions:
     tolerance: float = _USUAL
     nodes: int | None = None
     may_be_still: bool = False
+    model_error: ModelError = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a model error that is none."""
+        check_model_error(self.model_error)
 
 
 def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:
@@ -151,9 +164,37 @@ def fit_and_expand(
     options: FitOptions | None = None,
 ) -> tuple[FitResult, OTF]:
     """Fit a frame, and return the optics expanded where the fit ended too: the next locus starts there."""
-    began = time.perf_counter()
+    return fit_and_allow(data, optics, start, otf, options)[:2]
+
+
+def fit_and_allow(
+    data: Data,
+    optics: Optics,
+    start: Parameters,
+    otf: OTF | None = None,
+    options: FitOptions | None = None,
+) -> tuple[FitResult, OTF, Data]:
+    """Fit a frame, and return the data too, with the model errors that the fit allowed for."""
     options = FitOptions() if options is None else options
     otf = optics.otf(start.aberrations) if otf is None else otf
+    result, otf = _fit_and_expand(data, optics, start, otf, options)
+    for _ in range(_ALLOWANCES if options.model_error else 0):
+        if result.parameters is None:
+            break
+        allowed = allow_for_model(data, result.parameters, result.image, otf, options.model_error)
+        if not differs(allowed, data):
+            break
+        data, seconds = allowed, result.seconds
+        result, otf = _fit_and_expand(data, optics, result.parameters, otf, options)
+        result = replace(result, seconds=seconds + result.seconds)
+    return result, otf, data
+
+
+def _fit_and_expand(
+    data: Data, optics: Optics, start: Parameters, otf: OTF, options: FitOptions
+) -> tuple[FitResult, OTF]:
+    """Fit a frame with the variance that its data have."""
+    began = time.perf_counter()
     start = start.completed(otf)
     names, free = free_parameters(start, otf, options.hold)
     if int(np.sum(np.asarray(data.used))) <= len(free):
@@ -190,6 +231,8 @@ def fit_and_expand(
         end, otf, more = climb_from(clear, tidied, otf)
         iterations += more
     result = _conclude(clear, otf, end, names, iterations, time.perf_counter() - began)
+    if data.model_variance is not None:
+        result = with_model_error(result, clear, otf, free)
     return _heed(result, options.priors, free, end), otf
 
 
@@ -205,7 +248,10 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     restless = tips | leashed
     tolerance = _NEAR if leashed else _AT_REST
     arrived = bool(end.converged) or (sound and bool(restless) and _arrived(end, names, restless, tolerance))
-    flags = [] if abs(misfit.chi2 - dof) < _MISFIT * misfit.spread else ["misfit"]
+    excess = misfit.chi2 - dof
+    if data.model_variance is not None:
+        excess = max(excess, 0.0)  # a model error that is given may be larger than it is
+    flags = [] if abs(excess) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
     flags += ["jitter_undetected"] if arrived and tips and isinstance(locus, Streak) else []
     flags += ["aberrations_held"] if not set(otf.names) <= set(names) else []

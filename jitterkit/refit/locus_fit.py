@@ -12,7 +12,7 @@ from jitterkit.locate import Start, polished, with_best_signs
 from jitterkit.loci import locus_class
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit.fit import FitOptions, fit_and_expand
+from jitterkit.refit.fit import FitOptions, fit_and_allow
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.starts import starting_point
 
@@ -52,7 +52,7 @@ def fit_locus(
     :func:`jitterkit.refit.leashes.leashes`.
     """
     frame = FrameFits(data, optics, options or FitOptions(), sure)
-    fit, _ = frame.fit(name, start, moments, otf)
+    fit, _, frame = frame.first_fit(name, start, moments, otf)
     better = None if name == NORMAL else frame.other_signs(fit)
     if better is None:
         return fit
@@ -80,10 +80,17 @@ class FrameFits:
 
     def fit(self, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
         """Fit one locus, and return the optics expanded where the fit ended too."""
+        return self.first_fit(name, start, moments, otf)[:2]
+
+    def first_fit(
+        self, name: str, start: Parameters, moments, otf: OTF | None
+    ) -> tuple[FitResult, OTF, FrameFits]:
+        """Fit one locus, and return what later fits share: the model errors that this one allowed for."""
         otf = self.optics.otf(start.aberrations) if otf is None else otf
         place = starting_point(locus_class(name), moments, start, otf, self.data, self.options)
-        fit, otf = fit_and_expand(self.data, self.optics, place, otf, self.options)
-        return replace(fit, locus=name), otf
+        fit, otf, data = fit_and_allow(self.data, self.optics, place, otf, self.options)
+        others = replace(self, data=data, options=replace(self.options, model_error=0.0))
+        return replace(fit, locus=name), otf, others
 
     def other_signs(self, fit: FitResult) -> Start | None:
         """Find where a better fit begins, with other signs of aberrations; None where there is none.

@@ -122,6 +122,10 @@ class FitResult:
     further_limit : float
         Electrons of a further star that would have been found, by
         :meth:`~jitterkit.locate.Residual.hidden`; NaN where none was looked for.
+    model_error : float
+        What was allowed for as an error of the model: rms share of the light, by its square.
+    model_covariance : (p, p) array
+        What it adds to the covariance: the same in frames with the same optics.  Empty where there is none.
     iterations : int
     seconds : float
     code : ErrorCode or None
@@ -146,6 +150,8 @@ class FitResult:
     shape: float = float("nan")
     shape_err: float = float("nan")
     further_limit: float = float("nan")
+    model_error: float = 0.0
+    model_covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     iterations: int = 0
     seconds: float = 0.0
     code: ErrorCode | None = None
@@ -182,6 +188,16 @@ class FitResult:
             return float("nan")
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
+
+    def model_part(self, name: str) -> float:
+        """Return the part of a parameter's standard error that errors of the model make; NaN without any.
+
+        It is common to frames of the same optics, and does not average out.
+        """
+        if name not in self.names or len(self.model_covariance) != len(self.names):
+            return float("nan")
+        i = self.names.index(name)
+        return float(np.sqrt(max(self.model_covariance[i, i], 0.0)))
 
     def of_scene(self, name: str) -> float:
         """A number of the fitted scene; NaN where it has none."""

@@ -57,6 +57,11 @@ COLUMNS: tuple[Column, ...] = (
     Column(
         "separation_spread", "weighted rms of separation over the candidates: does not average out", "arcsec"
     ),
+    Column(
+        "separation_model_err",
+        "part of separation_err by errors of the model: alike in all frames, does not average out",
+        "arcsec",
+    ),
     *_measured("theta", "direction from A to B, counter-clockwise from +x", "deg"),
     *_measured("pa", "position angle from A to B on the sky, north through east", "deg"),
     *_measured("x", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),
@@ -82,6 +87,7 @@ COLUMNS: tuple[Column, ...] = (
     *_measured("shape", "excess kurtosis of the blur: normal 0, linear -1.2, oscillation -1.5"),
     *_measured("background", "electrons per pixel", "electron"),
     Column("chi2_dof", "Pearson's chi-squared per degree of freedom"),
+    Column("model_error", "error of the model that was allowed for, as a share of the light, 0 for none"),
     Column("dof", "degrees of freedom: pixels used less parameters; 0 of a frame without a fit", kind=int),
     Column(
         "candidates",

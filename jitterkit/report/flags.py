@@ -35,6 +35,7 @@ FLAGS: dict[str, str] = {
     "blur_varies": "the stars of the field differ in their blur: the PSF changes over it, or it rolled",
     "faint_companion": "the companion is faint and close enough to be an error of the optics",
     "further_stars": "stars beside those of the scene were found and fitted",
+    "model_error": "errors of the optics were allowed for: errors are larger than by noise alone",
 }
 
 

@@ -135,13 +135,13 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     Returns
     -------
     summary : dict
-        ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being the
-        joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it; ``shared``,
-        value, error and law of each shared parameter (diffusion is a variance, arcsec²); ``slope`` of the
-        separation, arcsec/s; ``floor`` of its averages [arcsec]; ``rows``, of a rolling shutter, with
-        ``leverage``, by how much the separation changes per arcsec/s of drift [s], and ``unknown``, the
-        error of that drift [arcsec/s]; ``passes``, and by how many errors the last ``moved`` anything;
-        ``seconds``.
+        ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being
+        the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, and
+        how many of them are ``with_model_error``; ``shared``, value, error and law of each shared parameter
+        (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its averages
+        [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation changes per
+        arcsec/s of drift [s], and ``unknown``, the error of that drift [arcsec/s]; ``passes``, and by how
+        many errors the last ``moved`` anything; ``seconds``.
     """
     frames = list(fit.frames())
     mean, error = fit.separation
@@ -163,6 +163,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "error_of_a_frame": scatter["typical_error"],
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
+            "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
         "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},
         "floor": None if floor is None else _floor(floor),
@@ -218,6 +219,13 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
         told.append(
             f"The fit has not settled: its last pass over the frames moved what they share by "
             f"{number(summary['moved'], 2)} errors."
+        )
+    separation = summary["separation"]
+    if separation["with_model_error"]:
+        told.append(
+            f"Errors of the model were allowed for in {separation['with_model_error']} frames. They are "
+            "alike in all of them and do not average out: the separation may be off by up to the error of "
+            f"one frame, {angle_size(separation['error_of_a_frame'], 2)}."
         )
     slope = summary["slope"]
     if slope["chi2"] > _CERTAIN:

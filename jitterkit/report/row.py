@@ -124,6 +124,7 @@ def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str
         row |= _with_error(name, result.of_scene(name), result.error(name))
     row["theta"] = direction_angle(row["theta"])
     row |= {"separation_crlb": _crlb(result, "separation"), "separation_spread": result.separation_spread}
+    row |= {"separation_model_err": result.model_part("separation"), "model_error": result.model_error}
     row |= _with_error("shape", result.shape, result.shape_err)
     row |= _with_error("background", parameters.background, result.error("background"))
     names = _names(result, parameters, aberrations)

@@ -35,11 +35,12 @@ def summarise(table: QTable) -> dict[str, Any]:
     -------
     summary : dict
         ``frames``; ``status`` and ``locus``, the number of each; ``separation`` [arcsec], ``theta`` and
-        ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``jitter``, the plain mean of
-        the second moments [arcsec²] and its principal axes [arcsec, deg]; ``shape``, the excess kurtosis as
-        :func:`weighted_mean` has it; ``loci``, what the frames say together, from
-        :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames; ``fit``, how
-        well all fit together, from :func:`~jitterkit.report.run_fit.judge_fit`;
+        ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``model_error`` of the
+        separation, the median of what errors of the model make of a frame's, which no mean makes smaller;
+        ``jitter``, the plain mean of the second moments [arcsec²] and its principal axes [arcsec, deg];
+        ``shape``, the excess kurtosis as :func:`weighted_mean` has it; ``loci``, what the frames say
+        together, from :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
+        ``fit``, how well all fit together, from :func:`~jitterkit.report.run_fit.judge_fit`;
         ``seconds``, the total.
 
     Notes
@@ -57,7 +58,11 @@ def summarise(table: QTable) -> dict[str, Any]:
         "frames": len(table),
         "status": _counts(table["status"]),
         "locus": _counts(good["locus"]),
-        "separation": {"unit": "arcsec", **weighted_mean(*_pair(good, "separation", "arcsec"))},
+        "separation": {
+            "unit": "arcsec",
+            **weighted_mean(*_pair(good, "separation", "arcsec")),
+            "model_error": _median(table["separation_model_err"].to_value("arcsec")[counts]),
+        },
         "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
         "jitter": _mean_jitter(good),
