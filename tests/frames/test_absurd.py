@@ -14,6 +14,7 @@ import pytest
 from astropy.io import fits
 from refusals import refused
 
+import jitterkit.frames.fits  # noqa: F401  not to be loaded while time or memory is measured
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
 from jitterkit.frames.images import read_image, read_images
@@ -178,6 +179,14 @@ def test_bytes_that_are_no_text_in_a_comment_are_a_warning(tmp_path):
     assert frame.metadata.exposure.value == 2.0
     assert len(frame.metadata.warnings) == 1
     assert "'?'" in frame.metadata.warnings[0]
+
+
+def test_a_tab_in_a_card_is_read_as_a_blank(tmp_path):
+    (tmp_path / "a.fits").write_bytes(hdu(HEADER | {"NAXIS1": "\t8", "EXPTIME": "\t2.0"}, PIXELS))
+    (frame,) = read_frames(tmp_path / "a.fits")
+    np.testing.assert_array_equal(frame.data, IMAGE)
+    assert frame.metadata.exposure.value == 2.0
+    assert len(frame.metadata.warnings) == 1
 
 
 def test_a_value_over_several_cards_is_read_whole(tmp_path):

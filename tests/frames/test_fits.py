@@ -8,6 +8,7 @@ import pytest
 from astropy.io import fits
 from refusals import refused
 
+import jitterkit.frames.fits  # noqa: F401  not to be loaded while time or memory is measured
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
 from jitterkit.frames.images import read_image, read_images
