@@ -1,4 +1,4 @@
-"""``jitterkit calibrate``: from bias, dark and flat frames to a detector that the other commands know."""
+"""Measure a detector from calibration frames: ``jitterkit calibrate``."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def calibrate(
     memory: float = 1200.0,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Measure a detector from bias, dark and flat frames; whatever is given of them.
+    """Measure a detector from bias, dark and flat frames, or from some of them.
 
     Writes bias.fits, read_noise.fits, dark_current.fits, flat.fits, bad_pixels.fits, photon_transfer.ecsv,
     calibration.png and detector.toml, an instrument file for the other commands, process -i
@@ -52,22 +52,22 @@ def calibrate(
     flat : FILE_OR_DIR
         Flat frames, two or more of each level of light.
     exposure
-        Of the darks and flats, s, whatever their headers say.
+        Exposure time of darks and flats, s, in place of the headers'.
     gain
-        e-/ADU, where there are no flats; by default the header's, or else the instrument's.
+        Gain, e-/ADU, if there are no flats; by default the header's, or else the instrument's.
     bias_level
-        ADU, where there are no bias frames; by default the instrument's.
+        Bias level, ADU, if there are no bias frames; by default the instrument's.
     clip
-        Noises of a frame beyond which a value is left out, 3 or more.
+        Deviation beyond which a value is excluded, in standard deviations of a frame's noise; 3 or more.
     hot
         Robust sigmas over the median dark current from which a pixel is hot.
     dead
-        Share of the response around it below which a pixel is dead.
+        Share of the neighbouring response below which a pixel is dead.
     smooth
-        Divide the flat by a smooth surface (third order in x and y): what is smooth is the lamp's. Without
-        it vignetting is corrected, and the lamp's unevenness with it.
+        Divide the flat by a smooth surface (third order in x and y): its smooth part then counts as the
+        lamp's. Without this option, vignetting is corrected, and the unevenness of the lamp with it.
     memory
-        Megabytes that the pixels read at a time may take.
+        Memory for the pixels that are read at a time, megabytes.
     """
     from jitterkit.calibration import Settings, open_stacks
     from jitterkit.calibration import calibrate as measure

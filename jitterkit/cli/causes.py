@@ -1,4 +1,4 @@
-"""``jitterkit causes``: jitter, diffusion, defocus and seeing told apart, or not."""
+"""Distinguish jitter, diffusion, defocus and seeing: ``jitterkit causes``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from jitterkit.errors import ErrorCode
 __all__ = ["causes"]
 
 _USUAL = 0.3
-"""Sigma in pixels, of a jitter and of a diffusion that nobody gives."""
+"""Sigma in pixels, of a jitter and of a diffusion that are not given."""
 
 
 def causes(
@@ -38,32 +38,32 @@ def causes(
     background: options.Background = True,
     products: Products,
 ) -> None:
-    """Tell what widens the image apart: jitter, charge diffusion, defocus and seeing.
+    """Distinguish the causes of a wide image: jitter, charge diffusion, defocus and seeing.
 
-    Prints the error of each cause in one frame, if the others were known and if none is; which of them the
-    frame takes for each other; and the errors with further data, from the cheapest to the dearest, by the
-    expected Fisher information. A cause is told where its error is below the target, not told where it is as
-    large as the cause.
+    Prints the error of each cause in one frame, if the others are known and if none is; which of them one
+    frame cannot distinguish; and the errors with further data, from the cheapest to the most expensive, by
+    the expected Fisher information. A cause is told where its error is below the target, not told where it is
+    as large as the cause.
 
     Parameters
     ----------
     diffusion : 0.3px|110mas
-        Charge diffusion, one sigma; by default the detector's, or 0.3px; of a measured PSF what comes beyond
-        it, by default none.
+        Charge diffusion, one sigma; by default the detector's, or 0.3px; for a measured PSF the diffusion
+        beyond it, by default none.
     seeing : 1.2arcsec
         FWHM of a long exposure through the air; by default there is none.
     aberration : NAME=NM
-        Of the optics, several times for several: noll4=30.
+        Aberration of the optics, nm; repeat the option for several: noll4=30.
     target : 10%
-        Share of its size to which each cause is to be told; of a pixel where it has none.
+        Required error of each cause, as a share of its size, or of a pixel if its size is zero.
     frames
-        Further frames that might be taken.
+        Number of further frames that could be taken.
     telemetry : 5%
-        What telemetry of the jitter's variances is good to.
+        Error of telemetry of the jitter's variances.
     refocus
-        Defocus on both sides that might be set, nm of noll4.
+        Defocus on both sides that could be set, nm of noll4.
     plot : FILE.png
-        Draw what each cause does, and how alike that is.
+        Draw the effect of each cause, and their similarity.
     """
     products.check()
     goal, known = _share(target, "--target"), _share(telemetry, "--telemetry")
@@ -100,7 +100,7 @@ def _setting(telescope, scene, jitter, diffusion: str | None, seeing: str | None
 
     pair, optics, own = Binary(**scene), telescope.system(), telescope.detector.diffusion
     usual = 0.0
-    if isinstance(optics, OpticalSystem):  # what is asked about is a parameter, not the optics'
+    if isinstance(optics, OpticalSystem):  # diffusion is a parameter here, not part of the optics
         optics, usual = replace(optics, diffusion=0.0), _USUAL if own is None else own
     check_scene(pair, jitter)
     check_reach(pair, jitter, optics.nominal)

@@ -1,4 +1,4 @@
-"""``jitterkit crossfit``: what fitting the wrong locus does to the separation."""
+"""Measure the bias of a separation that is fitted with the wrong locus: ``jitterkit crossfit``."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ def crossfit(
     Parameters
     ----------
     data : KIND
-        Jitter of the data, several times for several: linear, shm, mvn,shear=0.7, ellipse,ratio=0.5,
+        Jitter of the data; repeat the option for several: linear, shm, mvn,shear=0.7, ellipse,ratio=0.5,
         partial,cycles=0.7,phase=30. By default linear shm mvn,shear=0.1 mvn,shear=0.7.
     fit : LOCUS
-        Locus to fit, several times for several; auto chooses by the evidence of all frames. By default
+        Locus to fit; repeat the option for several. auto chooses by the evidence of all frames. By default
         stable, linear, shm, mvn, auto.
     size
         Size of the data's jitter, arcsec: length, peak to peak, FWHM of a normal, whole major axis of an
         ellipse, as in the paper. By default [0.075, 0.15, 0.225].
     angle
-        Its angle, degrees counter-clockwise from +x. By default [0.0, 45.0, 90.0].
+        Angle of the data's jitter, degrees counter-clockwise from +x. By default [0.0, 45.0, 90.0].
     draws
-        Noisy frames of each setting, fitted by one step.
+        Number of noisy frames of each setting, fitted by one step.
     seed
-        Of the generator of the draws.
+        Seed of the random generator.
     plot : FILE.png
         Draw the histograms.
     """

@@ -1,4 +1,4 @@
-"""``jitterkit docs``: the handbook in the terminal."""
+"""Show the handbook in the terminal: ``jitterkit docs``."""
 
 from __future__ import annotations
 

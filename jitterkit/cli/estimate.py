@@ -1,4 +1,4 @@
-"""``jitterkit estimate``: the blur kernels alone."""
+"""Estimate blur kernels without a refit: ``jitterkit estimate``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Exports:
     file_rows
         Write exports of a frame whose file begins with its top row (a TIFF) in that order too.
     deblur : DIR
-        Write each frame without its blur, to look at.
+        Write each frame without its blur, for inspection.
     """
 
     plot: Path | None = None
@@ -101,17 +101,17 @@ def estimate(
 ) -> None:
     """Estimate the blur of every frame, without a refit, and print a table.
 
-    Of one star or a pair, with an instrument's optics; with --reference, --stars or --blind of anything
-    else. sxx, sxy and syy are the pointing's second moments; major and minor are one sigma along each axis;
-    angle is the major axis's, in degrees counter-clockwise from +x; length is a streak's; shape is the
-    excess kurtosis; significance is chi-squared with three degrees of freedom against no jitter. Sizes are
-    in arcsec, or in pixels where a frame has no plate scale. A reference that is among the frames says so
-    in its row.
+    The frames show one star or a pair, of an instrument's optics; with --reference, --stars or --blind they
+    may show anything else. sxx, sxy and syy are the pointing's second moments; major and minor are one sigma
+    along each axis; angle is that of the major axis, in degrees counter-clockwise from +x; length is a
+    streak's; shape is the excess kurtosis; significance is chi-squared with three degrees of freedom against
+    no jitter. Sizes are in arcsec, or in pixels where a frame has no plate scale. A reference that is among
+    the frames is marked in its row.
 
     Parameters
     ----------
     instrument : NAME|FILE.toml
-        The telescope of frames of a star or a pair: a preset, or an instrument file.
+        Telescope of frames of a star or a pair: a preset, or an instrument file.
     reference : FILE|roundest
         A sharp frame in place of an instrument: of the same telescope for stars, of the same view for
         anything else; or the roundest of the frames given, which then show stars.

@@ -1,4 +1,4 @@
-"""``jitterkit forecast``: the errors of frames that have not been taken."""
+"""Forecast the errors of frames that have not been taken: ``jitterkit forecast``."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def forecast(
 ) -> None:
     """Forecast errors, frames and time from the expected Fisher information.
 
-    Prints the least standard error of every parameter of one frame (the Cramer-Rao bound), how far not
-    knowing the others inflates it, and its correlation with the separation's; with --sweep a row a setting;
-    with --allow a row a motion, at 0, 45 and 90 degrees from the pair. The detector's noise and saturated
+    Prints the least standard error of every parameter of one frame (the Cramer-Rao bound), how much it grows
+    because the others are unknown, and its correlation with the separation's; with --sweep a row per setting;
+    with --allow a row per motion, at 0, 45 and 90 degrees from the pair. The detector's noise and saturated
     pixels are counted.
 
     Parameters
@@ -52,22 +52,22 @@ def forecast(
         One star, at --x and --y, or a pair.
     sweep : NAME=FROM:TO:COUNT
         Forecast a range of any size, scene parameter, aberration [nm], gain, read_noise or full_well; twice
-        for a grid. NAME=a,b,c takes values as they are, FROM:TO:COUNT:log equal ratios.
+        for a grid. NAME=a,b,c gives the values, FROM:TO:COUNT:log equal ratios.
     target : ANGLE
-        Error of the mean separation to count frames and time for.
+        Error of the mean separation for which frames and time are counted.
     allow : 10%|1uas
-        Ask the other way round: how much jitter of each kind costs so much more observing time, or biases
-        the separation by so much where it is fitted with --fitted.
+        Compute the reverse: how much jitter of each kind costs this much more observing time, or biases the
+        separation by this much if it is fitted with --fitted.
     fitted : LOCUS
-        What the frames are fitted with, for --allow with a bias.
+        Locus that is fitted, for --allow with a bias.
     plot : FILE.png
-        Draw it: matrices of one forecast, curves of a sweep, the largest vibration of --allow.
+        Draw the matrices of one forecast, the curves of a sweep, or the largest vibration of --allow.
     """
     products.check()
     sweeps, goal, sizes = parse_sweeps(sweep or []), parse_angle(target, "--target"), jitter.size_values()
     refuse_unused(scene, _SCENES, context)
     if allow is not None:
-        _check_question(jitter.locus, sizes, sweeps)
+        _check_allow(jitter.locus, sizes, sweeps)
     prepare_jax()
     from jitterkit.instruments import load_instrument
 
@@ -88,11 +88,11 @@ def forecast(
     products.write(table, lambda: draw().axes[0])
 
 
-def _check_question(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:
-    """Refuse a sweep or a jitter beside --allow, which asks about every jitter."""
+def _check_allow(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float]]) -> None:
+    """Refuse a sweep or a jitter beside --allow, which computes every jitter."""
     conflict = ErrorCode.CONFLICT
-    refuse_if(sweeps != {}, conflict, "--allow and --sweep are two questions; ask them one at a time.")
-    problem = f"--allow asks about every jitter; leave out --locus {locus} and its sizes."
+    refuse_if(sweeps != {}, conflict, "--allow and --sweep cannot be combined; give one of the two.")
+    problem = f"--allow computes every jitter; leave out --locus {locus} and its sizes."
     refuse_if(locus != "stable" or sizes != {}, conflict, problem)
 
 
@@ -141,7 +141,7 @@ class _Setup:
         """Return the error of the separation without jitter, for the same scene, optics and detector."""
         known = {*_SCENE, *_DETECTOR, *self.telescope.aberrations}
         beside = tuple((name, value) for name, value in changes.items() if name in known)
-        if beside not in self._still:  # where the jitter alone is swept there is one
+        if beside not in self._still:  # only one if the jitter alone is swept
             self._still[beside] = self.point(still=True, censored=False, **dict(beside)).error("separation")
         return self._still[beside]
 
@@ -156,9 +156,10 @@ def _forecast_star(setup: _Setup):
     from jitterkit.report.words import angle_size
 
     found = setup.point()
-    log(f"place: {angle_size(found.error('x'))} along x and {angle_size(found.error('y'))} along y, a frame.")
+    x, y = angle_size(found.error("x")), angle_size(found.error("y"))
+    log(f"position per frame: {x} along x and {y} along y.")
     if found.masked:
-        log(f"{found.masked} pixels saturate, or come near it, and are left out.")
+        log(f"{found.masked} pixels are at or near saturation and are excluded.")
     return parameter_table(found), lambda: plot_matrices(found)
 
 
@@ -173,15 +174,15 @@ def _forecast_pair(setup: _Setup, goal: float):
     exposure, target, time = setup.telescope.exposure, angle_size(goal, 2).replace(".0 ", " "), ""
     if exposure is not None:
         time = f", {number(frames * exposure / 3600, 3)} h of {exposure:g} s exposures"
-    log(f"separation: {angle_size(error)} a frame; {target} takes {frames:,.0f} frames{time}.")
+    log(f"separation: {angle_size(error)} per frame; {target} takes {frames:,.0f} frames{time}.")
     if setup.locus != "stable":
         more = 100 * ((error / still.error("separation")) ** 2 - 1)
-        alone = angle_size(still.error("separation"))
-        log(f"The jitter costs {number(more, 3)} % more time than none ({alone}).")
+        without = angle_size(still.error("separation"))
+        log(f"The jitter costs {number(more, 3)} % more time than no jitter ({without}).")
     if found.masked:
         counted = angle_size(setup.point(censored=True).error("separation"))
         log(
-            f"{found.masked} pixels saturate, or come near it, and are left out; counted as full, by "
+            f"{found.masked} pixels are at or near saturation and are excluded; treated as lower limits, by "
             f"--censored of process, they would make it {counted}."
         )
     for direction in degenerate_directions(found):

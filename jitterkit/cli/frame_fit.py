@@ -29,18 +29,18 @@ class FrameFit:
     estimator : NAME
         Kernel estimator that starts the fit: score or mtf.
     prior : FILE
-        What other data say about the jitter: a table of 'estimate -o' (.ecsv; a frame's own row, known by
-        its pixels, is left out), or a trace t,x,y (.csv, s and arcsec, good to 10 % of its rms), the same
-        for every frame: of one longer than an exposure its first, of two exposures or more their mean and
-        scatter.
+        Other data about the jitter: a table of 'estimate -o' (.ecsv; a frame's own row, identified by its
+        pixels, is excluded), or a trace t,x,y (.csv, s and arcsec, good to 10 % of its rms), the same for
+        every frame. Of a trace that is longer than an exposure, the first exposure is used; of two exposures
+        or more, their mean and scatter.
     rays
-        Look for cosmic rays in what the fit leaves over, and fit again without their pixels.
+        Find cosmic rays in the residuals of the fit, and fit again without their pixels.
     device : cpu|gpu
         Where to compute; by default on a GPU if JAX finds one.
     float32
         Compute in 32 bits, where speed matters more than the last digits.
     preset : fast|balanced|exact
-        How exactly frames are modelled; 'jitterkit trade' measures what that costs on your scene.
+        Accuracy of the model; 'jitterkit trade' measures its cost for your scene.
     """
 
     instrument: options.InstrumentName = "toliman"

@@ -1,4 +1,4 @@
-"""``jitterkit info``: what is in the files, and who says so."""
+"""Print the metadata of frames and instruments with their sources: ``jitterkit info``."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _frames(path: Path, hdu: int | None) -> tuple[Rows, tuple[str, ...]]:
     with open_frames(path, hdu=hdu) as file:
         try:
             first = file[0]
-        except FrameError as error:  # what the header says is known all the same
+        except FrameError as error:  # the header can still be described
             return file.describe(), (*file.metadata.warnings, str(error))
         return file.describe(), (*first.metadata.warnings, *[NORMALISED] * is_normalised(first))
 

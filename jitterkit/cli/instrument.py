@@ -1,4 +1,4 @@
-"""``jitterkit instrument``: a PSF or a pupil of poppy or stpsf as an instrument file."""
+"""Write an instrument file of a PSF or a pupil of poppy or stpsf: ``jitterkit instrument``."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ __all__ = ["instrument"]
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """Say about a file of a PSF or a pupil what it does not hold itself.
+    """Give what a file of a PSF or a pupil does not hold.
 
     Parameters
     ----------
     kind : psf|pupil
-        What the file holds; its header tells.
+        Kind of the file; by default its header decides.
     plate_scale
-        arcsec per detector pixel; a pupil never tells it.
+        Plate scale, arcsec per detector pixel; a pupil always needs it.
     shape : ROWS COLUMNS
-        Pixels that are fitted; half of a PSF's width and height by default.
+        Pixels that are fitted; by default half of a PSF's height and width.
     centre : X Y
-        Of a PSF: its optical axis, in samples from the first; by default the middle of the array.
+        Optical axis of a PSF, in samples from the first; by default the middle of the array.
     jittered
-        Take a PSF that holds jitter already; fits find what is beyond it.
+        Accept a PSF that contains jitter; fits then measure the jitter beyond it.
     band : LOW HIGH
-        Of a pupil: flat band, nm.
+        Flat band of a pupil, nm.
     wavelength
-        Of a pupil: one wavelength, nm.
+        Single wavelength of a pupil, nm.
     opd : FILE.fits
-        Of a pupil: the file of its wavefront error.
+        File of a pupil's wavefront error.
     opd_unit
-        Unit of the wavefront error where BUNIT does not tell.
+        Unit of the wavefront error, if BUNIT does not give it.
     plane
-        Of a cube of wavefront errors, from 0.
+        Plane of a cube of wavefront errors, from 0.
     diameter
-        Width of a pupil's array, m, where its header does not tell.
+        Width of a pupil's array, m, if its header does not give it.
     noll
-        Of a pupil: an aberration that may vary, by Noll's number; repeat it.
+        Aberration of a pupil that may vary, by Noll's number; repeat the option for several.
     """
 
     kind: str | None = None
@@ -70,7 +70,7 @@ def instrument(
 ) -> None:
     """Write an instrument file of a PSF or a pupil in FITS.
 
-    What the file does not tell is asked for by the name of an option.
+    If the file lacks a value, the error message names the option that gives it.
 
     Parameters
     ----------

@@ -76,8 +76,8 @@ def parse_sizes(settings: list[str]) -> dict[str, Any]:
         except ValueError:
             raise ConfigurationError(
                 ErrorCode.MALFORMED,
-                f"--set {setting} is not understood; write a number, --set cycles=0.7, or places in arcsec, "
-                "--set knots=0:0,0.2:0.1.",
+                f"--set {setting} is not understood; write a number, --set cycles=0.7, or positions in "
+                "arcsec, --set knots=0:0,0.2:0.1.",
             ) from None
     return sizes
 
@@ -116,8 +116,10 @@ def build_locus(name: str, sizes: dict[str, Any]):
         code, problem = ErrorCode.UNKNOWN_NAME, f"takes no {size_option(foreign[0])}; it "
     elif wrong and not missing:
         option, given = size_option(wrong[0]), sizes[wrong[0]]
-        unlike = f"as places, not the number {given:g}" if wrong[0] == "knots" else "as a number, not places"
-        code, problem = ErrorCode.WRONG_TYPE, f"takes {option} {unlike}; it "
+        unlike = (
+            f"as positions, not the number {given:g}" if wrong[0] == "knots" else "as a number, not positions"
+        )
+        code, problem = ErrorCode.WRONG_TYPE, f"takes {option} as {unlike}; it "
     problem += f"needs {_listed(needed)}"
     problem += f" and may have {_listed(may)}" if may else ""
     raise ConfigurationError(code, f"The locus {name} {problem}.")

@@ -54,8 +54,8 @@ for command in (
     app.command()(as_command(command))
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         typer.echo(f"jitterkit {version('jitterkit')}")
@@ -65,9 +65,9 @@ def _version(asked: bool) -> None:
 @app.callback()
 def main(
     verbose: Annotated[
-        int, typer.Option("--verbose", "-v", count=True, help="Say more; twice: everything.")
+        int, typer.Option("--verbose", "-v", count=True, help="Print more messages; twice: all messages.")
     ] = 0,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say only what went wrong.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,

@@ -1,4 +1,4 @@
-"""``jitterkit motion``: from a pointing trace or a spectrum to what an exposure sees of it."""
+"""Assess a pointing trace or a spectrum for an exposure: ``jitterkit motion``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["motion"]
 
 _MOMENTS = ("_sxx", "_sxy", "_syy")
-"""Ends of columns that go to the file alone."""
+"""Endings of columns that are written to the file, not printed."""
 
 _SEPARATION, _CONTRAST = 10.0, 3.37
 """Of the pair whose separation is forecast, arcsec: those of ``simulate``."""
@@ -38,13 +38,13 @@ def motion(
     loss: bool = True,
     products: Products,
 ) -> None:
-    """Say what an exposure sees of a motion: displacement, smear and jitter, regime, locus, and the cost.
+    """Report the effect of a motion on an exposure: displacement, smear, jitter, regime, locus, and the cost.
 
-    Prints the budget, a row a source of motion: one sigma along x and y of the mean pointing from frame to
+    Prints the budget, a row per source of motion: one sigma along x and y of the mean pointing from frame to
     frame (displacement), of the straight motion within a frame (smear; its length is √12 times that) and of
     the rest (jitter). Then the predicted error of the separation of a pair of 10 arcsec, once along the blur
     and once across it, without the motion and with it, and how much more time the same precision takes; at
-    the instrument's usual flux a frame, whatever the exposure.
+    the instrument's usual flux per frame, for every exposure.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ def motion(
     exposure
         Exposure time, s; by default the instrument's.
     cadence
-        From the start of one frame to that of the next, s, for the motion between frames; by default the
-        exposure.
+        Time from the start of one frame to the start of the next, s, for the motion between frames; by
+        default the exposure.
     bandwidth : HZ
-        Of a pointing loop (a fine tip/tilt stage) that takes out what is slower: a first-order integrator
-        leaves f²/(f²+bandwidth²) of the power.
+        Bandwidth of a pointing loop (a fine tip/tilt stage), which removes slower motion: a first-order
+        integrator leaves f²/(f²+bandwidth²) of the power.
     rates : UNIT
-        Unit of the rates in a trace whose header does not say it, such as deg/s; they are integrated.
+        Unit of the rates in a trace whose header does not give it, such as deg/s; they are integrated.
     loss
         Forecast what the blur costs the separation; needs the instrument's optics and flux.
     plot : FILE.png

@@ -68,13 +68,14 @@ SceneName = Annotated[
     str,
     typer.Option(
         metavar="auto|star|binary|stars",
-        help="What the frames show: auto is the simplest scene that they support.",
+        help="Scene of the frames; auto is the simplest scene that they support.",
     ),
 ]
 Background = Annotated[
     bool,
     typer.Option(
-        help="Fit a constant background; held at zero, sky of 1 e-/pixel biases a separation by 43 µas."
+        help="Fit a constant background. If it is held at zero, a sky of 1 e-/pixel biases a separation by "
+        "43 µas."
     ),
 ]
 ModelError = Annotated[
@@ -88,16 +89,16 @@ ModelError = Annotated[
 Censored = Annotated[
     bool,
     typer.Option(
-        help="Count pixels at saturation as holding at least so much, instead of leaving out all that come "
-        "near it: costs nothing of the error, and asks that the response is linear up to there."
+        help="Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This "
+        "keeps the error small, and needs a response that is linear up to saturation."
     ),
 ]
 SpectrumKind = Annotated[
     str | None,
     typer.Option(
         metavar="bins|curve",
-        help="What the rows of a spectrum are: bins of a measured one, such as Welch's, that hold power, "
-        "or points of a drawn curve, with power laws between them. By default their spacing tells.",
+        help="Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or "
+        "points of a drawn curve, with power laws between them. By default their spacing decides.",
     ),
 ]
 
@@ -121,8 +122,8 @@ class Detector:
     exposure
         Exposure time, s.
     bad_bits : SUM
-        Bits of a DQ or MASK extension that mask a pixel, their values added up; 0 for none. By default those
-        that the observatory calls bad.
+        Bits of a DQ or MASK extension that mask a pixel, as the sum of their values; 0 for none. By default
+        the bits that the observatory defines as bad.
     """
 
     gain: float | None = None
@@ -166,7 +167,7 @@ class Jitter:
         typer.Option(
             "--set",
             metavar="SIZE=VALUE",
-            help="Any other size of the locus: --set cycles=0.7 --set phase=30; places in arcsec: --set "
+            help="Any other size of the locus: --set cycles=0.7 --set phase=30; positions in arcsec: --set "
             f"knots=0:0,0.2:0.1,0.3:0.3. There are {other_sizes()}.",
         ),
     ] = None
@@ -188,9 +189,9 @@ class Pair:
     theta
         Direction from A to B, degrees counter-clockwise from +x.
     x
-        Midpoint of the pair, arcsec from the frame's centre.
+        Position of the midpoint of the pair along x, arcsec from the frame's centre.
     y
-        Likewise, upwards.
+        Position of the midpoint of the pair along y (upwards), arcsec from the frame's centre.
     flux
         Photons detected per frame from both stars; by default the instrument's.
     contrast
@@ -233,7 +234,7 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
         refuse_if(
             source is not None and source.name == "COMMANDLINE",
             ErrorCode.CONFLICT,
-            f"--scene {scene} has no use for --{name}; leave it out.",
+            f"--scene {scene} does not use --{name}; leave it out.",
         )
 
 

@@ -26,13 +26,13 @@ class Plan:
     Parameters
     ----------
     tolerance : 1uas|10%
-        Take the cheapest settings whose model puts no more wrong with the separation of a frame: an angle,
-        or a share of its error. Three frames of the run are looked at to choose them.
+        Use the fastest settings whose model biases the separation of a frame by no more than this: an angle,
+        or a share of its error. Three frames of the run are used to choose them.
     budget : 20ms
-        Take the most exact settings with which a frame, fitted by itself, takes no longer on this machine,
-        likewise.
+        Use the most exact settings with which a frame, fitted by itself, takes no longer than this on this
+        machine. Three frames of the run are used to choose them.
     explain
-        Say what the settings leave out of the model, and what that costs.
+        Report what the settings omit from the model, and the error that this causes.
     """
 
     tolerance: str | None = None
@@ -46,9 +46,7 @@ class Plan:
         ------
         ConfigurationError
         """
-        problem = (
-            "--tolerance asks for the cheapest settings, --budget for the most exact; give one of the two."
-        )
+        problem = "--tolerance and --budget cannot be combined; give one of the two."
         refuse_if(self.tolerance is not None and self.budget is not None, ErrorCode.CONFLICT, problem)
         _parsed(self.tolerance, self.budget)
 
@@ -63,12 +61,12 @@ class Plan:
         files : sequence of Path
         hdu : int, optional
         resumed : Path, optional
-            Directory of a run that goes on with the settings that it began with.
+            Directory of a run that is resumed with its own settings.
 
         Raises
         ------
         ConfigurationError
-            If what is asked for cannot be had, or no frame can be fitted.
+            If no settings meet the tolerance or budget, or no frame can be fitted.
         """
         asked = {"tolerance": self.tolerance, "budget": self.budget}
         if not any(asked.values()) and not self.explain:
@@ -79,7 +77,7 @@ class Plan:
 
         before = None if resumed is None else planned_before(resumed)
         if before is not None and _parsed(**before["asked"]) == _parsed(**asked):
-            log("going on with the settings that were chosen when the run began")
+            log("using the settings that were chosen when the run began")
             return Settings(**before["settings"]).applied(processor), dict(before)
         settings = self._choose(processor, files, hdu)
         if not any(asked.values()):
@@ -94,7 +92,7 @@ class Plan:
         from jitterkit.trade.plan import Planner
 
         allowed, seconds = _parsed(self.tolerance, self.budget)
-        log("looking at some frames, to know what their model needs ...")
+        log("fitting some frames to choose the settings ...")
         planner = Planner(*examples_of(files, processor, hdu))
         if allowed is not None:
             kind, size = allowed
@@ -104,9 +102,8 @@ class Plan:
         else:
             plan = planner.as_they_are()
         log(
-            f"{1e3 * plan.seconds:.3g} ms a frame; what its model leaves out may cost "
-            f"{angle_size(plan.loss, 2)} of a separation that one frame tells to "
-            f"{angle_size(planner.outlook.sigma)}"
+            f"{1e3 * plan.seconds:.3g} ms per frame; the model's omissions may bias the separation by "
+            f"{angle_size(plan.loss, 2)}, at an error of {angle_size(planner.outlook.sigma)} per frame"
         )
         for sentence in explain(planner.outlook, plan) if self.explain else ():
             log(f"  {sentence}")

@@ -55,8 +55,8 @@ class Motion:
         exposure of it, the first; --set start=SECONDS for another.
     spectrum : FILE.csv
         A spectrum of the motion in place of a locus: columns f,x,y[,xy] in Hz and arcsec²/Hz, or lines
-        frequency,amplitude,angle[,minor] in Hz, arcsec and degrees. Of one motion drawn from it every frame
-        gets a piece of its own, and stands where that is.
+        frequency,amplitude,angle[,minor] in Hz, arcsec and degrees. One motion is drawn from it; every frame
+        gets its own piece of the motion, and its mean position.
     drift : VX,VY
         A uniform drift beside the locus, arcsec/s. The frames follow each other without a gap: each is
         smeared by speed times exposure, and the pair moves on; --x and --y are its middle.
@@ -91,7 +91,7 @@ def _resting(locus, name: str, detector) -> Pointing:
     """Return a locus without a motion; log that all rows of a rolling detector see it at once."""
     if detector.line_time and name in _SLOW:
         log(
-            f"The locus {name} does not say when the pointing was where, so all rows are exposed at once; "
+            f"The locus {name} has no time, so all rows are exposed at once; "
             "give --drift, --trace or --spectrum for the detector to roll."
         )
     return Pointing(locus)

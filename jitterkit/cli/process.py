@@ -1,4 +1,4 @@
-"""``jitterkit process``: from frames to separations."""
+"""Fit frames one by one: ``jitterkit process``."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Workers:
     Parameters
     ----------
     workers
-        Processes to share the work on this machine, each with one thread; by default one with as many
-        threads as there are processors.
+        Number of processes on this machine, each with one thread; by default one process with as many threads
+        as there are processors.
     scheduler : ADDRESS
         Scheduler of dask.distributed whose workers share the work: tcp://host:8786. Files must be readable
         there under the same paths.
@@ -69,7 +69,7 @@ def process(
 ) -> None:
     """Fit every frame: kernel estimate, then separation, optics and jitter together.
 
-    Writes results.ecsv (a row a frame), summary.json, report.html, configuration.json and, as it goes on,
+    Writes results.ecsv (a row per frame), summary.json, report.html, configuration.json and, during the run,
     ledger.sqlite. Exit status: 0 if every frame was fitted, 1 if some were not, 2 if the command cannot be
     carried out.
     """
@@ -101,6 +101,6 @@ def process(
             )
     except KeyboardInterrupt:
         instead = " instead of --overwrite" * run.overwrite
-        log(f"What has been done is kept in {output}: the same command with --resume{instead} goes on.")
+        log(f"Results so far are kept in {output}: repeat the command with --resume{instead} to continue.")
         raise
     finalize(result, processor.instrument)

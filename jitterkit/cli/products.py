@@ -18,7 +18,7 @@ __all__ = ["Products", "write_picture"]
 
 @dataclass(frozen=True, kw_only=True)
 class Products:
-    """Choose the files that a command writes; the command says what its picture shows.
+    """Choose the files that a command writes; the docstring of the command describes its picture.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Products:
             check_table(self.output, self.overwrite)
 
     def write(self, table: QTable, draw: Callable[[], Any]) -> None:
-        """Where asked, write a table with the command that made it, and draw the result on some axes."""
+        """If requested, write a table with the command that made it, and draw the result on some axes."""
         from jitterkit.report.table import write_table
 
         if self.output is not None:

@@ -61,8 +61,8 @@ class RunningStatistics:
         """Recent rows per second; NaN before two batches have come."""
         if not self._times or self._times[-1][0] == self._times[0][0]:
             return float("nan")
-        (began, first), (ended, last) = self._times[0], self._times[-1]
-        return (last - first) / (ended - began)
+        (start, first), (end, last) = self._times[0], self._times[-1]
+        return (last - first) / (end - start)
 
     @property
     def separation(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ class Run:
     Parameters
     ----------
     resume
-        Go on with a run that was interrupted; nothing is done twice.
+        Continue an interrupted run; no frame is fitted twice.
     """
 
     overwrite: options.Overwrite = False

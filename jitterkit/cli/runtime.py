@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
+
 if TYPE_CHECKING:
     from astropy.table import QTable
-
-    from jitterkit.errors import JitterkitError
 
 __all__ = [
     "aligned",
@@ -57,13 +57,12 @@ def prepare_jax(device: str | None = None, float32: bool = False, single_threade
         os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax
 
-    from jitterkit.errors import ConfigurationError, ErrorCode
     from jitterkit.optics.toliman import cache_directory
 
     if device not in (None, "cpu", "gpu"):
         raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"There is no device {device!r}; give cpu or gpu.")
     if device == "cpu":
-        jax.config.update("jax_platforms", "cpu")  # a GPU that is there is left alone
+        jax.config.update("jax_platforms", "cpu")  # does not touch a GPU
     elif device == "gpu":
         try:
             jax.config.update("jax_default_device", jax.devices("gpu")[0])
@@ -94,8 +93,6 @@ def _share_heaps() -> None:
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
     """Put the name of a file before the message of an error that does not name it."""
-    from jitterkit.errors import ConfigurationError
-
     try:
         yield
     except ConfigurationError as error:
@@ -116,7 +113,7 @@ def log(message: str) -> None:
 
 
 def print_table(table: QTable, align: str | None = None) -> None:
-    """Print a table, all of its rows and columns, aligned as astropy's ``pformat`` says."""
+    """Print a table, all of its rows and columns, aligned as by astropy's ``pformat``."""
     from astropy.table import Table
 
     plain = Table(table)  # a cell of a Quantity takes three times as long to print as one of a Column

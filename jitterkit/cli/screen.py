@@ -1,4 +1,4 @@
-"""Show the state of a run that goes on: the result so far, the rate, and the last frame.
+"""Show the state of a run in progress: the result so far, the rate, and the last frame.
 
 Reach for :func:`live_screen`: at a terminal it keeps some lines at the bottom, elsewhere it writes a line
 every few seconds.

@@ -1,4 +1,4 @@
-"""``jitterkit sequence``: frames of one pair, fitted together."""
+"""Fit frames of one pair together: ``jitterkit sequence``."""
 
 from __future__ import annotations
 
@@ -44,30 +44,30 @@ def sequence(
     hdu: options.Hdu = None,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Fit frames of one pair together: separation, optics and detector shared, place and jitter their own.
+    """Fit frames of one pair together: shared separation, optics and detector; own position and jitter.
 
-    The frames share one direction of the pair: of a field that turns, give --law theta=polynomial:1. Writes
-    sequence.ecsv (a row a frame), sequence.json, run.png (what changed meanwhile) and, of 25 frames or more,
-    averaging.png (scatter and Allan deviation). Exit status: 0 if every frame counts, 1 if some do not, 2 if
-    the command cannot be carried out.
+    The frames share one direction of the pair; for a field that rotates, give --law theta=polynomial:1.
+    Writes sequence.ecsv (a row per frame), sequence.json, run.png (changes during the run) and, from 25
+    frames on, averaging.png (scatter and Allan deviation). Exit status: 0 if every frame counts, 1 if some do
+    not, 2 if the command cannot be carried out.
 
     Parameters
     ----------
     law : NAME=LAW
-        How something shared changes: constant, polynomial:DEGREE, wander:RMS:SECONDS, or wander, which is
-        then measured. NAME is separation, theta, contrast, diffusion, an aberration, or aberrations for all
-        of them. Aberrations wander, all else is constant, unless told.
+        Time model of a shared parameter: constant, polynomial:DEGREE, wander:RMS:SECONDS, or wander, whose
+        rms and time are then measured. NAME is separation, theta, contrast, diffusion, an aberration, or
+        aberrations for all of them. By default aberrations wander, and all else is constant.
     diffusion
         Measure the detector's charge diffusion from all frames together.
     telemetry : FILE.csv
         Measured pointing, columns t,x,y in s from the beginning of the first exposure and arcsec, in place
         of the motion from frame to frame.
     global_shutter
-        Take all rows as exposed at once.
+        Treat all rows as exposed at once.
     cadence
-        From frame to frame, s, in place of the headers' times.
+        Time from frame to frame, s, in place of the headers' times.
     scene : auto|binary
-        Refuse frames that show no pair beyond doubt, or fit a pair to all.
+        auto refuses frames that do not clearly show a pair; binary fits a pair to all.
     """
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import check_directory
@@ -104,8 +104,8 @@ def sequence(
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:
         log(
-            "No header says when its frame was taken: they are taken in the natural order of their names, to "
-            "follow each other without a pause."
+            "No header holds a time: the frames are used in the natural order of their names, without a "
+            "pause between them."
         )
     _write_outputs(fit, output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
@@ -119,7 +119,7 @@ def _laws(texts: list[str]) -> dict[str, Any]:
     laws = {}
     for text in texts:
         name, equals, words = text.partition("=")
-        problem = f"--law {text!r} is not NAME=LAW; say, aberrations=constant."
+        problem = f"--law {text!r} is not NAME=LAW; write, for example, aberrations=constant."
         refuse_if(not equals, ErrorCode.MALFORMED, problem)
         laws[name.strip()] = parse_law(words.strip())
     return laws
@@ -146,7 +146,7 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     if series is not None and len(series.values) >= _MIN_SERIES:
         write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
     else:
-        log(f"{AVERAGING} is drawn of {_MIN_SERIES} frames or more that count.")
+        log(f"{AVERAGING} is not drawn: it needs {_MIN_SERIES} frames that count.")
     for frame in fit.frames():
         if frame.shared is None:
             log(f"{frame.record.name} {frame.record.status.name.lower()}: {frame.record.message}")

@@ -37,7 +37,7 @@ def until_interrupted() -> Iterator[Callable[[], bool]]:
         if interrupted:
             raise KeyboardInterrupt
         interrupted = True
-        log("jitterkit: ending with the frames that have come; Ctrl-C again ends at once.")
+        log("jitterkit: ending after the frames that have arrived; press Ctrl-C again to end at once.")
 
     with _handled(end):
         yield lambda: interrupted

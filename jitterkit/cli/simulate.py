@@ -1,4 +1,4 @@
-"""``jitterkit simulate``: frames whose truth is known."""
+"""Simulate frames whose truth is known: ``jitterkit simulate``."""
 
 from __future__ import annotations
 
@@ -47,26 +47,26 @@ def simulate(
     Parameters
     ----------
     output : FILE
-        FITS or TIFF by its ending; of several, each gets a number.
+        FITS or TIFF file, by its ending; several frames get numbers.
     scene : star|binary|stars
         One star, at --x and --y, a pair, or the stars of --stars, moved by --x and --y.
     stars : TABLE
         Table (ECSV or CSV) with columns x, y (arcsec from the centre) and flux (electrons): the stars of
         --scene stars, or further stars beside another scene.
     aberrations
-        Rms of each aberration, drawn anew a frame, nm.
+        Rms of each aberration, nm, drawn for each frame.
     background
-        Sky, electrons a pixel.
+        Sky background, electrons per pixel.
     scatter
-        Draw theta, and x and y within 5 arcsec, anew for each frame.
+        Draw theta, and x and y within 5 arcsec, for each frame.
     frames
-        How many frames.
+        Number of frames.
     seed
-        Of the generator of every random draw.
+        Seed of the random generator.
     noise
-        Photon and read noise.
+        Add photon and read noise.
     detector
-        Read out in ADU, or leave in electrons.
+        Read out in ADU, or keep electrons.
     """
     paths = _paths(output, frames)
     _check_paths(paths, overwrite)

@@ -1,4 +1,4 @@
-"""``jitterkit trade``: what speed costs in accuracy, measured on this machine."""
+"""Measure time and accuracy of the settings on this machine: ``jitterkit trade``."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ def trade(
 ) -> None:
     """Measure what each setting costs in time and in accuracy, for your scene, on this machine.
 
-    The presets first, then every setting from fast to exact with the others as in balanced, and every method:
-    from the scoring step of a glance to draws from the posterior. bias is what is wrong with the separation
-    of frames without noise, scatter how far that of noisy frames is from what exact finds in them; error is
-    both together, as a share of the least error that the frames allow. sigma is the error that is stated.
-    Rows on the front are beaten by none in both time and error. Of TOLIMAN under linear jitter the settings
-    of dLuxToliman, if it is installed, stand beside them. Frames that stand still are fitted as by 'process
-    --locus auto', which does not know it. Takes a quarter of an hour, most of it compiling.
+    Measures the presets first, then every setting from fast to exact with the others as in balanced, and
+    every method, from one scoring step to draws from the posterior. bias is the error of the separation in
+    frames without noise; scatter is the difference from 'exact' in noisy frames; error combines
+    both, as a share of the smallest error that the frames permit. sigma is the reported error. No other row
+    is better than a row on the front in both time and error. For TOLIMAN under linear jitter, the settings
+    of dLuxToliman are added if it is installed. Frames without jitter are fitted as by 'process --locus
+    auto', which does not know that. Takes a quarter of an hour, most of it compiling.
 
     Parameters
     ----------
     frames
-        Frames that each setting fits, with noise and without, and as many turned.
+        Number of frames that each setting fits, with noise and without, and as many rotated ones.
     seed
-        Of the generator of the frames.
+        Seed of the random generator.
     plot : FILE.png
         Draw time against error.
     """
@@ -67,12 +67,12 @@ def trade(
     scene = TradeScene.of(telescope, binary, locus, frames, np.random.default_rng(seed))
     points = []
     for point in climb_ladder(telescope, scene, locus="auto" if jitter.locus == "stable" else jitter.locus):
-        numbers = f"{1e3 * point.seconds:.1f} ms a frame, error {point.error:.2g} of the least"
+        numbers = f"{1e3 * point.seconds:.1f} ms per frame, error {point.error:.2g} of the least"
         log(f"{point.name}: {point.message or numbers}")
         points.append(point)
     if instrument == "toliman" and jitter.locus == "linear" and find_spec("dLuxToliman"):
         for point in public_points(binary, sizes["length"]):
-            log(f"{point.name}: {1e3 * point.seconds:.0f} ms a frame, error {point.error:.2g} of the least")
+            log(f"{point.name}: {1e3 * point.seconds:.0f} ms per frame, error {point.error:.2g} of the least")
             points.append(point)
 
     def draw():

@@ -1,4 +1,4 @@
-"""``jitterkit watch``: frames are processed as they arrive."""
+"""Fit frames as they arrive: ``jitterkit watch``."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def watch(
 ) -> None:
     """Fit frames as they arrive, and keep what is found on the screen.
 
-    A file is taken once it is whole and rests; those that were there before count too. At the end, or at
-    Ctrl-C, writes what 'process' writes; files that are unfinished then are told. Exit status: 0 if every
-    frame was fitted, 1 if some were not, 2 if the command cannot be carried out.
+    A file is processed when it is complete and no longer changes; so are files that are there at the start.
+    At the end, or at Ctrl-C, writes what 'process' writes, and lists files that are incomplete. Exit status:
+    0 if every frame was fitted, 1 if some were not, 2 if the command cannot be carried out.
 
     Parameters
     ----------
     directory : DIR
         Where the camera writes FITS or TIFF files.
     idle : SECONDS
-        End when nothing has come for so long; by default at Ctrl-C.
+        End when no file has come for this time; by default at Ctrl-C.
     poll : SECONDS
         How often to look for new files.
     """

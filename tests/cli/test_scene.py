@@ -81,7 +81,7 @@ def test_a_forecast_for_one_star_knows_no_pair(tmp_path, told):
     command = ["forecast", "-i", "plain", "--scene", "star", "--locus", "mvn", "--sigma", "0.2"]
     done = runner.invoke(app, [*command, "-o", str(tmp_path / "f.ecsv")])
     assert done.exit_code == 0, done.output
-    assert "place:" in done.output
+    assert "position per frame:" in done.output
     assert "separation" not in done.output
     table = QTable.read(tmp_path / "f.ecsv")
     assert not {"separation", "contrast", "theta"} & set(table["parameter"])

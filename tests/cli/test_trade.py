@@ -39,7 +39,7 @@ def test_every_setting_has_a_row_a_line_and_a_point(tmp_path, monkeypatch):
     assert asked == [("plain", "linear", 5.0)]
     lines = [line for line in done.stderr.splitlines() if "of the least" in line]
     assert [line.split(":")[0] for line in lines] == ["balanced", "exact", "worse"]
-    assert "50.0 ms a frame" in lines[0]
+    assert "50.0 ms per frame" in lines[0]
     assert "impossible: too little memory" in done.stderr
     rows = read_table(table)
     assert list(rows["setting"]) == [point.name for point in POINTS]
