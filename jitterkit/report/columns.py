@@ -1,4 +1,8 @@
-"""The columns of a results table: name, unit and meaning, said once."""
+"""Declare the columns of tables: name, unit and meaning.
+
+Reach for ``COLUMNS``, the columns of a results table, and :func:`unit_of`, which knows the unit of every
+parameter, size and setting in any table.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["COLUMNS", "Column", "aberration_column", "aberration_columns"]
+__all__ = ["COLUMNS", "Column", "aberration_column", "aberration_columns", "measured", "unit_of"]
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column.
+    """Describe one column.
 
     Attributes
     ----------
@@ -30,11 +34,12 @@ class Column:
 
     @property
     def blank(self) -> Any:
-        """What stands where nothing is known: NaN, 0 or an empty text."""
+        """Value of an unknown cell: NaN, 0 or an empty text."""
         return math.nan if self.kind is float else self.kind()
 
 
-def _measured(name: str, description: str, unit: str = "") -> list[Column]:
+def measured(name: str, description: str, unit: str = "") -> list[Column]:
+    """Return the columns of a quantity and of its standard error."""
     return [Column(name, description, unit), Column(f"{name}_err", f"standard error of {name}", unit)]
 
 
@@ -52,7 +57,7 @@ COLUMNS: tuple[Column, ...] = (
     Column(
         "locus_weight", "weight of that locus among the candidates, 0 to 1; below 0.95 the frame is undecided"
     ),
-    *_measured("separation", "angular distance from A, the brighter star, to B", "arcsec"),
+    *measured("separation", "angular distance from A, the brighter star, to B", "arcsec"),
     Column("separation_crlb", "Cramer-Rao bound of separation from this frame alone, 1 sigma", "arcsec"),
     Column(
         "separation_spread", "weighted rms of separation over the candidates: does not average out", "arcsec"
@@ -62,30 +67,30 @@ COLUMNS: tuple[Column, ...] = (
         "part of separation_err by errors of the model: alike in all frames, does not average out",
         "arcsec",
     ),
-    *_measured("theta", "direction from A to B, counter-clockwise from +x", "deg"),
-    *_measured("pa", "position angle from A to B on the sky, north through east", "deg"),
-    *_measured("x", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),
-    *_measured("y", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),
+    *measured("theta", "direction from A to B, counter-clockwise from +x", "deg"),
+    *measured("pa", "position angle from A to B on the sky, north through east", "deg"),
+    *measured("x", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),
+    *measured("y", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),
     Column("x_pixel", "the brightest star or the midpoint of the pair in the original frame, from 0", "pix"),
     Column("y_pixel", "the brightest star or the midpoint of the pair in the original frame, from 0", "pix"),
-    *_measured(
+    *measured(
         "flux",
         "electrons per frame from the brightest star or the pair, inside the frame or not",
         "electron",
     ),
-    *_measured("contrast", "flux of A over flux of B"),
-    *_measured("spectral_index_a", "slope of the spectrum of A, or of the star, over the instrument's"),
-    *_measured("spectral_index_b", "slope of the spectrum of B over the instrument's"),
-    *_measured("wavelength_shift", "mean wavelength less the instrument's", "nm"),
-    *_measured("sxx", "second moment of the pointing", "arcsec2"),
-    *_measured("sxy", "second moment of the pointing", "arcsec2"),
-    *_measured("syy", "second moment of the pointing", "arcsec2"),
+    *measured("contrast", "flux of A over flux of B"),
+    *measured("spectral_index_a", "slope of the spectrum of A, or of the star, over the instrument's"),
+    *measured("spectral_index_b", "slope of the spectrum of B over the instrument's"),
+    *measured("wavelength_shift", "mean wavelength less the instrument's", "nm"),
+    *measured("sxx", "second moment of the pointing", "arcsec2"),
+    *measured("sxy", "second moment of the pointing", "arcsec2"),
+    *measured("syy", "second moment of the pointing", "arcsec2"),
     Column("jitter_major", "1 sigma of the pointing along its major axis", "arcsec"),
     Column("jitter_minor", "1 sigma of the pointing along its minor axis", "arcsec"),
     Column("jitter_angle", "major axis, counter-clockwise from +x, 0 to 180", "deg"),
     Column("jitter_length", "full length of a linear smear, peak to peak of an oscillation", "arcsec"),
-    *_measured("shape", "excess kurtosis of the blur: normal 0, linear -1.2, oscillation -1.5"),
-    *_measured("background", "electrons per pixel", "electron"),
+    *measured("shape", "excess kurtosis of the blur: normal 0, linear -1.2, oscillation -1.5"),
+    *measured("background", "electrons per pixel", "electron"),
     Column("chi2_dof", "Pearson's chi-squared per degree of freedom"),
     Column("model_error", "error of the model that was allowed for, as a share of the light, 0 for none"),
     Column("dof", "degrees of freedom: pixels used less parameters; 0 of a frame without a fit", kind=int),
@@ -105,9 +110,23 @@ COLUMNS: tuple[Column, ...] = (
 
 _NAMES = frozenset(column.name for column in COLUMNS)
 
+_SIZES = {
+    "arcsec": "length length1 length2 sigma_major sigma_minor semi_major semi_minor amplitude_x amplitude_y "
+    "partial_x partial_y",
+    "deg": "angle angle1 angle2 phase sigma_angle smear_direction",
+    "electron": "read_noise full_well",
+    "electron/adu": "gain",
+    "arcsec/s": "velocity_x velocity_y",
+}
+"""Parameters, sizes and settings that are no column of a results table, by their unit."""
+
+_UNITS = {column.name: column.unit for column in COLUMNS} | {
+    name: unit for unit, names in _SIZES.items() for name in names.split()
+}
+
 
 def aberration_column(name: str) -> str:
-    """Column of an aberration: its own name, unless a column has that already.
+    """Return the column of an aberration: its own name, unless a column has that already.
 
     >>> aberration_column("noll4"), aberration_column("flux")
     ('noll4', 'aberration_flux')
@@ -116,5 +135,20 @@ def aberration_column(name: str) -> str:
 
 
 def aberration_columns(name: str) -> list[Column]:
-    """Both columns of an aberration."""
-    return _measured(name, "coefficient of the aberration", "nm")
+    """Return both columns of an aberration."""
+    return measured(name, "coefficient of the aberration", "nm")
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a column, parameter, size or setting, as astropy reads it; empty for a pure number.
+
+    >>> unit_of("noll4"), unit_of("mvn_xx"), unit_of("contrast"), unit_of("theta")
+    ('nm', 'arcsec2', '', 'deg')
+    """
+    if name in _UNITS:
+        return _UNITS[name]
+    if name.startswith("noll"):
+        return "nm"
+    if name.startswith("path"):
+        return "arcsec"
+    return "arcsec2" if name.endswith(("_xx", "_xy", "_yy", "_c", "_s")) else ""

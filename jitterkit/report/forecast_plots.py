@@ -21,7 +21,8 @@ from scipy.optimize import isotonic_regression
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Requirement, Sweep
 from jitterkit.report.axes import INK, RUST, axes_or_new
-from jitterkit.report.forecast_table import observing_time, unit_of
+from jitterkit.report.columns import unit_of
+from jitterkit.report.forecast_table import observing_time
 from jitterkit.report.kernel_plots import plot_kernel
 
 __all__ = [

@@ -14,54 +14,9 @@ from astropy import units
 from astropy.table import QTable
 
 from jitterkit.forecast import Forecast, Requirement, Sweep
+from jitterkit.report.columns import unit_of
 
-__all__ = ["observing_time", "parameter_table", "requirement_table", "sweep_table", "unit_of"]
-
-_UNITS = {
-    "separation": "arcsec",
-    "theta": "deg",
-    "x": "arcsec",
-    "y": "arcsec",
-    "flux": "electron",
-    "background": "electron",
-    "read_noise": "electron",
-    "angle": "deg",
-    "phase": "deg",
-    "length": "arcsec",
-    "sigma_major": "arcsec",
-    "sigma_minor": "arcsec",
-    "jitter_major": "arcsec",
-    "jitter_minor": "arcsec",
-    "jitter_angle": "deg",
-    "semi_major": "arcsec",
-    "semi_minor": "arcsec",
-    "length1": "arcsec",
-    "length2": "arcsec",
-    "angle1": "deg",
-    "angle2": "deg",
-    "sigma_angle": "deg",
-    "amplitude_x": "arcsec",
-    "amplitude_y": "arcsec",
-    "partial_x": "arcsec",
-    "partial_y": "arcsec",
-    "full_well": "electron",
-    "gain": "electron/adu",
-}
-
-
-def unit_of(name: str) -> str:
-    """Unit of a parameter or setting by its name, as astropy reads it; empty for a pure number.
-
-    >>> unit_of("noll4"), unit_of("mvn_xx"), unit_of("contrast")
-    ('nm', 'arcsec2', '')
-    """
-    if name in _UNITS:
-        return _UNITS[name]
-    if name.startswith("noll"):
-        return "nm"
-    if name.startswith("path"):
-        return "arcsec"
-    return "arcsec2" if name.endswith(("_xx", "_xy", "_yy", "_c", "_s")) else ""
+__all__ = ["observing_time", "parameter_table", "requirement_table", "sweep_table"]
 
 
 def observing_time(error: float, target: float, exposure: float) -> float:

@@ -19,8 +19,8 @@ from jitterkit.conventions import direction_angle
 from jitterkit.joint import Law, SequenceFit
 from jitterkit.loci import principal_axes
 from jitterkit.refit import Status
+from jitterkit.report.columns import unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
-from jitterkit.report.forecast_table import unit_of
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.words import angle_size, number, printable
 from jitterkit.series import Floor, Series, fit_floor
@@ -115,12 +115,7 @@ def _direction(angle: float, velocity: np.ndarray) -> float:
 
 def _unit(column: str) -> str:
     name = column.removesuffix("_err").removeprefix("shared_")
-    own = {"time": "s", "velocity_x": "arcsec/s", "velocity_y": "arcsec/s", "smear_direction": "deg"}
-    if name in ("frame", "status", "reason", "message", "flags", "counted", "chi2_dof", "surprise"):
-        return ""
-    if name in ("sxx", "sxy", "syy"):
-        return "arcsec2"
-    return own.get(name) or unit_of(name)
+    return "s" if name == "time" else unit_of(name)  # since the beginning of the run
 
 
 def separation_series(fit: SequenceFit) -> Series | None:

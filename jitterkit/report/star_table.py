@@ -1,4 +1,4 @@
-"""The table of the stars of frames that show more than a pair."""
+"""Make the table of the stars of frames that show more than a pair."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jitterkit.report.columns import measured
+
 if TYPE_CHECKING:  # at run time a table is read without JAX
     from astropy.table import QTable
 
@@ -14,15 +16,12 @@ if TYPE_CHECKING:  # at run time a table is read without JAX
 
 __all__ = ["encode_stars", "star_table"]
 
-_NUMBERS = {
-    "x": ("arcsec", "offset from the frame's centre"),
-    "x_err": ("arcsec", "standard error of x"),
-    "y": ("arcsec", "offset from the frame's centre"),
-    "y_err": ("arcsec", "standard error of y"),
-    "flux": ("electron", "electrons per frame, inside the frame or not"),
-    "flux_err": ("electron", "standard error of flux"),
-}
-"""Columns of a star: unit and meaning."""
+_NUMBERS = (
+    *measured("x", "offset from the frame's centre", "arcsec"),
+    *measured("y", "offset from the frame's centre", "arcsec"),
+    *measured("flux", "electrons per frame, inside the frame or not", "electron"),
+)
+"""Columns of a star."""
 
 
 def encode_stars(result: FitResult) -> str:
@@ -76,8 +75,8 @@ def star_table(results: QTable) -> QTable | None:
     ]
     if not rows:
         return None
-    table = QTable(rows=rows, names=["file", "frame", "star", *_NUMBERS])
-    for name, (unit, meaning) in _NUMBERS.items():
-        table[name] = table[name] << Unit(unit)
-        table[name].info.description = meaning
+    table = QTable(rows=rows, names=["file", "frame", "star", *(column.name for column in _NUMBERS)])
+    for column in _NUMBERS:
+        table[column.name] = table[column.name] << Unit(column.unit)
+        table[column.name].info.description = column.description
     return table
