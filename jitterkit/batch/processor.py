@@ -370,7 +370,7 @@ class FrameProcessor:
     def _find_warm_starts(
         self, references: tuple[Item, ...], hdu: int | None, *, few: bool
     ) -> dict[GridKey, WarmStart]:
-        """Look at reference frames, which decide their scene together; a few tell no more."""
+        """Look at reference frames until one is in no doubt of its scene; at all of them if they are few."""
         found: defaultdict[GridKey, list[_Look]] = defaultdict(list)
         with FrameReader(hdu) as reader:
             for _, _, raw in reader.read(references):
@@ -378,7 +378,7 @@ class FrameProcessor:
                 if not isinstance(frame, Frame):
                     continue
                 seen = found[self.grid(frame)]
-                if not few and self._agree(seen):
+                if not few and any(map(_is_sure, seen)):
                     continue
                 if (choice := self.choose_scene(frame)) is not None:
                     seen.append((frame, choice))
@@ -386,13 +386,11 @@ class FrameProcessor:
         starts = ((key, tell(seen)) for key, seen in found.items())
         return {key: start for key, start in starts if start is not None}
 
-    def _agree(self, seen: list[_Look]) -> bool:
-        """Return whether enough frames show one scene without doubt; who names the scene needs one frame."""
-        scenes = [choice.scene for _, choice in seen if not abs(choice.log_odds) < DECIDED]
-        return len(set(scenes)) == 1 and len(scenes) >= (2 if self.scene == AUTO else 1)
-
     def _warm_start_of(self, seen: list[_Look]) -> WarmStart | None:
-        """Return what reference frames show, by the first of those that show what all show together."""
+        """Return what the first frame shows that is in no doubt; where all are, what they show together."""
+        sure = [look for look in seen if _is_sure(look)]
+        if sure:
+            return self._warm_start(*sure[0])
         scene = scene_together([choice for _, choice in seen])
         looks = [look for look in seen if look[1].scene == scene]
         if looks:
@@ -466,6 +464,11 @@ class FrameProcessor:
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
         return choice
+
+
+def _is_sure(look: _Look) -> bool:
+    """Return whether a frame is in no doubt about its scene."""
+    return not abs(look[1].log_odds) < DECIDED
 
 
 @functools.cache

@@ -77,14 +77,14 @@ def test_optics_sum_to_the_light_on_the_padded_grid_and_take_a_frames_own_shape_
     otf = plain().system(pad=8, shape=(20, 16), plate_scale=0.4).otf([0.0, 0.0])
     assert otf.grid.shape == (20, 16)
     assert otf.grid.plate_scale == 0.4
-    assert otf.names == ("noll4", "noll5")
+    assert otf.names == ("noll4", "noll5", "wavelength_shift")
     assert 0.8 < float(otf.value[0, 0].real) < 1.0
     assert plain().optics(pad=8, derivatives=False).names == ()
 
 
 def test_aberrations_move_the_optics_to_their_state():
     otf = plain().optics([20.0, 0.0], pad=8)
-    assert np.asarray(otf.state).tolist() == [20.0, 0.0]
+    assert np.asarray(otf.state).tolist() == [20.0, 0.0, 0.0]  # the last is the wavelength's shift
     assert not np.allclose(otf.value, plain().optics(pad=8).value, atol=1e-3)
 
 
