@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
@@ -189,14 +189,19 @@ def _hand_out(running: deque[_Running], finish: Finish[T], seconds: float = 0.0)
 
 
 def _for_batch(task: FrameTask, batch: Batch, hdu: int | None, running: Iterable[_Running]) -> FrameTask:
-    """Prepare for a batch; if memory runs out, once more when nothing else is under way."""
+    """Prepare for a batch; if memory runs out, again when nothing else runs, and then without references."""
     try:
         return task.for_batch(batch, hdu)
     except Exception as error:
         if not out_of_memory(error):
             raise
-        wait([future for one in running for future in one.futures])
+    wait([future for one in running for future in one.futures])
+    try:
         return task.for_batch(batch, hdu)
+    except Exception as error:
+        if not out_of_memory(error):
+            raise
+        return task.for_batch(replace(batch, references=()), hdu)
 
 
 @dataclass(frozen=True)

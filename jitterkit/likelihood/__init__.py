@@ -20,6 +20,7 @@ from jitterkit.likelihood.equations import (
     deviance_and_score,
     equations_of,
     information_at,
+    known_information,
     normal_equations,
     slope_products,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "equations_of",
     "information_at",
     "is_clear",
+    "known_information",
     "normal_equations",
     "pearson",
     "slope_products",

@@ -29,6 +29,7 @@ __all__ = [
     "deviance_and_score",
     "equations_of",
     "information_at",
+    "known_information",
     "normal_equations",
     "slope_products",
 ]
@@ -77,13 +78,13 @@ def normal_equations(
         image, jacobian = image_and_jacobian(parameters, otf, free)
     else:
         image, (_, jacobian) = expected_image(parameters, otf), _single_slopes(parameters, otf, free)
-    frame, cost = equations_of(image, jacobian, data), _colour_cost(parameters, otf)
+    frame, cost = equations_of(image, jacobian, data), _known_cost(parameters, otf)
     vector, unravel = to_vector(parameters)
-    pull = jax.grad(lambda v: _colour_cost(unravel(v), otf))(vector) / 2
+    pull = jax.grad(lambda v: _known_cost(unravel(v), otf))(vector) / 2
     return NormalEquations(
         frame.deviance + cost,
         frame.score - pull[np.asarray(free, int)],
-        frame.information + _colour_information(parameters, otf, free),
+        frame.information + known_information(parameters, otf, free),
     )
 
 
@@ -125,7 +126,7 @@ def deviance_and_score(parameters_at: Callable[[Array], Parameters], values, otf
     """
     image, adjoint = jax.vjp(lambda v: expected_image(parameters_at(v), otf), values)
     mean, pull, _ = _pull_and_weight(image, data)
-    cost, slope = jax.value_and_grad(lambda v: _colour_cost(parameters_at(v), otf))(values)
+    cost, slope = jax.value_and_grad(lambda v: _known_cost(parameters_at(v), otf))(values)
     return _deviance(mean, data) + cost, adjoint(pull)[0] - slope / 2
 
 
@@ -138,7 +139,7 @@ def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int
     image, slopes = _single_slopes(parameters, otf, free)
     _, _, weight = _pull_and_weight(image, single(data))
     rows = slopes.reshape(len(free), -1).astype(parameters.background.dtype)
-    return (rows * weight.ravel()) @ rows.T + _colour_information(parameters, otf, free)
+    return (rows * weight.ravel()) @ rows.T + known_information(parameters, otf, free)
 
 
 @eqx.filter_jit
@@ -161,10 +162,10 @@ def deviance(parameters: Parameters, otf: OTF, data: Data) -> Float[Array, ""]:
     What is known of the colours of the stars counts as if it were a pixel for each.
     """
     frame = _deviance(mean_counts(expected_image(parameters, otf), data), data)
-    return frame + _colour_cost(parameters, otf)
+    return frame + _known_cost(parameters, otf)
 
 
-def _colour_cost(parameters: Parameters, otf: OTF):
+def _known_cost(parameters: Parameters, otf: OTF):
     """Twice the log-likelihood lost by indices and a wavelength that differ from what is known of them."""
     indices, known, cost = parameters.scene.indices, otf.colours, jnp.zeros((), parameters.background.dtype)
     if otf.shifts and len(parameters.aberrations) == len(otf.names):
@@ -174,7 +175,7 @@ def _colour_cost(parameters: Parameters, otf: OTF):
     return cost + known.precision * jnp.sum((indices - np.array(known.of(len(indices)))) ** 2)
 
 
-def _colour_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
+def known_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
     """What is known of indices and wavelength beforehand, as information (p, p) on free parameters."""
     scene, known = parameters.scene, {WAVELENGTH: otf.wavelength_sigma**-2}
     if scene.indices is not None and otf.colours is not None and otf.chromatic is not None:

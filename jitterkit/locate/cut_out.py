@@ -24,12 +24,16 @@ SPARE = 3
 
 
 def window(
-    parameters: Parameters, roots: np.ndarray, moments: list[int], system: OpticalSystem
+    parameters: Parameters,
+    roots: np.ndarray,
+    known: np.ndarray,
+    moments: list[int],
+    system: OpticalSystem,
 ) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]] | None:
     """First pixel, size and rim ``(y, x)`` of the smallest cut-out that tells enough of the blur.
 
-    ``roots`` (p, ny, nx) are the image's derivatives in standard deviations of its pixels.  None where no
-    cut-out is smaller than the frame.
+    ``roots`` (p, ny, nx) are the image's derivatives in standard deviations of its pixels, ``known`` (p, p)
+    is the information beside them.  None where no cut-out is smaller than the frame.
     """
     grid, scene, shape = system.grid, parameters.scene, np.array(roots.shape[1:])
     x, y, _ = scene.sources()
@@ -40,7 +44,7 @@ def window(
     def errors(half: int) -> np.ndarray:  # the fewer pixels, the larger
         first, last = (np.clip(np.round(middle) + by, 0, shape).astype(int) for by in (-half, half))
         part = roots[:, first[0] : last[0], first[1] : last[1]].reshape(len(roots), -1).astype(float)
-        return np.sqrt(np.diag(invert_information(part @ part.T)[0])[moments])
+        return np.sqrt(np.diag(invert_information(part @ part.T + known)[0])[moments])
 
     most = int(shape.max())
     least = errors(most)

@@ -45,6 +45,9 @@ _AT_ONCE, _MOST = 0.3, 50
 """Share of the most significant star from which others are taken beside it, and how many: what is fainter may
 be its pattern, where its place is off."""
 
+_NONE = float(np.log(2))
+"""Electrons a pixel that a median of none may stand for: half of such pixels have one or more."""
+
 _FALSE = 1e-3
 """Chance that noise makes a pixel of a frame stand out."""
 
@@ -92,7 +95,7 @@ class Residual:
     def of_dark(cls, data: Data, otf: OTF) -> Residual:
         """Take the median of a frame for its expected image, so that all of its stars are left."""
         level = np.median(np.asarray(data.electrons)[np.asarray(data.used)])
-        return cls(data, np.full(data.used.shape, max(level, 0.0)), otf)
+        return cls(data, np.full(data.used.shape, max(level, _NONE)), otf)
 
     @cached_property
     def sigmas(self) -> np.ndarray:

@@ -24,7 +24,7 @@ from jitterkit.forward import (
     image_and_jacobian,
     parameter_names,
 )
-from jitterkit.likelihood import Data, chi_squared
+from jitterkit.likelihood import Data, chi_squared, known_information
 from jitterkit.linearisation import climb_and_expand
 from jitterkit.locate.cut_out import SPARE, inner, off_centre, window
 from jitterkit.loci import Mvn
@@ -173,7 +173,8 @@ class ReferenceFrame:
         image, jacobian = map(np.asarray, _single_slopes(parameters, otf, free))
         roots = jacobian / np.sqrt(np.maximum(image, _DARK * image.max()))
         moments = [names.index(name) for name in Mvn.names]
-        cut = window(parameters, roots, moments, system)
+        known = known_information(parameters, otf, free)
+        cut = window(parameters, roots, known, moments, system)
         corner, size, rim = cut or (np.zeros(2, int), image.shape, (0, 0))
         if cut is not None:
             system = replace(system, grid=replace(system.grid, shape=size, pad=0))
@@ -182,7 +183,7 @@ class ReferenceFrame:
         moved = _moved(parameters, -off_centre(corner, size, image.shape) * system.grid.plate_scale)
         optics = AnchoredOptics.about(system, anchor, float(parameters.scene.flux), parameters.aberrations)
         spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
-        return cls(moved, optics, image, spectrum, corner, rim, told @ told.T, names, free)
+        return cls(moved, optics, image, spectrum, corner, rim, told @ told.T + known, names, free)
 
     def locate(self, data: Data) -> WarmStart | None:
         """Find pair, wavefront and blur of another frame.

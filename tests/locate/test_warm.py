@@ -126,8 +126,8 @@ def test_a_streak_as_large_as_the_image_is_registered_too(telescope, flux, locus
 
 def test_a_pair_far_from_the_first_is_found_there_unless_the_frame_ends(telescope, reference):
     locus = Mvn.of(0.1, 0.05, 0.0)
-    estimate, parameters = estimated(reference, draw(telescope, locus, seed=8, x=9.0, y=-11.0))
-    np.testing.assert_allclose((parameters.scene.x, parameters.scene.y), (9.0, -11.0), atol=2e-3)
+    estimate, parameters = estimated(reference, draw(telescope, locus, seed=8, x=7.0, y=-7.0))
+    np.testing.assert_allclose((parameters.scene.x, parameters.scene.y), (7.0, -7.0), atol=2e-3)
     assert np.all(np.abs(estimate.moments - np.asarray(locus.moments())) < 5 * estimate.errors)
     assert estimated(reference, draw(telescope, locus, seed=8, x=14.0, y=-15.0)) is None
 
@@ -139,7 +139,7 @@ def test_a_wavefront_that_moved_costs_the_moments_a_twentieth_of_an_error(telesc
     optics = replace(reference.optics, photons=FLUX)
 
     def told(size, direction):
-        state = np.asarray(shown.aberrations) + size * np.asarray(direction)
+        state = np.asarray(shown.aberrations[:2]) + size * np.asarray(direction)
         truth = eqx.tree_at(lambda p: p.aberrations, shown, state).with_locus(locus)
         image = np.asarray(expected_image(truth, system.otf(state)))
         clean = replace(frame, electrons=image, mask=np.zeros(frame.shape, bool))

@@ -20,7 +20,7 @@ from jitterkit.refit import (
     locus_fit,
     moments_prior,
 )
-from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.fit import fit_and_allow
 
 
 def choose_for(bench, data, moments, **options):
@@ -152,9 +152,9 @@ def test_no_locus_is_asked_to_mend_what_is_no_jitter(bench, monkeypatch):
 
     def noting(data, optics, start, *others):
         tried.append(type(start.locus))
-        return fit_and_expand(data, optics, start, *others)
+        return fit_and_allow(data, optics, start, *others)
 
-    monkeypatch.setattr(locus_fit, "fit_and_expand", noting)
+    monkeypatch.setattr(locus_fit, "fit_and_allow", noting)
     result = choose_for(bench, Data(speckled, 1.0), locus.moments())
     assert result.status is Status.POOR_FIT
     assert tried == [Mvn]
@@ -171,16 +171,16 @@ def test_a_streak_that_no_normal_describes_is_found_all_the_same(bench):
 def test_a_candidate_that_breaks_down_takes_nothing_with_it(bench, rng, monkeypatch):
     streak = Shm.of(0.9, 30.0)
     data = bench.draw(bench.truth(streak), rng)
-    whole = locus_fit.fit_and_expand
+    whole = locus_fit.fit_and_allow
 
     def fragile(data, optics, start, otf, options):
         if isinstance(start.locus, Ellipse):
             raise np.linalg.LinAlgError("Singular matrix")
-        fit, otf = whole(data, optics, start, otf, options)
+        fit, otf, data = whole(data, optics, start, otf, options)
         unsettled = isinstance(start.locus, Linear)
-        return (replace(fit, status=Status.NOT_CONVERGED) if unsettled else fit), otf
+        return (replace(fit, status=Status.NOT_CONVERGED) if unsettled else fit), otf, data
 
-    monkeypatch.setattr(locus_fit, "fit_and_expand", fragile)
+    monkeypatch.setattr(locus_fit, "fit_and_allow", fragile)
     result = choose_for(bench, data, streak.moments())
     assert result.status is Status.OK
     weights = {c.locus: c.weight for c in result.candidates}

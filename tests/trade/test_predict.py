@@ -117,7 +117,7 @@ def test_what_is_known_beforehand_makes_it_cheap_to_leave_out(shown, plain):
     sigma, truth = 0.1, eqx.tree_at(lambda p: p.aberrations, shown.truth, np.zeros(2))
     none = replace(shown, result=replace(shown.result, parameters=truth))
     telescope = replace(plain, aberration_sigma=sigma)
-    known = replace(none, processor=replace(none.processor, instrument=telescope, _systems={}))
+    known = replace(none, processor=replace(none.processor, instrument=telescope))
     errors = [
         forecast(
             truth,
