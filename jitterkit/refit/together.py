@@ -34,15 +34,15 @@ def scene_together(choices: Sequence[SceneChoice]) -> str | None:
     Notes
     -----
     Each frame that shows one scene without any doubt has a vote.  Where none does, or as many show the one as
-    the other, the evidences decide by odds of 20 to 1.  A field of stars is never in doubt.
+    the other, the evidences decide for one star by odds of 20 to 1.  They do not decide for a pair: a drift
+    that is the same in every frame looks like a pair that persists, and the evidence of one star takes the
+    jitter of each frame for its own.  A field of stars is never in doubt.
     """
     votes = Counter(choice.scene for choice in choices if choice.evidence is None).most_common(2)
     if votes and (len(votes) < 2 or votes[0][1] > votes[1][1]):
         return votes[0][0]
     odds = log_odds_together([choice.evidence for choice in choices if choice.evidence is not None])
-    if not abs(odds) > DECIDED:
-        return None
-    return "binary" if odds > 0 else "star"
+    return "star" if odds < -DECIDED else None
 
 
 def log_odds_together(frames: Sequence[SceneEvidence]) -> float:
