@@ -14,7 +14,7 @@ import pytest
 
 from jitterkit.instruments import load_instrument
 from jitterkit.instruments.presets import PRESETS
-from jitterkit.optics import expand, flat_band, obstructed_circle
+from jitterkit.optics import Colours, expand, flat_band, obstructed_circle
 from jitterkit.optics.toliman import cache_directory
 
 jax.config.update("jax_enable_x64", True)
@@ -84,10 +84,11 @@ def rng():
     return np.random.default_rng(20261)
 
 
-def _plain_telescope():
+def _plain_telescope(colours=None):
     return replace(
         load_instrument("smallsat"),
         name="plain",
+        colours=colours,
         shape=(48, 44),
         spectrum=flat_band(530.0, 640.0, 3),
         pupil_from=obstructed_circle(0.125, 0.04, samples=64, noll=(7, 8)),
@@ -101,7 +102,8 @@ def telescope():
 
     Each image shape, list of aberrations and set of free parameters needs its own compiled program, which
     takes seconds.  A test that uses another telescope gives the reason.  Rows and columns differ in number,
-    so that a test fails if x and y are exchanged.
+    so that a test fails if x and y are exchanged.  Its sources have one spectrum, which takes fewer programs;
+    the preset has stars of unknown colours, as users have them.
     """
     return _plain_telescope()
 
@@ -109,7 +111,7 @@ def telescope():
 @pytest.fixture(scope="session", autouse=True)
 def _plain_preset():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(PRESETS, "plain", _plain_telescope)
+        patch.setitem(PRESETS, "plain", functools.partial(_plain_telescope, Colours()))
         yield
 
 

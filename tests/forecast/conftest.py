@@ -1,7 +1,5 @@
 """Scenes of the one telescope, and the paper's."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import numpy as np
 import pytest
@@ -28,12 +26,6 @@ class Bench(eqx.Module):
         values = {name: getattr(self.scene, name) for name in self.scene.names} | changes
         state = np.zeros(len(self.optics.pupil.names))
         return Parameters(Binary(**values), locus or Stable.of(), state)
-
-
-@pytest.fixture(scope="session")
-def optics(telescope):
-    """The common optics with one spectrum for every source: colours have tests of their own."""
-    return replace(telescope, colours=None).system()
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,11 @@ def blackbody(kelvin, nm):
 
 
 @pytest.fixture(scope="module")
+def telescope(telescope):
+    return replace(telescope, colours=Colours())
+
+
+@pytest.fixture(scope="module")
 def image_of(telescope, direct_stars):
     """Image of stars ``(x, y, electrons)``, each with its own photons by wavelength, and a drift along x."""
     t, share = np.polynomial.legendre.leggauss(4)

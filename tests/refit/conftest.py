@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
@@ -38,12 +38,6 @@ class Bench:
     def near(self, locus=None):
         locus = Mvn.of(0.1) if locus is None else locus
         return Parameters(Binary(5.1, 141.0, 0.35, -0.15, 2.8e6, 2.8), locus, np.zeros(2))
-
-
-@pytest.fixture(scope="session")
-def optics(telescope):
-    """The common optics with one spectrum for every source: colours have tests of their own."""
-    return replace(telescope, colours=None).system()
 
 
 @pytest.fixture(scope="session")
