@@ -89,7 +89,7 @@ class Parameters(eqx.Module):
 
     def completed(self, otf: OTF) -> Parameters:
         """The same with what the optics know beforehand and these lack: colours, and the wavelength."""
-        coloured = eqx.tree_at(lambda p: p.scene, self, otf.colour(self.scene))
+        coloured = eqx.tree_at(lambda p: p.scene, self, otf.with_colours(self.scene))
         if not otf.shifts or len(self.aberrations) != len(otf.names) - 1:
             return coloured
         return eqx.tree_at(lambda p: p.aberrations, coloured, jnp.append(self.aberrations, 0.0))

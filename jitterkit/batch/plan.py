@@ -52,12 +52,15 @@ class Batch:
         there are none, as in a short run, the frames of a batch of a few, which show their scene.
     start : int
         Position of the first item in the planned batch: not 0 if earlier frames of the batch are done.
+    scene_only : bool
+        Whether the reference frames show no more than their scene: they are too few for more.
     """
 
     number: int
     items: tuple[Item, ...]
     references: tuple[Item, ...] = ()
     start: int = 0
+    scene_only: bool = False
 
     def part(self, begin: int, end: int | None = None) -> Batch:
         """Return the items from one index to another as a batch with the same reference frames."""
@@ -125,8 +128,8 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
             return
         if number % PLAN.sharing == 0:
             references = chunk[: PLAN.references] if len(chunk) >= PLAN.fewest else ()
-        few = chunk if 1 < len(chunk) < PLAN.fewest else ()
-        yield Batch(number, chunk, references or few)
+        few = chunk if not references and len(chunk) > 1 else ()
+        yield Batch(number, chunk, references or few, scene_only=bool(few))
 
 
 class FrameReader:

@@ -32,7 +32,7 @@ from jitterkit.batch.diagnose import (
 )
 from jitterkit.batch.plan import Batch, FrameReader, Item
 from jitterkit.batch.records import ProcessedFrame, SceneEstimate
-from jitterkit.batch.warm_start import SCORE, GridKey, WarmStart, WarmStartCache
+from jitterkit.batch.warm_start import AUTO, SCORE, GridKey, WarmStart, WarmStartCache
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_of_memory
 from jitterkit.estimators import KernelEstimate, estimate_score, estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
@@ -72,9 +72,6 @@ from jitterkit.scene import Star
 __all__ = ["AUTO", "SCORE", "FrameProcessor"]
 
 log = logging.getLogger(__name__)
-
-AUTO = "auto"
-"""In place of a scene's name: the simplest that the frame supports."""
 
 _SEARCHES = dict(zip(SCENES, (locate_star, locate_binary, locate_stars), strict=True))
 
@@ -215,7 +212,8 @@ class FrameProcessor:
                 raise
             log.debug("%s", frame.name, exc_info=True)
             fitted, result = frame, status_from_exception(error, frame, self.plate_scale)
-        misled = self.known and result.status in _MISLED
+        known = self.known.get(self.grid(frame))
+        misled = known is not None and known.changes(frame) and result.status in _MISLED
         if misled and not (result.status in _SURE and self.repeats(frame)):
             return self.with_warm_starts({}).fit(frame)
         result = replace(result, seconds=time.perf_counter() - began)
@@ -249,9 +247,8 @@ class FrameProcessor:
 
     def for_batch(self, batch: Batch, hdu: int | None = None) -> Self:
         """Return the processor with the warm starts that the reference frames of a batch give."""
-        few = batch.references == batch.items
-        find = functools.partial(self._find_warm_starts, batch.references, hdu, few=few)
-        return self.with_warm_starts(self._cache.get((batch.references, hdu, few), find))
+        key = batch.references, hdu, batch.scene_only
+        return self.with_warm_starts(self._cache.get(key, functools.partial(self._find_warm_starts, *key)))
 
     def with_warm_starts(self, known: Mapping[GridKey, WarmStart]) -> Self:
         """Return a processor of the same settings with other warm starts; optics are shared."""
@@ -368,9 +365,9 @@ class FrameProcessor:
         return result, found.left_out
 
     def _find_warm_starts(
-        self, references: tuple[Item, ...], hdu: int | None, *, few: bool
+        self, references: tuple[Item, ...], hdu: int | None, scene_only: bool
     ) -> dict[GridKey, WarmStart]:
-        """Look at reference frames until one is in no doubt of its scene; at all of them if they are few."""
+        """Look at reference frames until one is in no doubt of its scene; at all for their scene only."""
         found: defaultdict[GridKey, list[_Look]] = defaultdict(list)
         with FrameReader(hdu) as reader:
             for _, _, raw in reader.read(references):
@@ -378,12 +375,12 @@ class FrameProcessor:
                 if not isinstance(frame, Frame):
                     continue
                 seen = found[self.grid(frame)]
-                if not few and any(map(_is_sure, seen)):
+                if not scene_only and any(map(_is_sure, seen)):
                     continue
                 if (choice := self.choose_scene(frame)) is not None:
                     seen.append((frame, choice))
-        tell = self._scene_of if few else self._warm_start_of
-        starts = ((key, tell(seen)) for key, seen in found.items())
+        combine = self._scene_of if scene_only else self._warm_start_of
+        starts = ((key, combine(seen)) for key, seen in found.items())
         return {key: start for key, start in starts if start is not None}
 
     def _warm_start_of(self, seen: list[_Look]) -> WarmStart | None:

@@ -26,10 +26,13 @@ from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
 from jitterkit.refit import FitOptions, SceneChoice
 from jitterkit.refit.fit import settled
 
-__all__ = ["SCORE", "GridKey", "WarmStart", "WarmStartCache"]
+__all__ = ["AUTO", "SCORE", "GridKey", "WarmStart", "WarmStartCache"]
 
 GridKey = tuple[tuple[int, int], float]
 """Shape ``(ny, nx)`` and plate scale [arcsec]."""
+
+AUTO = "auto"
+"""In place of a scene's name: the simplest that the frame supports."""
 
 SCORE = "score"
 """The estimator that is what finding the stars does, as far as a fit's start goes."""
@@ -45,7 +48,7 @@ class WarmStart:
     Attributes
     ----------
     scene : str
-        Name of the scene that they show, or ``"auto"`` where they leave that open.
+        Name of the scene that they show, or :data:`AUTO` where they leave that open.
     doubt : str
         What else they may show that looks the same, in a sentence.
     anchored : AnchoredOptics or None
@@ -67,6 +70,11 @@ class WarmStart:
         assert self.anchored is not None
         light = float(np.sum(frame.electrons, where=~frame.mask))
         return replace(self.anchored, photons=max(light, 1.0))
+
+    def changes(self, frame: Frame) -> bool:
+        """Return whether a frame starts otherwise than from a cold start."""
+        own = self.choices.get(frame.digest)
+        return own is None or self.scene not in (AUTO, own.scene)
 
     def register(self, frame: Frame, data: Data, hold: Collection[str], rough: bool) -> SceneEstimate | None:
         """Return what a frame shows that repeats the reference frame; None for one that does not.

@@ -73,7 +73,7 @@ def _list_frames(run) -> None:
 
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
-    from jitterkit.report.run_fit import say_fit
+    from jitterkit.report.run_fit import describe_run_fit
     from jitterkit.report.sequence import say_loci
     from jitterkit.report.words import angle_size, ellipse_size, with_error
 
@@ -90,7 +90,7 @@ def _echo_result(run) -> None:
         typer.echo(f"jitter, 1 sigma, {size} from {fitted} frames")
     if loci := say_loci(run.summary["loci"]):
         log(loci)
-    if misfit := say_fit(run.summary["fit"]):
+    if misfit := describe_run_fit(run.summary["fit"]):
         log(misfit)
     log(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")
 

@@ -171,7 +171,7 @@ class Instrument:
             If the grid does not suit the pupil.
         """
         # these load JAX, which a table of metadata does not need
-        from jitterkit.optics import empirical, grid, otf, system
+        from jitterkit.optics import empirical, expansion, grid, system
 
         pads = (pad, self.pad, grid.DEFAULT_PAD)
         pad = next(pixels for pixels in pads if pixels is not None)
@@ -179,7 +179,7 @@ class Instrument:
         if self.pupil is None or self.spectrum is None:
             psf = np.asarray(self.psf)
             return system.FixedOptics(empirical.empirical_otf(psf, scale, shape, pad=pad, **self.psf_options))
-        samples = otf.grid_for(self.pupil, self.spectrum, shape, scale, pad)
+        samples = expansion.grid_for(self.pupil, self.spectrum, shape, scale, pad)
         diffusion = (self.detector.diffusion or 0.0) * scale
         colours = self.colours if self.spectrum.has_colour else None
         spectrum = self.spectrum if colours is None else colours.seen(self.spectrum)

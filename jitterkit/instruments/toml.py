@@ -45,7 +45,6 @@ Files are looked for beside the TOML.
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -60,9 +59,7 @@ from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
-from jitterkit.optics.colours import ANY_STAR, FILTER, Colours, colours_of
-from jitterkit.optics.spectrum import Spectrum, flat_band
-from jitterkit.optics.spectrum_file import read_spectrum
+from jitterkit.instruments.spectrum_section import SPECTRUM_KEYS, read_spectrum_section
 
 __all__ = ["SECTIONS", "read_instrument"]
 
@@ -92,17 +89,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "centre": "samples",
         "enclosed": "share",
     },
-    "spectrum": {
-        "band": "nm",
-        "samples": "",
-        "lines": "nm",
-        "weights": "any",
-        "file": "",
-        "temperatures": "K",
-        "indices": "",
-        "index_err": "",
-        "wavelength_err": "",
-    },
+    "spectrum": SPECTRUM_KEYS,
     "detector": DETECTOR_KEYS,
 }
 """Every table of an instrument file, its keys and their units."""
@@ -134,7 +121,7 @@ def read_instrument(path: str | Path) -> Instrument:
     readers: dict[str, Callable[[Section], dict[str, Any]]] = {
         "telescope": _telescope,
         "psf": _psf,
-        "spectrum": _spectrum,
+        "spectrum": read_spectrum_section,
     }
     try:
         base = preset(head.text("base")) if "base" in head else None
@@ -268,55 +255,3 @@ def _psf(section: Section) -> dict[str, Any]:
             section.refuse(ErrorCode.OUT_OF_RANGE, "enclosed", "give a share above 0, up to 1")
     star = partial(pupils.star, section.path("file"), section.integer("hdu"))
     return {"psf_from": star, "psf_options": options, "pupil_from": None, "spectrum": None}
-
-
-def _spectrum(section: Section) -> dict[str, Any]:
-    kinds = [key for key in ("band", "lines", "file") if key in section]
-    if len(kinds) != 1:
-        said = " and ".join(kinds) if kinds else "neither band nor lines nor file"
-        raise ConfigurationError(
-            ErrorCode.CONFLICT if kinds else ErrorCode.MISSING_VALUE,
-            f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file.",
-        )
-    for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
-        if key in section and kinds[0] not in wanted:
-            section.refuse(ErrorCode.CONFLICT, key, f"leave it out: it does not go with {kinds[0]}")
-    spectrum = _spectrum_of_kind(section, kinds[0])
-    return {"spectrum": spectrum, "colours": _colours(section, spectrum)}
-
-
-def _colours(section: Section, spectrum: Spectrum) -> Colours:
-    """What a file says of the stars' spectra."""
-    given = [key for key in ("temperatures", "indices") if key in section]
-    if len(given) > 1:
-        section.refuse(ErrorCode.CONFLICT, "indices", "leave it out: temperatures say it")
-    error = section.number("index_err", ANY_STAR)
-    wavelength = section.number("wavelength_err", FILTER)
-    for key, value in (("index_err", error), ("wavelength_err", wavelength)):
-        if not 0 <= value < math.inf:
-            section.refuse(ErrorCode.OUT_OF_RANGE, key, "give zero or a positive number")
-    numbers = section.numbers(given[0]) if given else [0.0]
-    if len(numbers) > 2 or not numbers:
-        section.refuse(ErrorCode.WRONG_SHAPE, given[0], "give one number, or those of A and B")
-    try:
-        if given == ["temperatures"]:
-            return replace(colours_of(numbers, spectrum, error), wavelength_err=wavelength)
-        return Colours(tuple(numbers), error, wavelength_err=wavelength)
-    except ConfigurationError as problem:
-        raise ConfigurationError(problem.code, f"{section.file}: [spectrum] {problem}") from None
-
-
-def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
-    samples = section.integer("samples", 13)
-    if samples < 1:
-        section.refuse(ErrorCode.OUT_OF_RANGE, "samples", "give at least 1; 13 suit TOLIMAN")
-    if kind == "file":
-        return read_spectrum(section.path("file"), samples)
-    if kind == "lines":
-        wavelengths = section.numbers("lines")
-        weights = section.numbers("weights", len(wavelengths)) if "weights" in section else None
-        return Spectrum(tuple(wavelengths), tuple(weights or [1.0] * len(wavelengths)))
-    low, high = section.numbers("band", 2)
-    if not 0 < low < high:
-        section.refuse(ErrorCode.OUT_OF_RANGE, "band", "give [shortest, longest], in nm")
-    return flat_band(low, high, samples)

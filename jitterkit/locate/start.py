@@ -161,7 +161,7 @@ def _climbed(
 ) -> Start:
     """The same with the optics of the last climb, which are about a state less near its own."""
     locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
-    here = Parameters(otf.colour(scene), locus, otf.state)
+    here = Parameters(otf.with_colours(scene), locus, otf.state)
     names, free = free_parameters(here, otf, hold)
     leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
     used = max(int(np.sum(np.asarray(data.used))), 1)

@@ -14,8 +14,9 @@ from jitterkit.optics.anchor import Anchor, AnchoredOptics
 from jitterkit.optics.colours import Colours, blackbody_index, colours_of
 from jitterkit.optics.dlux import pupil_from_dlux
 from jitterkit.optics.empirical import empirical_otf
+from jitterkit.optics.expansion import expand, grid_for
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF, expand, grid_for
+from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil, obstructed_circle
 from jitterkit.optics.pupil_file import read_pupil, write_pupil
 from jitterkit.optics.spectrum import Spectrum, flat_band, lines

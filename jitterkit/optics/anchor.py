@@ -18,8 +18,9 @@ from jaxtyping import Array, Float
 
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.colours import Colours
+from jitterkit.optics.expansion import centring, derivatives_at, wavelength_slopes
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, centring, derivatives_at, wavelength_slopes, with_shift
+from jitterkit.optics.otf import OTF, with_shift
 from jitterkit.optics.system import OpticalSystem
 
 __all__ = ["Anchor", "AnchoredOptics"]

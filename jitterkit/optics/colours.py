@@ -18,17 +18,25 @@ from scipy.constants import c, h, k
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["ANY_STAR", "FILTER", "WAVELENGTH", "Colours", "blackbody_index", "colours_of", "tilts"]
+__all__ = [
+    "INDEX_ERROR",
+    "WAVELENGTH",
+    "WAVELENGTH_ERROR",
+    "Colours",
+    "blackbody_index",
+    "colours_of",
+    "wavenumber_offsets",
+]
 
 WAVELENGTH = "wavelength_shift"
 """Name of the shift of the mean wavelength, nm, by which all wavelengths grow in proportion."""
 
-ANY_STAR = 2.0
+INDEX_ERROR = 2.0
 """Standard deviation of the index of a star: blackbodies of 3,000 and 30,000 K have indices of +4.2 and -2.7
 about a flat spectrum at 0.6 um.  A narrower one would pull: 0.5 by 5 uas where an index is off by 0.3."""
 
 
-FILTER = 2e-3
+WAVELENGTH_ERROR = 2e-3
 """Relative standard deviation of the wavelengths of a band: a filter's are known to a nanometre."""
 
 
@@ -55,9 +63,9 @@ class Colours:
     """
 
     indices: tuple[float, ...] = (0.0,)
-    sigma: float = ANY_STAR
+    sigma: float = INDEX_ERROR
     temperature: float | None = None
-    wavelength_err: float = FILTER
+    wavelength_err: float = WAVELENGTH_ERROR
 
     def __post_init__(self) -> None:
         if len(self.indices) not in (1, 2) or not np.all(np.isfinite(self.indices)):
@@ -128,7 +136,7 @@ def blackbody_index(temperature: float, spectrum: Spectrum) -> float:
 
 def _index(photons: np.ndarray, spectrum: Spectrum) -> float:
     """Slope of photons at each wavelength of a spectrum, as factors of it."""
-    weights, tilt = np.array(spectrum.weights), tilts(spectrum)
+    weights, tilt = np.array(spectrum.weights), wavenumber_offsets(spectrum)
     if not np.any(tilt):
         raise ConfigurationError(
             ErrorCode.CONFLICT, "A spectrum of one wavelength has no colour; leave temperatures out."
@@ -154,13 +162,13 @@ def _photons(temperature: float, spectrum: Spectrum) -> np.ndarray:
     return photons / mean
 
 
-def tilts(spectrum: Spectrum) -> np.ndarray:
+def wavenumber_offsets(spectrum: Spectrum) -> np.ndarray:
     """Return by how much the wavenumber of each wavelength lies below the mean one, as a share of that."""
     wavenumbers = 1 / np.array(spectrum.wavelengths)
     return 1 - wavenumbers / np.sum(np.array(spectrum.weights) * wavenumbers)
 
 
-def colours_of(temperatures: Sequence[float], spectrum: Spectrum, sigma: float = ANY_STAR) -> Colours:
+def colours_of(temperatures: Sequence[float], spectrum: Spectrum, sigma: float = INDEX_ERROR) -> Colours:
     """Return what the temperatures [K] of the stars say: a mean spectrum, and their indices about it."""
     middle = float(np.mean(temperatures))
     mean = Colours(temperature=middle).seen(spectrum)

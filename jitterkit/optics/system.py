@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.optics.colours import Colours
+from jitterkit.optics.expansion import expand
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, expand
+from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 

@@ -27,7 +27,7 @@ from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_pictures
 from jitterkit.report.row import Row
-from jitterkit.report.run_fit import say_fit
+from jitterkit.report.run_fit import describe_run_fit
 from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.sequence import say_loci
 from jitterkit.report.table import aberration_names
@@ -116,7 +116,7 @@ def _template():
         "number": number,
         "remarks": _remarks,
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
-        "say_fit": say_fit,
+        "describe_run_fit": describe_run_fit,
         "say_loci": say_loci,
         "status": lambda name: name.replace("_", " "),
         "grouped": "{:,}".format,

@@ -12,7 +12,7 @@ import numpy as np
 
 from jitterkit.report.words import angle_size, number
 
-__all__ = ["judge_fit", "say_fit"]
+__all__ = ["assess_run_fit", "describe_run_fit"]
 
 _FEWEST = 8
 """Frames from which their scatter tells the error of their mean."""
@@ -25,7 +25,7 @@ _HIDDEN = 0.2
 added: at most, of those of ``scripts/systematics`` that added any.  A wrong plate scale adds none."""
 
 
-def judge_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.ndarray) -> dict[str, Any]:
+def assess_run_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.ndarray) -> dict[str, Any]:
     """Test the chi-squared of all frames of a run together.
 
     Parameters
@@ -61,7 +61,7 @@ def judge_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.ndarray)
     return fit | {"chi2_dof": mean, "error": error, "sigmas": sigmas, "may_hide": hidden}
 
 
-def say_fit(fit: dict[str, Any]) -> str:
+def describe_run_fit(fit: dict[str, Any]) -> str:
     """Return in a sentence that a run's frames do not fit as well as noise allows; nothing where they do."""
     if not fit["sigmas"] > _SURE:
         return ""

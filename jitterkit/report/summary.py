@@ -17,7 +17,7 @@ from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
 from jitterkit.report.means import weighted_mean
-from jitterkit.report.run_fit import judge_fit
+from jitterkit.report.run_fit import assess_run_fit
 from jitterkit.report.sequence import compare_loci
 
 __all__ = ["summarise", "write_summary"]
@@ -40,7 +40,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         ``jitter``, the plain mean of the second moments [arcsec²] and its principal axes [arcsec, deg];
         ``shape``, the excess kurtosis as :func:`weighted_mean` has it; ``loci``, what the frames say
         together, from :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
-        ``fit``, how well all fit together, from :func:`~jitterkit.report.run_fit.judge_fit`;
+        ``fit``, how well all fit together, from :func:`~jitterkit.report.run_fit.assess_run_fit`;
         ``seconds``, the total.
 
     Notes
@@ -69,7 +69,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
         "loci": compare_loci(candidates[place] for place in np.flatnonzero(counts)),
         "chi2_dof": _median(good["chi2_dof"]),
-        "fit": judge_fit(good["chi2_dof"], good["dof"], good["separation_err"].to_value("arcsec")),
+        "fit": assess_run_fit(good["chi2_dof"], good["dof"], good["separation_err"].to_value("arcsec")),
         "seconds": float(np.nansum(table["seconds"].to_value("s"))),
     }
 

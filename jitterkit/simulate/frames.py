@@ -122,7 +122,7 @@ def simulate_frame(
     if shutter is not None:
         shutter = with_enough_nodes(shutter, otf.grid.shape[0], otf.grid.nyquist)
     check_reach(scene, locus if shutter is None else shutter.completed(locus), otf)
-    truth = Parameters(otf.colour(scene), locus, state, background, shutter=shutter)
+    truth = Parameters(otf.with_colours(scene), locus, state, background, shutter=shutter)
     # an OTF without derivatives is exact at its own state, whatever the parameters say
     expected = np.asarray(expected_image(truth, otf), dtype=float)
     known = _known(instrument, shutter, row_order)

@@ -24,6 +24,9 @@ def test_a_batch_goes_across_files_and_through_cubes_in_order():
     ]
     # a few frames show each other their scene, and one has no others
     assert [batch.references for batch in cut] == [cut[0].items, cut[1].items, ()]
+    assert [batch.scene_only for batch in cut] == [True, True, False]
+    # also for a part that is left of an interrupted run
+    assert (cut[0].part(1).references, cut[0].part(1).scene_only) == (cut[0].items, True)
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 48, 1000])

@@ -34,7 +34,7 @@ def hesitant(telescope, rng, tmp_path, monkeypatch):
         path, simulated = tmp_path / f"{number}.fits", simulate_frame(telescope, PAIR, Stable.of(), rng=rng)
         write_fits(path, simulated.raw.data)
         items.append((path, 0))
-    return Batch(0, tuple(items), tuple(items))
+    return Batch(0, tuple(items), tuple(items), scene_only=True)
 
 
 def test_few_frames_that_do_not_decide_alone_make_no_pair_together(hesitant, processor, telescope, rng):

@@ -26,7 +26,7 @@ def telescope():
     pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
     small = load_instrument("smallsat")
     deep = replace(small.detector, full_well=1e7, bits=22)
-    return replace(small, pupil_from=pupil, detector=deep)
+    return replace(small, pupil_from=pupil, detector=deep, colours=None)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.frames.frame import Frame
 from jitterkit.loci import Linear, Mvn, Shm, Stable
-from jitterkit.optics.otf import expand, grid_for
+from jitterkit.optics import expand, grid_for
 from jitterkit.optics.pupil import obstructed_circle
 from jitterkit.optics.spectrum import lines
 from jitterkit.refit.result import Candidate, FitResult, Status

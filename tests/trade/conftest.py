@@ -17,7 +17,10 @@ from jitterkit.trade.predict import Example
 
 @pytest.fixture(scope="session")
 def plain():
-    """A telescope of its own: settings change its sampling and wavelengths, so there must be many of both."""
+    """A telescope of its own: settings change its sampling and wavelengths, so there must be many of both.
+
+    Its sources have one spectrum; ``test_predict`` has one test of free colours.
+    """
     return Instrument(
         name="plain",
         plate_scale=0.375,
@@ -27,6 +30,7 @@ def plain():
         pupil_from=obstructed_circle(0.125, 0.04, noll=(7, 8), samples=256),
         exposure=1.0,
         flux=1e5,
+        colours=None,
     )
 
 

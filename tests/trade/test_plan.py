@@ -220,9 +220,8 @@ def test_few_frames_each_compute_the_optics(plain):
 
 
 def test_what_is_left_out_is_said_with_what_it_would_cost(planner, example):
-    # a background would take up the light that comes back for want of padding, colours a coarse spectrum
-    white = replace(example.processor.instrument, colours=None)
-    held = replace(example.processor, options=FitOptions(("background",)), instrument=white)
+    # a background would take up the light that comes back for want of padding
+    held = replace(example.processor, options=FitOptions(("background",)))
     planner = Planner([replace(example, processor=held)])
     found = planner.cheapest(5e-6)
     said = {line.split()[0]: line for line in explain(planner.outlook, found)}

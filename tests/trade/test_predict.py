@@ -13,8 +13,10 @@ from jitterkit.errors import ErrorCode
 from jitterkit.forecast import forecast
 from jitterkit.forward import expected_image
 from jitterkit.loci import Mvn
+from jitterkit.optics import Colours
 from jitterkit.refit import FitOptions, Priors
-from jitterkit.trade import Settings
+from jitterkit.scene import Binary
+from jitterkit.trade import Settings, TradeScene
 from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.predict import Example
 
@@ -38,6 +40,17 @@ def test_what_is_foreseen_is_what_a_fit_without_noise_finds(shown, one, settings
     assert seen.bias == pytest.approx(bias, rel=0.05, abs=1e-8)
     sigma = found.error("separation")  # that of where the bias led it
     assert seen.sigma == pytest.approx(sigma, rel=0.01)
+
+
+def test_it_is_foreseen_of_stars_whose_colours_are_free_too(plain):
+    coloured, settings = replace(plain, colours=Colours()), Settings(samples=2)
+    pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
+    one = TradeScene.of(coloured, pair, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
+    example = Example.of(one.noisy[0], FrameProcessor(coloured, locus="mvn"))
+    shown = replace(example, result=replace(example.result, parameters=one.truths[0]))
+    bias = bias_of(fitted(settings, shown, one), one)
+    assert abs(bias) > 1e-7
+    assert shown.foresee(settings).bias == pytest.approx(bias, rel=0.05, abs=1e-8)
 
 
 @pytest.mark.parametrize(("region", "side"), [(None, 48), (24, 24)])
