@@ -122,7 +122,7 @@ def measure_public_refit(length, repeats):
 def jitterkit_pupil():
     from jitterkit.optics import toliman_pupil
 
-    return toliman_pupil()
+    return toliman_pupil(10)
 
 
 def jitterkit_system(pad=64):

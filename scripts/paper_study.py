@@ -151,7 +151,7 @@ PartOf = Callable[[Study], Part]
 
 def study_of(pupil: Pupil | None = None, shape: tuple[int, int] = FRAME, **settings) -> Study:
     """The study of a pupil, TOLIMAN's unless another is given."""
-    pupil = toliman_pupil() if pupil is None else pupil
+    pupil = toliman_pupil(10) if pupil is None else pupil
     spectrum = lines(*np.linspace(*BAND, SAMPLES))
     grid = grid_for(pupil, spectrum, shape, PLATE_SCALE)
     return Study(OpticalSystem(pupil, spectrum, grid), SampledOptics(pupil, spectrum, grid), **settings)

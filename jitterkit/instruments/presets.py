@@ -65,12 +65,18 @@ def toliman() -> Instrument:
 
 
 def toliman_paper() -> Instrument:
-    """TOLIMAN as in the paper: four times the photons, one spectrum, and a detector that only counts them."""
+    """TOLIMAN as in the paper: four times the photons, one spectrum, Noll 4 to 10, an ideal detector."""
     words = "preset toliman-paper (an ideal detector)"
     ideal = Detector(gain=1.0, read_noise=0.0, bias=0.0, sources=dict.fromkeys(_NUMBERS, words))
     sources = dict.fromkeys(_QUANTITIES, "preset toliman-paper")
     return replace(
-        toliman(), name="toliman-paper", flux=PAPER_PHOTONS, detector=ideal, colours=None, sources=sources
+        toliman(),
+        name="toliman-paper",
+        flux=PAPER_PHOTONS,
+        detector=ideal,
+        colours=None,
+        pupil_from=partial(pupils.toliman, highest=10),
+        sources=sources,
     )
 
 

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 __all__ = ["from_file", "hst", "jwst", "plain", "star", "toliman"]
 
 
-def toliman() -> Pupil:
-    """Make TOLIMAN's diffractive pupil."""
+def toliman(**options: int) -> Pupil:
+    """Make TOLIMAN's diffractive pupil; see :func:`jitterkit.optics.toliman.toliman_pupil`."""
     from jitterkit.optics.toliman import toliman_pupil
 
-    return toliman_pupil()
+    return toliman_pupil(**options)
 
 
 def jwst() -> Pupil:

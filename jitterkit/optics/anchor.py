@@ -153,10 +153,11 @@ def _renewed(anchor: Anchor, aberrations) -> OTF:
     spectra = _complex(jnp.concatenate([value[None], anchor.slopes + bends[:-1]]), anchor.grid)
     chromatic = None
     if anchor.chromatic is not None:
-        first = anchor.chromatic[: k + 1].astype(value.dtype)
-        bent = jnp.matmul(rows[-1:], anchor.chromatic[k + 1 :], precision="highest")
-        tint = first[:1] + (change @ first[1:])[None] + bent
-        chromatic = _complex(jnp.concatenate([tint, first[1:]]), anchor.grid)
+        # all rows in one product: a part of them would be copied first, which takes longer
+        weights = jnp.concatenate([jnp.ones(1, rows.dtype), change.astype(rows.dtype), rows[-1]])
+        tint = jnp.matmul(weights, anchor.chromatic, precision="highest")
+        tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(value.dtype)
+        chromatic = _complex(tints, anchor.grid)
     otf = OTF(
         spectra[0],
         spectra[1:],

@@ -47,7 +47,7 @@ def public_points(pair: Binary, length: float) -> Iterator[Point]:
         ``seconds`` are those of three images, the least that a fit can take.
     """
     separation, flux, contrast = (float(getattr(pair, n)) for n in ("separation", "flux", "contrast"))
-    spectrum, pupil = lines(*PUBLIC_LINES), toliman_pupil()
+    spectrum, pupil = lines(*PUBLIC_LINES), toliman_pupil(10)
     otf = OpticalSystem(pupil, spectrum, grid_for(pupil, spectrum, PUBLIC_SHAPE, _SCALE, _PAD)).nominal
     still = Binary(separation, 180.0, 0.0, 0.0, flux, contrast)
     scene = [separation, 90.0, 0.0, 0.0, np.log10(flux), contrast, *np.zeros(7)]
