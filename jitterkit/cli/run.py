@@ -75,13 +75,13 @@ def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
     from jitterkit.report.run_fit import describe_run_fit
     from jitterkit.report.sequence import say_loci
-    from jitterkit.report.words import angle_size, ellipse_size, with_error
+    from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
     fitted = int(sum(run.table["status"] == "ok"))
     separation, jitter = run.summary["separation"], run.summary["jitter"]
     if pairs := separation["n"]:
         value = with_error(separation["mean"], separation["error"])
-        typer.echo(f"separation {value} arcsec from {pairs} frames")
+        typer.echo(f"separation {value} arcsec from {pairs} frames{by_scale(separation['scale_error'])}")
         if separation["model_error"] > 0:
             size = angle_size(separation["model_error"], 2)
             log(f"Errors of the model may move every frame alike, by {size}: that does not average out.")

@@ -133,7 +133,7 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
     from jitterkit.report.table import write_table
-    from jitterkit.report.words import with_error
+    from jitterkit.report.words import by_scale, with_error
 
     make_directory(output, OUTPUTS, overwrite)
     series = joint_table.separation_series(fit)
@@ -150,7 +150,8 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     for frame in fit.frames():
         if frame.shared is None:
             log(f"{frame.record.name} {frame.record.status.name.lower()}: {frame.record.message}")
-    typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames")
+    scale = by_scale(summary["separation"]["scale_error"])
+    typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames{scale}")
     for sentence in joint_table.say_joint(summary):
         log(sentence)
     log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

@@ -59,6 +59,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "saturation": Quantity("ADU", 0.0, 1e12, zero_allowed=False),
     "bias": Quantity("ADU", -1e9, 1e9),
     "plate_scale": Quantity("arcsec/pixel", 0.0, 1e5, zero_allowed=False),
+    "plate_scale_err": Quantity("relative", 0.0, 0.1),
     "line_time": Quantity("s", -10.0, 10.0),
     "bad_bits": Quantity("sum of bits", 0, 2**32 - 1),
 }
@@ -130,6 +131,8 @@ class Metadata:
         Level of an unexposed pixel [ADU].
     plate_scale : Known, optional
         Side of a pixel on the sky [arcsec/pixel].
+    plate_scale_err : Known, optional
+        Relative standard error of the plate scale.
     line_time : Known, optional
         From the start of one row's exposure to that of the row above it [s]; negative where rows are
         exposed downwards, zero where all are at once.  Rows as held in memory, which a TIFF's are not:
@@ -156,6 +159,7 @@ class Metadata:
     saturation: Known | None = None
     bias: Known | None = None
     plate_scale: Known | None = None
+    plate_scale_err: Known | None = None
     line_time: Known | None = None
     bad_bits: Known | None = None
     time: Known | None = None

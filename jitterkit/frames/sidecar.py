@@ -9,6 +9,7 @@ directory that has nothing better::
     saturation = 4095     # ADU
     bias = 100            # ADU
     plate_scale = 0.375   # arcsec/pixel
+    plate_scale_err = 1e-5    # relative
     line_time = 15e-6     # s, from one stored row to the next
     time = "2026-11-21T03:00:00"
     unit = "adu"

@@ -42,9 +42,9 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
         rows.append(("relative error of wavelengths", f"{known.wavelength_err:g}", "", source))
         if known.temperature is not None:
             rows.append(("mean temperature of the stars", f"{known.temperature:g}", "K", source))
-    if instrument.aberration_sigma is not None:
-        name = "aberration_sigma"
-        rows.append(_row(name, instrument.aberration_sigma, instrument.source(name)))
+    for name in ("plate_scale_err", "aberration_sigma"):
+        if (value := getattr(instrument, name)) is not None:
+            rows.append(_row(name, value, instrument.source(name)))
     return rows + describe_detector(instrument.detector)
 
 

@@ -51,6 +51,8 @@ class Instrument:
     pad : int, optional
         Pixels of padding of the model on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if
         omitted.
+    plate_scale_err : float, optional
+        Relative standard error of the plate scale, which fits hold.
     aberration_sigma : float, optional
         nm, how well each aberration is known beforehand, 1 sigma about none: fits of single frames have it as
         a prior.  What it pulls is the same in every frame, and does not average out.
@@ -79,6 +81,7 @@ class Instrument:
     exposure: float | None = None
     flux: float | None = None
     pad: int | None = None
+    plate_scale_err: float | None = None
     aberration_sigma: float | None = None
     colours: Colours | None = field(default_factory=Colours)
     sources: Mapping[str, str] = field(default_factory=dict)
@@ -89,7 +92,7 @@ class Instrument:
             raise ConfigurationError(
                 ErrorCode.WRONG_SHAPE, f"shape = {list(self.shape)} is impossible; give [rows, columns]."
             )
-        for name in ("plate_scale", "exposure"):
+        for name in ("plate_scale", "plate_scale_err", "exposure"):
             value = getattr(self, name)
             problem = None if value is None else QUANTITIES[name].problem(value)
             if problem is not None:

@@ -6,6 +6,7 @@
     name = "testbed"
     base = "toliman"            # optional: a preset that fills what is not said here
     plate_scale = 0.375         # arcsec/pixel
+    plate_scale_err = 1e-5      # relative, optional: a fit holds the plate scale
     shape = [128, 128]          # rows, columns
     exposure = 0.1              # s
     flux = 1e5                  # photons per frame, for simulations
@@ -68,6 +69,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "name": "",
         "base": "",
         "plate_scale": "arcsec/pixel",
+        "plate_scale_err": "",
         "shape": "pixel",
         "exposure": "s",
         "flux": "photons per frame",
@@ -186,6 +188,7 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
     fields: dict[str, Any] = {
         "name": section.text("name", stem),
         "plate_scale": section.number("plate_scale"),
+        "plate_scale_err": section.number("plate_scale_err"),
         "exposure": section.number("exposure"),
         "flux": section.number("flux"),
         "aberration_sigma": section.number("aberration_sigma"),

@@ -10,7 +10,10 @@ import numpy as np
 from jitterkit.joint.spool import Spool
 from jitterkit.refit.result import FitResult, Status, moments_of
 
-__all__ = ["FrameRecord", "Records"]
+__all__ = ["STATED", "FrameRecord", "Records"]
+
+STATED = ("plate_scale_err",)
+"""Metadata of a frame that tell how to read its separation, and that no fit uses."""
 
 _STATUS = tuple(Status)
 
@@ -37,6 +40,8 @@ class FrameRecord:
         Of the pair on the whole detector, arcsec from its first pixel's part of the sky.
     velocity : (2,) array
         Of the image during the exposure, arcsec/s; NaN where nothing says.
+    stated : (s,) array
+        Numbers of the frame's metadata, in the order of :data:`STATED`; NaN where nothing says.
     told : bool
         Whether it has a message about what is shared.
     reason : str
@@ -55,6 +60,7 @@ class FrameRecord:
     chi2_dof: float = float("nan")
     place: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     velocity: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    stated: np.ndarray = field(default_factory=lambda: np.full(len(STATED), np.nan))
     told: bool = False
     reason: str = ""
 
@@ -62,7 +68,7 @@ class FrameRecord:
     def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
         """The record of a fit of a frame's own parameters."""
         if fit.parameters is None:
-            return cls(name, time, fit.status, fit.message, fit.flags, reason=fit.reason)
+            return cls(name, time, fit.status, fit.message, fit.flags, reason=fit.reason, **more)
         scene, locus = fit.parameters.scene, fit.parameters.locus
         known = {n: float(getattr(scene, n)) for n in ("x", "y", "flux")}
         known |= dict(zip(locus.names, np.asarray(locus.coords), strict=True))
@@ -96,7 +102,7 @@ class Records:
 
     def __init__(self, own: tuple[str, ...]) -> None:
         self.own = own
-        self._numbers = Spool(14 + 2 * len(own))
+        self._numbers = Spool(14 + len(STATED) + 2 * len(own))
         self._names: list[str] = []
         self._words: dict[int, tuple[str, tuple[str, ...], str]] = {}
 
@@ -115,6 +121,7 @@ class Records:
             [record.chi2_dof],
             record.place,
             record.velocity,
+            record.stated,
         )
         if record.status is not Status.OK or record.flags:
             self._words[len(self)] = (record.message, record.flags, record.reason)
@@ -140,7 +147,8 @@ class Records:
                 numbers[6 + 2 * m : 9 + 2 * m],
                 chi2_dof,
                 numbers[10 + 2 * m : 12 + 2 * m],
-                numbers[12 + 2 * m :],
+                numbers[12 + 2 * m : 14 + 2 * m],
+                numbers[14 + 2 * m :],
                 bool(numbers[2]),
                 reason,
             )

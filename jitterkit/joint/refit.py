@@ -25,7 +25,7 @@ from jitterkit.joint.filter import Filter, Model
 from jitterkit.joint.laws import Constant, Law
 from jitterkit.joint.look import Looker, Nearby
 from jitterkit.joint.message import Messages
-from jitterkit.joint.records import FrameRecord, Records
+from jitterkit.joint.records import STATED, FrameRecord, Records
 from jitterkit.joint.result import SequenceFit
 from jitterkit.joint.shutters import Shutters
 from jitterkit.joint.wander import loose_laws, settle_laws
@@ -295,6 +295,7 @@ def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) ->
         return FrameRecord.of(exposure.name, exposure.time, fit, own)
     flags = dict.fromkeys(flag for flag in (*frame.flags, *fit.flags) if flag != "aberrations_held")
     fit = replace(fit, flags=tuple(flags))
+    more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
     if fit.parameters is not None and frame.plate_scale:
         scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale
         more["place"] = corner + np.array([float(scene.x), float(scene.y)])

@@ -67,6 +67,11 @@ COLUMNS: tuple[Column, ...] = (
         "part of separation_err by errors of the model: alike in all frames, does not average out",
         "arcsec",
     ),
+    Column(
+        "separation_scale_err",
+        "error of separation by that of the plate scale, not part of separation_err: does not average out",
+        "arcsec",
+    ),
     *measured("theta", "direction from A to B, counter-clockwise from +x", "deg"),
     *measured("pa", "position angle from A to B on the sky, north through east", "deg"),
     *measured("x", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),

@@ -31,7 +31,7 @@ from jitterkit.report.run_fit import describe_run_fit
 from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.sequence import say_loci
 from jitterkit.report.table import aberration_names
-from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, printable, with_error
+from jitterkit.report.words import NOTHING, angle_size, by_scale, ellipse_size, number, printable, with_error
 
 __all__ = ["write_report"]
 
@@ -112,6 +112,7 @@ def _template():
     )
     environment.filters |= {
         "angle_size": angle_size,
+        "by_scale": by_scale,
         "base64": lambda data: Markup(base64.b64encode(data).decode("ascii")),
         "number": number,
         "remarks": _remarks,

@@ -71,6 +71,7 @@ def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTab
         put("counted", frame.kept)
         put("separation", frame.separation)
         put("separation_err", frame.separation_err)
+        put("separation_scale_err", frame.separation * record.stated[0])
         _put_own(put, fit, record)
         put("velocity_x", record.velocity[0])
         put("velocity_y", record.velocity[1])
@@ -115,7 +116,7 @@ def _direction(angle: float, velocity: np.ndarray) -> float:
 
 def _unit(column: str) -> str:
     name = column.removesuffix("_err").removeprefix("shared_")
-    return "s" if name == "time" else unit_of(name)  # since the beginning of the run
+    return "s" if name == "time" else unit_of(column) or unit_of(name)  # since the beginning of the run
 
 
 def separation_series(fit: SequenceFit) -> Series | None:
@@ -132,7 +133,8 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     summary : dict
         ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being
         the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, and
-        how many of them are ``with_model_error``; ``shared``, value, error and law of each shared parameter
+        how many of them are ``with_model_error``, and the ``scale_error`` that the plate scale adds, which
+        is that of one frame; ``shared``, value, error and law of each shared parameter
         (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its averages
         [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation changes per
         arcsec/s of drift [s], and ``unknown``, the error of that drift [arcsec/s]; ``passes``, and by how
@@ -158,6 +160,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "error_of_a_frame": scatter["typical_error"],
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
+            "scale_error": mean * float(np.median([f.record.stated[0] for f in kept])),
             "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
         "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},

@@ -107,6 +107,8 @@ def make_row(
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
             row |= _fitted(result, result.parameters, aberrations)
         row |= {"x_pixel": float(pixel[0]), "y_pixel": float(pixel[1])}
+        if metadata:
+            row["separation_scale_err"] = row["separation"] * metadata.value("plate_scale_err", math.nan)
         row |= {"pa": float(pa), "pa_err": row["theta_err"] if math.isfinite(pa) else math.nan}
     return row
 

@@ -37,6 +37,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         ``frames``; ``status`` and ``locus``, the number of each; ``separation`` [arcsec], ``theta`` and
         ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``model_error`` of the
         separation, the median of what errors of the model make of a frame's, which no mean makes smaller;
+        its ``scale_error``, likewise of what the error of the plate scale makes of it;
         ``jitter``, the plain mean of the second moments [arcsec²] and its principal axes [arcsec, deg];
         ``shape``, the excess kurtosis as :func:`weighted_mean` has it; ``loci``, what the frames say
         together, from :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
@@ -62,6 +63,7 @@ def summarise(table: QTable) -> dict[str, Any]:
             "unit": "arcsec",
             **weighted_mean(*_pair(good, "separation", "arcsec")),
             "model_error": _median(table["separation_model_err"].to_value("arcsec")[counts]),
+            "scale_error": _median(table["separation_scale_err"].to_value("arcsec")[counts]),
         },
         "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},

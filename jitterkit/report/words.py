@@ -6,7 +6,7 @@ import math
 
 from jitterkit.errors import printable
 
-__all__ = ["angle_size", "angle_unit", "ellipse_size", "number", "printable", "with_error"]
+__all__ = ["angle_size", "angle_unit", "by_scale", "ellipse_size", "number", "printable", "with_error"]
 
 MINUS, TIMES, MICRO = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}", "\N{MICRO SIGN}"
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -72,6 +72,17 @@ def angle_unit(arcsec: float) -> tuple[float, str]:
     if 0 < size < 0.9995e-3:
         return 1e6, f" {MICRO}as"
     return (1e3, " mas") if 0 < size < 0.9995 else (1.0, "″")
+
+
+def by_scale(error: float) -> str:
+    """Write the error of a separation by the plate scale, to follow the mean; nothing where none is stated.
+
+    >>> by_scale(0.0001), by_scale(math.nan)
+    ('; the plate scale adds ± 100 µas, which does not average out', '')
+    """
+    if not math.isfinite(error):
+        return ""
+    return f"; the plate scale adds ± {angle_size(error)}, which does not average out"
 
 
 def ellipse_size(major: float, minor: float) -> str:

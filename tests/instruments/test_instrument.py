@@ -104,6 +104,7 @@ def test_a_star_image_stands_for_the_pupil():
     ("changes", "code", "values"),
     [
         ({"plate_scale": -0.1}, ErrorCode.OUT_OF_RANGE, ("plate_scale = -0.1", "arcsec/pixel")),
+        ({"plate_scale_err": 0.375}, ErrorCode.OUT_OF_RANGE, ("plate_scale_err = 0.375", "relative")),
         ({"shape": (0, 5)}, ErrorCode.WRONG_SHAPE, ("shape = [0, 5]",)),
         ({"shape": (5,)}, ErrorCode.WRONG_SHAPE, ("shape = [5]",)),
         ({"exposure": float("inf")}, ErrorCode.OUT_OF_RANGE, ("exposure = inf",)),
@@ -155,6 +156,30 @@ def test_the_scale_and_exposure_of_a_frame_outrank_a_presets():
     raw = RawFrame.from_array(np.zeros((2, 2)), source="header WCS (HDU 0)", plate_scale=0.5)
     metadata = resolve(raw, preset).metadata
     assert (metadata.value("plate_scale"), metadata.value("exposure")) == (0.5, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("own", "overrides", "stated"),
+    [
+        ({}, {}, 1e-5),  # the instrument's scale and its error
+        ({"plate_scale": 0.375}, {}, 1e-5),  # the header has the same scale
+        ({"plate_scale": 0.375 * (1 + 0.9e-5)}, {}, 1e-5),
+        ({"plate_scale": 0.375 * (1 + 1.1e-5)}, {}, None),  # another scale, of which nobody states an error
+        ({"plate_scale": 0.376, "plate_scale_err": 1e-3}, {}, 1e-3),  # one of its own
+        ({"plate_scale_err": 1e-3}, {}, 1e-3),
+        ({"plate_scale_err": 1e-3}, {"plate_scale": 0.38}, None),
+        ({"plate_scale": 0.376, "plate_scale_err": 1e-3}, {"plate_scale": 0.375}, None),
+        ({"plate_scale": 0.376}, {"plate_scale": 0.38, "plate_scale_err": 1e-4}, 1e-4),
+    ],
+)
+def test_an_error_is_stated_of_one_plate_scale_and_holds_for_no_other(own, overrides, stated):
+    said = {"plate_scale": "preset p", "plate_scale_err": "instrument file p.toml"}
+    instrument = plain(plate_scale_err=1e-5, sources=said)
+    raw = RawFrame.from_array(np.zeros((2, 2)), source="header X (HDU 0)", **own)
+    metadata = resolve(raw, instrument, overrides).metadata
+    assert metadata.value("plate_scale_err") == stated
+    assert bool(metadata.warnings) == (stated is None)
+    assert resolve(RawFrame.from_array(np.zeros((2, 2))), plain()).metadata.plate_scale_err is None
 
 
 def test_a_frame_and_an_instrument_made_by_hand_agree_that_the_frame_knows_itself_best():

@@ -17,6 +17,7 @@ WHOLE = """
 [instrument]
 name = "testbed"
 plate_scale = 0.3
+plate_scale_err = 2e-5
 shape = [40, 60]
 exposure = 0.2
 flux = 2e5
@@ -75,6 +76,7 @@ def test_a_whole_file_is_understood(toml):
 
 def test_numbers_of_a_file_name_the_file_the_table_and_the_key(toml):
     bed = read_instrument(toml(WHOLE))
+    assert bed.plate_scale_err == 2e-5
     assert bed.source("plate_scale") == "instrument file bed.toml [instrument] plate_scale"
     assert bed.detector.source("gain") == "instrument file bed.toml [detector] gain"
 
@@ -200,7 +202,7 @@ def test_lines_may_be_weighted(toml):
             ("[detector] bad_pixels = 'gone.fits'", "bed.toml"),
         ),
         ("[detector]", "[psf]\nfile = 'x'\n[detector]", ErrorCode.CONFLICT, ("[psf]", "[telescope]")),
-        ("[detector]", "[detector", ErrorCode.MALFORMED, ("line 18",)),
+        ("[detector]", "[detector", ErrorCode.MALFORMED, ("line 19",)),
     ],
 )
 def test_a_mistake_is_refused_in_one_line_with_file_key_and_value(toml, was, becomes, code, values):

@@ -9,6 +9,7 @@ from long_run import long_run
 from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames import Metadata
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.html import write_report
 from jitterkit.report.pictures import render_frame
@@ -51,6 +52,13 @@ def write(tmp_path):
         return Page((tmp_path / "report.html").read_text(encoding="utf-8"))
 
     return write
+
+
+def test_the_page_says_what_the_plate_scale_adds_where_its_error_is_stated(make_fit, write):
+    result = make_fit()[1]
+    known = Metadata().override("instrument file a.toml", plate_scale_err=1e-5)
+    assert "± 81.0 µas" in write([make_row(result, "f", metadata=known)]).text  # of 8.1 arcsec
+    assert "plate scale adds" not in write([make_row(result, "f")]).text
 
 
 def test_the_page_says_what_came_out(make_fit, write):

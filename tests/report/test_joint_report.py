@@ -30,7 +30,7 @@ OWN = ("x", "y", "flux", "linear_c", "linear_s")
 ERROR = 1e-4
 
 
-def made(rng, *, slope=0.0, odd=(), frames=30, rows=None):
+def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,)):
     """A sequence whose separations scatter by their errors; one frame in the middle could not be read."""
     messages, records = Messages(("separation", "noll4")), Records(OWN)
     information = np.diag([ERROR**-2, 25.0])
@@ -50,7 +50,7 @@ def made(rng, *, slope=0.0, odd=(), frames=30, rows=None):
         records.append(
             FrameRecord(
                 f"frame {i}", time, Status.OK, "fitted", (), own, np.full(5, 0.1), np.array([0.01, 0.0, 0.0]),
-                np.full(3, 1e-3), 1.0, own[:2], np.array([-0.3, 0.0]), told=True,
+                np.full(3, 1e-3), 1.0, own[:2], np.array([-0.3, 0.0]), np.array(stated), told=True,
             )
         )  # fmt: skip
     laws = {"separation": Constant(), "noll4": Wander(1.0, 2.0)}
@@ -77,6 +77,17 @@ def test_a_row_a_frame_with_units_and_reasons(rng, tmp_path):
     }  # fmt: skip
     # the streak lies along x, and the image went the other way
     assert table["smear_direction"][0].value == pytest.approx(180.0)
+
+
+def test_the_error_of_the_plate_scale_is_not_averaged_down(rng):
+    fit = made(rng, stated=(1e-5,))
+    separation = joint_summary(fit)["separation"]
+    assert separation["scale_error"] == pytest.approx(1e-4, rel=1e-4)
+    assert separation["error"] == pytest.approx(ERROR / np.sqrt(29), rel=1e-6)
+    table = frame_table(fit)
+    assert table["separation_scale_err"][0].to_value("uas") == pytest.approx(100, rel=1e-3)
+    assert np.isnan(table["separation_scale_err"][5])  # could not be read
+    assert np.isnan(joint_summary(made(rng))["separation"]["scale_error"])
 
 
 def test_the_summary_is_what_the_messages_say(rng):

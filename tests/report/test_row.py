@@ -36,6 +36,15 @@ def test_the_jitter_of_a_linear_smear_is_its_length_over_root_twelve(make_fit):
     assert row["sxx_err"] == pytest.approx(1e-5 / 24 * np.hypot(0.5 + 1, np.sqrt(0.75)))
 
 
+def test_the_error_of_the_plate_scale_has_a_column_of_its_own(make_fit):
+    result = make_fit("linear")[1]
+    known = Metadata().override("instrument file a.toml", plate_scale=0.375, plate_scale_err=1e-5)
+    row, plain = make_row(result, "f", metadata=known), make_row(result, "f", metadata=Metadata())
+    assert row["separation_scale_err"] == pytest.approx(row["separation"] * 1e-5)
+    assert row["separation_err"] == plain["separation_err"]
+    assert np.isnan([plain["separation_scale_err"], make_row(result, "f")["separation_scale_err"]]).all()
+
+
 def test_a_locus_without_size_has_no_angle_no_length_and_no_errors(make_fit):
     row = make_row(make_fit("stable")[1], "f")
     assert row["sxx"] == row["jitter_major"] == 0

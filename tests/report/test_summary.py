@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jitterkit.frames import Metadata
 from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.row import make_row
@@ -48,6 +49,17 @@ def test_what_has_no_error_is_left_out_and_one_frame_has_no_scatter():
     assert (combined["n"], combined["mean"], combined["error"]) == pytest.approx((1, 8.1, 0.1))
     assert math.isnan(combined["chi2_dof"])
     assert weighted_mean([], [])["n"] == 0
+
+
+def test_no_number_of_frames_averages_the_error_of_the_plate_scale_down(make_fit):
+    known = Metadata().override("instrument file a.toml", plate_scale=0.375, plate_scale_err=1e-5)
+    result = make_fit()[1]
+    rows = [make_row(result, "f", metadata=known)] * 100
+    separation = summarise(make_table(rows))["separation"]
+    assert separation["scale_error"] == pytest.approx(result.of_scene("separation") * 1e-5)
+    assert separation["error"] == pytest.approx(result.error("separation") / 10)
+    unstated = summarise(make_table([make_row(result, "f")]))["separation"]
+    assert math.isnan(unstated["scale_error"])
 
 
 def test_only_good_frames_count(make_fit):
