@@ -82,6 +82,9 @@ def _echo_result(run) -> None:
     if pairs := separation["n"]:
         value = with_error(separation["mean"], separation["error"])
         typer.echo(f"separation {value} arcsec from {pairs} frames{by_scale(separation['scale_error'])}")
+        if (right := run.summary["separation_corrected"])["n"]:
+            value = with_error(right["mean"], right["error"])
+            typer.echo(f"separation_corrected {value} arcsec from {right['n']} frames")
         if separation["model_error"] > 0:
             size = angle_size(separation["model_error"], 2)
             log(f"Errors of the model may move every frame alike, by {size}: that does not average out.")

@@ -152,6 +152,8 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
             log(f"{frame.record.name} {frame.record.status.name.lower()}: {frame.record.message}")
     scale = by_scale(summary["separation"]["scale_error"])
     typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames{scale}")
+    if (right := summary["separation"]["corrected"]) == right:  # not NaN
+        typer.echo(f"separation_corrected {with_error(right, fit.separation[1])} arcsec")
     for sentence in joint_table.say_joint(summary):
         log(sentence)
     log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

@@ -22,6 +22,7 @@ ALIASES: Mapping[str, tuple[Keyword, ...]] = {
     "saturation": ("SATURATE", "SATLEVEL", "MAXLIN", "DATAMAX"),
     "bias": ("BIASLVL", "BIASLEV"),
     "plate_scale": ("PIXSCALE", "PIXSCAL1", "SCALE", "SECPIX", "SECPIX1", "PIXELSCL"),
+    "va_factor": ("VAFACTOR", "VA_SCALE"),
     "line_time": ("LINETIME",),
 }
 """Keywords of each number, the first believed first."""

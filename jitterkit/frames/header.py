@@ -22,9 +22,12 @@ from jitterkit.frames.sky import plate_scale
 from jitterkit.frames.times import resolve_time
 from jitterkit.frames.units import RATES, resolve_unit
 
-__all__ = ["rate_of_brightness", "resolve", "resolve_header"]
+__all__ = ["VA_INCLUDED", "rate_of_brightness", "resolve", "resolve_header"]
 
 ARCSEC_PER_RADIAN = 206264.80624709636
+
+VA_INCLUDED = ", velocity aberration included"
+"""How the source of a scale ends that a pipeline has multiplied by the factor of velocity aberration."""
 
 _UNSAID = ("none", "na", "n/a", "unknown", "undefined", "null", "raw", "unitless", "unspecified")
 """Texts of ``BUNIT`` that say nothing, in lower case."""
@@ -79,6 +82,7 @@ def resolve(cards: Cards, wcs: Any = None) -> Metadata:
         saturation=_saturation(cards, gain, bias, "adu" if unit is None else unit.value),
         bias=bias,
         plate_scale=_plate_scale(cards, wcs),
+        va_factor=cards.first("va_factor"),
         line_time=_line_time(cards),
         time=resolve_time(cards),
         unit=unit,
@@ -135,7 +139,10 @@ def _plate_scale(cards: Cards, wcs: Any) -> Known | None:
         return _scale_without_sky(cards, said)
     if said is not None and abs(said.value / scale - 1) > 0.01:
         cards.warnings.append(f"{said.source} = {said.value:g} differs from the WCS's {scale:g} arcsec/pixel")
-    return Known(scale, "arcsec/pixel", f"header WCS (HDU {cards.layers[0][1]})")
+    # HST's updatewcs and JWST's assign_wcs multiply the scale by VAFACTOR and VA_SCALE
+    corrected = bool(cards.text("UPWCSVER")) or cards.text("S_WCS") == "COMPLETE"
+    source = f"header WCS (HDU {cards.layers[0][1]})"
+    return Known(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
 
 
 def _scale_without_sky(cards: Cards, said: Known | None) -> Known | None:

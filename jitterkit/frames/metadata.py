@@ -60,6 +60,8 @@ QUANTITIES: Mapping[str, Quantity] = {
     "bias": Quantity("ADU", -1e9, 1e9),
     "plate_scale": Quantity("arcsec/pixel", 0.0, 1e5, zero_allowed=False),
     "plate_scale_err": Quantity("relative", 0.0, 0.1),
+    "va_factor": Quantity("ratio", 0.999, 1.001),
+    "orbit_change": Quantity("arcsec", -1e3, 1e3),
     "line_time": Quantity("s", -10.0, 10.0),
     "bad_bits": Quantity("sum of bits", 0, 2**32 - 1),
 }
@@ -133,6 +135,10 @@ class Metadata:
         Side of a pixel on the sky [arcsec/pixel].
     plate_scale_err : Known, optional
         Relative standard error of the plate scale.
+    va_factor : Known, optional
+        Velocity aberration: what a separation is multiplied by to be that seen from the barycentre.
+    orbit_change : Known, optional
+        By how much orbital motion has widened the pair since the reference epoch [arcsec].
     line_time : Known, optional
         From the start of one row's exposure to that of the row above it [s]; negative where rows are
         exposed downwards, zero where all are at once.  Rows as held in memory, which a TIFF's are not:
@@ -160,6 +166,8 @@ class Metadata:
     bias: Known | None = None
     plate_scale: Known | None = None
     plate_scale_err: Known | None = None
+    va_factor: Known | None = None
+    orbit_change: Known | None = None
     line_time: Known | None = None
     bad_bits: Known | None = None
     time: Known | None = None

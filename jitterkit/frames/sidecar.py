@@ -10,6 +10,8 @@ directory that has nothing better::
     bias = 100            # ADU
     plate_scale = 0.375   # arcsec/pixel
     plate_scale_err = 1e-5    # relative
+    va_factor = 1.00007   # velocity aberration
+    orbit_change = 0.0021 # arcsec, since the reference epoch
     line_time = 15e-6     # s, from one stored row to the next
     time = "2026-11-21T03:00:00"
     unit = "adu"

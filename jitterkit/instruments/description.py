@@ -12,6 +12,7 @@ from jitterkit.detectors.checks import NUMBERS
 from jitterkit.detectors.maps import nominal
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.instruments.instrument import Instrument
+from jitterkit.instruments.sky import SKY_KEYS
 
 __all__ = ["describe_detector", "describe_instrument"]
 
@@ -45,6 +46,10 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
     for name in ("plate_scale_err", "aberration_sigma"):
         if (value := getattr(instrument, name)) is not None:
             rows.append(_row(name, value, instrument.source(name)))
+    for name, unit in SKY_KEYS.items():
+        if (value := getattr(instrument.sky, name, None)) is not None:
+            text = value if isinstance(value, str) else _text(name, value)
+            rows.append((name, text, unit, instrument.source("sky")))
     return rows + describe_detector(instrument.detector)
 
 

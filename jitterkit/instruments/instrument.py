@@ -12,6 +12,7 @@ import numpy as np
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES
+from jitterkit.instruments.sky import Sky
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.spectrum import Spectrum
 
@@ -59,6 +60,8 @@ class Instrument:
     colours : Colours, optional
         What is known of the spectra of the stars before the instrument; by default, that they are stars.
         None if every source has the spectrum above.
+    sky : Sky, optional
+        What moves a separation on the sky: corrections, which no fit uses.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
         :data:`jitterkit.frames.metadata.RANKS`.
@@ -84,6 +87,7 @@ class Instrument:
     plate_scale_err: float | None = None
     aberration_sigma: float | None = None
     colours: Colours | None = field(default_factory=Colours)
+    sky: Sky | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

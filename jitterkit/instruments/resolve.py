@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.header import VA_INCLUDED
 from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
+from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
 
 __all__ = ["resolve"]
+
+_SOLVED = (
+    "velocity aberration is not computed: the plate scale is the WCS's, which holds it if it was solved with "
+    "stars; give --plate-scale"
+)
 
 
 def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
@@ -44,6 +52,7 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
     metadata = _with_scale_error(metadata, raw.metadata, instrument)
+    metadata = _with_corrections(metadata, instrument)
     return raw.with_metadata(instrument.detector.inform(metadata))
 
 
@@ -64,3 +73,28 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
         f"the plate scale of {used.value:.9g} arcsec/pixel ({used.source}) has no stated error: "
         f"{stated.value:g} ({stated.source}) is that of {scale:.9g} arcsec/pixel"
     )
+
+
+def _with_corrections(metadata: Metadata, instrument: Instrument) -> Metadata:
+    """Add what the sky does to a separation, once: a scale that stars have told holds some of it already."""
+    sky, source, scale = instrument.sky, instrument.source("sky"), metadata.known()["plate_scale"]
+    if sky is not None:
+        when, solved = _middle(metadata), scale.source.startswith("header WCS")
+        if sky.needs_time and math.isnan(when):
+            metadata = metadata.warn("there is no time: the corrections of [sky] that depend on it are empty")
+        factor = sky.va_factor(when) if metadata.va_factor is None else None
+        if solved and factor is not None:
+            metadata, factor = metadata.warn(_SOLVED), None
+        metadata = metadata.fill(source, va_factor=factor, orbit_change=sky.orbit_change(when))
+    known = metadata.va_factor
+    if known is None or known.value == 1 or not scale.source.endswith(VA_INCLUDED):
+        return metadata
+    included = f"{known.source} = {known.value:.9g}, which the WCS's scale includes"
+    return metadata.override(included, va_factor=1.0)
+
+
+def _middle(metadata: Metadata) -> float:
+    """Middle of the exposure, seconds since 1970; NaN where no time is known."""
+    known = metadata.time
+    begun = math.nan if known is None else epoch_seconds(known.value)
+    return begun if known is None or "-AVG" in known.source else begun + metadata.value("exposure", 0.0) / 2

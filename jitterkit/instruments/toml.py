@@ -41,6 +41,10 @@
     gain = 3.7                  # e-/ADU
     bits = 12
 
+    [sky]                       # all optional: see jitterkit.instruments.sky
+    target = [219.9, -60.83]    # deg
+    velocity = "earth"          # of the observer: for velocity aberration
+
 Files are looked for beside the TOML.
 """
 
@@ -60,6 +64,7 @@ from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
+from jitterkit.instruments.sky import SKY_KEYS, read_sky
 from jitterkit.instruments.spectrum_section import SPECTRUM_KEYS, read_spectrum_section
 
 __all__ = ["SECTIONS", "read_instrument"]
@@ -93,6 +98,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
     },
     "spectrum": SPECTRUM_KEYS,
     "detector": DETECTOR_KEYS,
+    "sky": SKY_KEYS,
 }
 """Every table of an instrument file, its keys and their units."""
 
@@ -124,6 +130,7 @@ def read_instrument(path: str | Path) -> Instrument:
         "telescope": _telescope,
         "psf": _psf,
         "spectrum": read_spectrum_section,
+        "sky": read_sky,
     }
     try:
         base = preset(head.text("base")) if "base" in head else None
@@ -131,6 +138,8 @@ def read_instrument(path: str | Path) -> Instrument:
         for name, reader in readers.items():
             if name in sections:
                 fields |= reader(sections[name])
+        if "sky" in sections:
+            fields["sources"]["sky"] = f"instrument file {path.name} [sky]"
         detector = Detector() if base is None else base.detector
         fields["detector"] = (
             read_detector(sections["detector"], detector) if "detector" in sections else detector

@@ -12,7 +12,7 @@ from jitterkit.refit.result import FitResult, Status, moments_of
 
 __all__ = ["STATED", "FrameRecord", "Records"]
 
-STATED = ("plate_scale_err",)
+STATED = ("plate_scale_err", "va_factor", "orbit_change")
 """Metadata of a frame that tell how to read its separation, and that no fit uses."""
 
 _STATUS = tuple(Status)

@@ -72,6 +72,13 @@ COLUMNS: tuple[Column, ...] = (
         "error of separation by that of the plate scale, not part of separation_err: does not average out",
         "arcsec",
     ),
+    Column("va_factor", "velocity aberration: separation seen from the barycentre over that seen here"),
+    Column("orbit_change", "growth of separation by orbital motion since the reference epoch", "arcsec"),
+    Column(
+        "separation_corrected",
+        "separation times va_factor, less orbit_change; as far as these are known, empty if neither is",
+        "arcsec",
+    ),
     *measured("theta", "direction from A to B, counter-clockwise from +x", "deg"),
     *measured("pa", "position angle from A to B on the sky, north through east", "deg"),
     *measured("x", "the brightest star or the midpoint of the pair, from the frame's centre", "arcsec"),

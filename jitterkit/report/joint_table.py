@@ -21,7 +21,7 @@ from jitterkit.loci import principal_axes
 from jitterkit.refit import Status
 from jitterkit.report.columns import unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
-from jitterkit.report.means import weighted_mean
+from jitterkit.report.means import corrected, weighted_mean
 from jitterkit.report.words import angle_size, number, printable
 from jitterkit.series import Floor, Series, fit_floor
 
@@ -71,7 +71,11 @@ def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTab
         put("counted", frame.kept)
         put("separation", frame.separation)
         put("separation_err", frame.separation_err)
-        put("separation_scale_err", frame.separation * record.stated[0])
+        scale, *corrections = record.stated
+        put("separation_scale_err", frame.separation * scale)
+        put("va_factor", corrections[0])
+        put("orbit_change", corrections[1])
+        put("separation_corrected", float(corrected(frame.separation, *corrections)))
         _put_own(put, fit, record)
         put("velocity_x", record.velocity[0])
         put("velocity_y", record.velocity[1])
@@ -134,7 +138,8 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being
         the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, and
         how many of them are ``with_model_error``, and the ``scale_error`` that the plate scale adds, which
-        is that of one frame; ``shared``, value, error and law of each shared parameter
+        is that of one frame, and it ``corrected`` for velocity aberration and orbital motion, by the mean of
+        what they are in the frames; ``shared``, value, error and law of each shared parameter
         (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its averages
         [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation changes per
         arcsec/s of drift [s], and ``unknown``, the error of that drift [arcsec/s]; ``passes``, and by how
@@ -160,6 +165,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "error_of_a_frame": scatter["typical_error"],
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
+            "corrected": mean + _mean_correction(kept),
             "scale_error": mean * float(np.median([f.record.stated[0] for f in kept])),
             "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
@@ -180,6 +186,13 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "moved": fit.moves[-1],
         "seconds": fit.seconds,
     }
+
+
+def _mean_correction(kept: list[Any]) -> float:
+    """By how much corrections change the separation, on average over frames [arcsec]; NaN if one has none."""
+    separations, errors = np.array([(f.separation, f.separation_err) for f in kept]).T
+    _, *corrections = np.array([f.record.stated for f in kept]).T
+    return float(np.average(corrected(separations, *corrections) - separations, weights=errors**-2))
 
 
 def _folded(name: str, value: float) -> float:

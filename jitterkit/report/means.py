@@ -1,4 +1,4 @@
-"""Means of independent measurements."""
+"""Means of independent measurements, and corrections of what is averaged."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["running_mean", "weighted_mean"]
+__all__ = ["corrected", "running_mean", "weighted_mean"]
 
 COMBINED = ("mean", "error", "typical_error", "scatter", "chi2_dof", "error_by_scatter")
 
@@ -67,3 +67,24 @@ def running_mean(values: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray
     error = weight**-0.5
     mean = level + first / weight
     return {"mean": mean, "error": error, "chi2_dof": chi2_dof, "error_by_scatter": error * np.sqrt(chi2_dof)}
+
+
+def corrected(separation, va_factor, orbit_change) -> np.ndarray:
+    """Correct separations for velocity aberration and orbital motion.
+
+    Parameters
+    ----------
+    separation, va_factor, orbit_change : float or (n,) arrays
+        arcsec, ratio, arcsec; NaN where it is not known.
+
+    Returns
+    -------
+    corrected : array
+        ``separation va_factor - orbit_change``.  Without what no separation has; NaN for one that lacks
+        what others have, and for all if none has either.
+    """
+    aberrated, moving = np.isfinite(va_factor).any(), np.isfinite(orbit_change).any()
+    if not (aberrated or moving):
+        return np.full_like(separation, math.nan, dtype=float)
+    factor, change = va_factor if aberrated else 1.0, orbit_change if moving else 0.0
+    return np.asarray(separation, float) * factor - change

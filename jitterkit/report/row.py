@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jitterkit.conventions import axis_angle, direction_angle
+from jitterkit.frames.metadata import Metadata
 from jitterkit.report.columns import COLUMNS, aberration_column
 from jitterkit.report.flags import FLAGS, encode_flags
+from jitterkit.report.means import corrected
 from jitterkit.report.star_table import encode_stars
 from jitterkit.report.words import printable
 
 if TYPE_CHECKING:  # at run time a table is read without JAX
     from jitterkit.forward import Parameters
-    from jitterkit.frames.metadata import Metadata
     from jitterkit.refit.result import Candidate, FitResult
 
 __all__ = ["Row", "make_row"]
@@ -107,10 +108,22 @@ def make_row(
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
             row |= _fitted(result, result.parameters, aberrations)
         row |= {"x_pixel": float(pixel[0]), "y_pixel": float(pixel[1])}
-        if metadata:
-            row["separation_scale_err"] = row["separation"] * metadata.value("plate_scale_err", math.nan)
+        row |= _stated(row["separation"], metadata or Metadata())
         row |= {"pa": float(pa), "pa_err": row["theta_err"] if math.isfinite(pa) else math.nan}
     return row
+
+
+def _stated(separation: float, metadata: Metadata) -> Row:
+    """Columns of what is known of a separation beside its fit."""
+    scale, factor, change = (
+        metadata.value(name, math.nan) for name in ("plate_scale_err", "va_factor", "orbit_change")
+    )
+    return {
+        "separation_scale_err": separation * scale,
+        "va_factor": factor,
+        "orbit_change": change,
+        "separation_corrected": float(corrected(separation, factor, change)),
+    }
 
 
 def _message(result: FitResult, words: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
-from jitterkit.report.means import weighted_mean
+from jitterkit.report.means import corrected, weighted_mean
 from jitterkit.report.run_fit import assess_run_fit
 from jitterkit.report.sequence import compare_loci
 
@@ -38,6 +38,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``model_error`` of the
         separation, the median of what errors of the model make of a frame's, which no mean makes smaller;
         its ``scale_error``, likewise of what the error of the plate scale makes of it;
+        ``separation_corrected``, of the frames with the corrections that any frame has;
         ``jitter``, the plain mean of the second moments [arcsec²] and its principal axes [arcsec, deg];
         ``shape``, the excess kurtosis as :func:`weighted_mean` has it; ``loci``, what the frames say
         together, from :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
@@ -51,7 +52,7 @@ def summarise(table: QTable) -> dict[str, Any]:
     ±180 deg, so north is no special place.
     """
     counts = np.asarray(table["status"]) == "ok"
-    used = ["locus", "chi2_dof", "dof", "sxx", "sxy", "syy"]
+    used = ["locus", "chi2_dof", "dof", "sxx", "sxy", "syy", "va_factor", "orbit_change"]
     used += [name + end for name in ("separation", "theta", "pa", "shape") for end in ("", "_err")]
     good = table[used][counts]  # not the texts: of 60,000 frames they are most of the memory
     candidates = np.asarray(table["candidates"])
@@ -65,6 +66,7 @@ def summarise(table: QTable) -> dict[str, Any]:
             "model_error": _median(table["separation_model_err"].to_value("arcsec")[counts]),
             "scale_error": _median(table["separation_scale_err"].to_value("arcsec")[counts]),
         },
+        "separation_corrected": {"unit": "arcsec", **_mean_corrected(good)},
         "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
         "jitter": _mean_jitter(good),
@@ -84,6 +86,12 @@ def _counts(column: Any) -> dict[str, int]:
 
 def _pair(table: QTable, name: str, unit: str) -> tuple[np.ndarray, np.ndarray]:
     return table[name].to_value(unit), table[f"{name}_err"].to_value(unit)
+
+
+def _mean_corrected(table: QTable) -> dict[str, Any]:
+    separation, errors = _pair(table, "separation", "arcsec")
+    change = table["orbit_change"].to_value("arcsec")
+    return weighted_mean(corrected(separation, np.asarray(table["va_factor"]), change), errors)
 
 
 def _mean_direction(angles: np.ndarray, errors: np.ndarray) -> dict[str, Any]:

@@ -30,7 +30,7 @@ OWN = ("x", "y", "flux", "linear_c", "linear_s")
 ERROR = 1e-4
 
 
-def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,)):
+def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3):
     """A sequence whose separations scatter by their errors; one frame in the middle could not be read."""
     messages, records = Messages(("separation", "noll4")), Records(OWN)
     information = np.diag([ERROR**-2, 25.0])
@@ -79,8 +79,18 @@ def test_a_row_a_frame_with_units_and_reasons(rng, tmp_path):
     assert table["smear_direction"][0].value == pytest.approx(180.0)
 
 
+def test_a_sequence_is_corrected_for_the_sky(rng):
+    fit = made(rng, stated=(np.nan, 1.0001, 0.25))
+    separation = joint_summary(fit)["separation"]
+    assert separation["corrected"] == pytest.approx(separation["mean"] * 1.0001 - 0.25, rel=1e-8)
+    row = frame_table(fit)[0]
+    assert row["separation_corrected"].value == pytest.approx(row["separation"].value * 1.0001 - 0.25)
+    assert (row["va_factor"], row["orbit_change"].value) == (1.0001, 0.25)
+    assert np.isnan(joint_summary(made(rng))["separation"]["corrected"])
+
+
 def test_the_error_of_the_plate_scale_is_not_averaged_down(rng):
-    fit = made(rng, stated=(1e-5,))
+    fit = made(rng, stated=(1e-5, np.nan, np.nan))
     separation = joint_summary(fit)["separation"]
     assert separation["scale_error"] == pytest.approx(1e-4, rel=1e-4)
     assert separation["error"] == pytest.approx(ERROR / np.sqrt(29), rel=1e-6)

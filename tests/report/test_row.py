@@ -45,6 +45,26 @@ def test_the_error_of_the_plate_scale_has_a_column_of_its_own(make_fit):
     assert np.isnan([plain["separation_scale_err"], make_row(result, "f")["separation_scale_err"]]).all()
 
 
+@pytest.mark.parametrize(
+    ("known", "corrected"),
+    [
+        ({"va_factor": 1.0001}, 8.1 * 1.0001),
+        ({"orbit_change": 0.02}, 8.1 - 0.02),
+        ({"va_factor": 1.0001, "orbit_change": -0.02}, 8.1 * 1.0001 + 0.02),
+        ({}, np.nan),
+    ],
+)
+def test_corrections_stand_beside_the_separation_as_it_was_measured(make_fit, known, corrected):
+    result = make_fit("linear")[1]
+    scene = replace(result.parameters.scene, separation=np.array(8.1))
+    result = replace(result, parameters=replace(result.parameters, scene=scene))
+    row = make_row(result, "f", metadata=Metadata().override("header X", **known))
+    assert row["separation"] == 8.1
+    assert row["separation_corrected"] == pytest.approx(corrected, rel=1e-14, nan_ok=True)
+    for name in ("va_factor", "orbit_change"):
+        assert row[name] == pytest.approx(known.get(name, np.nan), nan_ok=True)
+
+
 def test_a_locus_without_size_has_no_angle_no_length_and_no_errors(make_fit):
     row = make_row(make_fit("stable")[1], "f")
     assert row["sxx"] == row["jitter_major"] == 0

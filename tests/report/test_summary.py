@@ -62,6 +62,24 @@ def test_no_number_of_frames_averages_the_error_of_the_plate_scale_down(make_fit
     assert math.isnan(unstated["scale_error"])
 
 
+def test_the_mean_of_corrected_separations_is_of_frames_with_the_same_corrections(make_fit):
+    result = make_fit()[1]
+    separation = result.of_scene("separation")
+
+    def mean(*known):
+        rows = [make_row(result, "f", metadata=Metadata().override("header X", **one)) for one in known]
+        return summarise(make_table(rows))["separation_corrected"]
+
+    several = mean({"va_factor": 1.0001}, {"va_factor": 0.9999}, {"orbit_change": 0.5})
+    assert several["n"] == 0  # no frame has what others have
+    both = [{"va_factor": 1.0001, "orbit_change": 0.5}, {"va_factor": 0.9999, "orbit_change": 0.3}]
+    several = mean(*both, {"va_factor": 1.0001}, {})
+    assert several["n"] == 2
+    assert several["mean"] == pytest.approx(separation - 0.4, rel=1e-12)
+    assert several["error"] == pytest.approx(result.error("separation") / math.sqrt(2))
+    assert mean({}, {})["n"] == 0
+
+
 def test_only_good_frames_count(make_fit):
     good = make_row(make_fit("mvn")[1], "a")
     bad = {**good, "status": "poor_fit", "separation": 99.0, "locus": "shm"}
