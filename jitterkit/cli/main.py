@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from jitterkit.cli.budget import budget
 from jitterkit.cli.calibrate import calibrate
 from jitterkit.cli.causes import causes
 from jitterkit.cli.command import as_command
@@ -44,6 +45,7 @@ for command in (
     watch,
     sequence,
     forecast,
+    budget,
     causes,
     crossfit,
     motion,

@@ -1,8 +1,8 @@
 """What frames will tell before they are taken, and what a wrong model does to them.
 
 Reach for :func:`forecast` first: the error of every parameter of one frame.  :func:`degenerate_directions`
-says what it confuses, :func:`sweep` draws curves, :func:`jitter_requirements` asks how much jitter may be,
-and :func:`noise_free_fit` what a wrong locus does.
+says what it confuses, :func:`systematic_errors` what the model leaves out, :func:`sweep` draws curves,
+:func:`jitter_requirements` asks how much jitter may be, and :func:`noise_free_fit` what a wrong locus does.
 """
 
 from jitterkit.forecast.bound import Forecast, expected_data, forecast
@@ -13,6 +13,7 @@ from jitterkit.forecast.kinds import KINDS, jitter_of_kind
 from jitterkit.forecast.requirement import Requirement, jitter_requirements, largest_size, moment_bias
 from jitterkit.forecast.study import Panel, cross_fit
 from jitterkit.forecast.sweep import Sweep, sweep
+from jitterkit.forecast.systematics import SystematicError, systematic_errors
 
 __all__ = [
     "KINDS",
@@ -23,6 +24,7 @@ __all__ = [
     "Panel",
     "Requirement",
     "Sweep",
+    "SystematicError",
     "cross_fit",
     "degenerate_directions",
     "expected_data",
@@ -35,4 +37,5 @@ __all__ = [
     "noise_free_fit",
     "refitted_draws",
     "sweep",
+    "systematic_errors",
 ]

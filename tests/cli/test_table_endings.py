@@ -12,6 +12,7 @@ COMMANDS = {
     "motion": ["here.csv"],
     "photons": [],
     "forecast": [],
+    "budget": [],
     "trade": [],
     "crossfit": [],
     "causes": [],
