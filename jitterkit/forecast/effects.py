@@ -20,12 +20,13 @@ from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.instruments import Instrument
 from jitterkit.loci import principal_axes
+from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.optics.zernike import noll_to_nm, zernike
-from jitterkit.scene import Binary, Star
+from jitterkit.scene import Binary, Scene, Star
 
 __all__ = ["KINDS_OF_EFFECT", "Effect", "Modelled", "effects_of"]
 
@@ -82,7 +83,7 @@ class Modelled:
         before, after = (expected_image(alone, self._otf(optics)) for optics in (self.optics, other))
         return np.asarray(after - before)
 
-    def of_scene(self, scene) -> np.ndarray:
+    def of_scene(self, scene: Scene) -> np.ndarray:
         """Return the image of another scene."""
         return np.asarray(expected_image(replace_scene(self.parameters, scene), self.otf))
 
@@ -90,7 +91,7 @@ class Modelled:
         return optics.otf(self.parameters.aberrations, derivatives=False)
 
 
-def replace_scene(parameters: Parameters, scene) -> Parameters:
+def replace_scene(parameters: Parameters, scene: Scene) -> Parameters:
     """Return the same frame of other sources, without background."""
     return Parameters(scene, parameters.locus, parameters.aberrations, diffusion=parameters.diffusion)
 
@@ -285,10 +286,10 @@ def _skewness(model: Modelled, size: float):
     sigma, _, angle = principal_axes(model.parameters.locus.moments())
     if not sigma > 0:
         return None
-    fy, fx = model.otf.grid.frequencies
-    along = fx * math.cos(math.radians(angle)) + fy * math.sin(math.radians(angle))
-    factor = (-2j * np.pi * along * sigma) ** 3 * size / 6
-    return [np.asarray(expected_image(model.parameters, model.otf.multiplied(1 + factor))) - model.image]
+    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    cumulants = size * sigma**3 * np.array([c**3, c * c * s, c * s * s, s**3])
+    skewed = WithCumulants(model.parameters.locus, (3,), cumulants)
+    return [np.asarray(expected_image(model.parameters.with_locus(skewed), model.otf)) - model.image]
 
 
 def _separation(change: Callable[[float, float], float], model: Modelled, size: float):

@@ -52,7 +52,7 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
     metadata = _with_scale_error(metadata, raw.metadata, instrument)
-    metadata = _with_corrections(metadata, instrument)
+    metadata = _with_corrections(metadata, instrument, _middle(raw, metadata))
     return raw.with_metadata(instrument.detector.inform(metadata))
 
 
@@ -75,11 +75,11 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
     )
 
 
-def _with_corrections(metadata: Metadata, instrument: Instrument) -> Metadata:
+def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -> Metadata:
     """Add what the sky does to a separation, once: a scale that stars have told holds some of it already."""
     sky, source, scale = instrument.sky, instrument.source("sky"), metadata.known()["plate_scale"]
     if sky is not None:
-        when, solved = _middle(metadata), scale.source.startswith("header WCS")
+        solved = scale.source.startswith("header WCS")
         if sky.needs_time and math.isnan(when):
             metadata = metadata.warn("there is no time: the corrections of [sky] that depend on it are empty")
         factor = sky.va_factor(when) if metadata.va_factor is None else None
@@ -93,8 +93,13 @@ def _with_corrections(metadata: Metadata, instrument: Instrument) -> Metadata:
     return metadata.override(included, va_factor=1.0)
 
 
-def _middle(metadata: Metadata) -> float:
-    """Middle of the exposure, seconds since 1970; NaN where no time is known."""
-    known = metadata.time
-    begun = math.nan if known is None else epoch_seconds(known.value)
-    return begun if known is None or "-AVG" in known.source else begun + metadata.value("exposure", 0.0) / 2
+def _middle(raw: RawFrame, metadata: Metadata) -> float:
+    """Middle of the exposure, seconds since 1970; NaN where no time is known.
+
+    Frames of one file share its time and follow each other without a pause.
+    """
+    known, exposure = metadata.time, metadata.value("exposure", 0.0)
+    if known is None:
+        return math.nan
+    before = raw.index * raw.several + 0.5 * ("-AVG" not in known.source)
+    return epoch_seconds(known.value) + before * exposure

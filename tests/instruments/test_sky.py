@@ -113,6 +113,15 @@ def test_a_frame_is_corrected_at_the_middle_of_its_exposure(bed, frame):
     assert metadata.warnings == ()
 
 
+def test_the_frames_of_a_file_follow_each_other(bed, tmp_path):
+    cube, header = np.zeros((3, 4, 4)), fits.Header([("DATE-OBS", "2026-07-02T00:00:00"), ("EXPTIME", 600.0)])
+    fits.PrimaryHDU(cube, header).writeto(tmp_path / "cube.fits")
+    changes = [
+        resolve(raw, bed).metadata.value("orbit_change") for raw in read_frames(tmp_path / "cube.fits")
+    ]
+    assert np.diff(changes) == pytest.approx(2 * [0.5 * 600 / (365.25 * 86400)], rel=1e-6)
+
+
 def test_an_instrument_is_described_with_its_sky(bed):
     rows = {row[0]: row[1:] for row in describe_instrument(bed)}
     source = "instrument file bed.toml [sky]"
