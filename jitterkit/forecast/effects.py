@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,83 +17,23 @@ import numpy as np
 
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
-from jitterkit.forward import Parameters, expected_image
-from jitterkit.instruments import Instrument
+from jitterkit.forecast.modelled import Modelled, of_sources
+from jitterkit.forward import expected_image
 from jitterkit.loci import principal_axes
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
-from jitterkit.optics.otf import OTF
 from jitterkit.optics.spectrum import Spectrum
-from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.optics.system import OpticalSystem
 from jitterkit.optics.zernike import noll_to_nm, zernike
-from jitterkit.scene import Binary, Scene, Star
+from jitterkit.scene import Binary, Star
 
-__all__ = ["KINDS_OF_EFFECT", "Effect", "Modelled", "effects_of"]
+__all__ = ["KINDS_OF_EFFECT", "Effect", "effects_of"]
 
 _DIRECTIONS = 8
 """Around the pair, in which a third star may stand: its bias differs in sign from one to the next."""
 
 _STEP = 1e-3
 """Share of a pixel by which an image is moved for its slope: the third derivative weighs 1e-7."""
-
-
-@dataclass(frozen=True)
-class Modelled:
-    """A frame of a pair as the model has it.
-
-    Attributes
-    ----------
-    telescope : Instrument
-    parameters : Parameters
-        Of a pair, with all that the optics know.
-    optics : OpticalSystem or FixedOptics
-    otf : OTF
-        At the parameters' aberrations.
-    """
-
-    telescope: Instrument
-    parameters: Parameters
-    optics: OpticalSystem | FixedOptics
-    otf: OTF
-
-    @classmethod
-    def of(cls, telescope: Instrument, parameters: Parameters) -> Modelled:
-        """Model a telescope in front of a pair."""
-        optics = telescope.system()
-        otf = optics.otf(parameters.aberrations)
-        return cls(telescope, parameters.completed(otf), optics, otf)
-
-    @cached_property
-    def image(self) -> np.ndarray:
-        """Expected electrons (ny, nx)."""
-        return np.asarray(expected_image(self.parameters, self.otf))
-
-    def through(self, optics: OpticalSystem | FixedOptics) -> np.ndarray:
-        """Return the image by other optics."""
-        return np.asarray(expected_image(self.parameters, self._otf(optics)))
-
-    def with_opd(self, opd: np.ndarray, scene: Star | None = None) -> np.ndarray:
-        """Return the change of the image, or of that of one star, by a wavefront error (n, n) [nm]."""
-        assert isinstance(self.optics, OpticalSystem)
-        pupil = self.optics.pupil
-        other = replace(self.optics, pupil=eqx.tree_at(lambda p: p.opd, pupil, pupil.opd + opd))
-        if scene is None:
-            return self.through(other) - self.image
-        alone = replace_scene(self.parameters, scene)
-        before, after = (expected_image(alone, self._otf(optics)) for optics in (self.optics, other))
-        return np.asarray(after - before)
-
-    def of_scene(self, scene: Scene) -> np.ndarray:
-        """Return the image of another scene."""
-        return np.asarray(expected_image(replace_scene(self.parameters, scene), self.otf))
-
-    def _otf(self, optics: OpticalSystem | FixedOptics) -> OTF:
-        return optics.otf(self.parameters.aberrations, derivatives=False)
-
-
-def replace_scene(parameters: Parameters, scene: Scene) -> Parameters:
-    """Return the same frame of other sources, without background."""
-    return Parameters(scene, parameters.locus, parameters.aberrations, diffusion=parameters.diffusion)
 
 
 class Effect(NamedTuple):
@@ -247,7 +187,7 @@ def _index(star: int, model: Modelled, size: float):
     otf = replace(optics, colours=colours).otf(p.aberrations, derivatives=False)
     known = np.zeros(2) if p.scene.indices is None else np.asarray(p.scene.indices)
     scenes = [p.scene.coloured(known + step * (np.arange(2) == star)) for step in (size, 0.0)]
-    after, before = (np.asarray(expected_image(replace_scene(p, scene), otf)) for scene in scenes)
+    after, before = (np.asarray(expected_image(of_sources(p, scene), otf)) for scene in scenes)
     return [after - before]
 
 
