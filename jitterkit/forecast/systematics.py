@@ -201,19 +201,18 @@ def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicE
         left[np.diag_indices_from(left)] *= np.diag(left) > _ROUNDING * np.diag(own)
         chi2, cost = float(np.trace(left)), _cost(shifts, left, covariance[slot, slot], effect.together)
     several = 1 if effect.together else len(changes)
-    sigmas = chi2 / several / response.spread
-    bias = math.sqrt(shifts @ shifts / several)
+    sigmas, bias = chi2 / several / response.spread, math.sqrt(shifts @ shifts / several)
     return SystematicError(
-        effect.name,
-        effect.size,
-        effect.unit,
-        fitted,
-        math.copysign(bias, shifts[0]) if len(shifts) == 1 else bias,
-        cost,
-        chi2 / several,
-        sigmas,
-        (_SHOWN / sigmas) ** 2 if sigmas > 0 else math.inf,
-        effect.size * _share(shifts, effect.opposite, leverage, target * math.sqrt(several)),
+        name=effect.name,
+        size=effect.size,
+        unit=effect.unit,
+        fitted=fitted,
+        bias=math.copysign(bias, shifts[0]) if len(shifts) == 1 else bias,
+        cost=cost,
+        chi2=chi2 / several,
+        sigmas=sigmas,
+        frames=(_SHOWN / sigmas) ** 2 if sigmas > 0 else math.inf,
+        needed=effect.size * _share(shifts, effect.opposite, leverage, target * math.sqrt(several)),
     )
 
 
@@ -221,7 +220,8 @@ def _share(shifts: np.ndarray, opposite: np.ndarray | None, leverage: np.ndarray
     """Share of a size at which odd and even parts of its shifts make at most a target together."""
     back = -shifts if opposite is None else opposite.reshape(len(shifts), -1) @ leverage
     odd, even = (float(np.linalg.norm(shifts + sign * back)) / 2 for sign in (-1, 1))
-    return 2 * target / (odd + math.sqrt(odd**2 + 4 * even * target))
+    both = odd + math.sqrt(odd**2 + 4 * even * target)
+    return 2 * target / both if both > 0 else math.inf
 
 
 def _cost(shifts: np.ndarray, left: np.ndarray, variance: float, together: bool) -> float:
