@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.damage import in_colour
-from jitterkit.frames.extensions import Group
+from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
+from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import rate_of_brightness, resolve
 from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.pixels import open_pixels
-from jitterkit.frames.quality import bad_bits, quality_of
 from jitterkit.frames.sky import turned_over
-from jitterkit.frames.uncertainty import usable
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
+from jitterkit.frames.beside import ALL_BITS, unit_of, variance_of
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.placed import (
@@ -26,8 +27,6 @@ from jitterkit.frames.placed import (
     matching,
     require_positive,
 )
-from jitterkit.frames.quality import ALL_BITS
-from jitterkit.frames.uncertainty import unit_of, variance_of
 
 __all__ = ["Frame", "RawFrame"]
 

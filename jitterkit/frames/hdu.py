@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jitterkit.errors import FrameError
-from jitterkit.frames.damage import damaged
+from jitterkit.frames.files import damaged
 from jitterkit.frames.plainheader import PlainHeader
 
 __all__ = ["BLOCK", "Hdu", "product_of"]

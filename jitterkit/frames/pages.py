@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.damage import damaged, in_colour, refuse_giant, truncated, unpacks_believably
-from jitterkit.frames.files import GZIP
+from jitterkit.frames.files import GZIP, damaged, in_colour, refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.framefile import one_line
 
 __all__ = ["ORIENTATIONS", "full_pages", "orientation_of", "refuse_missing_data", "refuse_unusable"]

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.damage import damaged, refuse_giant, truncated, unpacks_believably
+from jitterkit.frames.files import damaged, refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.fitsio import packed_image
 from jitterkit.frames.hdu import Hdu, product_of
 
@@ -209,7 +209,7 @@ def open_pixels(hdu: Hdu) -> Pixels:
     Notes
     -----
     *Fails when* a compressed file is damaged within the reason of
-    :func:`~jitterkit.frames.damage.unpacks_believably`; then reading it fails.
+    :func:`~jitterkit.frames.files.unpacks_believably`; then reading it fails.
     """
     nx, ny = (*hdu.shape[::-1], 1)[:2]
     _refuse_missing_data(hdu, nx * ny)

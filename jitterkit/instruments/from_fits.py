@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import write_fits
-from jitterkit.frames.images import NamedImage, read_images
+from jitterkit.frames.fits import NamedImage, read_images
 from jitterkit.frames.whole import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import fft
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames.images import NamedImage
+from jitterkit.frames.fits import NamedImage
 
 __all__ = ["EffectivePsf", "effective_psf"]
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames.images import NamedImage
+from jitterkit.frames.fits import NamedImage
 
 __all__ = ["is_pupil", "pupil_arrays"]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, UndeterminedError
 from jitterkit.frames import write_fits
-from jitterkit.frames.images import read_image
+from jitterkit.frames.fits import read_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels.image import kernel_moments, locus_of
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
