@@ -10,8 +10,6 @@ import numpy as np
 from jitterkit.calibration.master import Master
 from jitterkit.calibration.measured_map import MeasuredMap
 
-__all__ = ["NOISY", "bias_map", "noisy_pixels", "read_noise_map"]
-
 NOISY = 5.0
 """Times the usual read noise from which a pixel is called noisy: one of 25 times the variance."""
 

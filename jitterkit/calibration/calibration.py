@@ -22,8 +22,6 @@ from jitterkit.calibration.stack import Stack
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Calibration", "calibrate"]
-
 
 @dataclass(frozen=True, eq=False)
 class Calibration:

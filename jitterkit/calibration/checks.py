@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.calibration.stack import Shot, Stack
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["check_stacks", "split_by_light"]
-
 _ODD = 10.0
 """Scatters of the pixels by which the level of a frame may differ from that of its stack."""
 

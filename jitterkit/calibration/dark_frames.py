@@ -12,8 +12,6 @@ from jitterkit.calibration.master import Master
 from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["HOT", "DarkSlope", "hot_pixels"]
-
 HOT = 10.0
 """Robust standard deviations over the median from which a pixel is hot."""
 

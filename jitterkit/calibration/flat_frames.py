@@ -11,8 +11,6 @@ from jitterkit.calibration.master import Master
 from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["DEAD", "Response", "lamp", "surface"]
-
 DEAD = 0.5
 """Share of the usual response below which a pixel is dead."""
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from jitterkit.calibration.level import Level
 
-__all__ = ["Linearity", "fit_linearity"]
-
 _SIGNIFICANT = 4.0
 """Errors from which a coefficient is believed."""
 

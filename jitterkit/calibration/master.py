@@ -16,8 +16,6 @@ from scipy import stats
 
 from jitterkit.calibration.stack import Stack
 
-__all__ = ["CLIP", "MEMORY", "Master", "combine", "kept_variance"]
-
 CLIP = 5.0
 """Noises of a frame beyond which a value is left out: one of two million of a normal."""
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["MeasuredMap"]
-
 _MANY = 10_000
 """Frames that nobody takes."""
 

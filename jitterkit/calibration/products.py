@@ -23,8 +23,6 @@ from jitterkit.calibration.settings import FLAGS
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 
-__all__ = ["BAD_PIXELS", "DETECTOR", "FILES", "together", "write_calibration"]
-
 BAD_PIXELS, DETECTOR = "bad_pixels.fits", "detector.toml"
 FILES = ("bias.fits", "read_noise.fits", "dark_current.fits", "flat.fits", BAD_PIXELS, DETECTOR)
 """Names of what :func:`write_calibration` may write."""

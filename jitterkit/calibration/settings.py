@@ -11,8 +11,6 @@ from jitterkit.calibration.flat_frames import DEAD
 from jitterkit.calibration.master import CLIP, MEMORY
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["FLAGS", "Settings"]
-
 FLAGS = {"hot": 1, "dead": 2, "noisy": 4, "blank": 8}
 """Bits of the bad-pixel map."""
 

@@ -18,8 +18,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames
 
-__all__ = ["ROUNDING", "Shot", "Stack", "look"]
-
 _SAMPLES = 65536
 """Pixels, about, from which the level of a frame is read: good to a thousandth of its noise."""
 

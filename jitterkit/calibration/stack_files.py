@@ -15,8 +15,6 @@ from jitterkit.calibration.stack import Shot, Stack, look
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import RawFrame, find_files, open_frames
 
-__all__ = ["open_stacks"]
-
 _SAME_EXPOSURE = 1e-6
 """Relative; exposures nearer than that are one."""
 

@@ -16,8 +16,6 @@ from jitterkit.calibration.level import Level
 from jitterkit.calibration.linearity import Linearity, fit_linearity
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["PhotonTransfer", "mark_saturated", "photon_transfer"]
-
 _COLLAPSE = 0.9
 """Share of the variance that the dimmer levels foretell below which a level is saturated: real detectors
 lose some per cent by non-linearity and coupling before."""

@@ -14,8 +14,6 @@ from jitterkit.cli.progress import progress_bar
 from jitterkit.cli.runtime import SOME_FAILED, log, prepare_jax, print_table
 from jitterkit.errors import ErrorCode
 
-__all__ = ["estimate"]
-
 _ROUNDEST = "roundest"
 
 _ON_PIXELS = ("richardson-lucy", "nnls")

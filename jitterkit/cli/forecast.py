@@ -15,8 +15,6 @@ from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import log, prepare_jax, print_table
 from jitterkit.errors import ErrorCode
 
-__all__ = ["forecast"]
-
 _DETECTOR = ("gain", "read_noise", "full_well")
 """Numbers of the detector that may be swept."""
 

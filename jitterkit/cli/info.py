@@ -11,8 +11,6 @@ from jitterkit.cli.options import Hdu
 from jitterkit.cli.runtime import SOME_FAILED, aligned, log_error
 from jitterkit.errors import FrameError
 
-__all__ = ["info"]
-
 Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and source of quantities."""
 

@@ -17,16 +17,6 @@ import jitterkit
 from jitterkit.cli.runtime import log, naming
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = [
-    "build_locus",
-    "locus_sizes",
-    "other_sizes",
-    "parse_sizes",
-    "refuse_other_motions",
-    "size_option",
-    "trace_of",
-]
-
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
 

@@ -15,28 +15,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
 
-__all__ = [
-    "OF_PAIRS",
-    "Background",
-    "Censored",
-    "Detector",
-    "Files",
-    "Hdu",
-    "InstrumentName",
-    "Jitter",
-    "ModelError",
-    "OutputDirectory",
-    "Overwrite",
-    "Pair",
-    "SceneName",
-    "SpectrumKind",
-    "TableOutput",
-    "held",
-    "parse_model_error",
-    "refuse_if",
-    "refuse_unused",
-    "required",
-]
 
 T = TypeVar("T")
 

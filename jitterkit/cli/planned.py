@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from jitterkit.batch import FrameProcessor
     from jitterkit.trade import Settings
 
-__all__ = ["Plan"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:

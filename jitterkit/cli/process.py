@@ -20,8 +20,6 @@ from jitterkit.cli.runtime import log
 from jitterkit.cli.signals import as_interrupt
 from jitterkit.errors import ErrorCode
 
-__all__ = ["process"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:

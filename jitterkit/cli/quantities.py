@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["parse_allowed", "parse_angle", "parse_number", "parse_share", "parse_sweeps", "parse_time"]
-
 _MAX_SWEPT = 2
 
 

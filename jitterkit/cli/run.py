@@ -11,8 +11,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.runtime import SOME_FAILED, command_line, log
 
-__all__ = ["Run", "finalize"]
-
 _REPORTED = {"prior_contradicted", "prior_unused"}
 """Flags of fitted frames that are worth a line on stderr."""
 

@@ -18,16 +18,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-__all__ = [
-    "aligned",
-    "command_line",
-    "log",
-    "log_error",
-    "naming",
-    "prepare_jax",
-    "print_table",
-    "set_verbosity",
-]
 
 USAGE, SOME_FAILED = 2, 1
 

@@ -14,9 +14,6 @@ from jitterkit.cli.pointing import Motion
 from jitterkit.cli.runtime import log, prepare_jax
 from jitterkit.errors import ErrorCode
 
-__all__ = ["simulate"]
-
-
 _SCENES = {"star": options.OF_PAIRS, "binary": (), "stars": (*options.OF_PAIRS, "flux")}
 """Scenes, and the options that each one does not use."""
 

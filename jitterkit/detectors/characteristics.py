@@ -16,8 +16,6 @@ import numpy as np
 from jitterkit.detectors.checks import check_detector
 from jitterkit.detectors.maps import as_map, nominal
 
-__all__ = ["Characteristics"]
-
 
 @dataclass(frozen=True, eq=False)
 class Characteristics:

@@ -13,8 +13,6 @@ from jitterkit.detectors.maps import MAPS
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES, Quantity
 
-__all__ = ["BITS", "FULL_WELL", "NUMBERS", "check_detector"]
-
 FULL_WELL = Quantity("e-", 0.0, 1e9, zero_allowed=False)
 BITS = range(1, 33)
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["CHARGE", "DEPTH", "cosmic_rays"]
-
 DEPTH = 1.0
 """Depth of the layer that collects charge, pixels: a few um in a thinned sensor whose pixels are as wide."""
 

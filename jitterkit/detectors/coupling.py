@@ -16,8 +16,6 @@ import numpy as np
 from scipy.fft import dctn, idctn, ifft2
 from scipy.ndimage import convolve
 
-__all__ = ["LIMIT", "beside", "couple", "decouple", "decoupled_variance"]
-
 LIMIT = 0.125
 """Shares below this leave something of every frequency; ``1 - 8a`` is left of a chessboard."""
 

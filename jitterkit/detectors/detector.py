@@ -15,13 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
-from jitterkit.detectors.knowledge import ASSUMED, inform
+from jitterkit.detectors.knowledge import inform
 from jitterkit.detectors.readout import read_out
 from jitterkit.detectors.reduction import reduce
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Metadata
-
-__all__ = ["ASSUMED", "Detector"]
 
 
 @dataclass(frozen=True, eq=False)

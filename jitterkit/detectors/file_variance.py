@@ -16,8 +16,6 @@ from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import RANKS, Known, Metadata
 from jitterkit.vision import median_filter
 
-__all__ = ["with_read_variance"]
-
 _INCLUDED = 0.5
 """Share of the photon noise by which a variance has to rise with the light to be taken to include it."""
 

@@ -18,8 +18,6 @@ from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.linearity import measured
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Known, Metadata
 
-__all__ = ["ASSUMED", "WELL_MARGIN", "ceiling", "inform", "own", "sets_saturation", "supplement"]
-
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
 """What is taken where nobody says: a counter of electrons without noise."""
 

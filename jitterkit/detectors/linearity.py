@@ -14,8 +14,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["collected", "measured", "slope", "turning_point"]
-
 _STEPS = 60
 """More than bisection needs to reach rounding (53); Newton's steps end after four or five."""
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
 
-__all__ = ["MAPS", "as_map", "nominal", "piece"]
-
 MAPS = ("bias", "read_noise", "dark_current", "flat", "bad_pixels")
 """What of a detector may be a map."""
 

@@ -11,8 +11,6 @@ from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import RANKS, Known
 from jitterkit.frames.units import COUNTS, RATES
 
-__all__ = ["GUESSED", "NORMALISED", "in_counts", "is_normalised"]
-
 GUESSED = ("preset", "assumed")
 """How the sources begin of numbers that nobody said of this frame or camera."""
 

@@ -22,8 +22,6 @@ from collections.abc import Callable, Mapping
 from jitterkit.detectors.detector import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
-__all__ = ["DETECTORS", "detector_preset"]
-
 _EMVA = "EMVA 1288 of Balluff's mvBlueFOX3-2205, same sensor"
 
 _IMX183: Mapping[str, tuple[float, str]] = {

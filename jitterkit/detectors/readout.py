@@ -17,8 +17,6 @@ from jitterkit.detectors.linearity import measured
 from jitterkit.detectors.maps import piece
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["read_out"]
-
 _NAME = "the expected image"
 
 

@@ -21,8 +21,6 @@ from jitterkit.detectors.pixel_units import GUESSED, NORMALISED, in_counts, is_n
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Known, Metadata
 
-__all__ = ["reduce"]
-
 _ROUNDING = 1e-12
 """By this share a charge may miss the level of a full well and still be at it."""
 

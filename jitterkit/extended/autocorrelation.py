@@ -18,8 +18,6 @@ from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum
 from jitterkit.extended.streak import apart, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
 
-__all__ = ["estimate_autocorrelation"]
-
 _GATE = 6.0
 """Pixels: closer in, the derivative's own peak, at no distance at all, hides the streak's."""
 

@@ -25,8 +25,6 @@ from jitterkit.extended.streak import apart, streak_estimate, transfer_squared
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean
 
-__all__ = ["estimate_blind"]
-
 _TAIL = np.float32(2.0)
 """Of the scene's own scatter about its smooth spectrum: lines and lattices are twenty times above it."""
 

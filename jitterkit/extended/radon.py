@@ -15,8 +15,6 @@ from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
 from jitterkit.extended.streak import streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
 
-__all__ = ["estimate_radon"]
-
 _GATE = 6.0
 """Pixels: below, fewer than two nulls a side lie where a photograph rises above its noise."""
 

@@ -21,8 +21,6 @@ from jitterkit.loci import Linear, Mvn
 from jitterkit.loci.base import principal_axes
 from jitterkit.vision import box_mean
 
-__all__ = ["estimate_from_reference"]
-
 _BAND = 0.45
 """Cycles/pixel; beyond, frames alias."""
 

@@ -18,8 +18,6 @@ from skimage.registration import phase_cross_correlation
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended.standing import fill, standing_pixels
 
-__all__ = ["Drift", "drifts", "register"]
-
 _STEPS = 20
 """Of the least squares, at most; each divides what is left by ten or more."""
 

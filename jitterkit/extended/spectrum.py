@@ -16,8 +16,6 @@ from scipy.signal.windows import hann
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.vision import box_mean
 
-__all__ = ["PowerSpectrum", "power_spectrum", "smoothed", "whitened"]
-
 _LEAST_SIDE = 64
 """Pixels: of a smaller picture the Hann window leaves some 40, less than the nulls of a blur need."""
 

@@ -12,8 +12,6 @@ from scipy.stats import median_abs_deviation
 
 from jitterkit.vision import median_filter
 
-__all__ = ["fill", "standing_pixels"]
-
 _STRIKING = 8.0
 """Standard deviations of all pixels' excess: neither chance nor texture makes so many."""
 

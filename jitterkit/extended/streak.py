@@ -13,8 +13,6 @@ from jitterkit.extended.spectrum import PowerSpectrum
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Linear, covariance_on_axis
 
-__all__ = ["apart", "streak_estimate", "transfer_squared"]
-
 
 def streak_estimate(
     length: float,

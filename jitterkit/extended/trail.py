@@ -17,8 +17,6 @@ from jitterkit.extended.streak import apart, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean, components
 
-__all__ = ["Trail", "estimate_trail", "find_trails"]
-
 _THRESHOLD = 3.0
 """Standard deviations of the image averaged over 3 x 3 pixels."""
 

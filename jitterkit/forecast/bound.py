@@ -25,9 +25,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.refit.result import moments_of
 
-__all__ = ["Forecast", "expected_data", "forecast"]
-
-
 _LINE = 1e-6
 """Of the major variance's error, below which that of the minor is rounding: the locus is a line."""
 

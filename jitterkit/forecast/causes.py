@@ -20,8 +20,6 @@ from jitterkit.forecast.causes_information import Information
 from jitterkit.forecast.causes_sizes import Cause, causes_between
 from jitterkit.loci import Locus
 
-__all__ = ["Causes", "Confusion", "tell_causes"]
-
 _SHARE = 0.1
 """Of the largest weight, above which a cause has part in a confusion."""
 

@@ -21,8 +21,6 @@ from jitterkit.forecast.causes_information import Information
 from jitterkit.loci import Locus, Stable, Streak, axis_variances, moments_on_axis
 from jitterkit.optics import OpticalSystem, Spectrum, grid_for
 
-__all__ = ["DataSet", "Offer", "cheapest", "further_data"]
-
 _LIGHT = 4.0
 """Times the light of one frame: as many photons as four frames, but one motion."""
 

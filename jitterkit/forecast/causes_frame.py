@@ -28,8 +28,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scene import Scene
 
-__all__ = ["JITTER", "SQUARE", "Setting", "choose_defocus", "seeing_power", "with_mode", "with_seeing"]
-
 JITTER = ("jitter_along", "jitter_turn", "jitter_across")
 """Second moments of the pointing on its own axis, arcsec²; a streak has the first two."""
 

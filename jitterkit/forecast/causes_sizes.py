@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.forecast.causes_frame import SQUARE, Setting, seeing_power
 from jitterkit.loci import Locus, axis_variances
 
-__all__ = ["Cause", "causes_between"]
-
 _LINE = 1e-12
 """Of the variance along the jitter, below which that across it is rounding: it is a line."""
 

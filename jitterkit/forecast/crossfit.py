@@ -21,8 +21,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
 
-__all__ = ["CrossFit", "noise_free_fit"]
-
 _RESTARTS, _SETTLED = 20, 1e-4
 """A locus that is far from right (chi-squared thousands) climbs slowly, because the expected information is
 then not the curvature: it is started again where it ended, until it moves by less than this share of the

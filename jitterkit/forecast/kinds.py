@@ -14,8 +14,6 @@ from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm
 
-__all__ = ["KINDS", "jitter_of_kind"]
-
 
 def _mvn(size: float, angle: float, shear: float = 0.1) -> Locus:
     return Mvn.sheared(size / FWHM_PER_SIGMA, shear, angle)

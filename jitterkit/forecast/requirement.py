@@ -26,8 +26,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scoring import climb
 
-__all__ = ["CYCLES", "MOTIONS", "Requirement", "jitter_requirements", "largest_size", "moment_bias"]
-
 CYCLES = (0.05, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Of a vibration in one exposure, that stand for its regimes: low to 0.2, high from 3."""
 

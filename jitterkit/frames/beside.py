@@ -12,8 +12,6 @@ from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Known
 from jitterkit.frames.units import resolve_unit
 
-__all__ = ["ALL_BITS", "bad_bits", "quality_of", "unit_of", "usable", "variance_of"]
-
 
 def unit_of(data: Any, said: Known | None) -> Known:
     """Return the unit of the pixels.

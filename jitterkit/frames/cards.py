@@ -17,8 +17,6 @@ from jitterkit.frames.dialects import ALIASES, DIALECTS, Dialect, Keyword
 from jitterkit.frames.metadata import QUANTITIES, Known
 from jitterkit.frames.units import factor, stated_unit
 
-__all__ = ["Cards", "Number", "parse_number"]
-
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
 """What is counted, and the unit that is meant where none is stated."""
 

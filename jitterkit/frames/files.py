@@ -18,21 +18,6 @@ from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError, reading_code
 
-__all__ = [
-    "EXTENSIONS",
-    "GZIP",
-    "damage_code",
-    "damaged",
-    "files_beside",
-    "find_files",
-    "in_colour",
-    "open_bytes",
-    "refuse_giant",
-    "sniff",
-    "truncated",
-    "unpacks_believably",
-]
-
 #: What is looked for in a directory, in lower case.
 EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz", ".tif", ".tiff")
 

@@ -26,8 +26,6 @@ from jitterkit.frames.hdus import find_images, read_hdus, walk
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.plainheader import PlainHeader
 
-__all__ = ["FitsFile", "NamedImage", "is_plane", "read_image", "read_images"]
-
 
 class FitsFile(FrameFile):
     """The planes of one image HDU of a FITS file, or of the detectors of one camera.

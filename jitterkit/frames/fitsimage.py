@@ -21,8 +21,6 @@ from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
 
-__all__ = ["FitsImage"]
-
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 _FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
 _NO_MOSAIC = ("", "NONE", "MONO", "MONOCHROME", "GRAY", "GREY", "L")

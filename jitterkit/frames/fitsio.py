@@ -13,8 +13,6 @@ from astropy.io import fits
 
 from jitterkit.frames.plainheader import PlainHeader
 
-__all__ = ["all_hdus", "header_of", "packed_image", "write"]
-
 _READABLE = bytes(c if 32 <= c < 127 else ord(" " if c in b"\t\n\v\f\r" else "?") for c in range(256))
 """For ``bytes.translate``: FITS allows no other bytes in a header, not even a tab."""
 

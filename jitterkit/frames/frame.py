@@ -28,8 +28,6 @@ from jitterkit.frames.placed import (
     require_positive,
 )
 
-__all__ = ["Frame", "RawFrame"]
-
 
 @dataclass(frozen=True, eq=False)
 class RawFrame(Placed):

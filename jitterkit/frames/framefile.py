@@ -23,8 +23,6 @@ from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "collected", "one_line", "overheard", "translated"]
-
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
 _CATCHING = threading.RLock()

@@ -12,8 +12,6 @@ from jitterkit.frames.cards import Cards, Number
 from jitterkit.frames.dialects import ALIASES, CAPTURE_SOFTWARE, OBSERVATORIES, SOFTWARE_KEYS
 from jitterkit.frames.metadata import Known
 
-__all__ = ["ELECTRONS_PER_ADU", "resolve_gain"]
-
 #: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
 PLAUSIBLE_GAIN = (0.01, 30.0)
 

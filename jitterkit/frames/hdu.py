@@ -19,8 +19,6 @@ from jitterkit.errors import FrameError
 from jitterkit.frames.files import damaged
 from jitterkit.frames.plainheader import PlainHeader
 
-__all__ = ["BLOCK", "Hdu", "product_of"]
-
 BLOCK = 2880
 """Headers and data take a whole number of blocks of so many bytes."""
 

@@ -21,8 +21,6 @@ from jitterkit.frames.hdu import BLOCK, Hdu, product_of
 from jitterkit.frames.plainheader import CARD
 from jitterkit.frames.units import resolve_unit
 
-__all__ = ["Group", "find_images", "frame_groups", "read_hdus", "walk"]
-
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 """Roles that together give the variance, the first preferred."""
 

@@ -22,8 +22,6 @@ from jitterkit.frames.sky import plate_scale
 from jitterkit.frames.times import resolve_time
 from jitterkit.frames.units import RATES, resolve_unit
 
-__all__ = ["rate_of_brightness", "resolve", "resolve_header"]
-
 ARCSEC_PER_RADIAN = 206264.80624709636
 
 _UNSAID = ("none", "na", "n/a", "unknown", "undefined", "null", "raw", "unitless", "unspecified")

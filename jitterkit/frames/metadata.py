@@ -18,15 +18,6 @@ from typing import Any
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 
-__all__ = [
-    "QUANTITIES",
-    "RANKS",
-    "ROWS_ARE_COLUMNS",
-    "Known",
-    "Metadata",
-    "Quantity",
-]
-
 #: The first words of a source, from the most to the least authoritative.
 RANKS = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
 

@@ -20,8 +20,6 @@ from jitterkit.frames.files import damaged, refuse_giant, truncated, unpacks_bel
 from jitterkit.frames.fitsio import packed_image
 from jitterkit.frames.hdu import Hdu, product_of
 
-__all__ = ["Pixels", "open_pixels"]
-
 _DTYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
 
 _METHODS = ("RICE_1", "RICE_ONE", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1", "NOCOMPRESS")

@@ -11,8 +11,6 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 
-__all__ = ["NONE_MASKED", "Placed", "image_of", "matching", "require_positive"]
-
 #: Stands for a mask without a bad pixel; the records spread it over the image.
 NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
 

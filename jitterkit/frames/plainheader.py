@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-__all__ = ["CARD", "PlainHeader"]
-
 CARD = 80
 """Bytes of a card."""
 

@@ -18,8 +18,6 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.frame import RawFrame
 from jitterkit.vision import bin_mean, box_mean, median_filter
 
-__all__ = ["find_region"]
-
 #: Chance that pure noise is taken for a star, over the whole frame.
 FALSE_ALARM = 1e-3
 #: Side of a background tile in regions: large enough that its median is sky.

@@ -30,8 +30,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.files import damage_code
 from jitterkit.frames.metadata import FIELDS, Metadata
 
-__all__ = ["FOLDER_FILE", "read_sidecars", "sidecar_path", "sidecar_text"]
-
 FOLDER_FILE = "frames.toml"
 NOT_READ = "truth"
 

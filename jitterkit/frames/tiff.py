@@ -30,8 +30,6 @@ from jitterkit.frames.pages import (
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
 
-__all__ = ["TiffFile", "write"]
-
 _LOG = logging.getLogger("tifffile")
 
 ROW_ORDERS = {1: -1, 2: -1, 3: 1, 4: 1}

@@ -15,8 +15,6 @@ from jitterkit.frames.framefile import collected, one_line, overheard
 from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.sky import celestial_frame
 
-__all__ = ["celestial_wcs"]
-
 SCALE_KEYS = ("CD1_1", "CD1_2", "CDELT1", "PC1_1")
 
 _LOOKUP_KEYS = ("CPDIS1", "CPDIS2", "D2IMDIS1", "D2IMDIS2", "AXISCORR")

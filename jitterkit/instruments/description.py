@@ -13,8 +13,6 @@ from jitterkit.detectors.maps import nominal
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.instruments.instrument import Instrument
 
-__all__ = ["describe_detector", "describe_instrument"]
-
 Row = tuple[str, str, str, str]
 
 _UNITS = {

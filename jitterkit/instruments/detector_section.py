@@ -37,8 +37,6 @@ from jitterkit.detectors import Detector, detector_preset
 from jitterkit.frames import open_frames
 from jitterkit.instruments.section import Section
 
-__all__ = ["DETECTOR_KEYS", "read_detector"]
-
 DETECTOR_KEYS: Mapping[str, str] = {
     "base": "",
     "gain": "e-/ADU",

@@ -21,8 +21,6 @@ from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
 from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
 from jitterkit.optics.spectrum import Spectrum, flat_band
 
-__all__ = ["instrument_from_fits"]
-
 Tables = dict[str, dict[str, Any]]
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
     from jitterkit.optics.system import FixedOptics, OpticalSystem
 
-__all__ = ["Instrument"]
-
 
 @dataclass(frozen=True, eq=False)
 class Instrument:

@@ -8,8 +8,6 @@ from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.toml import read_instrument
 
-__all__ = ["load_instrument"]
-
 
 def load_instrument(name_or_path: str | Path) -> Instrument:
     """Load an instrument.

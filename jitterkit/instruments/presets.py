@@ -24,7 +24,6 @@ from jitterkit.optics.spectrum import Spectrum, flat_band
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
 
-__all__ = ["PAPER_PHOTONS", "PHOTONS", "PRESETS", "preset"]
 
 PHOTONS = 9.53e6
 """Photons of alpha Cen AB in 0.1 s through TOLIMAN's true collecting area, 114.67 cm²."""

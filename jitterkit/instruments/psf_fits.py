@@ -24,8 +24,6 @@ from scipy import fft
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.fits import NamedImage
 
-__all__ = ["EffectivePsf", "effective_psf"]
-
 _NAMES = ("OVERDIST", "OVERSAMP", "DET_DIST", "DET_SAMP")
 """Images in the order in which they are taken: detector effects before none, points before sums."""
 

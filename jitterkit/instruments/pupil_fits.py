@@ -17,8 +17,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.fits import NamedImage
 
-__all__ = ["is_pupil", "pupil_arrays"]
-
 _SCALES = ("PUPLSCAL", "PIXELSCL", "PIXSCALE")
 """Keywords of the metres per sample, in the order of trust: the first is of pupils alone."""
 

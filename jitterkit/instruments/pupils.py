@@ -16,8 +16,6 @@ from jitterkit.frames import open_frames
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
 
-__all__ = ["from_file", "hst", "jwst", "plain", "star", "toliman"]
-
 
 def toliman() -> Pupil:
     """Make TOLIMAN's diffractive pupil."""

@@ -9,8 +9,6 @@ from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
 from jitterkit.instruments.instrument import Instrument
 
-__all__ = ["resolve"]
-
 
 def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
     """Complete what is known about a frame.

@@ -11,8 +11,6 @@ from typing import Any, NoReturn
 
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
-__all__ = ["Section", "refuse_unknown"]
-
 
 def refuse_unknown(file: Path, what: str, names: Collection[str], allowed: Collection[str]) -> None:
     """Raise for the first name that is not allowed, and suggest the nearest that is."""

@@ -13,8 +13,6 @@ from jitterkit.optics.colours import INDEX_ERROR, WAVELENGTH_ERROR, Colours, col
 from jitterkit.optics.spectrum import Spectrum, flat_band
 from jitterkit.optics.spectrum_file import read_spectrum
 
-__all__ = ["SPECTRUM_KEYS", "read_spectrum_section"]
-
 SPECTRUM_KEYS: Mapping[str, str] = {
     "band": "nm",
     "samples": "",

@@ -61,8 +61,6 @@ from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
 from jitterkit.instruments.spectrum_section import SPECTRUM_KEYS, read_spectrum_section
 
-__all__ = ["SECTIONS", "read_instrument"]
-
 SECTIONS: Mapping[str, Mapping[str, str]] = {
     "instrument": {
         "name": "",

@@ -10,8 +10,6 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["arcsine_density", "arcsine_shares"]
-
 
 def arcsine_density(x, amplitude: float) -> np.ndarray:
     """Density of simple harmonic motion over whole cycles.

@@ -18,8 +18,6 @@ from jitterkit.motion.regime import REGIMES, smooth_locus
 from jitterkit.motion.spectrum import PowerSpectrum
 from jitterkit.motion.split import Split, motion_between_frames, split_spectrum
 
-__all__ = ["Assessment", "assess_motion"]
-
 
 @dataclass(frozen=True, eq=False)
 class Assessment:

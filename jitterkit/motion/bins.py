@@ -13,8 +13,6 @@ from jitterkit.loci.base import axis_variances
 from jitterkit.motion.integrals import panel_integrals
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
-__all__ = ["KINDS", "recognise_rows", "spectrum_of_bins"]
-
 KINDS = ("bins", "curve")
 """What the rows of a table of densities may be."""
 

@@ -14,8 +14,6 @@ from jitterkit.motion.regime import HIGH, LOW, REGIMES, line_locus, regime, smoo
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.split import Split, check_exposure, split_line, split_spectrum
 
-__all__ = ["Share", "motion_budget"]
-
 
 @dataclass(frozen=True, eq=False)
 class Share:

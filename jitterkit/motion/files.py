@@ -19,8 +19,6 @@ from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
-__all__ = ["read_motion"]
-
 _DENSITIES = ("f", "x", "y", "xy")
 _LINES = ("frequency", "amplitude", "angle", "minor")
 _UNITS = {

@@ -12,8 +12,6 @@ import numpy as np
 
 from jitterkit.motion.spectrum import PowerSpectrum
 
-__all__ = ["panel_integrals"]
-
 _NODES = 12
 """A panel: over an octave of f^-4, or a cycle of sinc², exact to 1e-12."""
 

@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
-__all__ = ["close_loop", "follow", "loop_rejection"]
-
 _PER_OCTAVE = 64
 """Rows that the product of density and rejection is given: a power law between them to 2e-5."""
 

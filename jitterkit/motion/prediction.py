@@ -15,8 +15,6 @@ from jitterkit.motion.regime import REGIMES, line_locus, regime
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.split import Split, split_line, split_spectrum
 
-__all__ = ["predicted_locus", "smeared_locus"]
-
 _TYPICAL = 45.0
 """Phase at mid-exposure, degrees, of which a frame's variance is the mean over all phases."""
 

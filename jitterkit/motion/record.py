@@ -18,8 +18,6 @@ from jitterkit.motion.bins import spectrum_of_bins
 from jitterkit.motion.spectrum import PowerSpectrum
 from jitterkit.motion.split import Split, check_cadence
 
-__all__ = ["Exposures", "Record", "measure_exposures", "trace_spectrum"]
-
 _SEGMENTS = 8
 """Of a record, for its spectrum: overlapping by half they are 15, and a density is good to about a third."""
 

@@ -11,8 +11,6 @@ import numpy as np
 from jitterkit.motion.spectrum import Line
 from jitterkit.motion.split import Split, check_exposure
 
-__all__ = ["HIGH", "LOW", "REGIMES", "critical_frequency", "line_locus", "regime", "smooth_locus"]
-
 LOW = 0.2
 """Cycles an exposure up to which smear is 97 % of the blur or more."""
 

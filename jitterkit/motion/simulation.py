@@ -18,8 +18,6 @@ from jitterkit.motion.regime import line_locus
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.split import check_exposure
 
-__all__ = ["simulate_exposures", "simulate_pointing"]
-
 _PER_OCTAVE, _OCTAVES = 4, 20
 """Tones that stand for what is slower than the record, and how far down they go."""
 

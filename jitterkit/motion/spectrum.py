@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import moments_on_axis
 
-__all__ = ["Line", "PowerSpectrum"]
-
 _SLACK = 1e-9
 """By which rounding may carry a cross spectrum over the most that it can be."""
 

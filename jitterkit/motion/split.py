@@ -15,8 +15,6 @@ from jitterkit.motion.integrals import panel_integrals
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.weights import PARTS, difference_weight, part_weights
 
-__all__ = ["Split", "cumulative_split", "motion_between_frames", "split_line", "split_spectrum"]
-
 _PER_DECADE = 40
 """Frequencies at least of a cumulative split, down ten decades, so that it is smooth to look at."""
 

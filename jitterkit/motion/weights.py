@@ -11,8 +11,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import spherical_jn
 
-__all__ = ["PARTS", "difference_weight", "legendre_weight", "part_weights"]
-
 PARTS = ("displacement", "smear", "jitter")
 
 _LAST = 8

@@ -10,8 +10,6 @@ from matplotlib.axes import Axes
 from jitterkit.motion import arcsine_shares
 from jitterkit.report.axes import RUST, axes_or_new
 
-__all__ = ["plot_arcsine"]
-
 
 def plot_arcsine(
     rng: np.random.Generator, amplitude: float = 1.0, draws: int = 100_000, ax: Axes | None = None

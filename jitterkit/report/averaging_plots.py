@@ -16,8 +16,6 @@ from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
 from jitterkit.series import AllanDeviation, BlockScatter, Floor
 
-__all__ = ["finish", "plot_allan", "plot_root_n", "suited_angle", "suited_time"]
-
 _SIZE = (5.2, 3.6)
 _TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
 """Seconds up to which a time is told in so many, and their name."""

@@ -11,8 +11,6 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-__all__ = ["BLUE", "INK", "OUTLINE", "RUST", "axes_or_new", "colour_bar", "say", "scale_and_unit"]
-
 BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
 OUTLINE: Any = {"fill": False, "ec": "white", "lw": 0.9}
 """Of a patch on a dark kernel."""

@@ -18,15 +18,6 @@ from jitterkit.calibration import Calibration
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 from jitterkit.report.words import with_error
 
-__all__ = [
-    "plot_calibration",
-    "plot_dark",
-    "plot_linearity",
-    "plot_read_noise",
-    "plot_response",
-    "plot_transfer",
-]
-
 _SIZE = (5.2, 3.7)
 """Inches, of axes of their own."""
 

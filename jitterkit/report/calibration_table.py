@@ -14,8 +14,6 @@ from astropy.table import QTable
 from jitterkit.calibration import FLAGS, Calibration
 from jitterkit.report.words import number
 
-__all__ = ["calibration_rows", "calibration_sentences", "levels_table"]
-
 _UNEVEN = 0.01
 """Of the smooth surface through the flat, from which it is said."""
 

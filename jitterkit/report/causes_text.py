@@ -17,8 +17,6 @@ from jitterkit.forecast.causes import Causes, Confusion
 from jitterkit.forecast.causes_data import DataSet, cheapest
 from jitterkit.report.words import MINUS, TIMES, number
 
-__all__ = ["causes_sentences", "causes_table", "data_table", "remedy_sentence", "verdicts"]
-
 _NEARLY = 0.02
 """Of a factor one, below which it is not written."""
 

@@ -16,8 +16,6 @@ from jitterkit.errors import ConfigurationError
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.series import Series
 
-__all__ = ["Clock", "fitted", "separation_series"]
-
 _APART = 0.9
 """Share of the frames that must have a time of their own: the planes of a cube often share their file's."""
 

@@ -20,8 +20,6 @@ from jitterkit.report.separation_plots import MANY, label_time, shown_times
 from jitterkit.report.stretches import stretch_index
 from jitterkit.report.words import angle_size
 
-__all__ = ["draw_jitter", "jittered"]
-
 _ELLIPSES, _WIDEST = 24, 0.04
 """Ellipses along the axis at most, and the largest one's diameter as a share of the axis."""
 

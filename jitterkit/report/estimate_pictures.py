@@ -25,14 +25,6 @@ from jitterkit.report.plots import plot_residual, three_panels
 from jitterkit.report.scene_plots import plot_scene, plot_spectrum
 from jitterkit.report.words import angle_size, number
 
-__all__ = [
-    "blurred_image",
-    "plot_estimate",
-    "plot_extended",
-    "plot_field",
-    "template_images",
-]
-
 Panels = list[Any]
 """Three ``matplotlib.axes.Axes``."""
 

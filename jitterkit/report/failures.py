@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from jitterkit.errors import ErrorCode
 from jitterkit.report.row import Row
 
-__all__ = ["FailureKind", "group_failures"]
-
 
 @dataclass(frozen=True)
 class FailureKind:

@@ -17,8 +17,6 @@ from jitterkit.loci import principal_axes
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 from jitterkit.report.words import angle_size
 
-__all__ = ["plot_differences", "plot_whiskers"]
-
 _WHISKER = 0.04
 """Half-length of the median whisker, in widths of the field."""
 

@@ -25,14 +25,6 @@ from jitterkit.report.columns import unit_of
 from jitterkit.report.forecast_table import observing_time
 from jitterkit.report.kernel_plots import plot_kernel
 
-__all__ = [
-    "curve_colours",
-    "plot_errors",
-    "plot_requirements",
-    "plot_shears",
-    "spread",
-]
-
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")
 """Ticks of a logarithmic axis that spans a decade or two."""
 

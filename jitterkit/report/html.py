@@ -22,6 +22,7 @@ from astropy.table import QTable
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
 from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
@@ -31,9 +32,7 @@ from jitterkit.report.run_fit import describe_run_fit
 from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.sequence import say_loci
 from jitterkit.report.table import aberration_names
-from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, printable, with_error
-
-__all__ = ["write_report"]
+from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, with_error
 
 MAX_ROWS = 1000
 """Frames listed; a longer run is thinned evenly, and the page says so."""

@@ -14,8 +14,6 @@ from matplotlib.figure import Figure
 from jitterkit.joint import SequenceFit, SequenceFrame
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 
-__all__ = ["plot_pointing", "plot_run", "plot_shared", "plot_surprise"]
-
 _SIZE = (9.6, 3.0)
 _MANY = 2000
 """Frames beyond which points are drawn faint."""

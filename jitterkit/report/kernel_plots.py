@@ -23,8 +23,6 @@ from jitterkit.report.axes import BLUE, INK, OUTLINE, RUST, axes_or_new, say
 from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size, number
 
-__all__ = ["plot_kernel", "plot_kernel_image", "plot_transfer"]
-
 _CELLS = 81
 """Of the raster on which a locus is drawn, along a side."""
 

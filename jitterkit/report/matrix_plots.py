@@ -17,8 +17,6 @@ from jitterkit.forecast import Forecast
 from jitterkit.report.axes import INK, axes_or_new, colour_bar
 from jitterkit.report.words import MINUS
 
-__all__ = ["plot_matrices", "plot_matrix"]
-
 _SHORT = {"separation": "sep", "contrast": "cont", "background": "bg"}
 
 

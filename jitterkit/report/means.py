@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["running_mean", "weighted_mean"]
-
 COMBINED = ("mean", "error", "typical_error", "scatter", "chi2_dof", "error_by_scatter")
 
 

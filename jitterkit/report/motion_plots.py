@@ -26,15 +26,6 @@ from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
 
-__all__ = [
-    "plot_budget",
-    "plot_locus_transfer",
-    "plot_motion",
-    "plot_motion_spectrum",
-    "plot_parts",
-    "plot_pointing",
-]
-
 _STYLES: dict[str, dict[str, Any]] = {
     "displacement": {"color": "0.55", "ls": "--"},
     "smear": {"color": BLUE, "ls": "-"},

@@ -12,22 +12,6 @@ from pathlib import Path
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = [
-    "CONFIGURATION",
-    "ENDS",
-    "REPORT",
-    "RUN",
-    "STARS",
-    "SUMMARY",
-    "TABLE",
-    "TABLES",
-    "check_directory",
-    "check_file",
-    "check_table",
-    "make_directory",
-    "table_ending",
-]
-
 RUN = "results.ecsv", "summary.json", "report.html", "configuration.json", "stars.ecsv"
 """What a run leaves behind: its settings and versions before the stars of frames that show more than two."""
 

@@ -15,8 +15,6 @@ from jitterkit.photons.budget import PhotonBudget
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 from jitterkit.report.words import number
 
-__all__ = ["plot_detected", "plot_photons", "plot_starlight", "plot_throughput"]
-
 _MARGIN = 0.35
 """Of the band's width, shown on either side of it."""
 

@@ -31,15 +31,6 @@ from jitterkit.report.row import Row, make_row
 from jitterkit.report.words import number
 from jitterkit.scene import Stars
 
-__all__ = [
-    "MOST_PICTURES",
-    "FrameReport",
-    "choose_pictures",
-    "pack_picture",
-    "render_frame",
-    "render_picture",
-]
-
 MOST_PICTURES = 24
 """Frames that a report shows."""
 

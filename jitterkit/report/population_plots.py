@@ -20,8 +20,6 @@ from jitterkit.report.averaging_plots import finish, suited_angle
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 from jitterkit.report.words import number
 
-__all__ = ["plot_angles", "plot_chi2", "plot_loci", "plot_shapes", "plot_sizes"]
-
 _SIZE = (5.2, 3.6)
 _FEWEST, _MOST = 12, 60
 """Bars of a histogram."""

@@ -12,8 +12,6 @@ from matplotlib.ticker import MaxNLocator
 
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 
-__all__ = ["plot_marginal"]
-
 _BINS, _REACH = 50, 4.5
 """Bars, and how many standard deviations of the draws the axis shows on either side of their median."""
 

@@ -15,17 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jitterkit.conventions import axis_angle, direction_angle
+from jitterkit.errors import printable
 from jitterkit.report.columns import COLUMNS, aberration_column
 from jitterkit.report.flags import FLAGS, encode_flags
 from jitterkit.report.star_table import encode_stars
-from jitterkit.report.words import printable
 
 if TYPE_CHECKING:  # at run time a table is read without JAX
     from jitterkit.forward import Parameters
     from jitterkit.frames.metadata import Metadata
     from jitterkit.refit.result import Candidate, FitResult
 
-__all__ = ["Row", "make_row"]
 
 WAVELENGTH = "wavelength_shift"
 """Name of the parameter, as :mod:`jitterkit.optics.colours` has it, which loads more."""

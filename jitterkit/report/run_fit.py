@@ -12,8 +12,6 @@ import numpy as np
 
 from jitterkit.report.words import angle_size, number
 
-__all__ = ["assess_run_fit", "describe_run_fit"]
-
 _FEWEST = 8
 """Frames from which their scatter tells the error of their mean."""
 

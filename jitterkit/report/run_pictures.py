@@ -34,8 +34,6 @@ from jitterkit.series import (
     fit_trend,
 )
 
-__all__ = ["RunPicture", "run_pictures"]
-
 _RUNNING = 8
 """Frames from which a mean that grows is drawn, and the jitter with time: a scatter is known to a quarter."""
 

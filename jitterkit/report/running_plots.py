@@ -14,8 +14,6 @@ from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 from jitterkit.report.means import running_mean
 from jitterkit.report.words import number
 
-__all__ = ["plot_root_n_error", "plot_running_mean"]
-
 _SIZE = (5.2, 3.6)
 _POINTS = 400
 """Of a curve over N, evenly on a logarithmic axis."""

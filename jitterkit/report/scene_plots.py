@@ -15,8 +15,6 @@ from jitterkit.loci import Locus
 from jitterkit.report.axes import axes_or_new, colour_bar, scale_and_unit
 from jitterkit.report.plots import plot_image
 
-__all__ = ["plot_scene", "plot_spectrum"]
-
 _FAINTEST = 1e-12
 """Of the greatest power: below, a spectrum holds rounding errors."""
 

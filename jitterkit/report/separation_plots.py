@@ -21,8 +21,6 @@ from jitterkit.report.clock import Clock, fitted
 from jitterkit.report.stretches import Means, stretch_means
 from jitterkit.report.words import angle_size, number
 
-__all__ = ["MANY", "draw_run", "label_time", "plot_separations", "shown_times"]
-
 MANY = 300
 """Points beyond which error bars turn into a haze."""
 

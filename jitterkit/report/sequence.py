@@ -17,8 +17,6 @@ import numpy as np
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.words import angle_size
 
-__all__ = ["compare_loci", "say_loci"]
-
 _NEARLY_ALL = 0.95
 """Share of the frames that a locus must have been fitted to."""
 

@@ -30,8 +30,6 @@ from jitterkit.series import (
     fit_trend,
 )
 
-__all__ = ["plot_averaging", "plot_pulls", "plot_series"]
-
 _SIZE = (5.2, 3.6)
 _MANY, _BLOCKS = 300, 40
 """Points beyond which error bars turn into a haze, and how many means replace them."""

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Means", "stretch_index", "stretch_means"]
-
 _SURE = 3.0
 """Sigmas by which the scatter must exceed the errors before the errors are widened by it: 1 run in 700."""
 

@@ -20,8 +20,6 @@ from jitterkit.report.means import weighted_mean
 from jitterkit.report.run_fit import assess_run_fit
 from jitterkit.report.sequence import compare_loci
 
-__all__ = ["summarise", "write_summary"]
-
 
 def summarise(table: QTable) -> dict[str, Any]:
     """Combine the frames of a results table.

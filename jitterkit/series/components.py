@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-__all__ = ["Components", "State", "fit_components"]
-
 _STEPS = 100
 _SHARES = 0.5 ** np.arange(12)
 """Of a step, tried until one does not lower the likelihood."""

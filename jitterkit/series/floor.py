@@ -18,8 +18,6 @@ from jitterkit.series.components import Components, State, fit_components
 from jitterkit.series.haar import haar_coefficients
 from jitterkit.series.series import Series
 
-__all__ = ["Floor", "fit_floor"]
-
 _FEWEST = 16
 """Measurements of which noise can be told from noise at all: four octaves."""
 

@@ -15,8 +15,6 @@ import numpy as np
 from jitterkit.series.laws import difference_variance
 from jitterkit.series.series import Series
 
-__all__ = ["Haar", "haar_coefficients"]
-
 
 @dataclass(frozen=True, eq=False)
 class Haar:

@@ -14,14 +14,6 @@ from scipy.special import xlogy
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = [
-    "NOISES",
-    "contrast_covariance",
-    "degrees_of_freedom",
-    "difference_correlation",
-    "difference_variance",
-]
-
 NOISES = ("white", "flicker", "walk")
 
 _REACH = {"white": 2, "flicker": 10, "walk": 2}

@@ -7,8 +7,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.laws import difference_correlation
 
-__all__ = ["simulate_flicker"]
-
 _FAR = 200
 """Lag from which t² ln t loses more to rounding (1e-4 at 300) than its leading term leaves out (2e-5)."""
 

@@ -13,8 +13,6 @@ from scipy.stats import t as student
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.series import Series
 
-__all__ = ["Outliers", "find_outliers"]
-
 _FEWEST = 15
 """Measurements from which the test holds: of 15 normal ones 8 % are flagged where 5 % are asked for, 1.6 %
 where 1 %; of 100 and more 5 to 6 %, and 1.2 %."""

@@ -13,8 +13,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.series import Series
 from jitterkit.series.trend import fit_trend
 
-__all__ = ["Period", "find_period"]
-
 _OVERSAMPLE = 5
 _FEWEST = 8
 """Measurements; a sinusoid with a mean and a trend has five numbers."""

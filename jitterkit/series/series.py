@@ -12,8 +12,6 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Series"]
-
 _SLOTS, _FINE = 1 << 24, 1 << 20
 """The longest grid, of arrays of 128 MiB, and the longest chosen here, which takes a second or two."""
 

@@ -17,8 +17,6 @@ from jitterkit.series.floor import Floor
 from jitterkit.series.laws import contrast_covariance
 from jitterkit.series.series import Series
 
-__all__ = ["Trend", "fit_trend"]
-
 _HIGHEST = 3
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.detectors.detector import ASSUMED
+from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames.frame import RawFrame

@@ -11,8 +11,6 @@ from scipy.stats import chi2
 
 from jitterkit.starfield.common import Common
 
-__all__ = ["coarse_sampling", "compatible_with_zero", "disagreement", "root_error"]
-
 _SURE = float(chi2.isf(1e-3, 2))
 """Chi-squared of a line's two coordinates that no trail at all exceeds in one frame of a thousand."""
 

@@ -9,8 +9,6 @@ import numpy as np
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.starfield.moments import Moments
 
-__all__ = ["Common", "common_moments"]
-
 _OUTLIER = 25.0
 """Squared distance, of three degrees of freedom, beyond which a star is a blend: 2e-5 by chance."""
 

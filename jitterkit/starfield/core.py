@@ -18,8 +18,6 @@ from jitterkit.optics.grid import Grid
 from jitterkit.starfield.misfit import Misfit
 from jitterkit.starfield.psf import Psf
 
-__all__ = ["RoundCore", "fit_round_core", "moffat_transfer"]
-
 _PAD = 16
 _BETA = (1.2, 30.0)
 """Moffat's exponents that are tried: the lower spreads without end, the upper is a normal."""

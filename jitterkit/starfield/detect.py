@@ -22,8 +22,6 @@ from jitterkit.frames import Frame
 from jitterkit.starfield.stamps import Stars, cut_out, stand_alone
 from jitterkit.vision import median_filter
 
-__all__ = ["find_stars"]
-
 _BOX = 64
 """Side of a box of the background [pixels]: some ten trailed stars wide."""
 

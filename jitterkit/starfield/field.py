@@ -26,8 +26,6 @@ from jitterkit.starfield.stamps import Stars
 from jitterkit.starfield.trail import Trail, trail_against, trail_alone
 from jitterkit.starfield.verdict import Verdict, judge
 
-__all__ = ["FieldEstimate", "estimate_field", "roundest"]
-
 _NO_PATTERN = ("smear", "round", "undetermined")
 """Verdicts that say nothing of optics, and nothing where stars are as sharp as the reference's."""
 

@@ -17,8 +17,6 @@ from jitterkit.optics import OTF
 from jitterkit.scene import Star
 from jitterkit.starfield.psf import Psf
 
-__all__ = ["Misfit", "doubt_of", "misfit_under"]
-
 _POOR = 1.5
 """Chi-squared a pixel from which the model is not the truth: trails of 1 to 8 pixels leave 0.95 to 1.12
 under a reference's stars, a vibration of 5 leaves 3.9."""

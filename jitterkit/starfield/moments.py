@@ -14,8 +14,6 @@ import numpy as np
 
 from jitterkit.starfield.stamps import Stars
 
-__all__ = ["Moments", "adaptive_moments"]
-
 _PASSES, _ARRIVED = 60, 1e-10
 """Of the fixed point, each of which about halves what is left [pixels²]."""
 

@@ -18,8 +18,6 @@ from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.moments import Moments, adaptive_moments
 from jitterkit.starfield.stamps import Stars
 
-__all__ = ["Psf", "field_psf", "stack_psf"]
-
 _ROUNDS = 3
 """Passes in which pixels that a star lacks are filled with what the others show there."""
 

@@ -12,8 +12,6 @@ from jitterkit.kernel_estimate import is_detected
 from jitterkit.loci import axis_variances, covariance_on_axis
 from jitterkit.starfield.psf import Psf
 
-__all__ = ["TOLERATED", "elongation", "is_blurred"]
-
 TOLERATED = 0.25
 """Share of the blur's larger variance that may be missing across it: a trail's length, widened or not,
 is then right to 5 %; stars sharper by 0.45 of it gave 5 % too little, by 1.4 of it 6 %, and where nothing

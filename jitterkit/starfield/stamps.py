@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-__all__ = ["Stars", "cut_out", "stand_alone"]
-
 
 @dataclass(frozen=True, eq=False)
 class Stars:

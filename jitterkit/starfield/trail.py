@@ -26,8 +26,6 @@ from jitterkit.starfield.psf import Psf, stack_psf
 from jitterkit.starfield.sharpness import TOLERATED, elongation, is_blurred
 from jitterkit.starfield.stamps import Stars
 
-__all__ = ["Trail", "trail_against", "trail_alone"]
-
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""
 

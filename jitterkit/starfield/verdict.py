@@ -22,8 +22,6 @@ from scipy.optimize import least_squares
 
 from jitterkit.conventions import axis_angle
 
-__all__ = ["Verdict", "judge"]
-
 _LEAST = 8
 """Stars below which nothing is said."""
 

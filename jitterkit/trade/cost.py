@@ -10,8 +10,6 @@ from jitterkit.optics import Grid
 from jitterkit.trade.fitting import TOGETHER
 from jitterkit.trade.settings import Settings, own_pad
 
-__all__ = ["work"]
-
 _FRAME = 1e5
 """Of a frame whatever its model: what 32 x 32 padded samples of a hundred parameters cost."""
 

@@ -12,8 +12,6 @@ from jitterkit.batch.plan import FrameReader, count_frames
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.trade.predict import Example
 
-__all__ = ["examples_of"]
-
 _LOOKED_AT, _TRIED = 3, 12
 """Frames that a plan is made for, spread over the run, and those that are tried to find as many."""
 

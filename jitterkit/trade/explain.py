@@ -13,8 +13,6 @@ from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.plan import Plan
 from jitterkit.trade.settings import Settings, own_pad
 
-__all__ = ["explain"]
-
 _UNKNOWN = 100.0
 """nm, beyond which the error of an aberration says that a frame does not tell it."""
 

@@ -12,8 +12,6 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.trade.methods import separations
 
-__all__ = ["TOGETHER", "Fitting"]
-
 TOGETHER = 1024
 """Frames that share what one of them shows of the optics."""
 

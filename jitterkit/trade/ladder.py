@@ -26,8 +26,6 @@ from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
 
-__all__ = ["RUNGS", "Point", "can_be_had", "climb_ladder", "front", "measure"]
-
 RUNGS: dict[str, tuple[Any, ...]] = {
     "pad": (0, 8, 16, 32, 64, 96, 128),
     "samples": (1, 3, 5, 7, 9, 11, 13, 16),

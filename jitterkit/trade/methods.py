@@ -29,8 +29,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, fit_frame, sample_posterior
 
-__all__ = ["separations"]
-
 _DRAWS, _CHAINS, _WARMUP = 150, 1, 60
 """Fewer than serve for the error itself: what they leave of the mean is what is measured."""
 

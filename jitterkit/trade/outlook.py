@@ -15,8 +15,6 @@ from jitterkit.refit.fit import unfinished
 from jitterkit.trade.predict import Example, Foresight
 from jitterkit.trade.settings import Settings
 
-__all__ = ["OWN", "Outlook"]
-
 _SEEN = 1.0
 """Of its own scatter, from which on a misfit would be seen: a model that does not fit promises nothing."""
 

@@ -20,8 +20,6 @@ from jitterkit.trade.outlook import OWN, Outlook
 from jitterkit.trade.predict import Example
 from jitterkit.trade.settings import Settings
 
-__all__ = ["Plan", "Planner"]
-
 _MARGIN = 0.8
 """Share of what is allowed that a first-order forecast may use up."""
 

@@ -31,8 +31,6 @@ from jitterkit.refit.choose import DETECTED, shows_no_jitter
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
 
-__all__ = ["UNSEEN", "Example", "Foresight"]
-
 _CREDIBLE = 2.0
 """Standard errors that what is left out may be from where a frame sees it."""
 

@@ -15,8 +15,6 @@ from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
-__all__ = ["ABERRATIONS", "JITTER", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
-
 ABERRATIONS = ("held", "anchored", "expanded")
 """At what they are without any; fitted about one state of many frames; computed anew for every frame."""
 

@@ -13,8 +13,6 @@ from jitterkit.instruments import Instrument
 from jitterkit.trade.ladder import Point, front
 from jitterkit.trade.settings import Settings, own_pad
 
-__all__ = ["trade_table"]
-
 _NONE = {
     "pad": -1,
     "samples": 0,
