@@ -47,7 +47,6 @@ ONLY_IN = {
     | {
         f"report/{noun}_plots.py"
         for noun in (
-            "arcsine",
             "averaging",
             "calibration",
             "causes",
@@ -62,8 +61,6 @@ ONLY_IN = {
             "photon",
             "population",
             "posterior",
-            "running",
-            "scene",
             "separation",
             "series",
             "trade",

@@ -1,6 +1,7 @@
 """From stacks to everything that a detector needs to be told.
 
 Reach for :func:`calibrate`; its :class:`Calibration` holds what was measured, and only what was.
+:class:`Settings` say how frames are combined and pixels judged.
 """
 
 from __future__ import annotations
@@ -10,17 +11,64 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jitterkit.calibration.bias_frames import bias_map, noisy_pixels, read_noise_map
 from jitterkit.calibration.checks import check_stacks, split_by_light
-from jitterkit.calibration.dark_frames import DarkSlope, hot_pixels
-from jitterkit.calibration.flat_frames import Response, lamp, surface
+from jitterkit.calibration.dark_frames import (
+    HOT,
+    DarkSlope,
+    bias_map,
+    hot_pixels,
+    noisy_pixels,
+    read_noise_map,
+)
+from jitterkit.calibration.flat_frames import DEAD, Response, lamp, surface
 from jitterkit.calibration.level import Level, measure_level, unlit_level
-from jitterkit.calibration.master import Master, combine
+from jitterkit.calibration.master import CLIP, MEMORY, Master, combine
 from jitterkit.calibration.measured_map import MeasuredMap
-from jitterkit.calibration.settings import FLAGS, Settings
 from jitterkit.calibration.stack import Stack
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
 from jitterkit.errors import ConfigurationError, ErrorCode
+
+FLAGS = {"hot": 1, "dead": 2, "noisy": 4, "blank": 8}
+"""Bits of the bad-pixel map."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How frames are combined and pixels judged.
+
+    Parameters
+    ----------
+    clip : float
+        Noises of a frame beyond which a value is left out, 3 at least.
+    hot : float
+        Robust standard deviations over the median dark current from which a pixel is hot.
+    dead : float
+        Share of the response around it below which a pixel is dead.
+    smooth : bool
+        Whether the smooth part of the flats is divided out, as the lamp's.
+    memory : float
+        Bytes that the pixels read at a time may take.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is out of range.
+    """
+
+    clip: float = CLIP
+    hot: float = HOT
+    dead: float = DEAD
+    smooth: bool = False
+    memory: float = MEMORY
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("clip", 3.0, np.inf), ("hot", 3.0, np.inf), ("dead", 0.0, 1.0)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                limits = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} or more"
+                raise ConfigurationError(
+                    ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} is out of range; give {limits}."
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.calibration.calibration import Calibration
+from jitterkit.calibration.calibration import FLAGS, Calibration
 from jitterkit.calibration.measured_map import MeasuredMap
-from jitterkit.calibration.settings import FLAGS
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 

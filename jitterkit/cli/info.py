@@ -60,7 +60,7 @@ def _instrument(thing: str) -> Rows:
 
 
 def _frames(path: Path, hdu: int | None) -> tuple[Rows, tuple[str, ...]]:
-    from jitterkit.detectors.pixel_units import NORMALISED, is_normalised
+    from jitterkit.detectors.file_variance import NORMALISED, is_normalised
     from jitterkit.frames import open_frames
 
     with open_frames(path, hdu=hdu) as file:

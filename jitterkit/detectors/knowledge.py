@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
-from jitterkit.detectors.linearity import measured
+from jitterkit.detectors.response import measured
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Known, Metadata
 
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}

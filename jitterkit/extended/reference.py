@@ -14,8 +14,7 @@ from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended.registration import register
-from jitterkit.extended.standing import fill, standing_pixels
+from jitterkit.extended.registration import fill, register, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Mvn
 from jitterkit.loci.base import principal_axes

@@ -19,12 +19,11 @@ import numpy as np
 
 from jitterkit.frames.files import files_beside, open_bytes
 from jitterkit.frames.fitsimage import FitsImage
-from jitterkit.frames.fitsio import all_hdus
+from jitterkit.frames.fitsio import PlainHeader, all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdus import find_images, read_hdus, walk
 from jitterkit.frames.pixels import open_pixels
-from jitterkit.frames.plainheader import PlainHeader
 
 
 class FitsFile(FrameFile):

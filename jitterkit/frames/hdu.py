@@ -17,7 +17,7 @@ from typing import BinaryIO
 
 from jitterkit.errors import FrameError
 from jitterkit.frames.files import damaged
-from jitterkit.frames.plainheader import PlainHeader
+from jitterkit.frames.fitsio import PlainHeader
 
 BLOCK = 2880
 """Headers and data take a whole number of blocks of so many bytes."""

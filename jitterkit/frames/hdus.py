@@ -16,9 +16,8 @@ from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
-from jitterkit.frames.fitsio import header_of
+from jitterkit.frames.fitsio import CARD, header_of
 from jitterkit.frames.hdu import BLOCK, Hdu, product_of
-from jitterkit.frames.plainheader import CARD
 from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))

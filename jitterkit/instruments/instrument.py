@@ -1,4 +1,7 @@
-"""An instrument: everything about a telescope that is the same from frame to frame."""
+"""An instrument: everything about a telescope that is the same from frame to frame.
+
+:func:`resolve` is the one place where its word meets that of a frame's header and of the user.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jitterkit.detectors import Detector
+from jitterkit.detectors.knowledge import supplement
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.spectrum import Spectrum
@@ -212,3 +217,34 @@ class Instrument:
                 f"The instrument {self.name!r} has no aberrations that vary; leave them out.",
             )
         return system.otf(aberrations, derivatives=derivatives)
+
+
+def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
+    """Complete what is known about a frame.
+
+    Parameters
+    ----------
+    raw : RawFrame
+        As read: it carries what its header and the TOML beside it say.
+    instrument : Instrument
+        From an instrument file, whose word counts above the header's, or a preset, whose word counts
+        below it.
+    overrides : mapping, optional
+        From the command line, by field of :class:`~jitterkit.frames.metadata.Metadata`; they count
+        above everything.  None changes nothing.
+
+    Returns
+    -------
+    raw : RawFrame
+        The same pixels.  Every number has its source: command line > sidecar > instrument file >
+        header > preset > assumed.
+
+    Raises
+    ------
+    ConfigurationError
+        If an override is unknown or unbelievable.
+    """
+    metadata = raw.metadata.apply("command line", **(overrides or {}))
+    for name in ("plate_scale", "exposure"):
+        metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
+    return raw.with_metadata(instrument.detector.inform(metadata))

@@ -4,7 +4,7 @@ The detector of TOLIMAN is a Sony IMX183 (in a camera such as the FLIR BFS-U3-20
 12 bits, a full well of about 15 ke- and about 3.7 e-/ADU.  Its read noise of 2.4 e- is an estimate; the
 bias of 30 ADU is our choice, 46 sigma above zero and low enough for the well to fill (4084 ADU) before
 the converter ends (4095 ADU).  ``toliman-camera`` has the numbers that are published, and what else a
-camera does, from :mod:`jitterkit.detectors.presets`.
+camera does, from :mod:`jitterkit.detectors.detector`.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def smallsat() -> Instrument:
 def toliman_camera() -> Instrument:
     """TOLIMAN with the whole camera as far as it is known: rolling shutter, dark current, noise by EMVA 1288.
 
-    See :mod:`jitterkit.detectors.presets`.  The brightest pixel of a sharp frame is just full.
+    See :mod:`jitterkit.detectors.detector`.  The brightest pixel of a sharp frame is just full.
     """
     return replace(
         toliman(),

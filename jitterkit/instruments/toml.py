@@ -1,4 +1,4 @@
-"""The instrument file: a telescope in twenty lines of TOML.
+"""The way to any instrument, by name or by file; the file, a telescope in twenty lines of TOML.
 
 ::
 
@@ -35,7 +35,7 @@
     # index_err = 2             # prior error of each; 0 if they are exact
     # wavelength_err = 2e-3     # relative error of all wavelengths; 0 if they are exact
 
-    [detector]                  # all optional: see jitterkit.instruments.detector_section
+    [detector]                  # all optional: see jitterkit.instruments.sections
     base = "imx183"             # a detector that fills what is not said here
     gain = 3.7                  # e-/ADU
     bits = 12
@@ -55,11 +55,15 @@ from typing import Any
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.instruments import pupils
-from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
-from jitterkit.instruments.spectrum_section import SPECTRUM_KEYS, read_spectrum_section
+from jitterkit.instruments.sections import (
+    DETECTOR_KEYS,
+    SPECTRUM_KEYS,
+    read_detector,
+    read_spectrum_section,
+)
 
 SECTIONS: Mapping[str, Mapping[str, str]] = {
     "instrument": {
@@ -253,3 +257,26 @@ def _psf(section: Section) -> dict[str, Any]:
             section.refuse(ErrorCode.OUT_OF_RANGE, "enclosed", "give a share above 0, up to 1")
     star = partial(pupils.star, section.path("file"), section.integer("hdu"))
     return {"psf_from": star, "psf_options": options, "pupil_from": None, "spectrum": None}
+
+
+def load_instrument(name_or_path: str | Path) -> Instrument:
+    """Load an instrument.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A name in :data:`~jitterkit.instruments.presets.PRESETS`, or an instrument file (see
+        :mod:`jitterkit.instruments.toml`): what ends in ``.toml`` or contains a directory is a file.
+
+    Returns
+    -------
+    instrument : Instrument
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such preset or file, or the file cannot be used.
+    """
+    path = Path(name_or_path)
+    is_file = path.suffix.lower() == ".toml" or len(path.parts) > 1
+    return read_instrument(path) if is_file else preset(str(name_or_path))

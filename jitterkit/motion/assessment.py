@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jitterkit.loci import Locus
-from jitterkit.motion.budget import Share, motion_budget
+from jitterkit.motion.budget import REGIMES, Share, motion_budget, smooth_locus
 from jitterkit.motion.loop import close_loop, follow
 from jitterkit.motion.prediction import predicted_locus, smeared_locus
 from jitterkit.motion.record import Record, measure_exposures, trace_spectrum
-from jitterkit.motion.regime import REGIMES, smooth_locus
 from jitterkit.motion.spectrum import PowerSpectrum
 from jitterkit.motion.split import Split, motion_between_frames, split_spectrum
 

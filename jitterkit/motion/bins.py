@@ -10,8 +10,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import axis_variances
-from jitterkit.motion.integrals import panel_integrals
-from jitterkit.motion.spectrum import Line, PowerSpectrum
+from jitterkit.motion.spectrum import Line, PowerSpectrum, panel_integrals
 
 KINDS = ("bins", "curve")
 """What the rows of a table of densities may be."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Product, Shm, Smear, Stable
 from jitterkit.loci.base import axis_variances
-from jitterkit.motion.regime import REGIMES, line_locus, regime
+from jitterkit.motion.budget import REGIMES, line_locus, regime
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.split import Split, split_line, split_spectrum
 

@@ -12,10 +12,9 @@ from scipy.fft import irfft, next_fast_len
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Ellipse, Locus, Mvn, Product, Shm, Trace
 from jitterkit.loci.base import turned
-from jitterkit.motion.integrals import panel_integrals
+from jitterkit.motion.budget import line_locus
 from jitterkit.motion.record import Record, measure_exposures
-from jitterkit.motion.regime import line_locus
-from jitterkit.motion.spectrum import Line, PowerSpectrum
+from jitterkit.motion.spectrum import Line, PowerSpectrum, panel_integrals
 from jitterkit.motion.split import check_exposure
 
 _PER_OCTAVE, _OCTAVES = 4, 20

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from jitterkit.report.averaging_plots import suited_angle
 from jitterkit.report.axes import BLUE, INK, RUST
 from jitterkit.report.clock import Clock
+from jitterkit.report.means import stretch_index
 from jitterkit.report.separation_plots import MANY, label_time, shown_times
-from jitterkit.report.stretches import stretch_index
 from jitterkit.report.words import angle_size
 
 _ELLIPSES, _WIDEST = 24, 0.04

@@ -24,13 +24,11 @@ from markupsafe import Markup
 
 from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
-from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_pictures
-from jitterkit.report.row import Row
-from jitterkit.report.run_fit import describe_run_fit
+from jitterkit.report.row import FailureKind, Row, group_failures
 from jitterkit.report.run_pictures import run_pictures
-from jitterkit.report.sequence import say_loci
+from jitterkit.report.sequence import describe_run_fit, say_loci
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, ellipse_size, number, with_error
 

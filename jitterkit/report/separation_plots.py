@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from jitterkit.report.averaging_plots import suited_angle, suited_time
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 from jitterkit.report.clock import Clock, fitted
-from jitterkit.report.stretches import Means, stretch_means
+from jitterkit.report.means import Means, stretch_means
 from jitterkit.report.words import angle_size, number
 
 MANY = 300

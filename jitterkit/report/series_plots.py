@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from jitterkit.report.averaging_plots import finish, plot_allan, plot_root_n, suited_angle, suited_time
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
-from jitterkit.report.stretches import stretch_means
+from jitterkit.report.means import stretch_means
 from jitterkit.report.words import number, with_error
 from jitterkit.series import (
     Floor,

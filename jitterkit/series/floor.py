@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.series.components import Components, State, fit_components
-from jitterkit.series.haar import haar_coefficients
+from jitterkit.series.components import Components, State, fit_components, haar_coefficients
 from jitterkit.series.series import Series
 
 _FEWEST = 16

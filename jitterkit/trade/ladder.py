@@ -22,7 +22,7 @@ from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.instruments import Instrument
 from jitterkit.loci import LOCI
-from jitterkit.trade.fitting import Fitting
+from jitterkit.trade.methods import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
 
