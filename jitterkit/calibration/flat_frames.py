@@ -181,12 +181,5 @@ def _normalised(
     values = np.where(image > 0, 1 + (image / mean - 1) / bend, 0.0)
     error = float(np.sqrt(np.mean(variance[good]))) / mean / bend
     return MeasuredMap(
-        "flat",
-        "",
-        values,
-        error,
-        1.0,
-        error / float(good.sum()) ** 0.5,
-        float(values[good].std()),
-        frames,
+        "flat", "", values, error, 1.0, error / float(good.sum()) ** 0.5, float(values[good].std()), frames
     )

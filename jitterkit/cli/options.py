@@ -22,8 +22,7 @@ OF_PAIRS = ("separation", "theta", "contrast")
 """Options that only a pair uses."""
 
 Files = Annotated[
-    list[Path],
-    typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them."),
+    list[Path], typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them.")
 ]
 OutputDirectory = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")

@@ -81,11 +81,7 @@ def process(
     from jitterkit.run import process_files
 
     try:
-        with (
-            as_interrupt(),
-            workers.executor() as executor,
-            run_progress(len(paths)) as (watch, before),
-        ):
+        with as_interrupt(), workers.executor() as executor, run_progress(len(paths)) as (watch, before):
             result = process_files(
                 paths,
                 output,

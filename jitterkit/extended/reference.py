@@ -117,11 +117,7 @@ def estimate_from_reference(
     kernel = _kernel(one, two, fx, fy, noise, drift, kernel_side, window.shape)
     locus = Linear.near(moments * plate_scale**2) if streak else Mvn.near(moments * plate_scale**2)
     return KernelEstimate(
-        moments * plate_scale**2,
-        covariance * plate_scale**4,
-        "reference",
-        kernel=kernel,
-        locus=locus,
+        moments * plate_scale**2, covariance * plate_scale**4, "reference", kernel=kernel, locus=locus
     )
 
 

@@ -15,13 +15,7 @@ from jitterkit.loci import Linear, covariance_on_axis
 
 
 def streak_estimate(
-    length: float,
-    angle: float,
-    method: str,
-    *,
-    along: float,
-    across: float,
-    plate_scale: float,
+    length: float, angle: float, method: str, *, along: float, across: float, plate_scale: float
 ) -> KernelEstimate:
     """Report a uniform streak.
 

@@ -20,13 +20,7 @@ from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames.beside import ALL_BITS, unit_of, variance_of
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.placed import (
-    NONE_MASKED,
-    Placed,
-    image_of,
-    matching,
-    require_positive,
-)
+from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching, require_positive
 
 
 @dataclass(frozen=True, eq=False)

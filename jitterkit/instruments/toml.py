@@ -58,12 +58,7 @@ from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
-from jitterkit.instruments.sections import (
-    DETECTOR_KEYS,
-    SPECTRUM_KEYS,
-    read_detector,
-    read_spectrum_section,
-)
+from jitterkit.instruments.sections import DETECTOR_KEYS, SPECTRUM_KEYS, read_detector, read_spectrum_section
 
 SECTIONS: Mapping[str, Mapping[str, str]] = {
     "instrument": {

@@ -42,11 +42,7 @@ Tell = Callable[[str], None]
 
 
 def read_motion(
-    path: str | Path,
-    *,
-    kind: str | None = None,
-    rates: str | None = None,
-    tell: Tell = lambda sentence: None,
+    path: str | Path, *, kind: str | None = None, rates: str | None = None, tell: Tell = lambda sentence: None
 ) -> PowerSpectrum | Record:
     """Read a table of motion.
 

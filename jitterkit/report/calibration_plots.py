@@ -181,13 +181,7 @@ def plot_response(calibration: Calibration, ax: Axes | None = None) -> Axes:
     )
     ax.plot([], [], " ", label=f"dead: {calibration.count('dead')}")
     ax.set_ylim(0.7, _HEADROOM * float(counts.max()))
-    ax.set(
-        yscale="log",
-        ylabel="pixels",
-        xlim=(low, high),
-        xlabel="relative response",
-        title="response",
-    )
+    ax.set(yscale="log", ylabel="pixels", xlim=(low, high), xlabel="relative response", title="response")
     return _finish(ax, loc="upper left")
 
 

@@ -101,11 +101,7 @@ def _resource(name: str) -> str:
 
 def _template():
     environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_readable,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        autoescape=True, undefined=StrictUndefined, finalize=_readable, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {
         "angle_size": angle_size,

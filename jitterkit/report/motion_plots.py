@@ -14,14 +14,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
-from jitterkit.motion import (
-    PARTS,
-    Assessment,
-    PowerSpectrum,
-    Split,
-    cumulative_split,
-    part_weights,
-)
+from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number

@@ -19,14 +19,7 @@ from jitterkit.frames.frame import Frame
 from jitterkit.loci import LOCI, Locus, locus_name
 from jitterkit.refit.result import FitResult
 from jitterkit.report.kernel_plots import plot_kernel
-from jitterkit.report.plots import (
-    four_panels,
-    plot_image,
-    plot_residual,
-    plot_stars,
-    small_png,
-    stretch,
-)
+from jitterkit.report.plots import four_panels, plot_image, plot_residual, plot_stars, small_png, stretch
 from jitterkit.report.row import Row, make_row
 from jitterkit.report.words import number
 from jitterkit.scene import Stars

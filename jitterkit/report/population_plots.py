@@ -83,15 +83,7 @@ def plot_angles(angles: np.ndarray, theta: float = math.nan, ax: Axes | None = N
     counts, edges = np.histogram(angles % 180, sectors, (0, 180))
     width = 180 / sectors
     ends = np.deg2rad(np.concatenate([edges[:-1], edges[:-1] + 180]))
-    rose.bar(
-        ends,
-        np.sqrt(np.tile(counts, 2)),
-        np.deg2rad(width),
-        align="edge",
-        color=BLUE,
-        alpha=0.6,
-        lw=0,
-    )
+    rose.bar(ends, np.sqrt(np.tile(counts, 2)), np.deg2rad(width), align="edge", color=BLUE, alpha=0.6, lw=0)
     most = max(int(counts.max()), 1)
     rings = sorted({max(round(most / 4), 1), most})
     rose.set_rticks(np.sqrt(rings), [f"{ring:,}" for ring in rings], fontsize=8, color=INK)

@@ -177,13 +177,7 @@ def roundest(frames: Sequence[Frame]) -> int:
 
 
 def _record(
-    source: str,
-    stars: Stars,
-    moments: Moments,
-    common: Common,
-    trail: Trail,
-    psf: Psf | None,
-    scale: float,
+    source: str, stars: Stars, moments: Moments, common: Common, trail: Trail, psf: Psf | None, scale: float
 ) -> FieldEstimate:
     """Everything in arcsec."""
     area = scale**2

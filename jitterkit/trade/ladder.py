@@ -106,12 +106,7 @@ class Reference(NamedTuple):
     bound: float
 
 
-def climb_ladder(
-    instrument: Instrument,
-    scene: TradeScene,
-    *,
-    locus: str = "mvn",
-) -> Iterator[Point]:
+def climb_ladder(instrument: Instrument, scene: TradeScene, *, locus: str = "mvn") -> Iterator[Point]:
     """Measure the presets, and every rung of every setting with the others as they are in ``balanced``.
 
     Parameters
