@@ -26,7 +26,7 @@ from jitterkit.calibration.master import CLIP, MEMORY, Master, combine
 from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.calibration.stack import Stack
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 
 FLAGS = {"hot": 1, "dead": 2, "noisy": 4, "blank": 8}
 """Bits of the bad-pixel map."""
@@ -163,8 +163,8 @@ def calibrate(
         If frames do not belong together, the gain is not positive, or something is missing without which the
         others say nothing.
     """
-    if gain is not None and not 0 < gain < np.inf:
-        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"a gain must be positive, in e-/ADU; got {gain:g}.")
+    if gain is not None:
+        positive("gain", gain, "e-/ADU")
     chosen = settings or Settings()
     check_stacks(bias, darks, flats)
     work = _Work(chosen, bias, bias_level)

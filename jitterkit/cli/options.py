@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
@@ -201,12 +201,7 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
     ------
     ConfigurationError
     """
-    refuse_if(
-        scene not in unused,
-        ErrorCode.UNKNOWN_NAME,
-        f"There is no scene {scene!r} here; give one of {', '.join(unused)}.",
-    )
-    for name in unused[scene]:
+    for name in unused[one_of("scene", scene, unused)]:
         source = context.get_parameter_source(name)
         refuse_if(
             source is not None and source.name == "COMMANDLINE",
@@ -217,8 +212,6 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
 
 def parse_model_error(text: str) -> Any:
     """Read a model error as it is given on the command line."""
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
     try:
         return text if text == "auto" else float(text)
     except ValueError:

@@ -33,7 +33,7 @@ from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.knowledge import inform
 from jitterkit.detectors.readout import read_out
 from jitterkit.detectors.reduction import reduce
-from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
+from jitterkit.errors import one_of
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Metadata
 
@@ -179,9 +179,4 @@ def detector_preset(name: str) -> Detector:
     ConfigurationError
         If there is none; the message lists those there are.
     """
-    if name in DETECTORS:
-        return DETECTORS[name]()
-    hint = did_you_mean(name, DETECTORS)
-    raise ConfigurationError(
-        ErrorCode.UNKNOWN_NAME, f"There is no detector {name!r}; {hint}choose from {', '.join(DETECTORS)}."
-    )
+    return DETECTORS[one_of("detector", name, DETECTORS)]()

@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
 from jitterkit.frames.frame import RawFrame
 from jitterkit.likelihood import Data, normal_equations
@@ -90,11 +90,7 @@ class Forecast:
         ConfigurationError
             If the target is not positive.
         """
-        if not target > 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A target precision must be positive; got {target} for {name}."
-            )
-        return (self.error(name) / target) ** 2
+        return (self.error(name) / positive(f"target of {name}", target)) ** 2
 
     @property
     def correlation(self) -> np.ndarray:

@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Callable
 
 from jitterkit.conventions import FWHM_PER_SIGMA
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm
 
 
@@ -36,6 +36,9 @@ KINDS: dict[str, Callable[..., Locus]] = {
 }
 
 
+_GIVEN = ("size", "length", "angle")
+
+
 def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
     """Make a jitter of a kind.
 
@@ -58,11 +61,8 @@ def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
     0.05
     """
     name, *settings = kind.split(",")
-    if name not in KINDS:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"There is no kind of jitter {name!r}; choose from {', '.join(KINDS)}."
-        )
-    shapes = [word for word in inspect.signature(KINDS[name]).parameters if word not in _GIVEN]
+    build = KINDS[one_of("kind of jitter", name, KINDS)]
+    shapes = [word for word in inspect.signature(build).parameters if word not in _GIVEN]
     try:
         shape = {word.strip(): float(value) for word, value in (s.split("=") for s in settings)}
     except ValueError:
@@ -73,7 +73,4 @@ def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
     if foreign:
         may = f"it may have {', '.join(shapes)}" if shapes else "it has a size and an angle only"
         raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"The kind {name} has no {foreign[0]}; {may}.")
-    return KINDS[name](size, angle, **shape)
-
-
-_GIVEN = ("size", "length", "angle")
+    return build(size, angle, **shape)

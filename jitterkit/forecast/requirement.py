@@ -17,7 +17,7 @@ import numpy as np
 import scipy.optimize
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.forecast.bound import expected_data, forecast
 from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forward import Parameters, free_parameters
@@ -115,10 +115,7 @@ def jitter_requirements(
     ConfigurationError
         If nothing is allowed, or the frame does not determine its parameters without jitter.
     """
-    if not allowed > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"The loss that is allowed must be positive; got {allowed}."
-        )
+    positive("allowed loss", allowed)
     theta = float(still.binary.theta)
 
     def time_lost(loci: list[Locus]) -> float:

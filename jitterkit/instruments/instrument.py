@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.detectors import Detector
 from jitterkit.detectors.knowledge import supplement
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.optics.colours import Colours
@@ -100,15 +100,9 @@ class Instrument:
                     ErrorCode.OUT_OF_RANGE,
                     f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.",
                 )
-        if self.flux is not None and not 0 < self.flux < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"flux = {self.flux!r} is not positive; give photons per frame."
-            )
-        if self.aberration_sigma is not None and not 0 < self.aberration_sigma < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"aberration_sigma = {self.aberration_sigma!r} is not positive; give nm, or leave it out.",
-            )
+        for name, unit in (("flux", "photons per frame"), ("aberration_sigma", "nm")):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), unit)
         if (self.pupil_from is None) == (self.psf_from is None):
             raise ConfigurationError(
                 ErrorCode.MISSING_VALUE if self.pupil_from is None else ErrorCode.CONFLICT,

@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from jitterkit.detectors import Detector, detector_preset
-from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
+from jitterkit.errors import one_of
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.optics.colours import Colours, colours_of
@@ -172,13 +172,7 @@ def preset(name: str) -> Instrument:
     ConfigurationError
         If there is none; the message lists those there are.
     """
-    if name in PRESETS:
-        return PRESETS[name]()
-    hint = did_you_mean(name, PRESETS)
-    raise ConfigurationError(
-        ErrorCode.UNKNOWN_NAME,
-        f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file.",
-    )
+    return PRESETS[one_of("instrument", name, PRESETS, "a TOML file")]()
 
 
 def _observatory(

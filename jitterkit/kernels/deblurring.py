@@ -15,7 +15,7 @@ from scipy.ndimage import convolve, distance_transform_edt
 from scipy.signal import fftconvolve
 from skimage import restoration
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 __all__ = ["METHODS", "deblur", "fill_masked"]
 
@@ -119,11 +119,7 @@ def deblur(
 
 def _checked(kernel, method: str, rng) -> np.ndarray:
     kernel = np.asarray(kernel, float)
-    if method not in METHODS:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no deblurring method {method!r}; choose from {', '.join(METHODS)}.",
-        )
+    one_of("deblurring method", method, METHODS)
     odd = kernel.ndim == 2 and kernel.shape[0] % 2 == 1 and kernel.shape[1] % 2 == 1
     if not odd or not kernel.sum() > 0:
         raise ConfigurationError(

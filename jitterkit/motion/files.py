@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import is_trace, read_trace
 from jitterkit.loci.csv_table import CsvRow, csv_rows, heading, row_numbers, unit_factor
 from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
@@ -76,10 +76,8 @@ def read_motion(
         and remedy.
     """
     path = Path(path)
-    if kind not in (None, *KINDS):
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"Rows cannot be {kind!r}; give one of {', '.join(KINDS)}."
-        )
+    if kind is not None:
+        one_of("kind of rows", kind, KINDS)
     rows = csv_rows(path, _FORMATS)
     trace = bool(rows) and is_trace(rows[0][1])
     if (trace and kind is not None) or (not trace and rates is not None):

@@ -10,7 +10,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import positive
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
 _PER_OCTAVE = 64
@@ -43,12 +43,7 @@ def loop_rejection(frequencies, bandwidth: float) -> np.ndarray:
     >>> loop_rejection([0.0, 2.0], 2.0)
     array([0. , 0.5])
     """
-    if not 0 < bandwidth < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"A loop's bandwidth of {bandwidth:g} Hz is impossible; give a positive one.",
-        )
-    f = np.asarray(frequencies, float)
+    f, bandwidth = np.asarray(frequencies, float), positive("bandwidth", bandwidth, "Hz")
     return f**2 / (f**2 + bandwidth**2)
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import spherical_jn
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.motion.spectrum import Line, PowerSpectrum, panel_integrals
 
 PARTS = ("displacement", "smear", "jitter")
@@ -201,12 +201,7 @@ def motion_between_frames(spectrum: PowerSpectrum, exposure: float, cadence: flo
 
 def check_exposure(exposure: float) -> float:
     """Refuse what is no length of time."""
-    if not 0 < exposure < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"An exposure of {exposure:g} s is impossible; give a positive number of seconds.",
-        )
-    return exposure
+    return positive("exposure", exposure, "s")
 
 
 def check_cadence(exposure: float, cadence: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import matmul_toeplitz
 from scipy.special import xlogy
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 NOISES = ("white", "flicker", "walk")
 
@@ -23,15 +23,8 @@ _FAR = 1000.0
 """Lag from which the second difference of t² ln t is 2 ln t + 3: to 1e-7, and rounding is no better."""
 
 
-def _check(noise: str) -> None:
-    if noise not in NOISES:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"{noise!r} is no noise known here; give one of {', '.join(NOISES)}."
-        )
-
-
 def _generalised(t: np.ndarray, noise: str) -> np.ndarray:
-    _check(noise)
+    one_of("noise", noise, NOISES)
     t = np.abs(t)
     return t if noise == "white" else t**3 if noise == "walk" else xlogy(t**2, t)
 
@@ -100,7 +93,7 @@ def degrees_of_freedom(count: int, length: int, noise: str) -> float:
     so ``count / dof`` is the sum over lags k of ``(1 - |k|/count) rho(k)²``.  Agrees with the approximations
     of Greenhall & Riley (2003).
     """
-    _check(noise)
+    one_of("noise", noise, NOISES)
     lag = np.arange(1, min(count, _REACH[noise] * length))
     terms = (1 - lag / count) * difference_correlation(lag / length, noise) ** 2
     return count / (1 + 2 * float(terms.sum()))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 
 _SLOTS, _FINE = 1 << 24, 1 << 20
 """The longest grid, of arrays of 128 MiB, and the longest chosen here, which takes a second or two."""
@@ -83,8 +83,7 @@ class Series:
                 f"The time of measurement {row + 1} is {t[row]:g}; give a time to each, or to none.",
             )
         step = _cadence(np.sort(t[good])) if times is not None and cadence is None else step
-        if not (np.isfinite(step) and step > 0):
-            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"The cadence is {step:g}; give a positive one.")
+        positive("cadence", step)
         if np.ptp(t[good]) < 2 * step:
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.conventions import axis_angle
-from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError, positive
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
@@ -119,10 +119,7 @@ def estimate_field(
     bright stars.  In other units errors are right only so far as scatter from star to star makes them.
     """
     scale = plate_scale if plate_scale is not None else (frame.plate_scale or 1.0)
-    if not (np.isfinite(scale) and scale > 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"The plate scale must be positive, in arcsec per pixel; got {scale}."
-        )
+    positive("plate_scale", scale, "arcsec/pixel")
     stars = find_stars(frame)
     moments = adaptive_moments(stars)
     common = common_moments(moments)

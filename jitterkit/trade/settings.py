@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from jitterkit.batch import FrameProcessor
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of, positive
 from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
@@ -81,11 +81,7 @@ class Settings:
                 listed = ", ".join(map(str, choices))
                 code = ErrorCode.OUT_OF_RANGE if name == "bits" else ErrorCode.UNKNOWN_NAME
                 raise ConfigurationError(code, f"{name} = {value!r} is unknown; choose one of {listed}.")
-        if not self.tolerance > 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"tolerance = {self.tolerance} is not positive; give a part of an error.",
-            )
+        positive("tolerance", self.tolerance, "parts of an error")
         for name, least in (("pad", 0), ("samples", 1), ("binning", 1), ("region", 1), ("nodes", 3)):
             value = getattr(self, name)
             if value is not None and value < least:
@@ -170,11 +166,7 @@ def preset(name: str, instrument: Instrument) -> Settings:
     ConfigurationError
         If there is none of that name.
     """
-    if name not in PRESETS:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"There is no preset {name!r}; choose one of {', '.join(PRESETS)}."
-        )
-    settings, pad = PRESETS[name], own_pad(instrument)
+    settings, pad = PRESETS[one_of("preset", name, PRESETS)], own_pad(instrument)
     if name == "fast" and settings.pad is not None:
         return replace(settings, pad=min(settings.pad, pad))
     return settings.at_least(instrument) if name == "exact" else settings
