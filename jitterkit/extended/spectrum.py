@@ -78,7 +78,7 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
         If it is constant, or nothing but noise.
     """
     array = np.asarray(image)
-    _check(array)
+    check_image(array, _LEAST_SIDE)
     pixels = array.astype(float)
     pixels -= pixels.mean()
     spread = pixels.std()
@@ -107,26 +107,22 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     return PowerSpectrum(power, local, weight.astype(np.float32), fx[None], fy[:, None], noise)
 
 
-def _check(array: np.ndarray) -> None:
+def check_image(array: np.ndarray, least: int = 1) -> None:
+    """Refuse what is no image (ny, nx) of finite numbers with a least number of pixels a side."""
+    code = None
     if array.dtype.kind not in "buif":
         code = ErrorCode.WRONG_TYPE
     elif array.ndim != 2:
         code = ErrorCode.WRONG_SHAPE
-    elif min(array.shape) < _LEAST_SIDE:
+    elif min(array.shape) < least:
         code = ErrorCode.TOO_FEW
-    elif not np.isfinite(array).all():
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{np.sum(~np.isfinite(array))} of the image's {array.size} pixels are not finite; cut them away "
-            "or fill them.",
-        )
-    else:
-        return
-    raise ConfigurationError(
-        code,
-        f"A blur is read from an image (ny, nx) of numbers, at least {_LEAST_SIDE} pixels a side; "
-        f"got shape {array.shape} of type {array.dtype}.",
-    )
+    if code is not None:
+        sides = f"(ny, nx) of numbers, at least {least} pixels a side"
+        got = f"shape {array.shape} of type {array.dtype}"
+        raise ConfigurationError(code, f"A blur is read from an image {sides}; got {got}.")
+    if lost := int(np.sum(~np.isfinite(array))):
+        problem = f"{lost} of {array.size} pixels of the image are not finite; cut them away or fill them."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 def smoothed(values: np.ndarray, shape: tuple[int, int], length: float) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -121,6 +122,12 @@ class NamedImage:
     name: str
     pixels: np.ndarray
     header: PlainHeader
+
+    def positive(self, *keys: str) -> float | None:
+        """Return the first of some cards that holds a positive number."""
+        values = (self.header.get(key) for key in keys)
+        numbers = (v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
+        return next((float(number) for number in numbers if 0 < number < math.inf), None)
 
 
 def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:

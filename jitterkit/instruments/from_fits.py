@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.fits import NamedImage, read_images
+from jitterkit.frames.sidecar import toml_text
 from jitterkit.frames.whole import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
@@ -248,8 +248,5 @@ def _modes(transmission: np.ndarray, noll: Sequence[int]) -> np.ndarray:
 
 
 def _write(output: Path, comments: list[str], tables: Tables, overwrite: bool) -> None:
-    lines = [f"# {comment}" for comment in comments]
-    for name, values in tables.items():
-        lines += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
     with replacing(output, overwrite) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        temporary.write_text(toml_text(tables, *comments), encoding="utf-8")

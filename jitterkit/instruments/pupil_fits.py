@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -145,7 +144,7 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
     """Width of the array, m; what its scale and the pupil's diameter say must not contradict each other."""
     lit = np.flatnonzero((transmission > 0).any(axis=0) | (transmission > 0).any(axis=1))
     n, extent = len(transmission), int(lit[-1] - lit[0] + 1) if lit.size else 0
-    scale, diameter = _metres(image, _SCALES), _metres(image, _WIDTHS)
+    scale, diameter = image.positive(*_SCALES), image.positive(*_WIDTHS)
     if scale is None and (diameter is None or extent < n - 2):
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
@@ -162,11 +161,3 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
             "--diameter, of the whole array, in m.",
         )
     return scale * n
-
-
-def _metres(image: NamedImage, keys: Sequence[str]) -> float | None:
-    for key in keys:
-        value: Any = image.header.get(key)
-        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < np.inf:
-            return float(value)
-    return None

@@ -97,31 +97,9 @@ def read_detector(section: Section, base: Detector) -> Detector:
     return replace(base, **fields, sources=sources)
 
 
-def _number(section: Section, key: str) -> float:
-    value: float = section.number(key)
-    return value
-
-
 def _number_or_map(section: Section, key: str) -> float | np.ndarray:
     value = section.number_or_path(key, _MAP)
     return _map(value) if isinstance(value, Path) else value
-
-
-def _flat(section: Section, key: str) -> np.ndarray:
-    return _map(section.path(key))
-
-
-def _bad_pixels(section: Section, key: str) -> np.ndarray:
-    return ~(_map(section.path(key)) == 0)
-
-
-def _integer(section: Section, key: str) -> int:
-    value: int = section.integer(key)
-    return value
-
-
-def _nonlinearity(section: Section, key: str) -> tuple[float, ...]:
-    return tuple(section.numbers(key))
 
 
 def _map(path: Path) -> np.ndarray:
@@ -132,13 +110,12 @@ def _map(path: Path) -> np.ndarray:
 
 
 _READERS: Mapping[str, Any] = {
-    **dict.fromkeys(DETECTOR_KEYS.keys() - {"base"}, _number),
+    **dict.fromkeys(DETECTOR_KEYS.keys() - {"base"}, Section.number),
     **dict.fromkeys(("read_noise", "bias", "dark_current"), _number_or_map),
-    "bits": _integer,
-    "bad_bits": _integer,
-    "nonlinearity": _nonlinearity,
-    "flat": _flat,
-    "bad_pixels": _bad_pixels,
+    **dict.fromkeys(("bits", "bad_bits"), Section.integer),
+    "nonlinearity": Section.numbers,
+    "flat": lambda section, key: _map(section.path(key)),
+    "bad_pixels": lambda section, key: ~(_map(section.path(key)) == 0),
 }
 
 
