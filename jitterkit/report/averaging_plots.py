@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
 from jitterkit.report.means import running_mean
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
 from jitterkit.series import AllanDeviation, BlockScatter, Floor
@@ -127,13 +127,6 @@ def suited_time(span: float, unit: str) -> tuple[float, str]:
     if unit != "s":
         return 1.0, unit
     return next((per, name) for most, per, name in _TIMES if span < most)
-
-
-def finish(ax: Axes, **place: Any) -> Axes:
-    """Take off what frames a picture, and say what is drawn in it."""
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=True, facecolor="white", edgecolor="none", framealpha=0.8, fontsize=8, **place)
-    return ax
 
 
 _POINTS = 400

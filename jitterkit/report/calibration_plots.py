@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jitterkit.calibration import Calibration
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
 from jitterkit.report.words import with_error
 
 _SIZE = (5.2, 3.7)
@@ -213,7 +213,5 @@ def _histogram(ax: Axes, values: np.ndarray, low: float, high: float, label: str
 
 
 def _finish(ax: Axes, loc: Any) -> Axes:
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8.5, loc=loc)
     ax.xaxis.set_minor_formatter(NullFormatter())
-    return ax
+    return finish(ax, loc=loc)

@@ -16,7 +16,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 
 from jitterkit.loci import Locus, principal_axes
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, colour_bar, say, scale_and_unit
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, colour_bar, finish, say, scale_and_unit
 from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size
 
@@ -119,8 +119,7 @@ def plot_differences(
     reach = 1.1 * float(np.nanmax(np.abs(np.r_[across, sxy, 1e-12])))
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", title="stars less common blur")
     ax.set(xlabel=f"Δ(Sxx − Syy)/2 [{unit}²]", ylabel=f"ΔSxy [{unit}²]")
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    return finish(ax)
 
 
 _FAINTEST = 1e-12

@@ -20,7 +20,7 @@ from scipy.optimize import isotonic_regression
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Requirement, Sweep
-from jitterkit.report.axes import INK, RUST, axes_or_new
+from jitterkit.report.axes import INK, RUST, axes_or_new, finish
 from jitterkit.report.columns import unit_of
 from jitterkit.report.forecast_table import observing_time
 from jitterkit.report.kernel_plots import plot_kernel
@@ -106,8 +106,7 @@ def plot_errors(
         ax.annotate(label, (value, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top",
                     ha="right", fontsize=8, color=RUST)  # fmt: skip
     ax.set(xlabel=f"{names[0]} [{unit}]" if unit else names[0], ylabel="error of separation, one frame [µas]")
-    ax.set_title(title)
-    ax.spines[["top", "right"]].set_visible(False)
+    finish(ax).set_title(title)
     if plate_scale is not None and unit == "arcsec":
         pixels = ax.secondary_xaxis("top", functions=_pixels(plate_scale))
         pixels.set_xlabel("[pixel]")
@@ -192,15 +191,13 @@ def plot_requirements(
         xlabel="frequency [Hz]" if exposure else "cycles an exposure", ylabel="largest peak to peak [arcsec]"
     )
     ax.set_title(title)
-    ax.legend(title="from the pair", frameon=False, fontsize=8)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(_PLAIN)
         axis.set_minor_formatter(_PLAIN)
     ax.tick_params(which="minor", labelsize=8)
     x = np.array([one.cycles for one in every]) / (exposure or 1.0)
     ax.set_xlim(x.min() * 0.7, x.max() * 3)
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    return finish(ax, title="from the pair")
 
 
 def plot_shears(

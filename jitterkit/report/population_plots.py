@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import chi2 as chi_squared
 
-from jitterkit.report.averaging_plots import finish, suited_angle
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.averaging_plots import suited_angle
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
 from jitterkit.report.words import number
 
 _SIZE = (5.2, 3.6)
@@ -116,8 +116,7 @@ def plot_loci(loci: Iterable[str], ax: Axes | None = None) -> Axes:
     ax.set(xlabel="frames", xlim=(0, 1.35 * max((count for _, count in ranked), default=1)))
     ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     ax.set_ylim(-0.9, max(len(ranked), 3) - 0.4)
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    return finish(ax)
 
 
 def plot_shapes(shapes: np.ndarray, errors: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -134,15 +133,9 @@ def plot_shapes(shapes: np.ndarray, errors: np.ndarray, ax: Axes | None = None) 
     error = float(np.median(errors))
     bar: Any = {"color": INK, "lw": 1.4, "capsize": 3, "label": f"typical error {number(error, 2)}"}
     ax.errorbar(float(np.median(shapes)), 1.06 * top, xerr=error, **bar)
-    ax.set(
-        xlabel="excess kurtosis of the blur",
-        ylabel="frames",
-        xlim=(edges[0], edges[-1]),
-        ylim=(0, 1.12 * top),
-    )
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return ax
+    ax.set(xlabel="excess kurtosis of the blur", ylabel="frames")
+    ax.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.12 * top))
+    return finish(ax, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def plot_chi2(chi2_dof: np.ndarray, dof: np.ndarray, ax: Axes | None = None) -> Axes:

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.ticker import MaxNLocator
 
 from jitterkit.motion import arcsine_shares
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
 
 _BINS, _REACH = 50, 4.5
 """Bars, and how many standard deviations of the draws the axis shows on either side of their median."""
@@ -62,9 +62,7 @@ def plot_marginal(
         ax.plot(truth, 0.03, "^", color=INK, ms=7, mew=0, transform=foot, label="truth")
     ax.set(xlabel=label, ylabel="density", yticks=[], xlim=(edges[0], edges[-1]), ylim=(0, None))
     ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=9)
-    return ax
+    return finish(ax, fontsize=9)
 
 
 def plot_arcsine(
@@ -93,6 +91,4 @@ def plot_arcsine(
     law: Any = {"color": RUST, "ms": 4, "label": "arcsine law, over each cell"}
     ax.plot((edges[1:] + edges[:-1]) / 2, arcsine_shares(edges, amplitude) / width, "o", **law)
     ax.set(xlabel="place [amplitude's unit]", ylabel="density [1/unit]", ylim=(0, None))
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, loc="upper center")
-    return ax
+    return finish(ax, loc="upper center")

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jitterkit.report.averaging_plots import finish, plot_allan, plot_root_n, suited_angle, suited_time
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.averaging_plots import plot_allan, plot_root_n, suited_angle, suited_time
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
 from jitterkit.report.means import stretch_means
 from jitterkit.report.words import number, with_error
 from jitterkit.series import (
