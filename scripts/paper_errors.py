@@ -15,8 +15,8 @@ from jitterkit.forecast import forecast
 from jitterkit.loci import Linear, Mvn, Shm
 from jitterkit.photons import Throughput, blackbody, count_photons, flat_curve
 from jitterkit.photons.stars import MAGNITUDES, TEMPERATURES
+from jitterkit.report.forecast_plots import plot_matrices
 from jitterkit.report.forecast_table import observing_time
-from jitterkit.report.matrix_plots import plot_matrices
 from jitterkit.report.photon_plots import plot_photons
 from jitterkit.report.plots import plot_image, stretch
 from jitterkit.report.posterior_plots import plot_arcsine

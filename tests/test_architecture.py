@@ -56,7 +56,6 @@ ONLY_IN = {
             "forecast",
             "joint",
             "kernel",
-            "matrix",
             "motion",
             "photon",
             "population",

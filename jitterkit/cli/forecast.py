@@ -149,8 +149,8 @@ class _Setup:
 
 
 def _forecast_star(setup: _Setup):
+    from jitterkit.report.forecast_plots import plot_matrices
     from jitterkit.report.forecast_table import parameter_table
-    from jitterkit.report.matrix_plots import plot_matrices
     from jitterkit.report.words import angle_size
 
     found = setup.point()
@@ -163,8 +163,8 @@ def _forecast_star(setup: _Setup):
 
 def _forecast_pair(setup: _Setup, goal: float):
     from jitterkit.forecast import degenerate_directions
+    from jitterkit.report.forecast_plots import plot_matrices
     from jitterkit.report.forecast_table import parameter_table
-    from jitterkit.report.matrix_plots import plot_matrices
     from jitterkit.report.words import angle_size, number
 
     found, still = setup.point(), setup.point(still=True)

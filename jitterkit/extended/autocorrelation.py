@@ -14,8 +14,7 @@ from scipy.ndimage import map_coordinates
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import longest
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum
-from jitterkit.extended.streak import apart, streak_estimate
+from jitterkit.extended.spectrum import PowerSpectrum, apart, power_spectrum, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
 
 _GATE = 6.0

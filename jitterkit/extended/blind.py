@@ -20,8 +20,14 @@ from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import comb_peaks, longest
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, smoothed
-from jitterkit.extended.streak import apart, streak_estimate, transfer_squared
+from jitterkit.extended.spectrum import (
+    PowerSpectrum,
+    apart,
+    power_spectrum,
+    smoothed,
+    streak_estimate,
+    transfer_squared,
+)
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean
 

@@ -13,8 +13,7 @@ from scipy import fft
 from scipy.ndimage import map_coordinates
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
-from jitterkit.extended.streak import apart, streak_estimate
+from jitterkit.extended.spectrum import PowerSpectrum, apart, power_spectrum, streak_estimate, whitened
 from jitterkit.kernel_estimate import KernelEstimate
 
 _HARMONICS = 3

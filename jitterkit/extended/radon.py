@@ -11,8 +11,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import longest
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
-from jitterkit.extended.streak import streak_estimate
+from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, streak_estimate, whitened
 from jitterkit.kernel_estimate import KernelEstimate
 
 _GATE = 6.0

@@ -3,6 +3,9 @@
 A picture's spectrum falls by six decades from the middle to the corner and its noise does not; what a
 blur adds are nulls.  Here is what all blind methods start from: :func:`power_spectrum`, and
 :func:`whitened`, its logarithm with the scene's smooth fall taken away and the noise weighted down.
+They end with :func:`streak_estimate`, by which a length and an angle become a :class:`KernelEstimate`;
+:func:`transfer_squared` is the pattern of nulls that all of them look for, and :func:`apart` the distance
+between two streaks.
 """
 
 from __future__ import annotations
@@ -13,7 +16,10 @@ import numpy as np
 from scipy import fft
 from scipy.signal.windows import hann
 
+from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Linear, covariance_on_axis
 from jitterkit.vision import box_mean
 
 _LEAST_SIDE = 64
@@ -138,3 +144,48 @@ def whitened(spectrum: PowerSpectrum) -> np.ndarray:
     smooth, share = (smoothed(a, spectrum.shape, _SCENE_SCALE) for a in (logarithm, weight))
     # deeper than e**-4 is the noise's tail, higher than e**2 a line in the scene
     return np.clip(logarithm - weight * smooth / np.maximum(share, 1e-4), -4, 2)
+
+
+def streak_estimate(
+    length: float, angle: float, method: str, *, along: float, across: float, plate_scale: float
+) -> KernelEstimate:
+    """Report a uniform streak.
+
+    Parameters
+    ----------
+    length : float
+        Pixels.
+    angle : float
+        Degrees counter-clockwise from +x.
+    method : str
+    along, across : float
+        Standard errors of the streak's end along and across it, pixels: of the length, and of the length
+        times the angle.
+    plate_scale : float
+        Arcsec/pixel.
+
+    Returns
+    -------
+    estimate : KernelEstimate
+        The moments and their covariance to first order in the errors.
+    """
+    # along itself a streak's moments are (L²/12, 0, 0); turned by da, they gain a cross moment of L²/12 da
+    own = np.diag([2 * along, across, 0.0]) * length / 12
+    covariance = covariance_on_axis(own**2, -angle)
+    # to first order a streak stays one; across it the moments are uncertain to second order
+    covariance += np.eye(3) * ((along**2 + across**2) / 12) ** 2
+    locus = Linear.of(length * plate_scale, axis_angle(angle))
+    return KernelEstimate(np.asarray(locus.moments()), covariance * plate_scale**4, method, locus=locus)
+
+
+def transfer_squared(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
+    """Squared transfer function (ny, nx) of a streak of ``length`` pixels."""
+    x, y = length * np.cos(np.radians(angle)), length * np.sin(np.radians(angle))
+    return np.sinc(np.float32(x) * spectrum.fx + np.float32(y) * spectrum.fy) ** 2
+
+
+def apart(length, angle, other_length, other_angle):
+    """Distance [pixels] between the ends of two streaks with a common beginning; they have no direction."""
+    one = length * np.exp(1j * np.radians(angle))
+    two = other_length * np.exp(1j * np.radians(other_angle))
+    return np.minimum(np.abs(one - two), np.abs(one + two))

@@ -13,8 +13,7 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.spectrum import check_image
-from jitterkit.extended.streak import apart, streak_estimate
+from jitterkit.extended.spectrum import apart, check_image, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean, components
 

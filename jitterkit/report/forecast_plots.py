@@ -3,6 +3,9 @@
 As in :mod:`~jitterkit.report.plots`, every function that draws on one pair of axes takes ``ax=None`` and
 returns them.  Curves are told apart by the shade of one colour map, from dark to light, and by a word at
 their ends, so that they can be told apart in grey too.
+
+:func:`plot_matrices` draws Fisher information and covariance, whose elements span decades and have signs;
+:func:`plot_matrix` draws any symmetric matrix of named parameters.
 """
 
 from __future__ import annotations
@@ -14,16 +17,18 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from scipy.optimize import isotonic_regression
 
 from jitterkit.conventions import FWHM_PER_SIGMA
-from jitterkit.forecast import Requirement, Sweep
-from jitterkit.report.axes import INK, RUST, axes_or_new, finish
+from jitterkit.forecast import Forecast, Requirement, Sweep
+from jitterkit.report.axes import INK, RUST, axes_or_new, colour_bar, finish
 from jitterkit.report.columns import unit_of
 from jitterkit.report.forecast_table import observing_time
 from jitterkit.report.kernel_plots import plot_kernel
+from jitterkit.report.words import MINUS
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")
 """Ticks of a logarithmic axis that spans a decade or two."""
@@ -243,3 +248,49 @@ def _to_fwhm(sigma):
 
 def _from_fwhm(width):
     return width / FWHM_PER_SIGMA
+
+
+_SHORT = {"separation": "sep", "contrast": "cont", "background": "bg"}
+
+
+def plot_matrices(forecast: Forecast) -> Figure:
+    """Draw the Fisher matrix and the covariance beside each other, in the parameters' own units."""
+    figure = Figure(figsize=(11.2, 5.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    plot_matrix(forecast.information, forecast.names, left, title="Fisher information")
+    plot_matrix(forecast.covariance, forecast.names, right, title="covariance (Cramér-Rao bound)")
+    return figure
+
+
+def plot_matrix(matrix, names: Sequence[str], ax: Axes | None = None, *, title: str = "") -> Axes:
+    """Draw a symmetric matrix whose elements span decades, with signs.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+        Its elements have the units of their row and column, or the inverse.
+    names : sequence of str
+    ax : matplotlib.axes.Axes, optional
+    title : str
+    """
+    ax = axes_or_new(ax, (5.4, 4.8))
+    matrix = np.asarray(matrix)
+    largest = float(np.abs(matrix).max())
+    least = float(np.abs(np.diag(matrix)).min())
+    norm = SymLogNorm(linthresh=least * 1e-3, vmin=-largest, vmax=largest)
+    picture = ax.imshow(matrix, cmap="RdBu_r", norm=norm)
+    for row, column in zip(*np.nonzero(matrix < 0), strict=True):  # print in grey has no signs
+        ax.text(column, row, MINUS, ha="center", va="center", fontsize=7, color=INK)
+    labels = [_SHORT.get(name, name) for name in names]
+    ax.set_xticks(range(len(labels)), labels, rotation=90)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.tick_params(length=0)
+    ax.set_title(title)
+    low, high = math.ceil(math.log10(least * 1e-3)), math.floor(math.log10(largest))
+    powers = 10.0 ** np.arange(high, low, -max(1, (high - low) // 3))
+    colour_bar(picture, ax, "own units of row and column")
+    bar = picture.colorbar
+    assert bar is not None
+    bar.set_ticks([*-powers, 0.0, *powers[::-1]])
+    bar.minorticks_off()
+    return ax

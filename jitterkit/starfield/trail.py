@@ -26,9 +26,8 @@ from jitterkit.starfield.certainty import (
     root_error,
 )
 from jitterkit.starfield.common import Common
-from jitterkit.starfield.core import fit_round_core
+from jitterkit.starfield.core import doubt_of, fit_round_core, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
-from jitterkit.starfield.misfit import doubt_of, misfit_under
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.psf import Psf, stack_psf
 from jitterkit.starfield.stamps import Stars
