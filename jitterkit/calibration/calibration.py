@@ -34,7 +34,7 @@ FLAGS = {"hot": 1, "dead": 2, "noisy": 4, "blank": 8}
 
 @dataclass(frozen=True)
 class Settings:
-    """How frames are combined and pixels judged.
+    """Rules by which frames are combined and pixels judged.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What calibration frames say about a detector; None where no frames were given for it.
+    """A detector as calibration frames show it; None where no frames were given.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Calibration:
 
     @property
     def maps(self) -> tuple[MeasuredMap, ...]:
-        """Those that were measured."""
+        """Return the maps that were measured."""
         found = (self.bias, self.read_noise, self.dark_current, self.flat)
         return tuple(each for each in found if each is not None)
 
@@ -126,7 +126,7 @@ class Calibration:
         return spread, self.local.spread**2 / max(spread, 1e-12) / (2 * pixels) ** 0.5
 
     def count(self, flag: str) -> int:
-        """How many pixels are bad in a way of :data:`FLAGS`."""
+        """Return how many pixels are bad in a way of :data:`FLAGS`."""
         return int(np.count_nonzero(self.bad & FLAGS[flag]))
 
 
@@ -181,7 +181,7 @@ def calibrate(
 
 
 class _Work:
-    """What is handed from one kind of frame to the next."""
+    """State that is handed from one kind of frame to the next."""
 
     def __init__(self, settings: Settings, bias: Stack | None, level: float | None) -> None:
         self.settings = settings

@@ -99,7 +99,7 @@ class Response:
 
 
 def lamp(levels: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """How bright the lamp was in each frame of a stack, one on average.
+    """Return how bright the lamp was in each frame of a stack, one on average.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class Linearity:
         return values, errors
 
     def measured(self, charge: np.ndarray) -> np.ndarray:
-        """What a charge [ADU] is measured as [ADU]."""
+        """Return what a charge [ADU] is measured as [ADU]."""
         return _law(self.coefficients)(charge)
 
     def charge(self, signal: float) -> float:

@@ -67,7 +67,7 @@ class Shot:
 
     @property
     def saturated(self) -> bool:
-        """Whether its pixels pile up at one value, the largest."""
+        """Return whether its pixels pile up at one value, the largest."""
         return self.piled > _PILED
 
 

@@ -32,7 +32,7 @@ _COUPLED = 4.0
 
 @dataclass(frozen=True, eq=False)
 class PhotonTransfer:
-    """What the levels of light say together.
+    """The line that levels of light lie on.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _line(x: np.ndarray, y: np.ndarray, e: np.ndarray) -> tuple[tuple[float, flo
 
 
 def _abscissa(signal: float, linearity: Linearity | None) -> float:
-    """What the shot noise is in proportion to: the charge [ADU] times the slope of the law squared."""
+    """Return what the shot noise is in proportion to: the charge [ADU] times the slope of the law squared."""
     if linearity is None or not linearity.coefficients:
         return signal
     charge = linearity.charge(signal)

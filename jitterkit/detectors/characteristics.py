@@ -246,7 +246,7 @@ class Characteristics:
         return bad
 
     def source(self, name: str) -> str:
-        """Where a number comes from; ``"argument Detector"`` where nothing else was said."""
+        """Return where a number comes from; ``"argument Detector"`` where nothing else was said."""
         return self.sources.get(name, "argument Detector")
 
     def nominal(self, name: str) -> float | None:
@@ -262,5 +262,5 @@ class Characteristics:
 
     @property
     def largest(self) -> float:
-        """What the converter reads at most, ADU; infinite where the bits are not known."""
+        """Return what the converter reads at most, ADU; infinite where the bits are not known."""
         return math.inf if self.bits is None else 2.0**self.bits - 1

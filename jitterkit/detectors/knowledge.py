@@ -84,7 +84,7 @@ def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray 
 
 
 def sets_saturation(detector: Characteristics, metadata: Metadata) -> bool:
-    """Whether the level at which a frame saturates is the one that the detector itself would set."""
+    """Return whether the level at which a frame saturates is the one that the detector itself would set."""
     return _same(metadata.value("saturation"), ceiling(detector, metadata)[1])
 
 

@@ -36,7 +36,7 @@ def nominal(values: np.ndarray | float | None) -> float | None:
 def piece(
     name: str, values: np.ndarray | float, frame: str | Path, origin: tuple[int, int], shape: tuple[int, ...]
 ) -> np.ndarray | float:
-    """What of a map lies under a frame.
+    """Return what of a map lies under a frame.
 
     Parameters
     ----------

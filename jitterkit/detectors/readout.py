@@ -112,7 +112,7 @@ def _refuse_without_exposure(
 
 
 def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
-    """What the wells hold, e-."""
+    """Return what the wells hold, e-."""
     if detector.flat is not None:
         expected = expected * piece("flat", detector.flat, _NAME, origin, expected.shape)
     if detector.dark_current is not None:
@@ -125,7 +125,7 @@ def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
 
 
 def _amplified(detector, charge, rng, origin) -> np.ndarray:
-    """What reaches the converter, e-."""
+    """Return what reaches the converter, e-."""
     if detector.coupling:
         charge = couple(charge, detector.coupling)
     if detector.nonlinearity is not None:
@@ -137,7 +137,7 @@ def _amplified(detector, charge, rng, origin) -> np.ndarray:
 
 
 def _digitised(detector, level, origin) -> np.ndarray:
-    """What the file holds, ADU."""
+    """Return what the file holds, ADU."""
     bias = 0.0 if detector.bias is None else piece("bias", detector.bias, _NAME, origin, level.shape)
     rounded = np.rint(bias + level / (detector.gain or ASSUMED["gain"]))
     if detector.bits is None:

@@ -121,7 +121,7 @@ _STEPS = 60
 
 
 def measured(charge: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
-    """What a charge is measured as.
+    """Return what a charge is measured as.
 
     Parameters
     ----------

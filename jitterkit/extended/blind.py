@@ -164,7 +164,7 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: 
 
 
 def _true_gain(spectrum: PowerSpectrum, best: _Streak) -> float:
-    """What a streak gains over itself turned by 90 degrees where the model is true."""
+    """Return what a streak gains over itself turned by 90 degrees where the model is true."""
     mean = _expected_power(spectrum, best.length, best.angle)
     ideal = PowerSpectrum(
         mean * np.exp(-_LOG_MEAN), mean, spectrum.weight, spectrum.fx, spectrum.fy, spectrum.noise

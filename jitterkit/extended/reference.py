@@ -163,7 +163,7 @@ def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _covariance(fit) -> np.ndarray:
-    """Of a fit's parameters; what the model does not describe counts as noise."""
+    """Return the covariance of a fit's parameters; what the model does not describe counts as noise."""
     misfit = 2 * fit.cost / (len(fit.fun) - len(fit.x))
     return np.linalg.inv(fit.jac.T @ fit.jac) * max(misfit, 1.0)
 

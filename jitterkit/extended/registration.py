@@ -82,14 +82,14 @@ def _alike(excess: list[np.ndarray], spread: list[float]) -> np.ndarray:
 
 
 def _is_lonely(excess: np.ndarray, footprint: np.ndarray, rank: int) -> np.ndarray:
-    """Which values stand out, up or down, from their neighbours but for the ``rank - 1`` most alike."""
+    """Return which values stand out from their neighbours but for the ``rank - 1`` most alike."""
     up = ndimage.rank_filter(excess, -rank, footprint=footprint)
     down = ndimage.rank_filter(excess, rank - 1, footprint=footprint)
     return np.where(excess > 0, up, -down) < _LONELY * np.abs(excess)
 
 
 def _is_stuck(equal: np.ndarray, axis: int) -> np.ndarray:
-    """Which rows or columns have the same values in both frames, where most others have not."""
+    """Return which rows or columns have the same values in both frames, where most others have not."""
     return (equal.mean(axis) > _STUCK) & (equal.mean() < 1 - _STUCK)
 
 

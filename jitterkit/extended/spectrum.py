@@ -63,7 +63,7 @@ class PowerSpectrum:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the picture, and of every array here."""
+        """Return the shape of the picture, and of every array here."""
         ny, nx = self.power.shape
         return ny, nx
 

@@ -31,7 +31,7 @@ _LINE = 1e-6
 
 @dataclass(frozen=True)
 class Forecast:
-    """What one frame tells about its parameters.
+    """Information of one frame about its parameters.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Forecast:
         return sizes
 
     def _length(self) -> tuple[float, float]:
-        """Of the locus, with its error by differences over a thousandth of each coordinate's."""
+        """Return the length of the locus, with its error by differences over a thousandth of each error."""
         locus = self.parameters.locus
         length = locus.describe()["length"]
         slots = [self.names.index(name) for name in locus.names if name in self.names]

@@ -52,7 +52,7 @@ class Cause(NamedTuple):
 
     @property
     def size(self) -> float:
-        """As a person would give it, in ``unit``."""
+        """Return the size as a person would give it, in ``unit``."""
         if self.power == 1:
             return self.per * self.value
         return self.per * max(self.value, 0.0) ** (1 / self.power)
@@ -134,7 +134,7 @@ class Confusion(NamedTuple):
 
 @dataclass(frozen=True)
 class Causes:
-    """How well one frame tells what widens it.
+    """Causes of an image's width, and the information of one frame about them.
 
     Attributes
     ----------
@@ -155,12 +155,12 @@ class Causes:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the causes' coordinates."""
+        """Return the names of the causes' coordinates."""
         return tuple(cause.name for cause in self.causes)
 
     @cached_property
     def told(self) -> Information:
-        """What the frame tells about the causes, all else unknown."""
+        """Return what the frame tells about the causes, all else unknown."""
         return self.frame.about(self.names)
 
     def errors(self, extra: Information | None = None) -> np.ndarray:
@@ -228,7 +228,7 @@ class Causes:
         )
 
     def _sum(self, weights: np.ndarray, pivot: int, other: int) -> tuple[float, float]:
-        """How much of the other keeps its sum with the pivot along the confusion, and the sum's error."""
+        """Return how much of the other keeps its sum with the pivot along the confusion, and its error."""
         ratio = -float(weights[pivot] / weights[other])
         combination = np.zeros(len(weights))
         combination[[pivot, other]] = self.blurs[pivot], ratio * self.blurs[other]

@@ -147,7 +147,7 @@ class Setting:
         return parameters.completed(self.otf)
 
     def frame(self, locus: Locus) -> Information:
-        """What one frame under a jitter tells, its own moments named as :data:`JITTER`.
+        """Return what one frame under a jitter tells, its own moments named as :data:`JITTER`.
 
         Raises
         ------

@@ -21,7 +21,7 @@ _SIDE = 1e-6
 
 @dataclass(frozen=True)
 class Information:
-    """What data tell about named parameters.
+    """Information of data about named parameters.
 
     Attributes
     ----------

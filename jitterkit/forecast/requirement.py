@@ -167,7 +167,7 @@ def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[.
 
 
 def _beyond_quadrature(locus: Locus) -> bool:
-    """Whether a vibration is too long for the nodes of its integral over time, by its docstring."""
+    """Return whether a vibration is too long for the nodes of its integral over time, by its docstring."""
     return (
         isinstance(locus, PartialShm) and locus.describe()["length"] * locus.describe()["cycles"] > _LONGEST
     )

@@ -105,7 +105,7 @@ class FitsImage:
         return RawFrame(data, mask, metadata, hdu=self.hdu.number, **more)  # type: ignore[arg-type]
 
     def _of_plane(self, index: int) -> Metadata:
-        """What is known about a plane: a WCS of its own is not read, and the first plane's is not its."""
+        """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""
         table, metadata = self.group.coordinates, self.metadata
         if table is None or index == 0:
             return metadata

@@ -109,7 +109,7 @@ class RawFrame(Placed):
 
     @cached_property
     def digest(self) -> str:
-        """What the pixels are known by, whatever their file is called: 16 hexadecimal digits.
+        """Return what the pixels are known by, whatever their file is called: 16 hexadecimal digits.
 
         Of the values and the shape alone: packing, byte order and the type they are stored in make no
         difference.  A region has its own.

@@ -126,7 +126,7 @@ class FrameFile(ABC):
         return file + self._contents() + self.metadata.rows()
 
     def _stacking(self) -> str:
-        """What the frames of the file have in common, in a few words."""
+        """Return what the frames of the file have in common, in a few words."""
         return ""
 
     def _contents(self) -> list[tuple[str, str, str, str]]:

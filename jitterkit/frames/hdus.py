@@ -57,7 +57,7 @@ class Group:
 
     @property
     def noise_label(self) -> str:
-        """Where the variance comes from."""
+        """Return where the variance comes from."""
         return " + ".join(part.label for part in self.noise.values())
 
     def add(self, others: Sequence[Hdu]) -> None:
@@ -95,7 +95,7 @@ class Group:
 
     @property
     def uses(self) -> dict[int, str]:
-        """What each HDU of the group is for, by its number, of those in the image's file."""
+        """Return what each HDU of the group is for, by its number, of those in the image's file."""
         words = {"quality": "mask", "sigma": "error", "shot": "variance", "read": "variance"}
         found = {self.image.number: "image"}
         for role, part in self.parts.items():
@@ -139,7 +139,7 @@ def _is_other_chip(first: Hdu, other: Hdu) -> bool:
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
-    """What may belong to one image: of its EXTVER, or what follows it up to the next image."""
+    """Return what may belong to one image: of its EXTVER, or what follows it up to the next image."""
     if len(chips) == 1 and image is science[0]:
         return list(hdus)
     if len(chips) > 1 and len({one.version for one in chips}) == len(chips):

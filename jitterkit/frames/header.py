@@ -76,7 +76,7 @@ def _objection(cards: Cards, card: Number) -> str | None:
 
 
 def _has_witness(cards: Cards) -> bool:
-    """Whether an observatory wrote the header: by its name, or by the read noise beside the gain."""
+    """Return whether an observatory wrote the header: by its name, or by the read noise beside the gain."""
     names = map(cards.text, ("OBSERVAT", "OBSERVATORY", "TELESCOP", "INSTRUME", "ORIGIN"))
     measured = any(isinstance(key, str) and cards.find(key) for key in ALIASES["read_noise"])
     return measured or any(map(OBSERVATORIES.search, names))

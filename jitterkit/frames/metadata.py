@@ -104,7 +104,7 @@ def checked(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Metadata:
-    """What is known about a frame beside its pixels; None where nothing is.
+    """Knowledge about a frame beside its pixels; None where there is none.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class Pixels:
 
     @property
     def dtype(self) -> np.dtype:
-        """Of the numbers stored; FITS says uint16 by a BZERO of 32768."""
+        """Return the type of the numbers stored; FITS says uint16 by a BZERO of 32768."""
         (scale, zero, _), bitpix = self.scaling, self.hdu.bitpix
         if scale == 1 and bitpix > 8 and zero == 2.0 ** (bitpix - 1):
             return np.dtype(f"u{bitpix // 8}")
@@ -244,7 +244,7 @@ def _refuse_missing_data(hdu: Hdu, pixels: int) -> None:
 
 
 def _tiles(hdu: Hdu) -> int:
-    """How many tiles the image has; each is a row of the table."""
+    """Return how many tiles the image has; each is a row of the table."""
     sides = hdu.shape[::-1]
     tile = [hdu.whole(f"ZTILE{n}", side if n == 1 else 1) for n, side in enumerate(sides, 1)]
     if any(not 0 < length <= max(side, _MOST_TILE) for length, side in zip(tile, sides, strict=True)):

@@ -16,7 +16,7 @@ NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
 
 
 class Placed:
-    """What both records share: a name, a shape, and cutting."""
+    """Name, shape and cutting of both records."""
 
     path: Path | None
     index: int

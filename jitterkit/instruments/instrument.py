@@ -121,7 +121,7 @@ class Instrument:
             )
 
     def source(self, name: str) -> str:
-        """Where a number comes from; ``"argument Instrument"`` where nothing else was said."""
+        """Return where a number comes from; ``"argument Instrument"`` where nothing else was said."""
         return self.sources.get(name, "argument Instrument")
 
     @cached_property

@@ -238,7 +238,7 @@ def _axis(image: NamedImage, pitch: float) -> tuple[float, float]:
 
 
 def _missing(image: NamedImage, binned: bool, samples: int) -> float:
-    """How wide the part of the pixel is, in samples, over which the image is not yet integrated."""
+    """Return how wide the part of the pixel is, in samples, over which the image is not yet integrated."""
     if not binned:
         return float(samples)
     summed = image.positive("CALCSAMP")

@@ -57,7 +57,7 @@ class Section:
         return key in self.values
 
     def source(self, key: str) -> str:
-        """Where a value comes from, in words."""
+        """Return where a value comes from, in words."""
         return f"instrument file {self.file.name} [{self.name}] {key}"
 
     def refuse(self, code: ErrorCode, key: str, remedy: str) -> NoReturn:

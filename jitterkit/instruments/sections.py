@@ -150,7 +150,7 @@ def read_spectrum_section(section: Section) -> dict[str, Any]:
 
 
 def _colours(section: Section, spectrum: Spectrum) -> Colours:
-    """What a file says of the stars' spectra."""
+    """Return what a file says of the stars' spectra."""
     given = [key for key in ("temperatures", "indices") if key in section]
     if len(given) > 1:
         section.refuse(ErrorCode.CONFLICT, "indices", "leave it out: temperatures say it")

@@ -89,7 +89,7 @@ def _line(line: Line, exposure: float) -> Locus:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What exposures see of a motion.
+    """A motion as exposures see it.
 
     Attributes
     ----------

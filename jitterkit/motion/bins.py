@@ -130,7 +130,7 @@ def _is_uniform(values: np.ndarray) -> bool:
 
 
 def _is_banded(frequencies: np.ndarray) -> bool:
-    """Whether rows are at equal ratios, close enough for bins."""
+    """Return whether rows are at equal ratios, close enough for bins."""
     decades = np.log10(frequencies[-1] / frequencies[0])
     return _is_uniform(np.log(frequencies)) and len(frequencies) - 1 >= (_BANDS - 1) * decades
 

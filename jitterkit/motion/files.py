@@ -197,7 +197,7 @@ def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _says_two_sided(path: Path) -> bool:
-    """Whether a comment says that densities are two-sided."""
+    """Return whether a comment says that densities are two-sided."""
     with path.open(encoding="utf-8-sig") as handle:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
     found = {kind for kind in ("one", "two") if re.search(rf"\b{kind}[- ]?sided", comments)}

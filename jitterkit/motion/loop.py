@@ -48,7 +48,7 @@ def loop_rejection(frequencies, bandwidth: float) -> np.ndarray:
 
 
 def close_loop(spectrum: PowerSpectrum, bandwidth: float) -> PowerSpectrum:
-    """What a loop of a given bandwidth [Hz] leaves of a spectrum; rows are added where it bends it."""
+    """Return what a loop of a given bandwidth [Hz] leaves of a spectrum; rows are added where it bends it."""
     lines = tuple(_left(line, float(loop_rejection(line.frequency, bandwidth))) for line in spectrum.lines)
     if not len(spectrum.frequencies):
         return replace(spectrum, lines=lines)
@@ -61,7 +61,7 @@ def close_loop(spectrum: PowerSpectrum, bandwidth: float) -> PowerSpectrum:
 
 
 def follow(t, x, y, bandwidth: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a loop leaves of a record that is straight between its samples.
+    """Return what a loop leaves of a record that is straight between its samples.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Exposures:
-    """What each of a row of exposures saw.
+    """Motion within each of a row of exposures.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
 
 
 def _is_covered(t: np.ndarray, starts: np.ndarray, exposure: float) -> np.ndarray:
-    """Which exposures (n,) are without a gap."""
+    """Return which exposures (n,) are without a gap."""
     gaps, slack = trace_gaps(t), 1e-9 * exposure
     after = np.searchsorted(t[gaps + 1], starts + slack, side="right")  # the first gap that ends later
     begin = np.append(t[gaps], np.inf)[after]

@@ -99,7 +99,7 @@ def simulate_exposures(
 
 
 def _fast(spectrum: PowerSpectrum, exposure: float) -> list[Locus]:
-    """What is too fast to be drawn, as a blur."""
+    """Return what is too fast to be drawn, as a blur."""
     _, integrals = panel_integrals(spectrum)
     moments = integrals.sum(axis=(0, 1))
     return [

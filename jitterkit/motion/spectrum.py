@@ -119,7 +119,7 @@ class PowerSpectrum:
         return np.where(inside[..., None], np.stack([x, cross * np.sqrt(x * y), y], axis=-1), 0.0)
 
     def between(self, low: float, high: float) -> PowerSpectrum:
-        """What lies from one frequency to another [Hz], a line at the upper end not included."""
+        """Return what lies from one frequency to another [Hz], a line at the upper end not included."""
         lines = tuple(line for line in self.lines if low <= line.frequency < high)
         ends = np.clip([low, high], *self.frequencies[[0, -1]]) if len(self.frequencies) else np.zeros(2)
         if ends[0] >= ends[1]:

@@ -119,11 +119,11 @@ class Split:
 
     @property
     def blur(self) -> np.ndarray:
-        """Of everything within a frame."""
+        """Return the moments of everything within a frame."""
         return self.smear + self.jitter
 
     def __add__(self, other: Split) -> Split:
-        """Of two independent motions at once."""
+        """Add two independent motions."""
         return Split(*(getattr(self, part) + getattr(other, part) for part in PARTS))
 
 

@@ -108,7 +108,7 @@ def _draw_floor(ax: Axes, floor: Floor, scale: float, time_unit: str) -> None:
 
 
 def _steps(means: AllanDeviation | BlockScatter, time_unit: str) -> str:
-    """What lengths are counted in."""
+    """Return what lengths are counted in."""
     if time_unit == "frame":
         return "frames"
     step = float(means.times[0] / means.lengths[0])
@@ -117,13 +117,13 @@ def _steps(means: AllanDeviation | BlockScatter, time_unit: str) -> str:
 
 
 def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
-    """How many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
+    """Return how many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
     factor, unit = angle_unit(float(np.median(sizes)))
     return factor, unit.strip().replace("″", "arcsec")
 
 
 def suited_time(span: float, unit: str) -> tuple[float, str]:
-    """How many of the times' unit make the unit that suits a span, and its name."""
+    """Return how many of the times' unit make the unit that suits a span, and its name."""
     if unit != "s":
         return 1.0, unit
     return next((per, name) for most, per, name in _TIMES if span < most)

@@ -67,7 +67,7 @@ class Clock:
 
 
 def _tell(times: np.ndarray) -> bool:
-    """Whether times order frames, and can be read off an axis."""
+    """Return whether times order frames, and can be read off an axis."""
     if len(times) < 2 or not np.isfinite(times).all() or len(np.unique(times)) < _APART * len(times):
         return False
     parts = np.unique((_PARTS * (times - times.min()) / (1.001 * np.ptp(times))).astype(int))
@@ -75,7 +75,7 @@ def _tell(times: np.ndarray) -> bool:
 
 
 def fitted(table: QTable) -> np.ndarray:
-    """Which frames of a table have a separation that counts, (n,) bool."""
+    """Return which frames of a table have a separation that counts, (n,) bool."""
     values, errors = (table[name].to_value("arcsec") for name in ("separation", "separation_err"))
     return (np.asarray(table["status"]) == "ok") & np.isfinite(values) & np.isfinite(errors) & (errors > 0)
 

@@ -32,7 +32,7 @@ _LONG = 1.2
 
 
 def jittered(table: QTable) -> np.ndarray:
-    """Which frames of a table have an ellipse that counts, (n,) bool."""
+    """Return which frames of a table have an ellipse that counts, (n,) bool."""
     return (np.asarray(table["status"]) == "ok") & np.isfinite(np.asarray(table["jitter_major"]))
 
 

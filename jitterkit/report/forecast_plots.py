@@ -121,7 +121,7 @@ def plot_errors(
 
 
 def _in_equal_ratios(values: np.ndarray) -> bool:
-    """Whether values were asked for in equal ratios, three or more, and not in equal steps."""
+    """Return whether values were asked for in equal ratios, three or more, and not in equal steps."""
     if len(values) < 3 or values.min() <= 0:
         return False
     ratios, steps = np.diff(np.log(values)), np.diff(values)

@@ -128,7 +128,7 @@ def _template():
 
 
 def _readable(value: Any) -> Any:
-    """What a page shows of any value: nothing invisible, and no more than a person reads."""
+    """Return what a page shows of any value: nothing invisible, and no more than a person reads."""
     if isinstance(value, Markup | int | float):
         return value
     text = printable(value)

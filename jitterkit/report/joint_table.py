@@ -124,7 +124,7 @@ def separation_series(fit: SequenceFit) -> Series | None:
 
 
 def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any]:
-    """What the frames say together, as ``sequence.json`` holds it.
+    """Return what the frames say together, as ``sequence.json`` holds it.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def describe_law(law: Law) -> dict[str, Any]:
 
 
 def say_joint(summary: Mapping[str, Any]) -> list[str]:
-    """What a person should know beside the separation: sentences."""
+    """Return sentences on what a person should know beside the separation."""
     told = []
     if summary["outliers"]:
         named = ", ".join(summary["outliers"][:5])

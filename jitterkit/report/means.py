@@ -99,7 +99,7 @@ class Means:
 
 
 def stretch_index(at: np.ndarray, count: int) -> np.ndarray:
-    """Which of ``count`` equal stretches each time lies in, (n,) int, from 0."""
+    """Return which of ``count`` equal stretches each time lies in, (n,) int, from 0."""
     span = float(np.ptp(at))
     if not span:
         return np.zeros(len(at), int)

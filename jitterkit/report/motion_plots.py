@@ -233,7 +233,7 @@ def _draw_weights(ax: Axes, f: np.ndarray, exposure: float) -> None:
 
 
 def _estimate(spectrum: PowerSpectrum) -> str:
-    """What Welch's estimate shows, for a title."""
+    """Return what Welch's estimate shows, for a title."""
     slowest = spectrum.frequencies[:1].tolist()
     return f"Welch's estimate: nothing below {slowest[0]:.2g} Hz" if slowest else "too short for a spectrum"
 

@@ -52,7 +52,7 @@ class FrameReport:
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """What is drawn of a frame: images (ny, nx), masked pixels NaN; the scale in arcsec per pixel."""
+    """Arrays to draw of a frame: images (ny, nx), masked pixels NaN; the scale in arcsec per pixel."""
 
     name: str
     plate_scale: float | None

@@ -229,7 +229,7 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
 
 
 def _say_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
-    """How many frames noise alone does not explain."""
+    """Return how many frames noise alone does not explain."""
     if not np.all(dof > 0):
         return ""
     limit = 1 + _FAR * np.sqrt(2 / dof)

@@ -82,7 +82,7 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
 
 
 def say_loci(loci: dict[str, Any]) -> str:
-    """What :func:`compare_loci` found, in a sentence; nothing where nothing could be compared."""
+    """Say what :func:`compare_loci` found, in a sentence; nothing where nothing could be compared."""
     if not loci["frames"]:
         return ""
     best, frames, weights = loci["best"], loci["frames"], loci["weights"]
@@ -107,7 +107,7 @@ def say_loci(loci: dict[str, Any]) -> str:
 
 
 def _fitted(rows: np.ndarray) -> np.ndarray:
-    """Which frames' fits with a locus have an evidence."""
+    """Return which frames' fits with a locus have an evidence."""
     return np.isfinite(rows[:, 0])
 
 

@@ -84,7 +84,7 @@ def _layout(aberrations: Iterable[str]) -> list[Column]:
 
 
 def aberration_names(columns: Iterable[str]) -> list[str]:
-    """Which of a table's (or a row's) columns are aberrations, in natural order.
+    """Return which of a table's (or a row's) columns are aberrations, in natural order.
 
     >>> aberration_names(["flux", "noll10", "noll10_err", "noll4", "noll4_err"])
     ['noll4', 'noll10']

@@ -30,7 +30,7 @@ def _generalised(t: np.ndarray, noise: str) -> np.ndarray:
 
 
 def _fourth_difference(lag, noise: str) -> np.ndarray:
-    """Of g in steps of a block: what two adjacent blocks' difference is made of."""
+    """Return the fourth difference of g in steps of a block: of it a difference of two blocks is made."""
     lag = np.asarray(lag, float)
     ends = ((-2, 1), (-1, -4), (0, 6), (1, -4), (2, 1))
     return sum((times * _generalised(lag + shift, noise) for shift, times in ends), np.zeros_like(lag))
@@ -73,7 +73,7 @@ def difference_variance(first, second, distance, noise: str) -> np.ndarray:
 
 
 def degrees_of_freedom(count: int, length: int, noise: str) -> float:
-    """How many independent differences are worth ``count`` overlapping ones.
+    """Return how many independent differences are worth ``count`` overlapping ones.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ _ROUNDS, _SETTLED = 30, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Outliers:
-    """Which measurements of a series do not belong.
+    """Measurements of a series that do not belong.
 
     Attributes
     ----------

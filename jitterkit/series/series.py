@@ -100,7 +100,7 @@ class Series:
 
     @property
     def good(self) -> np.ndarray:
-        """Which measurements are there, (n,) bool."""
+        """Return which measurements are there, (n,) bool."""
         return np.isfinite(self.values)
 
     def without(self, flags: np.ndarray) -> Series:
@@ -109,7 +109,7 @@ class Series:
 
     @property
     def slots(self) -> np.ndarray:
-        """Of the measurements that are there, the place on a grid of the cadence."""
+        """Return the place of each measurement that is there on a grid of the cadence."""
         times = self.present[2]
         return np.rint((times - times.min()) / self.cadence).astype(int)
 

@@ -146,7 +146,7 @@ def fit_trend(series: Series, degree: int = 1, *, noise: Floor | None = None) ->
 
 
 def _chances(terms: np.ndarray, covariance: np.ndarray, dof: int) -> tuple[np.ndarray, float]:
-    """Of each term above the mean and of all; with degrees of freedom where the scatter had to be found."""
+    """Return the chance of each term above the mean and of all; ``dof`` where the scatter had to be found."""
 
     def chance(gain, count: int) -> np.ndarray:
         return f.sf(gain / count, count, dof) if dof else chi2.sf(gain, count)
@@ -157,7 +157,7 @@ def _chances(terms: np.ndarray, covariance: np.ndarray, dof: int) -> tuple[np.nd
 
 
 def _red(series: Series, makers: np.ndarray, noise: Floor) -> np.ndarray:
-    """What flicker and a walk add to the covariance of the terms; the mean is no contrast."""
+    """Return what flicker and a walk add to the covariance of the terms; the mean is no contrast."""
     slots = series.slots
     contrasts = np.zeros((slots.max() + 1, makers.shape[1] - 1))
     np.add.at(contrasts, slots, makers[:, 1:])

@@ -87,7 +87,7 @@ optics make ellipticities of a few percent."""
 
 
 def is_blurred(excess: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether the frame's stars differ from the reference's by more than noise."""
+    """Return whether the frame's stars differ from the reference's by more than noise."""
     return is_detected(excess, covariance)
 
 

@@ -127,7 +127,7 @@ def _narrow(moments: Moments) -> np.ndarray:
 
 
 def _agree(values: np.ndarray, weights: np.ndarray) -> bool:
-    """Whether moments (n, 3) are alike in elongation and size."""
+    """Return whether moments (n, 3) are alike in elongation and size."""
     n = len(values)
     if n < 2:
         return False

@@ -35,7 +35,7 @@ noise alone of many bright stars finds fault with any round core."""
 
 
 class Misfit(NamedTuple):
-    """What a model leaves of a mean star.
+    """Misfit of a model to a mean star.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Misfit(NamedTuple):
 
 
 def misfit_under(stack: Psf, psf: Psf, otf: OTF, line: Locus) -> Misfit:
-    """What a PSF under a line leaves of the mean star, the noise of both counted.
+    """Return what a PSF under a line leaves of the mean star, the noise of both counted.
 
     Parameters
     ----------

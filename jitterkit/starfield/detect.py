@@ -242,7 +242,7 @@ def _fwhm(image: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def _blended(image: np.ndarray, labels: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Which regions are faint parts of a larger one, or share it with another that is not faint."""
+    """Return which regions are faint parts of a larger one, or share it with another that is not faint."""
     numbers, first = np.unique(labels, return_index=True)
     parents = whole.ravel()[first[numbers > 0]]
     peaks = ndimage.maximum(image, labels, numbers[numbers > 0])

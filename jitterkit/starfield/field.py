@@ -34,7 +34,7 @@ _AS_SHARP = "sharp: the frame is as sharp as the reference, within the noise of 
 
 @dataclass(frozen=True, eq=False)
 class FieldEstimate:
-    """What a field of stars says about its blur.
+    """A blur as a field of stars shows it.
 
     Attributes
     ----------

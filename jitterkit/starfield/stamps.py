@@ -46,7 +46,7 @@ class Stars:
 
     @property
     def variance(self) -> np.ndarray:
-        """Of ``electrons`` (n, s, s), photon noise of the star included; without it where not used."""
+        """Return the variance of ``electrons`` (n, s, s); of pixels not used without photon noise."""
         return self.sky_variance + np.where(self.used, np.clip(self.electrons, 0, None), 0.0) / self.response
 
     def chosen(self, which: np.ndarray) -> Stars:
@@ -80,7 +80,7 @@ def cut_out(image, variance, response, bad, labels, x, y, own, half: int) -> Sta
 
 
 def stand_alone(stars: Stars, radius: float) -> np.ndarray:
-    """Which stars have every pixel within a radius [pixels]."""
+    """Return which stars have every pixel within a radius [pixels]."""
     half = stars.used.shape[-1] // 2
     grid = np.arange(-half, half + 1)
     core = np.hypot(*np.meshgrid(grid, grid)) < max(radius, 2.0)

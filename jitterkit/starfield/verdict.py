@@ -37,7 +37,7 @@ _NOTABLE = 0.1
 
 @dataclass(frozen=True)
 class Verdict:
-    """What makes the stars of a field long.
+    """The reason why the stars of a field are long.
 
     Attributes
     ----------

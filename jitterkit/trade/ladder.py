@@ -51,7 +51,7 @@ _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgErro
 
 @dataclass(frozen=True)
 class Point:
-    """What settings cost and give.
+    """Settings with their cost and their errors.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Point:
 
 
 class Reference(NamedTuple):
-    """What other settings are compared with.
+    """Separations with which those of other settings are compared.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ def climb_ladder(instrument: Instrument, scene: TradeScene, *, locus: str = "mvn
 
 
 def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "mvn") -> bool:
-    """Whether frames of an instrument with a jitter can be modelled and fitted so."""
+    """Return whether frames of an instrument with a jitter can be modelled and fitted so."""
     if setting == "samples":
         spectrum = instrument.spectrum
         return spectrum is not None and len(spectrum.sampled(value).wavelengths) == value
@@ -158,7 +158,7 @@ def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "m
 
 
 def _resolved(settings: Settings, instrument: Instrument) -> tuple[Hashable, ...]:
-    """What settings come to for an instrument: equal where they are the same."""
+    """Return what settings come to for an instrument: equal where they are the same."""
     ny, nx = instrument.shape
     side, spectrum = settings.region or max(ny, nx), instrument.spectrum
     if spectrum is not None and settings.samples is not None:
@@ -220,7 +220,7 @@ def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locu
 
 
 def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.ndarray]:
-    """What is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec.
+    """Return what is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec.
 
     Turned ones are left out where a method asks for frames that share their direction.
     """
@@ -242,7 +242,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """Those of which no other of this package is both as fast and as exact, from the fastest on."""
+    """Return the points that no other of this package beats in time and error, from the fastest on."""
     ours = (point for point in points if point.settings is not None)
     sound = sorted((p for p in ours if math.isfinite(p.error)), key=lambda p: (p.seconds, p.error))
     best, least = [], math.inf

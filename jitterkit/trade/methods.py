@@ -104,7 +104,7 @@ _OF_ONE: dict[str, Callable[[FrameProcessor, Frame], tuple[float, float]]] = {
 
 
 def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
-    """What each says, all that they share known by all of them, with the joint error."""
+    """Return what each says, all that they share known by all of them, with the joint error."""
     exposures = [
         Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
     ]
@@ -142,7 +142,7 @@ TOGETHER = 1024
 
 @dataclass(frozen=True)
 class Fitting:
-    """What fits, and the share of a frame in what was done beforehand.
+    """A processor to be timed, and the share of a frame in what was done beforehand.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ _NOTHING = Foresight(math.inf, math.inf, math.inf, math.inf)
 
 
 class Outlook:
-    """What settings would make of the separation of every example.
+    """Expected effect of settings on the separation of every example.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ class Outlook:
         )
 
     def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
-        """Whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
+        """Return whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
         limit -= self._left_out(settings)
         return all(self._loss(one, settings, limit, roughly) <= limit for one in self.examples)
 
     def can_be_had(self, settings: Settings) -> bool:
-        """Whether every example can be modelled so."""
+        """Return whether every example can be modelled so."""
         return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
 
     def cost_of(self, names: tuple[str, ...], settings: Settings = OWN) -> float:
-        """What it may do to the separation to leave out aberrations [arcsec]."""
+        """Return what it may do to the separation to leave out aberrations [arcsec]."""
         return max(one.without(names, settings) for one in self.examples)
 
     def cost_of_jitter(self, settings: Settings = OWN) -> float:
@@ -102,7 +102,7 @@ class Outlook:
         )
 
     def _left_out(self, settings: Settings) -> float:
-        """What jitter may cost that is not fitted [arcsec]."""
+        """Return what jitter may cost that is not fitted [arcsec]."""
         return 0.0 if settings.jitter == "always" else self.cost_of_jitter(settings)
 
     def _loss(

@@ -162,7 +162,7 @@ class Planner:
         )
 
     def as_they_are(self) -> Plan:
-        """What is expected of the settings that the examples were fitted with."""
+        """Return what is expected of the settings that the examples were fitted with."""
         settings = replace(OWN, tolerance=self.outlook.examples[0].processor.options.tolerance)
         return Plan(settings, self.outlook.loss(settings), self.seconds(settings))
 
@@ -183,7 +183,7 @@ class Planner:
         return min(rest or affordable, key=outlook.rough_loss)
 
     def seconds(self, settings: Settings) -> float:
-        """Of a frame, measured: one at a time, as in a run of so many.
+        """Measure the time of a frame: one at a time, as in a run of so many.
 
         Raises
         ------
@@ -197,7 +197,7 @@ class Planner:
         return fitting.timed(raws)[1]
 
     def work(self, settings: Settings) -> float:
-        """Of a frame, as a share of that of the instrument's own settings."""
+        """Return the work for a frame, as a share of that with the instrument's own settings."""
         beside = (self.outlook.instrument, len(self.outlook.examples[0].result.names), self.frames)
         return work(settings, *beside) / work(OWN, *beside)
 

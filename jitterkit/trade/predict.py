@@ -40,7 +40,7 @@ frame of fifty."""
 
 
 class Foresight(NamedTuple):
-    """Of a fit with some settings.
+    """Expected separation of a fit with some settings.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Example:
 
     @property
     def truth(self) -> Parameters:
-        """What the frame is taken to show: the fit, but for colours and wavelength, which are as expected."""
+        """Return the fit, but with colours and wavelength as expected: what the frame is taken to show."""
         assert self.result.parameters is not None  # what is usable has them
         parameters, instrument = self.result.parameters, self.processor.instrument
         modes = parameters.aberrations[: len(instrument.aberrations)]
@@ -104,7 +104,7 @@ class Example:
 
     @property
     def still(self) -> bool:
-        """Whether such a frame may do without jitter: it shows none, and nobody has said of which kind it is.
+        """Return whether such a frame may do without jitter: it shows none, and nobody has said its kind.
 
         Only of the score estimate, by which a frame's jitter is seen or not, are the errors those of the fit.
         """
@@ -133,7 +133,7 @@ class Example:
         return self.frame.plate_scale or self.processor.instrument.plate_scale
 
     def foresee(self, settings: Settings) -> Foresight:
-        """What a fit with some settings would make of the separation.
+        """Return what a fit with some settings would make of the separation.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Example:
         return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit), scatter)
 
     def without(self, names: Collection[str], settings: Settings | None = None) -> float:
-        """What it may do to the separation to hold at zero what is fitted [arcsec].
+        """Return what it may do to the separation to hold at zero what is fitted [arcsec].
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Example:
         )
 
     def without_jitter(self, settings: Settings) -> float:
-        """What jitter may do to the separation that such a frame does not show, if none is fitted [arcsec].
+        """Return what jitter that such a frame hides may do to the separation, if not fitted [arcsec].
 
         Parameters
         ----------
@@ -212,14 +212,14 @@ class Example:
         return math.sqrt(UNSEEN) * spread
 
     def _information(self, settings: Settings) -> tuple[tuple[str, ...], np.ndarray]:
-        """What a model with some settings varies, and what the exact image and priors tell of it."""
+        """Return what a model with some settings varies, and what the exact image and priors tell of it."""
         if settings not in self._told:
             names, equations, known, _ = self._equations(settings.applied(self.processor))
             self._told[settings] = names, np.asarray(equations.information + known)
         return self._told[settings]
 
     def _value(self, name: str) -> float:
-        """Of an aberration, or a coordinate of the locus."""
+        """Return the value of an aberration, or of a coordinate of the locus."""
         names = (*self.processor.instrument.aberrations, *self.truth.locus.names)
         return float([*self.truth.aberrations, *self.truth.locus.coords][names.index(name)])
 

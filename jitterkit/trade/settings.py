@@ -27,7 +27,7 @@ METHODS = ("score", "mtf", "refit", "joint", "sampling")
 
 @dataclass(frozen=True)
 class Settings:
-    """How exactly a frame is modelled and fitted.
+    """Exactness with which a frame is modelled and fitted.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ _NONE = {"pad": -1, "tolerance": 0.0} | dict.fromkeys(("aberrations", "jitter", 
 
 
 def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
-    """What settings cost and give, a row each.
+    """Return what settings cost and give, a row each.
 
     Parameters
     ----------
