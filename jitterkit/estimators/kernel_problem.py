@@ -23,8 +23,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Stable
 from jitterkit.optics.otf import OTF
 
-__all__ = ["KernelProblem", "best_shares", "solve_kernel"]
-
 _GRIDS = ((5, 1), (3, 2), (2, 4))
 """Nodes per pixel along each axis, and pixels on either side of the middle one: tried in turn until the
 kernel has room.  With 3 nodes a pixel, the moments of a drift of 0.225 arcsec are 9 % too large."""

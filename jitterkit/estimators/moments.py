@@ -21,8 +21,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics.otf import OTF
 
-__all__ = ["estimate_moments"]
-
 _WINDOWS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
 """1 sigma of the windows to choose from, in pixels."""
 

@@ -29,8 +29,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, Mvn, Shaped, Stable
 from jitterkit.optics.otf import OTF
 
-__all__ = ["estimate_mtf_ratio"]
-
 _BAND = (0.02, 0.7)
 """Frequencies used, in units of the detector's Nyquist frequency: below, the window leaks; above,
 TOLIMAN's optics pass too little."""

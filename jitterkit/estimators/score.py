@@ -30,8 +30,6 @@ from jitterkit.loci import Mvn, Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little
 
-__all__ = ["estimate_from_normal", "estimate_score"]
-
 
 def estimate_score(
     data: Data,

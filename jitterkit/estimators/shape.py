@@ -27,17 +27,6 @@ from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little
 
-__all__ = [
-    "CumulantStep",
-    "LackOfFit",
-    "Shape",
-    "ShapedBlur",
-    "doubted",
-    "fit_known_shape",
-    "fit_shape",
-    "is_decisive",
-]
-
 _DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
 held at a normal's is what their variance grows by with the shape free, and beyond it is more."""

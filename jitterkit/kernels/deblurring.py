@@ -17,8 +17,6 @@ from skimage import restoration
 
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
-__all__ = ["METHODS", "deblur", "fill_masked"]
-
 METHODS = ("richardson-lucy", "wiener", "unsupervised-wiener")
 
 _LADDER = (5, 10, 20, 40, 80, 160)

@@ -21,8 +21,6 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels.image import kernel_moments, locus_of
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
 
-__all__ = ["StoredKernel", "in_rows", "kernel_cards", "read_kernel", "write_kernel"]
-
 Cards = dict[str, tuple[Any, str]]
 
 

@@ -18,8 +18,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus, Mvn, principal_axes
 
-__all__ = ["kernel_image", "kernel_moments", "locus_of"]
-
 _MARGIN = 4
 """Pixels about the locus: with 2, 4 and 6 the transfer function of a tilted streak of one pixel is wrong by
 0.015, 0.009 and 0.007 rms below 0.86 of the Nyquist frequency (rasterised: 0.10)."""

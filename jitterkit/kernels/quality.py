@@ -15,8 +15,6 @@ from jitterkit.kernels.image import kernel_moments
 from jitterkit.loci import Locus, Mvn
 from jitterkit.vision import components
 
-__all__ = ["KernelQuality", "kernel_quality", "kernel_transfer"]
-
 _CORE = 0.01
 """A normal kernel holds 99 % of itself within its 1 % contour, whatever its size and shape."""
 

@@ -16,8 +16,6 @@ from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 
-__all__ = ["TransferRatio", "transfer_ratio"]
-
 _WEDGE = 20.0
 """Degrees on either side of the axis: wide enough for a few frequencies a bin, and a linear streak's
 ``sinc`` is known to cos 20° = 0.94 of its argument."""

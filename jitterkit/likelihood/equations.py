@@ -23,17 +23,6 @@ from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
 
-__all__ = [
-    "NormalEquations",
-    "deviance",
-    "deviance_and_score",
-    "equations_of",
-    "information_at",
-    "known_information",
-    "normal_equations",
-    "slope_products",
-]
-
 
 class NormalEquations(NamedTuple):
     """A frame's deviance, score and information at one point of the parameters.

@@ -12,8 +12,6 @@ from astropy.units import Unit
 
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 
-__all__ = ["CsvRow", "csv_rows", "heading", "row_numbers", "unit_factor"]
-
 CsvRow = tuple[int, list[str]]
 """Number of the line in the file, and its cells."""
 

@@ -18,8 +18,6 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
-__all__ = ["CUMULANTS", "WithCumulants", "cumulant_names", "form_cumulants"]
-
 
 def cumulant_names(order: int) -> tuple[str, ...]:
     """Of one order n, those of ``x^n, x^(n-1) y, ..., y^n``."""

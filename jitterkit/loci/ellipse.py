@@ -16,8 +16,6 @@ from jitterkit.loci.base import principal_axes, whole_cycles
 from jitterkit.loci.elliptic import Elliptic, covariance
 from jitterkit.loci.special import j0_of_square
 
-__all__ = ["Ellipse"]
-
 
 class Ellipse(Elliptic):
     """An ellipse run round in simple harmonic motion: ``M = J0(sqrt(8 pi² f'Σf))``.

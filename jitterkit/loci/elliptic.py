@@ -17,8 +17,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, moments_on_axis, principal_axes, turned
 from jitterkit.precision import real
 
-__all__ = ["Elliptic", "covariance"]
-
 
 def covariance(sigma_major: float, sigma_minor: float, angle: float) -> Float[Array, "3"]:
     """Second moments from 1 sigma sizes along two axes [arcsec] and the angle of the first [deg].

@@ -7,8 +7,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
-__all__ = ["rasterise"]
-
 _POINTS = 65536
 
 

@@ -14,8 +14,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.ellipse import Ellipse
 
-__all__ = ["Lissajous"]
-
 
 class Lissajous(Ellipse):
     """``x = Ax cos t``, ``y = Ay cos(t + phase)`` over many cycles: an ellipse in other words.

@@ -17,8 +17,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
 
-__all__ = ["Mvn"]
-
 
 class Mvn(Elliptic):
     """A normal density with covariance Σ: ``M = exp(-2 pi² f'Σf)``."""

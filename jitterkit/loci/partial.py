@@ -19,8 +19,6 @@ from jitterkit.loci.base import Locus, principal_axes, turned
 from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 from jitterkit.loci.special import sinc_of_square
 
-__all__ = ["PartialShm"]
-
 _LEAST, _MOST = 0.05, 3.0
 """Cycles: below, the motion is a piece of a parabola to 1e-4 of its size; above, nearly harmonic."""
 

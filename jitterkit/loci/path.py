@@ -19,8 +19,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 
-__all__ = ["Path"]
-
 _KNOTS = 4
 _NODES = 16
 _MANY = 256

@@ -16,8 +16,6 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
-__all__ = ["Product"]
-
 
 class Product(Locus):
     """Several loci at once.  Moments add.

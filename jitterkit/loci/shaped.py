@@ -21,8 +21,6 @@ from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
 from jitterkit.loci.special import elementwise, log1p_over
 
-__all__ = ["Shaped"]
-
 _RING = -1.5
 """Excess kurtosis of an elliptical ring along any axis, the least of an elliptical density in a plane."""
 

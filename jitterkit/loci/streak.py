@@ -17,8 +17,6 @@ from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 
-__all__ = ["Streak"]
-
 
 class Streak(Locus):
     """A locus along a straight line.

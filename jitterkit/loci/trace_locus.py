@@ -21,8 +21,6 @@ from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.csv_table import csv_rows, heading, row_numbers, unit_factor
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
-__all__ = ["Trace", "is_trace", "read_trace", "trace_gaps"]
-
 _NODES, _IN_ALL = 3, 64
 """Nodes between two samples at least, and in a whole trace."""
 

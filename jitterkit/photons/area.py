@@ -13,8 +13,6 @@ from scipy.ndimage import maximum_filter
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.pupil import Pupil
 
-__all__ = ["annulus_area", "collecting_area"]
-
 _CM2 = 1e4
 """In a square metre."""
 

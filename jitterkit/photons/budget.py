@@ -15,8 +15,6 @@ from jitterkit.optics.spectrum_file import band_from_table
 from jitterkit.photons.curve import Curve
 from jitterkit.photons.throughput import Throughput
 
-__all__ = ["PhotonBudget", "count_photons"]
-
 
 @dataclass(frozen=True, eq=False)
 class PhotonBudget:

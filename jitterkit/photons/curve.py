@@ -14,8 +14,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics import spectrum_file
 from jitterkit.optics.spectrum import Spectrum, flat_band
 
-__all__ = ["Curve", "band_of", "flat_curve", "read_curve"]
-
 
 @dataclass(frozen=True, eq=False)
 class Curve:

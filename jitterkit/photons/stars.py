@@ -26,7 +26,6 @@ from jitterkit.photons.curve import Curve
 if TYPE_CHECKING:
     from synphot import SourceSpectrum
 
-__all__ = ["MAGNITUDES", "TEMPERATURES", "blackbody", "tabulated"]
 
 TEMPERATURES = (5790.0, 5260.0)
 """K, of alpha Cen A and B, as the paper's notebook has them.  Interferometry says 5795 and 5231 (Kervella et

@@ -9,8 +9,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.photons.curve import Curve
 
-__all__ = ["GLASS", "IMX183_QE", "PLATES", "Throughput"]
-
 GLASS, PLATES = 0.91, 2
 """Transmission of one glass plate, and their number: the filter lies between two (paper, appendix A)."""
 

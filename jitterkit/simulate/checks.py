@@ -9,8 +9,6 @@ from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Scene
 
-__all__ = ["check_reach", "check_scene"]
-
 
 def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
     """Refuse what cannot be.

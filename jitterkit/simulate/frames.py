@@ -26,8 +26,6 @@ from jitterkit.shutter import Shutter, with_enough_nodes
 from jitterkit.simulate.checks import check_reach, check_scene
 from jitterkit.simulate.rolling import drifting_shutter, line_time_of
 
-__all__ = ["Simulated", "simulate_frame", "simulate_sequence"]
-
 _SOURCE = "argument of the simulation"
 
 
