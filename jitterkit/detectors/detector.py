@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -160,11 +161,16 @@ _IMX183: Mapping[str, tuple[float, str]] = {
 }
 
 
+def sourced_detector(preset: str, numbers: Mapping[str, tuple[float, str]]) -> Detector:
+    """Make a detector of numbers that come each with its source."""
+    sources = {name: f"preset {preset} ({words})" for name, (_, words) in numbers.items()}
+    values: dict[str, Any] = {name: value for name, (value, _) in numbers.items()}
+    return Detector(**values, sources=sources)
+
+
 def imx183() -> Detector:
     """The camera FLIR BFS-U3-200S6M; the module's introduction says what is known of it."""
-    values = {name: value for name, (value, _) in _IMX183.items()}
-    sources = {name: f"preset imx183 ({words})" for name, (_, words) in _IMX183.items()}
-    return Detector(**values, sources=sources)  # type: ignore[arg-type]
+    return sourced_detector("imx183", _IMX183)
 
 
 DETECTORS: Mapping[str, Callable[[], Detector]] = {"imx183": imx183}

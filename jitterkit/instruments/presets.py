@@ -15,6 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from jitterkit.detectors import Detector, detector_preset
+from jitterkit.detectors.detector import sourced_detector
 from jitterkit.errors import one_of
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
@@ -185,14 +186,10 @@ def _observatory(
     """An instrument of 64 x 64 pixels whose numbers come each with its source."""
     sources = dict.fromkeys(_QUANTITIES, f"preset {name} (docs instruments)")
     sources |= {key: f"preset {name} ({words})" for key, (_, words) in numbers.items()}
-    camera = Detector(
-        **{key: value for key, (value, _) in detector.items()},  # type: ignore[arg-type]
-        sources={key: f"preset {name} ({words})" for key, (_, words) in detector.items()},
-    )
     return Instrument(
         name=name,
         shape=(64, 64),
-        detector=camera,
+        detector=sourced_detector(name, detector),
         spectrum=spectrum,
         pupil_from=pupil,
         sources=sources,

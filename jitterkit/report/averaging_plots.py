@@ -29,19 +29,12 @@ def plot_root_n(scatter: BlockScatter, ax: Axes | None = None, *, time_unit: str
     scale, angle = suited_angle(scatter.scatter)
     y, bars = scatter.scatter * scale, scatter.error * scale
     low = np.minimum(bars, 0.9 * y)  # a bar to zero has no end on a logarithmic axis
-    ax.errorbar(
-        scatter.lengths, y, [low, bars], fmt="o", color=BLUE, ms=4, elinewidth=1.0, label="of block means"
-    )
+    n = scatter.lengths
+    ax.errorbar(n, y, [low, bars], fmt="o", color=BLUE, ms=4, elinewidth=1.0, label="of block means")
     if np.isfinite(scatter.expected).all():
-        ax.plot(
-            scatter.lengths, scatter.expected * scale, color=INK, ls="--", lw=1.2, label="errors/√n", zorder=1
-        )
-    ax.set(
-        xscale="log",
-        yscale="log",
-        xlabel=f"{_steps(scatter, time_unit)} in a block",
-        ylabel=f"scatter [{angle}]",
-    )
+        ax.plot(n, scatter.expected * scale, color=INK, ls="--", lw=1.2, label="errors/√n", zorder=1)
+    ax.loglog()
+    ax.set(xlabel=f"{_steps(scatter, time_unit)} in a block", ylabel=f"scatter [{angle}]")
     return finish(ax)
 
 
@@ -75,12 +68,8 @@ def plot_allan(
     if floor is not None:
         ax.plot(n, floor.deviation(n) * scale, color=RUST, lw=1.8, label="fitted noise")
         _draw_floor(ax, floor, scale, time_unit)
-    ax.set(
-        xscale="log",
-        yscale="log",
-        xlabel=f"{_steps(allan, time_unit)} averaged",
-        ylabel=f"Allan deviation [{angle}]",
-    )
+    ax.loglog()
+    ax.set(xlabel=f"{_steps(allan, time_unit)} averaged", ylabel=f"Allan deviation [{angle}]")
     per, unit = suited_time(float(allan.times[-1]), time_unit)
     if unit != "frame":
         per_frame = float(allan.times[0] / n[0]) / per

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -51,15 +51,8 @@ class Stars:
 
     def chosen(self, which: np.ndarray) -> Stars:
         """Some of the stars, by index or boolean array."""
-        return Stars(
-            self.x[which],
-            self.y[which],
-            self.electrons[which],
-            self.sky_variance[which],
-            self.response[which],
-            self.used[which],
-            self.frame_shape,
-        )
+        arrays = {name: value[which] for name, value in vars(self).items() if name != "frame_shape"}
+        return replace(self, **arrays)
 
 
 def cut_out(image, variance, response, bad, labels, x, y, own, half: int) -> Stars:
