@@ -66,9 +66,8 @@ class Settings:
             value = getattr(self, name)
             if not low <= value <= high:
                 limits = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} or more"
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} is out of range; give {limits}."
-                )
+                problem = f"{name} = {value:g} is out of range; give {limits}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,10 +171,8 @@ def calibrate(
     levels, response = work.flat(flats, rate)
     transfer = photon_transfer(levels) if len(flats) else None
     if transfer is None and gain is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats.",
-        )
+        problem = "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     known = (gain or 0.0, 0.0) if transfer is None else (transfer.gain, transfer.gain_error)
     return work.result(known, transfer, response)
 
@@ -265,9 +262,8 @@ class _Work:
             self.spoil("dead", response.dead_pixels(usable, self.settings.dead))
         good = self.bad == 0
         if not good.any():
-            raise ConfigurationError(
-                ErrorCode.NO_DATA, f"none of the {good.size} pixels is good; check which frames are which."
-            )
+            problem = f"none of the {good.size} pixels is good; check which frames are which."
+            raise ConfigurationError(ErrorCode.NO_DATA, problem)
         flat = local = None
         gradient = 0.0
         if response is not None:

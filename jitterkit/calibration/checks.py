@@ -34,9 +34,8 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
     """
     stacks = [*([bias] if bias is not None else []), *darks, *flats]
     if not stacks:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, "there are neither bias nor dark nor flat frames; give some."
-        )
+        problem = "there are neither bias nor dark nor flat frames; give some."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     for stack in stacks[1:]:
         if stack.shape != stacks[0].shape:
             (ny, nx), (rows, columns) = stack.shape, stacks[0].shape
@@ -48,9 +47,8 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
     _check_gains(stacks)
     for stack in stacks:
         if len(stack) < 2:
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW, f"there is one {stack.name} frame; give at least two."
-            )
+            problem = f"there is one {stack.name} frame; give at least two."
+            raise ConfigurationError(ErrorCode.TOO_FEW, problem)
         if stack.kind != "flat":
             _check_alike(stack)
     if bias is not None:

@@ -109,10 +109,8 @@ class Stack:
         """
         array = np.asarray(pixels)
         if array.ndim != 3 or 0 in array.shape:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"the {kind} frames have shape {array.shape}; give one array (n, ny, nx).",
-            )
+            problem = f"the {kind} frames have shape {array.shape}; give one array (n, ny, nx)."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         blank = ~np.isfinite(array).all(axis=0)
         array = np.where(blank, 0.0, array) if blank.any() else array
         shots = tuple(look(f"{kind}[{i}]", plane, exposure) for i, plane in enumerate(array))
@@ -260,10 +258,8 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
     if kind != "bias" and seconds is None:
         seconds = raw.metadata.value("exposure")
         if seconds is None:
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                f"{raw.path}: the {kind} frame does not say its exposure; give --exposure in s.",
-            )
+            problem = f"{raw.path}: the {kind} frame does not say its exposure; give --exposure in s."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     shot = look(raw.name, raw.data, seconds)
     return replace(shot, gain=raw.metadata.value("gain"), path=raw.path, index=raw.index)
 

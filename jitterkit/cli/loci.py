@@ -87,18 +87,16 @@ def build_locus(name: str, sizes: dict[str, Any]):
     taken = inspect.signature(build).parameters
     if not taken and sizes:
         extra = size_option(next(iter(sizes)))
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"A stable telescope has no {extra}; choose another --locus."
-        )
+        message = f"A stable telescope has no {extra}; choose another --locus."
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, message)
     needed = [size for size, parameter in taken.items() if parameter.default is parameter.empty]
     foreign, missing = [s for s in sizes if s not in taken], [s for s in needed if s not in sizes]
     wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
     if not (foreign or missing or wrong):
         return build(**sizes)
     if {"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"The locus {name} takes --shear or --set sigma_minor, not both."
-        )
+        message = f"The locus {name} takes --shear or --set sigma_minor, not both."
+        raise ConfigurationError(ErrorCode.CONFLICT, message)
     may = [size for size in taken if size not in needed]
     may += ["shear"] if kind is Mvn and "shear" not in taken else []
     code, problem = ErrorCode.MISSING_VALUE, ""
@@ -147,9 +145,8 @@ def refuse_other_motions(option: str, locus: str, sizes: Iterable[str], **motion
     others += ["--locus"] if locus != "stable" else []
     others += [size_option(size) for size in sizes]
     if others:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"A {option} takes the place of a locus; leave out {others[0]}."
-        )
+        problem = f"A {option} takes the place of a locus; leave out {others[0]}."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
 
 
 def _positions(text: str) -> list[list[float]]:

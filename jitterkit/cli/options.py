@@ -215,9 +215,8 @@ def parse_model_error(text: str) -> Any:
     try:
         return text if text == "auto" else float(text)
     except ValueError:
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"--model-error {text!r} is no number; give a share, such as 0.02, or auto."
-        ) from None
+        problem = f"--model-error {text!r} is no number; give a share, such as 0.02, or auto."
+        raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
 
 
 def held(background: bool) -> tuple[str, ...]:

@@ -59,15 +59,12 @@ def _check_shapes(values: Mapping[str, Any]) -> None:
     shapes = {name: np.shape(values[name]) for name in MAPS if values[name] is not None}
     for name, shape in shapes.items():
         if name == "bad_pixels" and len(shape) != 2:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"bad_pixels has shape {shape}; give a map (ny, nx), True where a pixel is bad.",
-            )
+            problem = f"bad_pixels has shape {shape}; give a map (ny, nx), True where a pixel is bad."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         if len(shape) not in (0, 2) or (name == "flat" and not shape):
             also = "" if name == "flat" else "one number or "
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"{name} has shape {shape}; give {also}a map (ny, nx)."
-            )
+            problem = f"{name} has shape {shape}; give {also}a map (ny, nx)."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     maps = {name: shape for name, shape in shapes.items() if shape}
     for name, shape in maps.items():
         first = next(iter(maps))
@@ -89,32 +86,26 @@ def _check_number(name: str, value: Any, quantity: Quantity) -> None:
     if np.ndim(value) == 0:
         problem = quantity.problem(value)
         if problem is not None:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"{name} = {value!r} {problem}; give it in {quantity.unit}."
-            )
+            message = f"{name} = {value!r} {problem}; give it in {quantity.unit}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
         return
     finite = np.asarray(value)[np.isfinite(value)]
     if finite.size == 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{name} is a map of {_size(np.shape(value))} pixels without a finite number; give another.",
-        )
+        message = f"{name} is a map of {_size(np.shape(value))} pixels without a finite number; give another."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
     for extreme in (float(finite.min()), float(finite.max())):
         problem = quantity.problem(extreme)
         if problem is not None:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"{name} has a pixel of {extreme!r}, which {problem}; give it in {quantity.unit}.",
-            )
+            message = f"{name} has a pixel of {extreme!r}, which {problem}; give it in {quantity.unit}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
 
 
 def _check_bits(bits: Any, bias: Any) -> None:
     if bits is None:
         return
     if isinstance(bits, bool) or int(bits) != bits or int(bits) not in BITS:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"bits = {bits!r} is impossible; a converter has {BITS[0]} to {BITS[-1]}."
-        )
+        problem = f"bits = {bits!r} is impossible; a converter has {BITS[0]} to {BITS[-1]}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     for level in () if bias is None else (np.nanmin(bias), np.nanmax(bias)):
         if not 0 <= level < 2**bits:
             raise ConfigurationError(
@@ -129,10 +120,8 @@ def _check_flat(flat: Any) -> None:
     good = np.asarray(flat)[np.isfinite(flat) & (np.asarray(flat) > 0)]
     mean = float(np.mean(good, dtype=float)) if good.size else 0.0
     if abs(mean - 1) > _EVEN:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"flat has a mean of {mean:g} over its good pixels; divide it by that, so that fluxes stay.",
-        )
+        problem = f"flat has a mean of {mean:g} over its good pixels; divide it by that, so that fluxes stay."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 def _check_nonlinearity(coefficients: Any, full_well: float | None) -> None:
@@ -140,14 +129,11 @@ def _check_nonlinearity(coefficients: Any, full_well: float | None) -> None:
         return
     is_list = np.ndim(coefficients) == 1 and np.size(coefficients) > 0
     if not is_list or not np.isfinite(coefficients).all():
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE if is_list else ErrorCode.WRONG_SHAPE,
-            f"nonlinearity = {coefficients!r}; give a list of numbers, c1 in 1/e- first.",
-        )
+        problem = f"nonlinearity = {coefficients!r}; give a list of numbers, c1 in 1/e- first."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE if is_list else ErrorCode.WRONG_SHAPE, problem)
     if full_well is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, "nonlinearity needs the full_well up to which it holds; give it, in e-."
-        )
+        problem = "nonlinearity needs the full_well up to which it holds; give it, in e-."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     turn = turning_point(coefficients)
     if turn <= full_well:
         raise ConfigurationError(

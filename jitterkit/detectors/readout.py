@@ -106,9 +106,8 @@ def _refuse_without_exposure(
     for name, needed in needs.items():
         value = getattr(detector, name)
         if exposure is None and needed and value is not None and np.any(value):
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE, f"{name} needs the exposure of the frame; give exposure, in s."
-            )
+            problem = f"{name} needs the exposure of the frame; give exposure, in s."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
 
 
 def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:

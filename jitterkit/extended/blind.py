@@ -101,10 +101,8 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     found = [_climb(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
     found = [streak for streak in found if streak.length < limit]
     if not found:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels.",
-        )
+        problem = f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     best = _refined(spectrum, max(found, key=lambda streak: streak.value))
     _check(spectrum, best, found, limit)
     along, across = _errors(spectrum, best)

@@ -88,9 +88,8 @@ def estimate_from_reference(
     Moments are of the blur *added* to the sharp frame's own; noise may make them indefinite.
     """
     if kernel_side % 2 == 0:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
-        )
+        problem = f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     drift = register(sharp, blurred, mask=mask)
     pair = [np.asarray(frame, float) for frame in (sharp, blurred)]
     bad = np.zeros(pair[0].shape, bool) if mask is None else np.asarray(mask, bool)

@@ -176,10 +176,8 @@ def register(
     """
     pair = [np.asarray(frame, dtype=float) for frame in (reference, image)]
     if pair[0].shape != pair[1].shape or pair[0].ndim != 2:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"Frames to register are images of one shape; got {pair[0].shape} and {pair[1].shape}.",
-        )
+        problem = f"Frames to register are images of one shape; got {pair[0].shape} and {pair[1].shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     bad = np.zeros(pair[0].shape, bool) if mask is None else np.asarray(mask, bool)
     if bad.shape != pair[0].shape or bad.all():
         raise ConfigurationError(
@@ -197,10 +195,8 @@ def register(
             )
     for name, frame in zip(("reference", "image"), pair, strict=True):
         if frame[~bad].std() == 0:
-            raise UndeterminedError(
-                ErrorCode.NO_SIGNAL,
-                f"The {name} is constant ({frame[~bad][0]:g} everywhere): there is nothing to register.",
-            )
+            problem = f"The {name} is constant ({frame[~bad][0]:g} everywhere): there is nothing to register."
+            raise UndeterminedError(ErrorCode.NO_SIGNAL, problem)
     bad = bad | standing_pixels(*(fill(frame, bad) for frame in pair))
     one, two = (fill(frame, bad) for frame in pair)
     (x, y), covariance = _shift(one, two)

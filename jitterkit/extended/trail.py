@@ -86,10 +86,8 @@ def estimate_trail(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     """
     trails = find_trails(image)
     if not trails:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The image shows no trail of {_GATE:g} pixels or more away from its borders.",
-        )
+        problem = f"The image shows no trail of {_GATE:g} pixels or more away from its borders."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     near = np.array(
         [
             [apart(a.length, a.angle, b.length, b.angle) < max(1.0, _TOLERANCE * a.length) for b in trails]

@@ -141,9 +141,8 @@ class Forecast:
 
     def _slot(self, name: str) -> int:
         if name not in self.names:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME, f"{name!r} is not among the free parameters {', '.join(self.names)}."
-            )
+            problem = f"{name!r} is not among the free parameters {', '.join(self.names)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         return self.names.index(name)
 
 

@@ -263,9 +263,8 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     """
     for name, size in (("diffusion", setting.diffusion), ("seeing", setting.seeing or 0.0)):
         if size < 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"The {name} is {size:g}; give zero for none, or a positive one."
-            )
+            problem = f"The {name} is {size:g}; give zero for none, or a positive one."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     setting = choose_defocus(setting)
     jitter = setting.frame(locus)
     names = [name for name in JITTER if name in jitter.names]
@@ -273,8 +272,6 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     causes = causes_between(setting, locus, names)
     found = Causes(setting, locus, causes, frame, setting.otf.grid.plate_scale)
     if not np.all(np.isfinite(found.told.alone)):
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not show its causes: too few pixels tell anything; change the flux.",
-        )
+        problem = "The frame does not show its causes: too few pixels tell anything; change the flux."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     return found

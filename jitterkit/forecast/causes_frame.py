@@ -187,9 +187,8 @@ def _on_axis(locus: Locus) -> tuple[tuple[str, ...], np.ndarray]:
         )
     moments = np.asarray(locus.moments())
     if rows == 2 and not axis_variances(moments)[0] > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, "A streak of length 0 has no axis; give its length, or the locus mvn."
-        )
+        problem = "A streak of length 0 has no axis; give its length, or the locus mvn."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     turn = np.array([moments_on_axis(unit, axis_variances(moments)[2]) for unit in np.eye(3)]).T
     by_coords = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))[:, :rows]
     return JITTER[:rows], (turn @ by_coords)[:rows]

@@ -132,10 +132,8 @@ def noise_free_fit(
         moved = abs(fit.of_scene("separation") - before.of_scene("separation"))
         if moved < _SETTLED * before.error("separation"):
             return _respond(truth, fit, optics, otf, data, options)
-    raise JitterkitError(
-        ErrorCode.NOT_CONVERGED,
-        f"{locus} does not settle on this jitter; the separation still moves by {moved:.2g} arcsec.",
-    )
+    problem = f"{locus} does not settle on this jitter; the separation still moves by {moved:.2g} arcsec."
+    raise JitterkitError(ErrorCode.NOT_CONVERGED, problem)
 
 
 def _respond(

@@ -66,9 +66,8 @@ def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
     try:
         shape = {word.strip(): float(value) for word, value in (s.split("=") for s in settings)}
     except ValueError:
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"{kind!r} is not understood; write mvn,shear=0.7."
-        ) from None
+        problem = f"{kind!r} is not understood; write mvn,shear=0.7."
+        raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
     foreign = [word for word in shape if word not in shapes]
     if foreign:
         may = f"it may have {', '.join(shapes)}" if shapes else "it has a size and an angle only"

@@ -108,10 +108,8 @@ def instrument_from_fits(
     arrays = pupil_arrays(path, images, second, diameter=diameter, opd_unit=opd_unit, plane=plane)
     light = _light(path, images, band, wavelength)
     if plate_scale is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel.",
-        )
+        problem = f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     head: dict[str, Any] = {"name": _name(images, path), "plate_scale": plate_scale}
     if shape is not None:
         head["shape"] = list(shape)
@@ -131,9 +129,8 @@ def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
 def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
     for name, value in others.items():
         if value is not None:
-            raise ConfigurationError(
-                ErrorCode.CONFLICT, f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
-            )
+            problem = f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
+            raise ConfigurationError(ErrorCode.CONFLICT, problem)
 
 
 def _name(images: Sequence[NamedImage], path: Path) -> str:
@@ -156,18 +153,15 @@ def _light(
 ) -> dict[str, Any]:
     """The table [spectrum]."""
     if band is not None and wavelength is not None:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
-        )
+        problem = f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     if band is not None:
         return {"band": list(band)}
     told = images[0].header.get("WAVELEN")  # of a wavefront that poppy wrote
     wavelength = told * 1e9 if wavelength is None and isinstance(told, float) else wavelength
     if wavelength is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm.",
-        )
+        problem = f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     return {"lines": [wavelength]}
 
 

@@ -89,17 +89,14 @@ class Instrument:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
         if len(self.shape) != 2 or min(self.shape) < 1:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"shape = {list(self.shape)} is impossible; give [rows, columns]."
-            )
+            message = f"shape = {list(self.shape)} is impossible; give [rows, columns]."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, message)
         for name in ("plate_scale", "exposure"):
             value = getattr(self, name)
             problem = None if value is None else QUANTITIES[name].problem(value)
             if problem is not None:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE,
-                    f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.",
-                )
+                message = f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
         for name, unit in (("flux", "photons per frame"), ("aberration_sigma", "nm")):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), unit)
@@ -115,10 +112,8 @@ class Instrument:
                 f"to hold the detector's diffusion; leave it out of the instrument {self.name!r}.",
             )
         if self.pupil_from is not None and self.spectrum is None:
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                f"The instrument {self.name!r} has a pupil but no spectrum; give its band.",
-            )
+            message = f"The instrument {self.name!r} has a pupil but no spectrum; give its band."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
 
     def source(self, name: str) -> str:
         """Return where a number comes from; ``"argument Instrument"`` where nothing else was said."""
@@ -206,10 +201,8 @@ class Instrument:
         """
         system = self.system(pad=pad)
         if not self.aberrations and aberrations is not None and np.size(aberrations):
-            raise ConfigurationError(
-                ErrorCode.CONFLICT,
-                f"The instrument {self.name!r} has no aberrations that vary; leave them out.",
-            )
+            problem = f"The instrument {self.name!r} has no aberrations that vary; leave them out."
+            raise ConfigurationError(ErrorCode.CONFLICT, problem)
         return system.otf(aberrations, derivatives=derivatives)
 
 

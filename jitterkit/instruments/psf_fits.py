@@ -149,19 +149,16 @@ def _chosen(path: Path, images: Sequence[NamedImage], hdu: int | None) -> NamedI
         if image.hdu == hdu:
             return image
     there = ", ".join(f"{image.hdu} {image.name}".rstrip() for image in images)
-    raise ConfigurationError(
-        ErrorCode.NO_IMAGE, f"{path}: there is no image in HDU {hdu}; choose --hdu from {there}."
-    )
+    problem = f"{path}: there is no image in HDU {hdu}; choose --hdu from {there}."
+    raise ConfigurationError(ErrorCode.NO_IMAGE, problem)
 
 
 def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -> None:
     """Refuse what is no single star, and a star that shakes already."""
     pixels = image.pixels
     if pixels.ndim != 2:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"{path}: HDU {image.hdu} has the shape {pixels.shape}; write one PSF, not a cube.",
-        )
+        problem = f"{path}: HDU {image.hdu} has the shape {pixels.shape}; write one PSF, not a cube."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     missing = np.count_nonzero(~np.isfinite(pixels))
     if missing or not pixels.sum() > 0:
         raise ConfigurationError(

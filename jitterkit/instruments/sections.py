@@ -138,10 +138,8 @@ def read_spectrum_section(section: Section) -> dict[str, Any]:
     kinds = [key for key in ("band", "lines", "file") if key in section]
     if len(kinds) != 1:
         said = " and ".join(kinds) if kinds else "neither band nor lines nor file"
-        raise ConfigurationError(
-            ErrorCode.CONFLICT if kinds else ErrorCode.MISSING_VALUE,
-            f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file.",
-        )
+        problem = f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file."
+        raise ConfigurationError(ErrorCode.CONFLICT if kinds else ErrorCode.MISSING_VALUE, problem)
     for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
         if key in section and kinds[0] not in wanted:
             section.refuse(ErrorCode.CONFLICT, key, f"leave it out: it does not go with {kinds[0]}")

@@ -145,17 +145,14 @@ def _sections(path: Path) -> dict[str, Section]:
         problem = f"{path}: cannot be read ({error.strerror}); give a preset's name or an instrument file."
         raise ConfigurationError(reading_code(error), problem) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"{path}: is not readable as TOML ({error}); correct it."
-        ) from None
+        message = f"{path}: is not readable as TOML ({error}); correct it."
+        raise ConfigurationError(ErrorCode.MALFORMED, message) from None
     refuse_unknown(path, "table", content, SECTIONS)
     content.setdefault("instrument", {})
     sections = {name: Section(path, name, values, SECTIONS[name]) for name, values in content.items()}
     if "psf" in sections and not {"telescope", "spectrum"}.isdisjoint(sections):
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one.",
-        )
+        message = f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one."
+        raise ConfigurationError(ErrorCode.CONFLICT, message)
     return sections
 
 
@@ -164,18 +161,16 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         fields["sources"] = {**base.sources, **fields["sources"]}
         return replace(base, **fields)
     if "plate_scale" not in fields:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
-        )
+        problem = f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     if "pupil_from" not in fields:
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
             f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file.",
         )
     if fields["pupil_from"] is not None and "spectrum" not in fields:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
-        )
+        problem = f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     return Instrument(**{"shape": (128, 128), **fields})
 
 
@@ -224,10 +219,8 @@ def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
         if options[key] < least:
             section.refuse(ErrorCode.OUT_OF_RANGE, key, f"give at least {least}")
     if options["struts"] and not options["strut_width"]:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{section.file}: [telescope] has struts but no strut_width; give it, in m.",
-        )
+        problem = f"{section.file}: [telescope] has struts but no strut_width; give it, in m."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     if "noll" in section:
         options["noll"] = section.whole_numbers("noll", None, "a list of Noll's indices, from 2")
         too_low = any(j < 2 for j in options["noll"])

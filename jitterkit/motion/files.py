@@ -139,10 +139,8 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
         if (new := _header(cells)) is not None:
             header = new
             if header.names[0] in tables:
-                raise ConfigurationError(
-                    ErrorCode.DUPLICATE,
-                    f"line {n} begins a second table of one kind; put all its rows into one.",
-                )
+                problem = f"line {n} begins a second table of one kind; put all its rows into one."
+                raise ConfigurationError(ErrorCode.DUPLICATE, problem)
             tables[header.names[0]] = []
         elif header is None:
             raise ConfigurationError(ErrorCode.MALFORMED, f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
@@ -202,9 +200,8 @@ def _says_two_sided(path: Path) -> bool:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
     found = {kind for kind in ("one", "two") if re.search(rf"\b{kind}[- ]?sided", comments)}
     if len(found) > 1:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "the comments say one-sided and two-sided; leave one of the words out."
-        )
+        problem = "the comments say one-sided and two-sided; leave one of the words out."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     return found == {"two"}
 
 

@@ -207,10 +207,8 @@ def check_exposure(exposure: float) -> float:
 def check_cadence(exposure: float, cadence: float) -> float:
     """Refuse exposures that overlap."""
     if not check_exposure(exposure) <= cadence < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"Exposures of {exposure:g} s cannot follow every {cadence:g} s; give a longer cadence.",
-        )
+        problem = f"Exposures of {exposure:g} s cannot follow every {cadence:g} s; give a longer cadence."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return cadence
 
 

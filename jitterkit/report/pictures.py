@@ -130,9 +130,8 @@ def choose_pictures(rows: Sequence[Row], limit: int = MOST_PICTURES) -> list[int
         and ties stay in order.
     """
     if limit < 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A report cannot show {limit} pictures; give zero or more."
-        )
+        problem = f"A report cannot show {limit} pictures; give zero or more."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     misfits = [row["chi2_dof"] if math.isfinite(row["chi2_dof"]) else -math.inf for row in rows]
     ordered = sorted(range(len(rows)), key=lambda i: -misfits[i])
     fitted = [i for i in ordered if rows[i]["status"] == "ok"]

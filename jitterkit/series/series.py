@@ -70,18 +70,14 @@ class Series:
             )
         good = np.isfinite(y) & np.isfinite(e) & (e > 0)
         if good.sum() < 3:
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW, f"{good.sum()} measurements are no series; give three or more."
-            )
+            problem = f"{good.sum()} measurements are no series; give three or more."
+            raise ConfigurationError(ErrorCode.TOO_FEW, problem)
         if np.ptp(y[good]) == 0:
-            raise ConfigurationError(
-                ErrorCode.UNSUPPORTED, f"All values are {y[good][0]:g}; a series of one value has no scatter."
-            )
+            problem = f"All values are {y[good][0]:g}; a series of one value has no scatter."
+            raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
         for row in np.flatnonzero(good & ~np.isfinite(t)):
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                f"The time of measurement {row + 1} is {t[row]:g}; give a time to each, or to none.",
-            )
+            problem = f"The time of measurement {row + 1} is {t[row]:g}; give a time to each, or to none."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         step = _cadence(np.sort(t[good])) if times is not None and cadence is None else step
         positive("cadence", step)
         if np.ptp(t[good]) < 2 * step:
@@ -138,8 +134,7 @@ def _cadence(times: np.ndarray) -> float:
     steps = np.diff(times)
     steps = steps[steps > 0]
     if not len(steps):
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"All times are {times[0]:g}; give the time of each measurement."
-        )
+        problem = f"All times are {times[0]:g}; give the time of each measurement."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     step = float(steps.sum() / np.rint(steps / np.median(steps)).sum())
     return max(step, float(times[-1] - times[0]) / _FINE)

@@ -104,13 +104,11 @@ def fit_trend(series: Series, degree: int = 1, *, noise: Floor | None = None) ->
     """
     y, e, t = series.present
     if degree not in range(_HIGHEST + 1):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A trend of degree {degree} is not fitted; give 0 to {_HIGHEST}."
-        )
+        problem = f"A trend of degree {degree} is not fitted; give 0 to {_HIGHEST}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     if (times := len(np.unique(t))) < degree + 2:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"{times} times have no trend of degree {degree} to test; give more."
-        )
+        problem = f"{times} times have no trend of degree {degree} to test; give more."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     weights = (e.min() / e) ** 2
     epoch, span = float(t[0] + np.average(t - t[0], weights=weights)), float(np.ptp(t)) / 2
     recurrence = _recurrence((t - epoch) / span, weights, degree)

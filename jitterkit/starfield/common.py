@@ -86,10 +86,8 @@ def common_moments(moments: Moments) -> Common:
         )
     values, noise, used = moments.moments, moments.covariance, _narrow(moments)
     if not used.any():
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW_STARS,
-            "No isolated star has a measurable shape; expose longer or give a larger frame.",
-        )
+        problem = "No isolated star has a measurable shape; expose longer or give a larger frame."
+        raise UndeterminedError(ErrorCode.TOO_FEW_STARS, problem)
     mean, scatter = np.median(values[used], axis=0), np.zeros((3, 3))
     several = used.sum() >= _LEAST
     if several:

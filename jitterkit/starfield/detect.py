@@ -188,9 +188,8 @@ def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) ->
     bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
     bright &= np.isfinite(x + y + long)
     if not bright.any():
-        raise UndeterminedError(
-            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
-        )
+        problem = "No star rises above the noise of the frame; expose longer or stack frames."
+        raise UndeterminedError(ErrorCode.NO_STAR, problem)
     numbers = np.asarray(catalog.labels)
     return _Regions(
         regions.data,
@@ -212,9 +211,8 @@ def _segments(image: np.ndarray, noise: np.ndarray):
         warnings.simplefilter("ignore", NoDetectionsWarning)
         whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
     if whole is None:
-        raise UndeterminedError(
-            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
-        )
+        problem = "No star rises above the noise of the frame; expose longer or stack frames."
+        raise UndeterminedError(ErrorCode.NO_STAR, problem)
     split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
     for wing, star in _wings(smooth, split.data):
         split.reassign_label(wing, star)

@@ -166,10 +166,8 @@ def roundest(frames: Sequence[Frame]) -> int:
         except UndeterminedError:
             sizes.append(np.inf)
     if not sizes or not np.isfinite(min(sizes)):
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW_STARS,
-            f"No isolated star is seen in any of {len(sizes)} frames; give sharper ones.",
-        )
+        problem = f"No isolated star is seen in any of {len(sizes)} frames; give sharper ones."
+        raise UndeterminedError(ErrorCode.TOO_FEW_STARS, problem)
     return int(np.argmin(sizes))
 
 

@@ -150,10 +150,8 @@ class Example:
         names, equations, known, pixels = self._equations(settings.applied(self.processor))
         covariance, sound = invert_information(equations.information + known)
         if not sound:
-            raise ConfigurationError(
-                ErrorCode.NOT_CONSTRAINED,
-                f"{self.raw.name} does not determine its parameters with {settings}.",
-            )
+            problem = f"{self.raw.name} does not determine its parameters with {settings}."
+            raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
         slot = names.index("separation")
         step = covariance @ equations.score
         scatter = math.sqrt(2 * pixels)

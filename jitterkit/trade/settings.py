@@ -85,9 +85,8 @@ class Settings:
         for name, least in (("pad", 0), ("samples", 1), ("binning", 1), ("region", 1), ("nodes", 3)):
             value = getattr(self, name)
             if value is not None and value < least:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE, f"{name} = {value} is impossible; give at least {least}."
-                )
+                problem = f"{name} = {value} is impossible; give at least {least}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     def instrument(self, instrument: Instrument) -> Instrument:
         """The instrument as it is modelled.
