@@ -224,11 +224,9 @@ class _Work:
         if not stacks:
             return [], None
         if self.level is None:
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                "flats say nothing without the bias they stand on; give --bias, or its level by "
-                "--bias-level.",
-            )
+            problem = "flats say nothing without the bias they stand on"
+            remedy = "give --bias, or its level by --bias-level"
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
         zero: Master | float = self.level if self.master is None else self.master
         response = Response(zero, rate)
         levels: list[Level] = []

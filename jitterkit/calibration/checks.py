@@ -118,11 +118,8 @@ def split_by_light(stack: Stack, pedestal: float) -> list[Stack]:
     for group in groups:
         shot = stack.shots[group[0]]
         if shot.level - pedestal <= shot.scatter / 16:
-            raise ConfigurationError(
-                ErrorCode.NO_SIGNAL,
-                f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g}); leave it "
-                "out of the flats.",
-            )
+            problem = f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g})"
+            raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; leave it out of the flats.")
         if len(group) < 2:
             others = stack.take(i for i in range(len(stack)) if i != group[0])
             raise ConfigurationError(

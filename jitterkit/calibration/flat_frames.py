@@ -151,11 +151,8 @@ def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
         np.linspace(-1, 1, nx), np.linspace(-1, 1, ny), coefficients
     ).T
     if not np.all(found > 0):
-        raise ConfigurationError(
-            ErrorCode.NO_SIGNAL,
-            f"the flats fall to {found.min():.3g} ADU above the bias in places; give flats that are lit "
-            "all over.",
-        )
+        problem = f"the flats fall to {found.min():.3g} ADU above the bias in places"
+        raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; give flats that are lit all over.")
     return found
 
 

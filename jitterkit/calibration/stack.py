@@ -229,11 +229,9 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
     for group in groups:
         if len(group) < 2:
             at = "" if group[0].exposure is None else f" of {group[0].exposure:g} s"
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW,
-                f"{group[0].path}: there is one {kind} frame{at}; give at least two, better ten or more, so "
-                "that their noise is seen.",
-            )
+            problem = f"{group[0].path}: there is one {kind} frame{at}"
+            remedy = "give at least two, better ten or more, so that their noise is seen"
+            raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; {remedy}.")
     ny, nx = unusable.shape
     return tuple(Stack(kind, group, (ny, nx), dtype, group[0].exposure, unusable) for group in groups)
 

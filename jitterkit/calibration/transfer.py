@@ -120,27 +120,19 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
     used = [level for level in levels if not level.saturated]
     if not any(level.signal > 0 and level.exposure > 0 for level in used):
         worst = next(level for level in levels if level.saturated)
-        raise ConfigurationError(
-            ErrorCode.NO_DATA,
-            f"the flats are saturated, the dimmest at {worst.signal:.5g} ADU above the bias; give flats of "
-            "shorter exposures.",
-        )
+        problem = f"the flats are saturated, the dimmest at {worst.signal:.5g} ADU above the bias"
+        raise ConfigurationError(ErrorCode.NO_DATA, f"{problem}; give flats of shorter exposures.")
     linearity = fit_linearity(used)
     x = np.array([_abscissa(level.signal, linearity) for level in used])
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
     if len(used) == 1:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise; give "
-            "--bias, or flats of another exposure.",
-        )
+        problem = f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; give --bias, or flats of another exposure.")
     (slope, start), covariance, chi2, freedom = _line(x, y, e)
     if not slope > 0:
-        raise ConfigurationError(
-            ErrorCode.IMPLAUSIBLE,
-            f"the variance does not rise with the light (by {slope:.3g} ADU for each ADU); check that these "
-            "are flats, as they were read.",
-        )
+        problem = f"the variance does not rise with the light (by {slope:.3g} ADU for each ADU)"
+        remedy = "check that these are flats, as they were read"
+        raise ConfigurationError(ErrorCode.IMPLAUSIBLE, f"{problem}; {remedy}.")
     coupling, coupling_error = _coupling(used, x, slope)
     doubts = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]
     doubts += [8 * coupling_error] if coupling else []

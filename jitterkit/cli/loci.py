@@ -64,11 +64,9 @@ def parse_sizes(settings: list[str]) -> dict[str, Any]:
         try:
             sizes[name.strip()] = _positions(value) if ":" in value else float(value)
         except ValueError:
-            raise ConfigurationError(
-                ErrorCode.MALFORMED,
-                f"--set {setting} is not understood; write a number, --set cycles=0.7, or positions in "
-                "arcsec, --set knots=0:0,0.2:0.1.",
-            ) from None
+            problem = f"--set {setting} is not understood"
+            remedy = "write a number, --set cycles=0.7, or positions in arcsec, --set knots=0:0,0.2:0.1"
+            raise ConfigurationError(ErrorCode.MALFORMED, f"{problem}; {remedy}.") from None
     return sizes
 
 

@@ -243,10 +243,8 @@ def _overlap(one: np.ndarray, two: np.ndarray, shift: np.ndarray) -> tuple[np.nd
 def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray]:
     """Sub-pixel shift (y, x) of the second, and the covariance of (x, y), pixels."""
     if min(one.shape) < _LEAST_OVERLAP:
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW,
-            f"The frames overlap by {min(one.shape)} pixels; registration needs {_LEAST_OVERLAP} or more.",
-        )
+        problem = f"The frames overlap by {min(one.shape)} pixels"
+        raise UndeterminedError(ErrorCode.TOO_FEW, f"{problem}; registration needs {_LEAST_OVERLAP} or more.")
     window = _window(one.shape)
     fy, fx = np.meshgrid(fft.fftfreq(one.shape[0]), fft.rfftfreq(one.shape[1]), indexing="ij")
     band = (np.hypot(fx, fy) < _BAND) & (np.hypot(fy * one.shape[0], fx * one.shape[1]) > _LEAST_ORDER)
@@ -263,11 +261,9 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
             break
     correlation = cross.real.sum() / np.sqrt((abs(a) ** 2).sum() * (abs(b) ** 2).sum())
     if not correlation > _LEAST_CORRELATION or np.abs(shift).max() > 2:
-        raise UndeterminedError(
-            ErrorCode.MODEL_MISMATCH,
-            f"The frames have too little in common to register them (correlation {correlation:.2f}; "
-            f"{_LEAST_CORRELATION:g} is needed); give frames of one scene.",
-        )
+        found = f"correlation {correlation:.2f}; {_LEAST_CORRELATION:g} is needed"
+        problem = f"The frames have too little in common to register them ({found})"
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; give frames of one scene.")
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
     covariance = ties * gain @ ((axes * cross.imag**2) @ axes.T) @ gain
     covariance += np.eye(2) * _WINDOW_ERROR**2

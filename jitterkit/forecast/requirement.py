@@ -132,11 +132,9 @@ def jitter_requirements(
 
     alone = forecast(still.with_locus(Stable.of()), otf, detector, options).error("separation")
     if not math.isfinite(alone):
-        raise ConfigurationError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not determine its parameters even without jitter; look at flux, contrast and "
-            "saturation.",
-        )
+        problem = "The frame does not determine its parameters even without jitter"
+        remedy = "look at flux, contrast and saturation"
+        raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, f"{problem}; {remedy}.")
     loss = time_lost if fitted is None else bias
     found: list[Requirement] = []
     for angle in angles:

@@ -123,10 +123,8 @@ def _header(cells: list[str]) -> _Header | None:
         kinds.append(kind)
     roots = [kind == "arcsec/sqrt(Hz)" for kind in kinds[1:]]
     if any(roots) and not all(roots):
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{','.join(cells)!r} mixes densities and their roots; give x and y alike, and no xy with roots.",
-        )
+        problem = f"{','.join(cells)!r} mixes densities and their roots"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give x and y alike, and no xy with roots.")
     return _Header(names, tuple(factors), all(roots))
 
 

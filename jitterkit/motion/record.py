@@ -107,11 +107,9 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
     t, places = np.asarray(record.t, float) - record.t[0], np.stack([record.x, record.y], axis=1)
     count = int(np.floor((t[-1] - exposure) / cadence * (1 + 1e-12) + 1e-9)) + 1
     if count < 1:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s; give a longer trace or a "
-            "shorter exposure.",
-        )
+        problem = f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s"
+        remedy = "give a longer trace or a shorter exposure"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     starts = cadence * np.arange(count)
     numbers = np.flatnonzero(_is_covered(t, starts, exposure))
     if not len(numbers):

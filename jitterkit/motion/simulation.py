@@ -55,11 +55,9 @@ def simulate_pointing(
     n = max(round(check_exposure(duration) / check_exposure(step)), 1)
     for line in spectrum.lines:
         if line.frequency * step > 0.5:
-            raise ConfigurationError(
-                ErrorCode.SAMPLING,
-                f"A line at {line.frequency:g} Hz does not show at a step of {step:g} s; give one below "
-                f"{0.5 / line.frequency:g} s.",
-            )
+            problem = f"A line at {line.frequency:g} Hz does not show at a step of {step:g} s"
+            remedy = f"give one below {0.5 / line.frequency:g} s"
+            raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     t = step * np.arange(n + 1)
     places = _random(spectrum, n, step, rng)
     for line in spectrum.lines:

@@ -150,11 +150,9 @@ def _correlation(density: np.ndarray) -> np.ndarray:
 def _check(frequencies: np.ndarray, density: np.ndarray) -> None:
     n = len(frequencies)
     if n == 1 or frequencies.shape != (n,) or density.shape != (n, 3):
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"A spectrum has densities (n, 3) at two frequencies or more, or none; got {density.shape} at "
-            f"{frequencies.shape}.",
-        )
+        problem = "A spectrum has densities (n, 3) at two frequencies or more, or none"
+        got = f"got {density.shape} at {frequencies.shape}"
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{problem}; {got}.")
     for row in np.flatnonzero(
         ~np.isfinite(frequencies) | (frequencies < 0) | (np.diff(frequencies, prepend=-1) <= 0)
     ):

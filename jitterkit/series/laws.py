@@ -160,11 +160,9 @@ def simulate_flicker(n: int, level: float, rng: np.random.Generator) -> np.ndarr
         If there are fewer than two values, or the level is negative or not finite.
     """
     if n < 2 or not (np.isfinite(level) and level >= 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"Flicker of {n} values at a level of {level:g} cannot be drawn; give two values or more, and a "
-            "finite level that is not negative.",
-        )
+        problem = f"Flicker of {n} values at a level of {level:g} cannot be drawn"
+        remedy = "give two values or more, and a finite level that is not negative"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     half = 2 * level**2 * difference_correlation(np.arange(n), "flicker")
     half[_FROM:] = level**2 * _TAIL * np.arange(n)[_FROM:] ** -2.0
     spectrum = np.fft.rfft(np.concatenate([half, half[-2:0:-1]])).real.clip(0)

@@ -96,11 +96,8 @@ def doubt_of(misfit: Misfit, model: str, length: float, elongation: float) -> tu
         If the fit is so poor that it says nothing.
     """
     if misfit.chi2_dof > _NONSENSE and misfit.share > _AMISS:
-        raise UndeterminedError(
-            ErrorCode.MODEL_MISMATCH,
-            f"{model} leaves chi²/dof {misfit.chi2_dof:.3g} and {misfit.share:.0%} of the mean star; its "
-            "shape is not a trail's.",
-        )
+        problem = f"{model} leaves chi²/dof {misfit.chi2_dof:.3g} and {misfit.share:.0%} of the mean star"
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; its shape is not a trail's.")
     if misfit.chi2_dof < _POOR:
         return 0.0, ()
     doubt = abs(np.sqrt(12 * max(elongation, 0.0)) - length) / 2

@@ -113,11 +113,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     if not alone.any():
         full = len(np.unique(found.labels[ceiling & (found.labels > 0)]))
         why = f" ({full} of {len(found.flux)} are saturated: their tops are flat)" if full else ""
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW_STARS,
-            f"No star of the frame stands alone, clear of bad pixels and of the edge{why}; "
-            "choose a less crowded part of it.",
-        )
+        problem = f"No star of the frame stands alone, clear of bad pixels and of the edge{why}"
+        raise UndeterminedError(ErrorCode.TOO_FEW_STARS, f"{problem}; choose a less crowded part of it.")
     return stars.chosen(alone)
 
 

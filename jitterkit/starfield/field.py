@@ -133,11 +133,9 @@ def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
     """PSF of a sharp frame, in stamps as wide as the trailed stars'."""
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
-        raise ConfigurationError(
-            ErrorCode.WRONG_INSTRUMENT,
-            f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}; "
-            "give a reference on the same pixels.",
-        )
+        problem = f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}"
+        remedy = "give a reference on the same pixels"
+        raise ConfigurationError(ErrorCode.WRONG_INSTRUMENT, f"{problem}; {remedy}.")
     return field_psf(reference, half=stars.electrons.shape[-1] // 2)
 
 

@@ -114,11 +114,9 @@ def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
     together = int(fit.combined.kept.sum())
     if together < len(frames):
-        raise JitterkitError(
-            ErrorCode.WRONG_INSTRUMENT,
-            f"Only {together} of {len(frames)} frames can be fitted together; give frames of one pair and "
-            "telescope, or fit each by itself.",
-        )
+        problem = f"Only {together} of {len(frames)} frames can be fitted together"
+        remedy = "give frames of one pair and telescope, or fit each by itself"
+        raise JitterkitError(ErrorCode.WRONG_INSTRUMENT, f"{problem}; {remedy}.")
     error = fit.separation[1] * math.sqrt(len(frames))
     return np.array([(one.separation, error) for one in fit.frames()])
 

@@ -155,11 +155,9 @@ class Planner:
                 if spent <= seconds:
                     return Plan(settings, self.outlook.loss(settings), spent)
             share *= min(_SHORTER * seconds / spent, _SHORTER)
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"No settings that describe these frames fit one in {1e3 * seconds:.3g} ms on this machine; give "
-            "more, or ask for the fastest by --preset fast.",
-        )
+        problem = f"No settings that describe these frames fit one in {1e3 * seconds:.3g} ms on this machine"
+        remedy = "give more, or ask for the fastest by --preset fast"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
 
     def as_they_are(self) -> Plan:
         """Return what is expected of the settings that the examples were fitted with."""
