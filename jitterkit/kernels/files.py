@@ -137,9 +137,8 @@ def write_kernel(
     fault = _fault(kernel)
     if fault:
         code, problem = fault
-        raise ConfigurationError(
-            code, f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
-        )
+        message = f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
+        raise ConfigurationError(code, message)
     cards = kernel_cards(kernel, plate_scale=plate_scale, estimate=estimate, oversample=oversample)
     array, order = in_rows(kernel / kernel.sum(), rows)
     remarks = "\n".join(filter(None, (_undetermined(estimate), remark)))

@@ -97,10 +97,8 @@ def transfer_ratio(
     """
     image, template = np.asarray(image, float), np.asarray(template, float)
     if image.shape != template.shape:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"Image and template must be of one shape; got {image.shape} and {template.shape}.",
-        )
+        problem = f"Image and template must be of one shape; got {image.shape} and {template.shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if bad := np.count_nonzero(~(np.isfinite(image) & np.isfinite(template))):
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,

@@ -1,13 +1,7 @@
 """Jitter loci: the paths a pointing draws on the detector, as exact transfer functions."""
 
 from jitterkit.errors import one_of
-from jitterkit.loci.base import (
-    Locus,
-    axis_variances,
-    covariance_on_axis,
-    moments_on_axis,
-    principal_axes,
-)
+from jitterkit.loci.base import Locus, axis_variances, covariance_on_axis, moments_on_axis, principal_axes
 from jitterkit.loci.cards import jitter_cards
 from jitterkit.loci.ellipse import Ellipse
 from jitterkit.loci.kernel import rasterise

@@ -82,9 +82,8 @@ class WithCumulants(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED, "Cumulants do not follow from second moments; put them on a locus."
-        )
+        problem = "Cumulants do not follow from second moments; put them on a locus."
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
         x, y, exponent, left = 2 * jnp.pi * fx, 2 * jnp.pi * fy, 0.0, self.coords[-len(self._own) :]

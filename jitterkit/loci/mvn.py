@@ -35,9 +35,8 @@ class Mvn(Elliptic):
     def sheared(cls, sigma_major: float, shear: float, angle: float = 0.0) -> Self:
         """Build from the shear ``1 - sigma_minor/sigma_major`` in [0, 1], as the paper has it."""
         if not 0 <= shear <= 1:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A shear lies between 0 (round) and 1 (a line); got {shear}."
-            )
+            problem = f"A shear lies between 0 (round) and 1 (a line); got {shear}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         return cls.of(sigma_major, sigma_major * (1 - shear), angle)
 
     def transfer(self, fx, fy):

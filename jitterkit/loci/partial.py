@@ -84,9 +84,8 @@ class PartialShm(Locus):
             At mid-exposure, degrees; zero where the motion is fastest.
         """
         if not length >= 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A streak's length must not be negative, in arcsec; got {length}."
-            )
+            problem = f"A streak's length must not be negative, in arcsec; got {length}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not _LEAST <= cycles <= _MOST:
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,

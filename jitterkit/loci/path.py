@@ -146,9 +146,8 @@ def _check(knots: np.ndarray) -> None:
         code = ErrorCode.OUT_OF_RANGE
     else:
         return
-    raise ConfigurationError(
-        code, f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
-    )
+    problem = f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
+    raise ConfigurationError(code, problem)
 
 
 @functools.cache

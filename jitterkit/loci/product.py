@@ -58,10 +58,8 @@ class Product(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED,
-            "A product of loci does not follow from second moments; build it from its parts.",
-        )
+        problem = "A product of loci does not follow from second moments; build it from its parts."
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
         product = 1.0

@@ -67,9 +67,8 @@ class Shaped(Elliptic):
     ) -> Self:
         """Build from the 1 sigma sizes [arcsec], the angle of the major one [deg] and the excess kurtosis."""
         if not -2 <= kurtosis < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"No density has an excess kurtosis below -2; got {kurtosis}."
-            )
+            problem = f"No density has an excess kurtosis below -2; got {kurtosis}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         moments = covariance(sigma_major, sigma_major if sigma_minor is None else sigma_minor, angle)
         return cls(jnp.append(moments, kurtosis))
 

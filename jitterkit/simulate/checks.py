@@ -34,9 +34,8 @@ def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
         if rule and not least <= value < np.inf:
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} {rule}.")
         if not np.isfinite(value):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} is not a finite number; give one."
-            )
+            problem = f"{name} = {value:g} is not a finite number; give one."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
