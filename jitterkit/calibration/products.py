@@ -53,9 +53,8 @@ def together(directory: Path) -> Iterator[Path]:
             os.replace(path, directory / path.name)
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise FrameError(
-            ErrorCode.NOT_WRITABLE, directory, problem, "check the directory and its permissions"
-        ) from error
+        remedy = "check the directory and its permissions"
+        raise FrameError(ErrorCode.NOT_WRITABLE, directory, problem, remedy) from error
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)

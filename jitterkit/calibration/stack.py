@@ -239,12 +239,8 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
 def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None) -> None:
     where = raw.path or raw.name
     if raw.unit != "adu":
-        raise FrameError(
-            ErrorCode.UNKNOWN_UNIT,
-            where,
-            f"is in {raw.unit}",
-            f"give the {kind} frames as they were read, in ADU",
-        )
+        remedy = f"give the {kind} frames as they were read, in ADU"
+        raise FrameError(ErrorCode.UNKNOWN_UNIT, where, f"is in {raw.unit}", remedy)
     if earlier is not None and raw.shape != earlier.shape:
         (ny, nx), (rows, columns) = raw.shape, earlier.shape
         problem = f"has {nx} x {ny} pixels, the {kind} frames before it {columns} x {rows}"

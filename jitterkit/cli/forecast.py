@@ -127,12 +127,10 @@ class _Setup:
         check_reach(stars, jitter, otf)
         exposure = self.telescope.exposure or 0.0
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
-        refuse_if(
-            not np.all(np.isfinite(found.covariance)),
-            ErrorCode.NOT_CONSTRAINED,
-            f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
-            f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus.",
-        )
+        known, shown = np.all(np.isfinite(found.covariance)), [f"{n} {value:g}" for n, value in scene.items()]
+        problem = f"A frame of {', '.join(shown)} does not determine its parameters"
+        remedy = f"({found.masked} pixels saturate); change flux, contrast or locus"
+        refuse_if(not known, ErrorCode.NOT_CONSTRAINED, f"{problem} {remedy}.")
         return found
 
     def still(self, changes: dict[str, float]) -> float:

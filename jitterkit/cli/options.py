@@ -203,11 +203,8 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
     """
     for name in unused[one_of("scene", scene, unused)]:
         source = context.get_parameter_source(name)
-        refuse_if(
-            source is not None and source.name == "COMMANDLINE",
-            ErrorCode.CONFLICT,
-            f"--scene {scene} does not use --{name}; leave it out.",
-        )
+        given = source is not None and source.name == "COMMANDLINE"
+        refuse_if(given, ErrorCode.CONFLICT, f"--scene {scene} does not use --{name}; leave it out.")
 
 
 def parse_model_error(text: str) -> Any:

@@ -51,20 +51,13 @@ def in_counts(raw: RawFrame) -> RawFrame:
         return raw
     where = raw.path or raw.name
     if unit not in RATES:
-        raise FrameError(
-            ErrorCode.UNKNOWN_UNIT,
-            where,
-            f"has pixels in {unit} ({known.source}), which is neither ADU nor electrons",
-            "convert them to ADU or electrons, or correct the unit",
-        )
+        problem = f"has pixels in {unit} ({known.source}), which is neither ADU nor electrons"
+        remedy = "convert them to ADU or electrons, or correct the unit"
+        raise FrameError(ErrorCode.UNKNOWN_UNIT, where, problem, remedy)
     exposure = raw.metadata.exposure
     if exposure is None or exposure.value == 0 or exposure.source.startswith(GUESSED):
-        raise FrameError(
-            ErrorCode.MISSING_VALUE,
-            where,
-            f"has pixels in {unit} ({known.source}), and its exposure is not known",
-            "give --exposure, in s",
-        )
+        problem = f"has pixels in {unit} ({known.source}), and its exposure is not known"
+        raise FrameError(ErrorCode.MISSING_VALUE, where, problem, "give --exposure, in s")
     counted = Known(unit.removesuffix("/s"), "", f"{known.source} in {unit} times {exposure.source}")
     metadata = raw.metadata.override(counted.source, unit=counted)
     bias = metadata.bias

@@ -69,7 +69,6 @@ def piece(
         last = f"column {x0 + nx - 1}, row {y0 + ny - 1}"
         what = "bad-pixel map" if name == "bad_pixels" else f"map {name}"
         problem = f"ends at {last}, beyond the {what} of {width} x {height}"
-        raise FrameError(
-            ErrorCode.WRONG_INSTRUMENT, frame, problem, "give a map of the whole detector, or none"
-        )
+        remedy = "give a map of the whole detector, or none"
+        raise FrameError(ErrorCode.WRONG_INSTRUMENT, frame, problem, remedy)
     return cut if cut.dtype == bool else cut.astype(float)
