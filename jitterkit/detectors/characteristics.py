@@ -69,11 +69,8 @@ def _check_shapes(values: Mapping[str, Any]) -> None:
     for name, shape in maps.items():
         first = next(iter(maps))
         if shape != maps[first]:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"{first} is a map of {_size(maps[first])} pixels and {name} one of {_size(shape)}; "
-                "give maps of one whole detector.",
-            )
+            found = f"{first} is a map of {_size(maps[first])} pixels and {name} one of {_size(shape)}"
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{found}; give maps of one whole detector.")
 
 
 def _size(shape: tuple[int, ...]) -> str:

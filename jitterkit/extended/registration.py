@@ -188,11 +188,8 @@ def register(
     for name, frame in zip(("reference", "image"), pair, strict=True):
         lost = int(np.sum(~np.isfinite(frame[~bad])))
         if lost:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"The {name} to register has {lost} of {frame.size} pixels that are not finite; "
-                "mask them, or cut them away.",
-            )
+            found = f"The {name} to register has {lost} of {frame.size} pixels that are not finite"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{found}; mask them, or cut them away.")
     for name, frame in zip(("reference", "image"), pair, strict=True):
         if frame[~bad].std() == 0:
             problem = f"The {name} is constant ({frame[~bad][0]:g} everywhere): there is nothing to register."

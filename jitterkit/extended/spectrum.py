@@ -89,11 +89,8 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     pixels -= pixels.mean()
     spread = pixels.std()
     if not spread > 1e-9 * np.abs(array).max():
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"The image is constant ({float(array.flat[0]):g} everywhere): it shows no scene, and "
-            "no blur either.",
-        )
+        problem = f"The image is constant ({float(array.flat[0]):g} everywhere)"
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}: it shows no scene, and no blur either.")
     window = np.outer(*(hann(n + 2)[1:-1] for n in array.shape))
     windowed = (pixels - np.average(pixels, weights=window)) * window / spread
     transform = fft.fftshift(fft.fft2(windowed))

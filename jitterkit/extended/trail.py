@@ -96,11 +96,8 @@ def estimate_trail(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     )
     most = near.sum(axis=1)
     if 2 * most.max() <= len(trails):
-        raise UndeterminedError(
-            ErrorCode.AMBIGUOUS,
-            f"The image's {len(trails)} trails disagree: those of one length and angle are {most.max()} at "
-            "most.",
-        )
+        alike = f"those of one length and angle are {most.max()} at most"
+        raise UndeterminedError(ErrorCode.AMBIGUOUS, f"The image's {len(trails)} trails disagree: {alike}.")
     return _mean(
         [trail for trail, agrees in zip(trails, near[most.argmax()], strict=True) if agrees], plate_scale
     )

@@ -113,11 +113,9 @@ def table_ending(path: Path) -> str:
         problem = f"{path} is no name of a table; it must end in {', '.join(TABLES)}."
         raise ConfigurationError(ErrorCode.WRONG_SUFFIX, problem)
     if ending == ".parquet" and find_spec("pyarrow") is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE,
-            f'{path} needs pyarrow, which is not installed; run: pip install "jitterkit[parquet]", or '
-            "choose another ending.",
-        )
+        remedy = 'run: pip install "jitterkit[parquet]", or choose another ending'
+        problem = f"{path} needs pyarrow, which is not installed; {remedy}."
+        raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem)
     return ending
 
 

@@ -80,18 +80,11 @@ class Series:
             raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         step = _cadence(np.sort(t[good])) if times is not None and cadence is None else step
         positive("cadence", step)
-        if np.ptp(t[good]) < 2 * step:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a shorter "
-                "cadence.",
-            )
-        if np.ptp(t[good]) > (_SLOTS - 1) * step:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a cadence "
-                f"of {np.ptp(t[good]) / _SLOTS:.2g} or more.",
-            )
+        span = float(np.ptp(t[good]))
+        if not 2 * step <= span <= (_SLOTS - 1) * step:
+            problem = f"At a cadence of {step:g} the times span {span / step:.3g} steps"
+            remedy = "a shorter cadence" if span < 2 * step else f"a cadence of {span / _SLOTS:.2g} or more"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give {remedy}.")
         return cls(np.where(good, y, np.nan), np.where(good, e, np.nan), t, step, errors is not None)
 
     @property
