@@ -14,7 +14,8 @@ Every exception that jitterkit raises deliberately derives from :class:`Jitterki
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable
+import math
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -26,7 +27,9 @@ __all__ = [
     "UndeterminedError",
     "code_of",
     "did_you_mean",
+    "one_of",
     "out_of_memory",
+    "positive",
     "printable",
     "reading_code",
 ]
@@ -199,3 +202,39 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """
     close = get_close_matches(name, list(allowed), 1, 0.5)
     return f"did you mean {close[0]!r}? " if close else ""
+
+
+def one_of(kind: str, name: str, choices: Collection[str], other: str = "") -> str:
+    """Return a name that is among the choices; refuse any other.
+
+    Parameters
+    ----------
+    kind : str
+        What is named: ``"preset"``.
+    name : str
+    choices : collection of str
+    other : str, optional
+        What may be given in place of a name: ``"a TOML file"``.
+
+    Raises
+    ------
+    ConfigurationError
+        The message names the choices, and the closest of them.
+    """
+    if name not in choices:
+        listed = f"{', '.join(choices)}, or give {other}" if other else ", ".join(choices)
+        problem = f"There is no {kind} {name!r}; {did_you_mean(name, choices)}choose from {listed}."
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
+    return name
+
+
+def positive(name: str, value: float, unit: str = "") -> float:
+    """Return a number that is positive and finite; refuse any other.
+
+    >>> positive("exposure", 0.1, "s")
+    0.1
+    """
+    if not 0 < value < math.inf:
+        given = f"{name} = {value:g} {unit}".strip()
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{given} is impossible; give a positive number.")
+    return value

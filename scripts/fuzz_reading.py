@@ -72,7 +72,7 @@ def examine(path: Path) -> str:
         if refusal is not None and not refusal.startswith(tuple(UNCONVERTED)) and is_whole(path):
             raise FindingError(f"is_whole says yes to what is refused: {refusal}")
         if _is_fits(path):
-            from jitterkit.frames.images import read_image, read_images
+            from jitterkit.frames.fits import read_image, read_images
 
             for read in (read_image, read_images):
                 _refusal(read, path)

@@ -15,11 +15,11 @@ from jitterkit.forecast import forecast
 from jitterkit.loci import Linear, Mvn, Shm
 from jitterkit.photons import Throughput, blackbody, count_photons, flat_curve
 from jitterkit.photons.stars import MAGNITUDES, TEMPERATURES
-from jitterkit.report.arcsine_plots import plot_arcsine
+from jitterkit.report.forecast_plots import plot_matrices
 from jitterkit.report.forecast_table import observing_time
-from jitterkit.report.matrix_plots import plot_matrices
 from jitterkit.report.photon_plots import plot_photons
 from jitterkit.report.plots import plot_image, stretch
+from jitterkit.report.posterior_plots import plot_arcsine
 from jitterkit.report.words import number
 
 READ_NOISE = (2.4, 3.0, 10.0)

@@ -47,7 +47,6 @@ ONLY_IN = {
     | {
         f"report/{noun}_plots.py"
         for noun in (
-            "arcsine",
             "averaging",
             "calibration",
             "causes",
@@ -57,13 +56,10 @@ ONLY_IN = {
             "forecast",
             "joint",
             "kernel",
-            "matrix",
             "motion",
             "photon",
             "population",
             "posterior",
-            "running",
-            "scene",
             "separation",
             "series",
             "trade",

@@ -1,6 +1,7 @@
 """From stacks to everything that a detector needs to be told.
 
 Reach for :func:`calibrate`; its :class:`Calibration` holds what was measured, and only what was.
+:class:`Settings` say how frames are combined and pixels judged.
 """
 
 from __future__ import annotations
@@ -10,24 +11,68 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jitterkit.calibration.bias_frames import bias_map, noisy_pixels, read_noise_map
 from jitterkit.calibration.checks import check_stacks, split_by_light
-from jitterkit.calibration.dark_frames import DarkSlope, hot_pixels
-from jitterkit.calibration.flat_frames import Response, lamp, surface
+from jitterkit.calibration.dark_frames import (
+    HOT,
+    DarkSlope,
+    bias_map,
+    hot_pixels,
+    noisy_pixels,
+    read_noise_map,
+)
+from jitterkit.calibration.flat_frames import DEAD, Response, lamp, surface
 from jitterkit.calibration.level import Level, measure_level, unlit_level
-from jitterkit.calibration.master import Master, combine
+from jitterkit.calibration.master import CLIP, MEMORY, Master, combine
 from jitterkit.calibration.measured_map import MeasuredMap
-from jitterkit.calibration.settings import FLAGS, Settings
 from jitterkit.calibration.stack import Stack
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 
-__all__ = ["Calibration", "calibrate"]
+FLAGS = {"hot": 1, "dead": 2, "noisy": 4, "blank": 8}
+"""Bits of the bad-pixel map."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Rules by which frames are combined and pixels judged.
+
+    Parameters
+    ----------
+    clip : float
+        Noises of a frame beyond which a value is left out, 3 at least.
+    hot : float
+        Robust standard deviations over the median dark current from which a pixel is hot.
+    dead : float
+        Share of the response around it below which a pixel is dead.
+    smooth : bool
+        Whether the smooth part of the flats is divided out, as the lamp's.
+    memory : float
+        Bytes that the pixels read at a time may take.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is out of range.
+    """
+
+    clip: float = CLIP
+    hot: float = HOT
+    dead: float = DEAD
+    smooth: bool = False
+    memory: float = MEMORY
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("clip", 3.0, np.inf), ("hot", 3.0, np.inf), ("dead", 0.0, 1.0)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                limits = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} or more"
+                problem = f"{name} = {value:g} is out of range; give {limits}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What calibration frames say about a detector; None where no frames were given for it.
+    """A detector as calibration frames show it; None where no frames were given.
 
     Parameters
     ----------
@@ -67,7 +112,7 @@ class Calibration:
 
     @property
     def maps(self) -> tuple[MeasuredMap, ...]:
-        """Those that were measured."""
+        """Return the maps that were measured."""
         found = (self.bias, self.read_noise, self.dark_current, self.flat)
         return tuple(each for each in found if each is not None)
 
@@ -80,7 +125,7 @@ class Calibration:
         return spread, self.local.spread**2 / max(spread, 1e-12) / (2 * pixels) ** 0.5
 
     def count(self, flag: str) -> int:
-        """How many pixels are bad in a way of :data:`FLAGS`."""
+        """Return how many pixels are bad in a way of :data:`FLAGS`."""
         return int(np.count_nonzero(self.bad & FLAGS[flag]))
 
 
@@ -117,8 +162,8 @@ def calibrate(
         If frames do not belong together, the gain is not positive, or something is missing without which the
         others say nothing.
     """
-    if gain is not None and not 0 < gain < np.inf:
-        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"a gain must be positive, in e-/ADU; got {gain:g}.")
+    if gain is not None:
+        positive("gain", gain, "e-/ADU")
     chosen = settings or Settings()
     check_stacks(bias, darks, flats)
     work = _Work(chosen, bias, bias_level)
@@ -126,16 +171,14 @@ def calibrate(
     levels, response = work.flat(flats, rate)
     transfer = photon_transfer(levels) if len(flats) else None
     if transfer is None and gain is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats.",
-        )
+        problem = "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     known = (gain or 0.0, 0.0) if transfer is None else (transfer.gain, transfer.gain_error)
     return work.result(known, transfer, response)
 
 
 class _Work:
-    """What is handed from one kind of frame to the next."""
+    """State that is handed from one kind of frame to the next."""
 
     def __init__(self, settings: Settings, bias: Stack | None, level: float | None) -> None:
         self.settings = settings
@@ -181,11 +224,9 @@ class _Work:
         if not stacks:
             return [], None
         if self.level is None:
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                "flats say nothing without the bias they stand on; give --bias, or its level by "
-                "--bias-level.",
-            )
+            problem = "flats say nothing without the bias they stand on"
+            remedy = "give --bias, or its level by --bias-level"
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
         zero: Master | float = self.level if self.master is None else self.master
         response = Response(zero, rate)
         levels: list[Level] = []
@@ -219,9 +260,8 @@ class _Work:
             self.spoil("dead", response.dead_pixels(usable, self.settings.dead))
         good = self.bad == 0
         if not good.any():
-            raise ConfigurationError(
-                ErrorCode.NO_DATA, f"none of the {good.size} pixels is good; check which frames are which."
-            )
+            problem = f"none of the {good.size} pixels is good; check which frames are which."
+            raise ConfigurationError(ErrorCode.NO_DATA, problem)
         flat = local = None
         gradient = 0.0
         if response is not None:

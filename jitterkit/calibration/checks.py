@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.calibration.stack import Shot, Stack
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["check_stacks", "split_by_light"]
-
 _ODD = 10.0
 """Scatters of the pixels by which the level of a frame may differ from that of its stack."""
 
@@ -36,9 +34,8 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
     """
     stacks = [*([bias] if bias is not None else []), *darks, *flats]
     if not stacks:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, "there are neither bias nor dark nor flat frames; give some."
-        )
+        problem = "there are neither bias nor dark nor flat frames; give some."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     for stack in stacks[1:]:
         if stack.shape != stacks[0].shape:
             (ny, nx), (rows, columns) = stack.shape, stacks[0].shape
@@ -50,9 +47,8 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
     _check_gains(stacks)
     for stack in stacks:
         if len(stack) < 2:
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW, f"there is one {stack.name} frame; give at least two."
-            )
+            problem = f"there is one {stack.name} frame; give at least two."
+            raise ConfigurationError(ErrorCode.TOO_FEW, problem)
         if stack.kind != "flat":
             _check_alike(stack)
     if bias is not None:
@@ -122,11 +118,8 @@ def split_by_light(stack: Stack, pedestal: float) -> list[Stack]:
     for group in groups:
         shot = stack.shots[group[0]]
         if shot.level - pedestal <= shot.scatter / 16:
-            raise ConfigurationError(
-                ErrorCode.NO_SIGNAL,
-                f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g}); leave it "
-                "out of the flats.",
-            )
+            problem = f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g})"
+            raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; leave it out of the flats.")
         if len(group) < 2:
             others = stack.take(i for i in range(len(stack)) if i != group[0])
             raise ConfigurationError(

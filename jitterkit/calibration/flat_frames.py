@@ -11,8 +11,6 @@ from jitterkit.calibration.master import Master
 from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["DEAD", "Response", "lamp", "surface"]
-
 DEAD = 0.5
 """Share of the usual response below which a pixel is dead."""
 
@@ -101,7 +99,7 @@ class Response:
 
 
 def lamp(levels: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """How bright the lamp was in each frame of a stack, one on average.
+    """Return how bright the lamp was in each frame of a stack, one on average.
 
     Parameters
     ----------
@@ -153,11 +151,8 @@ def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
         np.linspace(-1, 1, nx), np.linspace(-1, 1, ny), coefficients
     ).T
     if not np.all(found > 0):
-        raise ConfigurationError(
-            ErrorCode.NO_SIGNAL,
-            f"the flats fall to {found.min():.3g} ADU above the bias in places; give flats that are lit "
-            "all over.",
-        )
+        problem = f"the flats fall to {found.min():.3g} ADU above the bias in places"
+        raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; give flats that are lit all over.")
     return found
 
 
@@ -183,12 +178,5 @@ def _normalised(
     values = np.where(image > 0, 1 + (image / mean - 1) / bend, 0.0)
     error = float(np.sqrt(np.mean(variance[good]))) / mean / bend
     return MeasuredMap(
-        "flat",
-        "",
-        values,
-        error,
-        1.0,
-        error / float(good.sum()) ** 0.5,
-        float(values[good].std()),
-        frames,
+        "flat", "", values, error, 1.0, error / float(good.sum()) ** 0.5, float(values[good].std()), frames
     )

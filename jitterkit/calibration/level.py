@@ -12,8 +12,6 @@ import numpy as np
 from jitterkit.calibration.flat_frames import surface
 from jitterkit.calibration.master import Master
 
-__all__ = ["Level", "measure_level", "unlit_level"]
-
 _LIT = 0.5
 """Share of the usual signal below which a pixel is left out: it is dead, or in the dark."""
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from jitterkit.calibration.level import Level
 
-__all__ = ["Linearity", "fit_linearity"]
-
 _SIGNIFICANT = 4.0
 """Errors from which a coefficient is believed."""
 
@@ -62,7 +60,7 @@ class Linearity:
         return values, errors
 
     def measured(self, charge: np.ndarray) -> np.ndarray:
-        """What a charge [ADU] is measured as [ADU]."""
+        """Return what a charge [ADU] is measured as [ADU]."""
         return _law(self.coefficients)(charge)
 
     def charge(self, signal: float) -> float:

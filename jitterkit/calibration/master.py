@@ -16,8 +16,6 @@ from scipy import stats
 
 from jitterkit.calibration.stack import Stack
 
-__all__ = ["CLIP", "MEMORY", "Master", "combine", "kept_variance"]
-
 CLIP = 5.0
 """Noises of a frame beyond which a value is left out: one of two million of a normal."""
 
@@ -45,7 +43,7 @@ _LEAST_VARIANCE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Master:
-    """What a stack comes to.
+    """A stack as one frame.
 
     Parameters
     ----------
@@ -87,7 +85,7 @@ class Master:
 
     @property
     def rejected(self) -> int:
-        """How many values were left out."""
+        """Return how many values were left out."""
         return int(self.frames * self.kept.size - self.kept.sum())
 
     def typical_variance(self, good: np.ndarray) -> tuple[float, float]:

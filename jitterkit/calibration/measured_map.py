@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["MeasuredMap"]
-
 _MANY = 10_000
 """Frames that nobody takes."""
 
@@ -52,11 +50,11 @@ class MeasuredMap:
 
     @property
     def serves(self) -> bool:
-        """Whether pixels differ by more than the map's error: else a number is nearer to the truth."""
+        """Return whether pixels differ by more than the map's error: else a number is nearer to the truth."""
         return self.true_spread > self.error
 
     def sentence(self) -> str:
-        """Whether the frames were enough, in words."""
+        """Say whether the frames were enough."""
         unit = f" {self.unit}" if self.unit else ""
         ratio = f"pixels differ by {self.true_spread:.3g}{unit}, a pixel is known to {self.error:.3g}{unit}"
         verdict = "the map serves" if self.serves else "one number serves better than the map"

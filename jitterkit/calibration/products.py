@@ -5,11 +5,10 @@ Reach for :func:`write_calibration` within :func:`together`, so that a directory
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
@@ -17,13 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.calibration.calibration import Calibration
+from jitterkit.calibration.calibration import FLAGS, Calibration
 from jitterkit.calibration.measured_map import MeasuredMap
-from jitterkit.calibration.settings import FLAGS
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
-
-__all__ = ["BAD_PIXELS", "DETECTOR", "FILES", "together", "write_calibration"]
+from jitterkit.frames.sidecar import toml_text
 
 BAD_PIXELS, DETECTOR = "bad_pixels.fits", "detector.toml"
 FILES = ("bias.fits", "read_noise.fits", "dark_current.fits", "flat.fits", BAD_PIXELS, DETECTOR)
@@ -56,9 +53,8 @@ def together(directory: Path) -> Iterator[Path]:
             os.replace(path, directory / path.name)
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise FrameError(
-            ErrorCode.NOT_WRITABLE, directory, problem, "check the directory and its permissions"
-        ) from error
+        remedy = "check the directory and its permissions"
+        raise FrameError(ErrorCode.NOT_WRITABLE, directory, problem, remedy) from error
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
@@ -93,7 +89,8 @@ def write_calibration(
     write_fits(directory / BAD_PIXELS, calibration.bad, header=bits)
     tables = _tables(instrument)
     tables["detector"] = {**tables.get("detector", {}), **_detector(calibration, full_well)}
-    (directory / DETECTOR).write_text(_toml(tables), encoding="utf-8")
+    text = toml_text(tables, "Written by jitterkit calibrate; files are looked for beside this one.")
+    (directory / DETECTOR).write_text(text, encoding="utf-8")
 
 
 def _pixels(measured: MeasuredMap) -> np.ndarray:
@@ -155,19 +152,6 @@ def _tables(instrument: str) -> dict[str, dict[str, Any]]:
             if isinstance(table[key], str):
                 table[key] = str(beside / table[key])
     return tables
-
-
-def _toml(tables: Mapping[str, Mapping[str, Any]]) -> str:
-    lines = ["# Written by jitterkit calibrate; files are looked for beside this one."]
-    for name, table in tables.items():
-        lines += ["", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
 def _short(value: float) -> float:

@@ -1,7 +1,7 @@
 """A stack: frames of one kind and one exposure time, on disk or in memory.
 
-Reach for :func:`~jitterkit.calibration.stack_files.open_stacks` for files, and for :meth:`Stack.of` for
-arrays.  :meth:`Stack.bands` gives the pixels of all frames, so many
+Reach for :func:`open_stacks` for files, which looks at each frame once and puts those of one exposure
+together, and for :meth:`Stack.of` for arrays.  :meth:`Stack.bands` gives the pixels of all frames, so many
 rows at a time that they fit into the memory allowed: a file is read once for each band.
 """
 
@@ -15,10 +15,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames import open_frames
-
-__all__ = ["ROUNDING", "Shot", "Stack", "look"]
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
+from jitterkit.frames import RawFrame, find_files, open_frames
 
 _SAMPLES = 65536
 """Pixels, about, from which the level of a frame is read: good to a thousandth of its noise."""
@@ -69,7 +67,7 @@ class Shot:
 
     @property
     def saturated(self) -> bool:
-        """Whether its pixels pile up at one value, the largest."""
+        """Return whether its pixels pile up at one value, the largest."""
         return self.piled > _PILED
 
 
@@ -111,10 +109,8 @@ class Stack:
         """
         array = np.asarray(pixels)
         if array.ndim != 3 or 0 in array.shape:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"the {kind} frames have shape {array.shape}; give one array (n, ny, nx).",
-            )
+            problem = f"the {kind} frames have shape {array.shape}; give one array (n, ny, nx)."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         blank = ~np.isfinite(array).all(axis=0)
         array = np.where(blank, 0.0, array) if blank.any() else array
         shots = tuple(look(f"{kind}[{i}]", plane, exposure) for i, plane in enumerate(array))
@@ -186,3 +182,89 @@ def look(name: str, data: np.ndarray, exposure: float | None) -> Shot:
     level = float(np.mean(sample[np.abs(sample - middle) <= _OUTLYING * scatter]))
     whole = bool(np.all(sample == np.rint(sample)))
     return Shot(name, level, scatter, float(np.mean(sample == sample.max())), exposure, whole=whole)
+
+
+_SAME_EXPOSURE = 1e-6
+"""Relative; exposures nearer than that are one."""
+
+
+def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None = None) -> tuple[Stack, ...]:
+    """Look at frames of one kind and group them by their exposure.
+
+    Parameters
+    ----------
+    kind : {"bias", "dark", "flat"}
+        Biases are one stack, whatever exposure their headers say.
+    paths : iterable of str or Path
+        FITS or TIFF files, or directories of them; all frames of a cube count.
+    exposure : float, optional
+        Of all of them [s], whatever their headers say.
+
+    Returns
+    -------
+    stacks : tuple of Stack
+        The shortest exposure first.
+
+    Raises
+    ------
+    FrameError
+        If a file cannot be read, a frame has another shape than the first, or is in electrons.
+    ConfigurationError
+        If a dark or flat has no exposure, or an exposure has one frame only.
+    """
+    shots: list[Shot] = []
+    unusable: np.ndarray | None = None
+    dtypes = set()
+    for path in find_files(paths):
+        with open_frames(path) as file:
+            dtypes.add(file.dtype)
+            for raw in file:
+                _check(raw, kind, unusable)
+                unusable = raw.mask if unusable is None else unusable | raw.mask
+                shots.append(_seen(raw, kind, exposure))
+    if unusable is None:
+        raise ConfigurationError(ErrorCode.NO_IMAGE, f"there is no {kind} frame; name files that hold some.")
+    dtype = np.result_type(*dtypes)
+    groups = _grouped(shots)
+    for group in groups:
+        if len(group) < 2:
+            at = "" if group[0].exposure is None else f" of {group[0].exposure:g} s"
+            problem = f"{group[0].path}: there is one {kind} frame{at}"
+            remedy = "give at least two, better ten or more, so that their noise is seen"
+            raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; {remedy}.")
+    ny, nx = unusable.shape
+    return tuple(Stack(kind, group, (ny, nx), dtype, group[0].exposure, unusable) for group in groups)
+
+
+def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None) -> None:
+    where = raw.path or raw.name
+    if raw.unit != "adu":
+        remedy = f"give the {kind} frames as they were read, in ADU"
+        raise FrameError(ErrorCode.UNKNOWN_UNIT, where, f"is in {raw.unit}", remedy)
+    if earlier is not None and raw.shape != earlier.shape:
+        (ny, nx), (rows, columns) = raw.shape, earlier.shape
+        problem = f"has {nx} x {ny} pixels, the {kind} frames before it {columns} x {rows}"
+        raise FrameError(ErrorCode.WRONG_SHAPE, where, problem, "give frames of one size")
+
+
+def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
+    seconds = None if kind == "bias" else exposure
+    if kind != "bias" and seconds is None:
+        seconds = raw.metadata.value("exposure")
+        if seconds is None:
+            problem = f"{raw.path}: the {kind} frame does not say its exposure; give --exposure in s."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
+    shot = look(raw.name, raw.data, seconds)
+    return replace(shot, gain=raw.metadata.value("gain"), path=raw.path, index=raw.index)
+
+
+def _grouped(shots: list[Shot]) -> list[tuple[Shot, ...]]:
+    """Shots by exposure, rising; those of one exposure in the order they came."""
+    groups: list[list[Shot]] = []
+    for shot in sorted(shots, key=lambda shot: shot.exposure or 0.0):
+        before = groups[-1][0].exposure or 0.0 if groups else None
+        if before is not None and (shot.exposure or 0.0) <= before * (1 + _SAME_EXPOSURE):
+            groups[-1].append(shot)
+        else:
+            groups.append([shot])
+    return [tuple(group) for group in groups]

@@ -16,8 +16,6 @@ from jitterkit.calibration.level import Level
 from jitterkit.calibration.linearity import Linearity, fit_linearity
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["PhotonTransfer", "mark_saturated", "photon_transfer"]
-
 _COLLAPSE = 0.9
 """Share of the variance that the dimmer levels foretell below which a level is saturated: real detectors
 lose some per cent by non-linearity and coupling before."""
@@ -34,7 +32,7 @@ _COUPLED = 4.0
 
 @dataclass(frozen=True, eq=False)
 class PhotonTransfer:
-    """What the levels of light say together.
+    """The line that levels of light lie on.
 
     Parameters
     ----------
@@ -122,27 +120,19 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
     used = [level for level in levels if not level.saturated]
     if not any(level.signal > 0 and level.exposure > 0 for level in used):
         worst = next(level for level in levels if level.saturated)
-        raise ConfigurationError(
-            ErrorCode.NO_DATA,
-            f"the flats are saturated, the dimmest at {worst.signal:.5g} ADU above the bias; give flats of "
-            "shorter exposures.",
-        )
+        problem = f"the flats are saturated, the dimmest at {worst.signal:.5g} ADU above the bias"
+        raise ConfigurationError(ErrorCode.NO_DATA, f"{problem}; give flats of shorter exposures.")
     linearity = fit_linearity(used)
     x = np.array([_abscissa(level.signal, linearity) for level in used])
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
     if len(used) == 1:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise; give "
-            "--bias, or flats of another exposure.",
-        )
+        problem = f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; give --bias, or flats of another exposure.")
     (slope, start), covariance, chi2, freedom = _line(x, y, e)
     if not slope > 0:
-        raise ConfigurationError(
-            ErrorCode.IMPLAUSIBLE,
-            f"the variance does not rise with the light (by {slope:.3g} ADU for each ADU); check that these "
-            "are flats, as they were read.",
-        )
+        problem = f"the variance does not rise with the light (by {slope:.3g} ADU for each ADU)"
+        remedy = "check that these are flats, as they were read"
+        raise ConfigurationError(ErrorCode.IMPLAUSIBLE, f"{problem}; {remedy}.")
     coupling, coupling_error = _coupling(used, x, slope)
     doubts = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]
     doubts += [8 * coupling_error] if coupling else []
@@ -198,7 +188,7 @@ def _line(x: np.ndarray, y: np.ndarray, e: np.ndarray) -> tuple[tuple[float, flo
 
 
 def _abscissa(signal: float, linearity: Linearity | None) -> float:
-    """What the shot noise is in proportion to: the charge [ADU] times the slope of the law squared."""
+    """Return what the shot noise is in proportion to: the charge [ADU] times the slope of the law squared."""
     if linearity is None or not linearity.coefficients:
         return signal
     charge = linearity.charge(signal)

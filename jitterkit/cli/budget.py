@@ -16,8 +16,6 @@ from jitterkit.cli.quantities import parse_angle, parse_number
 from jitterkit.cli.runtime import log, prepare_jax, print_table
 from jitterkit.errors import ErrorCode
 
-__all__ = ["budget"]
-
 _USUAL = 0.15
 """Sigma in pixels of a jitter that is not given: that of a drift of half a pixel."""
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from jitterkit.calibration import Calibration, Stack
     from jitterkit.instruments import Instrument
 
-__all__ = ["calibrate"]
 
 _PICTURE, _LEVELS = "calibration.png", "photon_transfer.ecsv"
 

@@ -17,8 +17,6 @@ from jitterkit.cli.quantities import parse_angle, parse_number, parse_share
 from jitterkit.cli.runtime import prepare_jax, print_table
 from jitterkit.errors import ErrorCode
 
-__all__ = ["causes"]
-
 _USUAL = 0.3
 """Sigma in pixels, of a jitter and of a diffusion that are not given."""
 

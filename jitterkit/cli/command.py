@@ -29,8 +29,6 @@ from typer.models import ArgumentInfo, OptionInfo
 from jitterkit.cli.runtime import USAGE, log, log_error
 from jitterkit.errors import JitterkitError
 
-__all__ = ["Default", "Fixed", "as_command"]
-
 _HEADING = "\n\nParameters\n----------\n"
 
 _ENTRY = re.compile(r"^(\w+)(?: : (.+))?\n((?: {4}.*\n?)+)", re.MULTILINE)

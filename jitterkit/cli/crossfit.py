@@ -12,8 +12,6 @@ from jitterkit.cli.command import Fixed
 from jitterkit.cli.products import Products
 from jitterkit.cli.runtime import log, prepare_jax, print_table
 
-__all__ = ["crossfit"]
-
 _DATA = ["linear", "shm", "mvn,shear=0.1", "mvn,shear=0.7"]
 _FITTED = ["stable", "linear", "shm", "mvn", "auto"]
 _SIZES, _ANGLES = [0.075, 0.15, 0.225], [0.0, 45.0, 90.0]

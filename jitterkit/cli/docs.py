@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["docs"]
-
 
 def docs(*, topic: Annotated[str | None, typer.Argument()] = None) -> None:
     """List the pages of the handbook, or show one.

@@ -14,8 +14,6 @@ from jitterkit.cli.progress import progress_bar
 from jitterkit.cli.runtime import SOME_FAILED, log, prepare_jax, print_table
 from jitterkit.errors import ErrorCode
 
-__all__ = ["estimate"]
-
 _ROUNDEST = "roundest"
 
 _ON_PIXELS = ("richardson-lucy", "nnls")
@@ -50,22 +48,14 @@ class Exports:
 
     def check(self, estimator: str | None) -> None:
         """Refuse options of exports where nothing is exported, and finer pixels than an estimator gives."""
-        refuse_if(
-            self.file_rows and self.export is None and self.deblur is None,
-            ErrorCode.MISSING_VALUE,
-            "--file-rows is for exports; give --export DIR or --deblur DIR, or leave it out.",
-        )
-        refuse_if(
-            self.oversample != 1 and self.export is None,
-            ErrorCode.MISSING_VALUE,
-            "--oversample is for exported kernels; give --export DIR, or leave it out.",
-        )
-        refuse_if(
-            self.oversample != 1 and estimator in _ON_PIXELS,
-            ErrorCode.CONFLICT,
-            f"The kernel of {estimator} is known on the detector's pixels only; leave out --oversample, or "
-            "choose --estimator score.",
-        )
+        useless, finer = self.file_rows and self.export is None and self.deblur is None, self.oversample != 1
+        problem = "--file-rows is for exports; give --export DIR or --deblur DIR, or leave it out."
+        refuse_if(useless, ErrorCode.MISSING_VALUE, problem)
+        problem = "--oversample is for exported kernels; give --export DIR, or leave it out."
+        refuse_if(finer and self.export is None, ErrorCode.MISSING_VALUE, problem)
+        problem = f"The kernel of {estimator} is known on the detector's pixels only"
+        remedy = "leave out --oversample, or choose --estimator score"
+        refuse_if(finer and estimator in _ON_PIXELS, ErrorCode.CONFLICT, f"{problem}; {remedy}.")
 
     def products(self, overwrite: bool):
         """Return the writer of the products of each frame."""
@@ -177,28 +167,20 @@ def estimate(
 
 def _check_method(replaced: str, blind: bool, estimator: str | None) -> None:
     """Refuse two ways to estimate at once; ``replaced`` is the option that replaces known optics."""
-    refuse_if(
-        blind and replaced != "",
-        ErrorCode.CONFLICT,
-        f"--blind is for scenes without stars and without a sharp frame; leave out {replaced}, or --blind.",
-    )
-    refuse_if(
-        estimator is not None and replaced != "",
-        ErrorCode.CONFLICT,
-        f"--estimator {estimator} chooses among methods with known optics or, with --blind, a blind one; "
-        f"leave it out with {replaced}.",
-    )
+    problem = "--blind is for scenes without stars and without a sharp frame"
+    refuse_if(blind and replaced != "", ErrorCode.CONFLICT, f"{problem}; leave out {replaced}, or --blind.")
+    problem = f"--estimator {estimator} chooses among methods with known optics or, with --blind, a blind one"
+    chosen = estimator is not None and replaced != ""
+    refuse_if(chosen, ErrorCode.CONFLICT, f"{problem}; leave it out with {replaced}.")
 
 
 def _check_no_optics(instrument: str | None, scene: str, background: bool, model_error: str) -> None:
     """Refuse options of known optics where there are none."""
     given = ["--instrument"] * (instrument is not None) + ["--scene"] * (scene != "auto")
     given += ["--no-background"] * (not background) + ["--model-error"] * (model_error != "0")
-    refuse_if(
-        given != [],
-        ErrorCode.CONFLICT,
-        f"{' '.join(given[:1])} is for known optics; leave it out with --reference, --stars or --blind.",
-    )
+    problem = f"{' '.join(given[:1])} is for known optics"
+    remedy = "leave it out with --reference, --stars or --blind"
+    refuse_if(given != [], ErrorCode.CONFLICT, f"{problem}; {remedy}.")
 
 
 def _first_frame(path: Path):

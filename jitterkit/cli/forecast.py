@@ -15,8 +15,6 @@ from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import log, prepare_jax, print_table
 from jitterkit.errors import ErrorCode
 
-__all__ = ["forecast"]
-
 _DETECTOR = ("gain", "read_noise", "full_well")
 """Numbers of the detector that may be swept."""
 
@@ -129,12 +127,10 @@ class _Setup:
         check_reach(stars, jitter, otf)
         exposure = self.telescope.exposure or 0.0
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
-        refuse_if(
-            not np.all(np.isfinite(found.covariance)),
-            ErrorCode.NOT_CONSTRAINED,
-            f"A frame of {', '.join(f'{name} {value:g}' for name, value in scene.items())} does not "
-            f"determine its parameters ({found.masked} pixels saturate); change flux, contrast or locus.",
-        )
+        known, shown = np.all(np.isfinite(found.covariance)), [f"{n} {value:g}" for n, value in scene.items()]
+        problem = f"A frame of {', '.join(shown)} does not determine its parameters"
+        remedy = f"({found.masked} pixels saturate); change flux, contrast or locus"
+        refuse_if(not known, ErrorCode.NOT_CONSTRAINED, f"{problem} {remedy}.")
         return found
 
     def still(self, changes: dict[str, float]) -> float:
@@ -151,8 +147,8 @@ class _Setup:
 
 
 def _forecast_star(setup: _Setup):
+    from jitterkit.report.forecast_plots import plot_matrices
     from jitterkit.report.forecast_table import parameter_table
-    from jitterkit.report.matrix_plots import plot_matrices
     from jitterkit.report.words import angle_size
 
     found = setup.point()
@@ -165,8 +161,8 @@ def _forecast_star(setup: _Setup):
 
 def _forecast_pair(setup: _Setup, goal: float):
     from jitterkit.forecast import degenerate_directions
+    from jitterkit.report.forecast_plots import plot_matrices
     from jitterkit.report.forecast_table import parameter_table
-    from jitterkit.report.matrix_plots import plot_matrices
     from jitterkit.report.words import angle_size, number
 
     found, still = setup.point(), setup.point(still=True)

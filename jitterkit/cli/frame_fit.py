@@ -15,7 +15,6 @@ from jitterkit.cli.runtime import log, prepare_jax
 if TYPE_CHECKING:
     from jitterkit.batch import FrameProcessor
 
-__all__ = ["FrameFit"]
 
 _LOCUS = f"Jitter locus: auto (the simplest that the frame supports), {', '.join(locus_sizes())}."
 

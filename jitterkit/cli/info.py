@@ -11,8 +11,6 @@ from jitterkit.cli.options import Hdu
 from jitterkit.cli.runtime import SOME_FAILED, aligned, log_error
 from jitterkit.errors import FrameError
 
-__all__ = ["info"]
-
 Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and source of quantities."""
 
@@ -62,7 +60,7 @@ def _instrument(thing: str) -> Rows:
 
 
 def _frames(path: Path, hdu: int | None) -> tuple[Rows, tuple[str, ...]]:
-    from jitterkit.detectors.pixel_units import NORMALISED, is_normalised
+    from jitterkit.detectors.file_variance import NORMALISED, is_normalised
     from jitterkit.frames import open_frames
 
     with open_frames(path, hdu=hdu) as file:

@@ -11,8 +11,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.runtime import log, prepare_jax
 
-__all__ = ["instrument"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:

@@ -17,16 +17,6 @@ import jitterkit
 from jitterkit.cli.runtime import log, naming
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = [
-    "build_locus",
-    "locus_sizes",
-    "other_sizes",
-    "parse_sizes",
-    "refuse_other_motions",
-    "size_option",
-    "trace_of",
-]
-
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
 
@@ -74,11 +64,9 @@ def parse_sizes(settings: list[str]) -> dict[str, Any]:
         try:
             sizes[name.strip()] = _positions(value) if ":" in value else float(value)
         except ValueError:
-            raise ConfigurationError(
-                ErrorCode.MALFORMED,
-                f"--set {setting} is not understood; write a number, --set cycles=0.7, or positions in "
-                "arcsec, --set knots=0:0,0.2:0.1.",
-            ) from None
+            problem = f"--set {setting} is not understood"
+            remedy = "write a number, --set cycles=0.7, or positions in arcsec, --set knots=0:0,0.2:0.1"
+            raise ConfigurationError(ErrorCode.MALFORMED, f"{problem}; {remedy}.") from None
     return sizes
 
 
@@ -97,18 +85,16 @@ def build_locus(name: str, sizes: dict[str, Any]):
     taken = inspect.signature(build).parameters
     if not taken and sizes:
         extra = size_option(next(iter(sizes)))
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"A stable telescope has no {extra}; choose another --locus."
-        )
+        message = f"A stable telescope has no {extra}; choose another --locus."
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, message)
     needed = [size for size, parameter in taken.items() if parameter.default is parameter.empty]
     foreign, missing = [s for s in sizes if s not in taken], [s for s in needed if s not in sizes]
     wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
     if not (foreign or missing or wrong):
         return build(**sizes)
     if {"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"The locus {name} takes --shear or --set sigma_minor, not both."
-        )
+        message = f"The locus {name} takes --shear or --set sigma_minor, not both."
+        raise ConfigurationError(ErrorCode.CONFLICT, message)
     may = [size for size in taken if size not in needed]
     may += ["shear"] if kind is Mvn and "shear" not in taken else []
     code, problem = ErrorCode.MISSING_VALUE, ""
@@ -157,9 +143,8 @@ def refuse_other_motions(option: str, locus: str, sizes: Iterable[str], **motion
     others += ["--locus"] if locus != "stable" else []
     others += [size_option(size) for size in sizes]
     if others:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"A {option} takes the place of a locus; leave out {others[0]}."
-        )
+        problem = f"A {option} takes the place of a locus; leave out {others[0]}."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
 
 
 def _positions(text: str) -> list[list[float]]:

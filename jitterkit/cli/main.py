@@ -25,8 +25,6 @@ from jitterkit.cli.simulate import simulate
 from jitterkit.cli.trade import trade
 from jitterkit.cli.watch import watch
 
-__all__ = ["app", "run"]
-
 app = typer.Typer(
     name="jitterkit",
     help="Telescope jitter from images: blur kernels, and the binary separation behind them.",

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
     from jitterkit.loci import Locus
 
-__all__ = ["motion"]
 
 _MOMENTS = ("_sxx", "_sxy", "_syy")
 """Endings of columns that are written to the file, not printed."""

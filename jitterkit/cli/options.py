@@ -10,33 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
 
-__all__ = [
-    "OF_PAIRS",
-    "Background",
-    "Censored",
-    "Detector",
-    "Files",
-    "Hdu",
-    "InstrumentName",
-    "Jitter",
-    "ModelError",
-    "OutputDirectory",
-    "Overwrite",
-    "Pair",
-    "SceneName",
-    "SpectrumKind",
-    "TableOutput",
-    "held",
-    "parse_model_error",
-    "refuse_if",
-    "refuse_unused",
-    "required",
-]
 
 T = TypeVar("T")
 
@@ -44,8 +22,7 @@ OF_PAIRS = ("separation", "theta", "contrast")
 """Options that only a pair uses."""
 
 Files = Annotated[
-    list[Path],
-    typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them."),
+    list[Path], typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them.")
 ]
 OutputDirectory = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")
@@ -224,30 +201,19 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
     ------
     ConfigurationError
     """
-    refuse_if(
-        scene not in unused,
-        ErrorCode.UNKNOWN_NAME,
-        f"There is no scene {scene!r} here; give one of {', '.join(unused)}.",
-    )
-    for name in unused[scene]:
+    for name in unused[one_of("scene", scene, unused)]:
         source = context.get_parameter_source(name)
-        refuse_if(
-            source is not None and source.name == "COMMANDLINE",
-            ErrorCode.CONFLICT,
-            f"--scene {scene} does not use --{name}; leave it out.",
-        )
+        given = source is not None and source.name == "COMMANDLINE"
+        refuse_if(given, ErrorCode.CONFLICT, f"--scene {scene} does not use --{name}; leave it out.")
 
 
 def parse_model_error(text: str) -> Any:
     """Read a model error as it is given on the command line."""
-    from jitterkit.errors import ConfigurationError, ErrorCode
-
     try:
         return text if text == "auto" else float(text)
     except ValueError:
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"--model-error {text!r} is no number; give a share, such as 0.02, or auto."
-        ) from None
+        problem = f"--model-error {text!r} is no number; give a share, such as 0.02, or auto."
+        raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
 
 
 def held(background: bool) -> tuple[str, ...]:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
     from jitterkit.photons import Curve, Line, Throughput
 
-__all__ = ["photons"]
-
 
 def photons(
     *,

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from jitterkit.batch import FrameProcessor
     from jitterkit.trade import Settings
 
-__all__ = ["Plan"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
@@ -87,8 +85,8 @@ class Plan:
     def _choose(self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None) -> Settings:
         """Fit some frames, and log what is expected of the settings that suit them."""
         from jitterkit.report.words import angle_size
-        from jitterkit.trade.examples import examples_of
         from jitterkit.trade.explain import explain
+        from jitterkit.trade.outlook import examples_of
         from jitterkit.trade.plan import Planner
 
         allowed, seconds = _parsed(self.tolerance, self.budget)

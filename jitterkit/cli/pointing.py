@@ -17,8 +17,6 @@ from jitterkit.cli.quantities import parse_number
 from jitterkit.cli.runtime import log, naming
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Motion", "Pointing", "shaken"]
-
 _SLOW = ("linear", "path", "partial", "smear")
 """Loci that a slow motion makes, which matters to a rolling shutter."""
 

@@ -20,8 +20,6 @@ from jitterkit.cli.runtime import log
 from jitterkit.cli.signals import as_interrupt
 from jitterkit.errors import ErrorCode
 
-__all__ = ["process"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
@@ -83,11 +81,7 @@ def process(
     from jitterkit.run import process_files
 
     try:
-        with (
-            as_interrupt(),
-            workers.executor() as executor,
-            run_progress(len(paths)) as (watch, before),
-        ):
+        with as_interrupt(), workers.executor() as executor, run_progress(len(paths)) as (watch, before):
             result = process_files(
                 paths,
                 output,

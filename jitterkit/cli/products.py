@@ -13,8 +13,6 @@ from jitterkit.cli.runtime import command_line, log
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-__all__ = ["Products", "write_picture"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Products:

@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["ProgressCallback", "RunningStatistics", "progress_bar", "run_progress"]
-
 _WINDOW = 30.0
 """Seconds over which the rate is taken: several batches."""
 

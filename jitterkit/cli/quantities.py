@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["parse_allowed", "parse_angle", "parse_number", "parse_share", "parse_sweeps", "parse_time"]
-
 _MAX_SWEPT = 2
 
 
@@ -100,9 +98,8 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
     except ValueError:
         code, value = ErrorCode.UNKNOWN_UNIT, 0.0
     if not 0 < value < float("inf"):
-        raise ConfigurationError(
-            code, f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
-        )
+        problem = f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
+        raise ConfigurationError(code, problem)
     return float(value)
 
 
@@ -118,17 +115,14 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
         If one is neither, or there are more than two.
     """
     if len(texts) > _MAX_SWEPT:
-        raise ConfigurationError(
-            ErrorCode.TOO_MANY,
-            f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice.",
-        )
+        problem = f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice."
+        raise ConfigurationError(ErrorCode.TOO_MANY, problem)
     sweeps: dict[str, list[float]] = {}
     for text in texts:
         name, _, values = text.partition("=")
         if name.strip() in sweeps:
-            raise ConfigurationError(
-                ErrorCode.DUPLICATE, f"{name.strip()} is swept twice; give all its values in one --sweep."
-            )
+            problem = f"{name.strip()} is swept twice; give all its values in one --sweep."
+            raise ConfigurationError(ErrorCode.DUPLICATE, problem)
         try:
             sweeps[name.strip()] = _values(values)
         except ValueError:

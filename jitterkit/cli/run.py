@@ -11,8 +11,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.runtime import SOME_FAILED, command_line, log
 
-__all__ = ["Run", "finalize"]
-
 _REPORTED = {"prior_contradicted", "prior_unused"}
 """Flags of fitted frames that are worth a line on stderr."""
 
@@ -73,8 +71,7 @@ def _list_frames(run) -> None:
 
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
-    from jitterkit.report.run_fit import describe_run_fit
-    from jitterkit.report.sequence import say_loci
+    from jitterkit.report.sequence import describe_run_fit, say_loci
     from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
     fitted = int(sum(run.table["status"] == "ok"))

@@ -13,21 +13,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, one_of
 
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-__all__ = [
-    "aligned",
-    "command_line",
-    "log",
-    "log_error",
-    "naming",
-    "prepare_jax",
-    "print_table",
-    "set_verbosity",
-]
 
 USAGE, SOME_FAILED = 2, 1
 
@@ -59,8 +49,8 @@ def prepare_jax(device: str | None = None, float32: bool = False, single_threade
 
     from jitterkit.optics.toliman import cache_directory
 
-    if device not in (None, "cpu", "gpu"):
-        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"There is no device {device!r}; give cpu or gpu.")
+    if device is not None:
+        one_of("device", device, ("cpu", "gpu"))
     if device == "cpu":
         jax.config.update("jax_platforms", "cpu")  # does not touch a GPU
     elif device == "gpu":

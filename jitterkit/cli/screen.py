@@ -16,8 +16,6 @@ from typing import Any
 from jitterkit.cli.progress import ProgressCallback, RunningStatistics
 from jitterkit.cli.runtime import log
 
-__all__ = ["Screen", "live_screen"]
-
 _RECENT = 50
 """Number of frames of which the kernel on the screen is the mean."""
 

@@ -15,8 +15,6 @@ from jitterkit.cli.progress import progress_bar
 from jitterkit.cli.runtime import SOME_FAILED, command_line, log, prepare_jax
 from jitterkit.errors import ErrorCode
 
-__all__ = ["sequence"]
-
 _MIN_SERIES = 25
 """Number of frames from which averages are studied."""
 

@@ -11,8 +11,6 @@ from typing import Any
 
 from jitterkit.cli.runtime import log
 
-__all__ = ["as_interrupt", "until_interrupted"]
-
 _ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 

@@ -14,9 +14,6 @@ from jitterkit.cli.pointing import Motion
 from jitterkit.cli.runtime import log, prepare_jax
 from jitterkit.errors import ErrorCode
 
-__all__ = ["simulate"]
-
-
 _SCENES = {"star": options.OF_PAIRS, "binary": (), "stars": (*options.OF_PAIRS, "flux")}
 """Scenes, and the options that each one does not use."""
 
@@ -155,11 +152,8 @@ def _check_paths(paths: list[Path], overwrite: bool) -> None:
     from jitterkit.frames.files import EXTENSIONS
     from jitterkit.report.outputs import check_file
 
-    refuse_if(
-        not paths[0].name.lower().endswith(EXTENSIONS),
-        ErrorCode.WRONG_SUFFIX,
-        f"{paths[0]} ends in none of {', '.join(EXTENSIONS)}; give it one of them.",
-    )
+    problem = f"{paths[0]} ends in none of {', '.join(EXTENSIONS)}; give it one of them."
+    refuse_if(not paths[0].name.lower().endswith(EXTENSIONS), ErrorCode.WRONG_SUFFIX, problem)
     for path in paths:
         check_file(path, overwrite)
 

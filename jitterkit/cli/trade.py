@@ -13,8 +13,6 @@ from jitterkit.cli.loci import build_locus
 from jitterkit.cli.products import Products
 from jitterkit.cli.runtime import log, prepare_jax, print_table
 
-__all__ = ["trade"]
-
 _USUAL = {"linear": {"length": 0.375}}
 """Sizes of a locus where none are given: one pixel of TOLIMAN, arcsec."""
 

@@ -14,8 +14,6 @@ from jitterkit.cli.screen import live_screen
 from jitterkit.cli.signals import until_interrupted
 from jitterkit.errors import ErrorCode, FrameError
 
-__all__ = ["watch"]
-
 
 def watch(
     *,
@@ -42,7 +40,7 @@ def watch(
     poll : SECONDS
         How often to look for new files.
     """
-    from jitterkit.report.words import printable
+    from jitterkit.errors import printable
 
     if not directory.is_dir():
         code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND

@@ -3,8 +3,7 @@
 :class:`Detector` does both; ``detector_preset("imx183")`` is one that comes with jitterkit.
 """
 
-from jitterkit.detectors.detector import Detector
-from jitterkit.detectors.pixel_units import NORMALISED
-from jitterkit.detectors.presets import DETECTORS, detector_preset
+from jitterkit.detectors.detector import DETECTORS, Detector, detector_preset
+from jitterkit.detectors.file_variance import NORMALISED
 
 __all__ = ["DETECTORS", "NORMALISED", "Detector", "detector_preset"]

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
-from jitterkit.detectors.linearity import measured
+from jitterkit.detectors.response import measured
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Known, Metadata
-
-__all__ = ["ASSUMED", "WELL_MARGIN", "ceiling", "inform", "own", "sets_saturation", "supplement"]
 
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
 """What is taken where nobody says: a counter of electrons without noise."""
@@ -86,7 +84,7 @@ def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray 
 
 
 def sets_saturation(detector: Characteristics, metadata: Metadata) -> bool:
-    """Whether the level at which a frame saturates is the one that the detector itself would set."""
+    """Return whether the level at which a frame saturates is the one that the detector itself would set."""
     return _same(metadata.value("saturation"), ceiling(detector, metadata)[1])
 
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
 
-__all__ = ["MAPS", "as_map", "nominal", "piece"]
-
 MAPS = ("bias", "read_noise", "dark_current", "flat", "bad_pixels")
 """What of a detector may be a map."""
 
@@ -36,13 +34,9 @@ def nominal(values: np.ndarray | float | None) -> float | None:
 
 
 def piece(
-    name: str,
-    values: np.ndarray | float,
-    frame: str | Path,
-    origin: tuple[int, int],
-    shape: tuple[int, ...],
+    name: str, values: np.ndarray | float, frame: str | Path, origin: tuple[int, int], shape: tuple[int, ...]
 ) -> np.ndarray | float:
-    """What of a map lies under a frame.
+    """Return what of a map lies under a frame.
 
     Parameters
     ----------
@@ -75,7 +69,6 @@ def piece(
         last = f"column {x0 + nx - 1}, row {y0 + ny - 1}"
         what = "bad-pixel map" if name == "bad_pixels" else f"map {name}"
         problem = f"ends at {last}, beyond the {what} of {width} x {height}"
-        raise FrameError(
-            ErrorCode.WRONG_INSTRUMENT, frame, problem, "give a map of the whole detector, or none"
-        )
+        remedy = "give a map of the whole detector, or none"
+        raise FrameError(ErrorCode.WRONG_INSTRUMENT, frame, problem, remedy)
     return cut if cut.dtype == bool else cut.astype(float)

@@ -3,6 +3,10 @@
 Photons arrive by the flat and dark current joins them; all are counted (Poisson); cosmic rays hit; the
 well clips; the read-out couples neighbours, is not linear, adds noise; the converter divides by the
 gain, adds the bias, rounds and clips.
+
+:func:`cosmic_rays` draws straight tracks of charge at a given rate.  Nothing here finds or removes them: a
+filter of the image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.rays` finds them
+in what a fit leaves over.
 """
 
 from __future__ import annotations
@@ -10,14 +14,70 @@ from __future__ import annotations
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
-from jitterkit.detectors.cosmic_rays import cosmic_rays
-from jitterkit.detectors.coupling import couple
 from jitterkit.detectors.knowledge import ASSUMED
-from jitterkit.detectors.linearity import measured
 from jitterkit.detectors.maps import piece
+from jitterkit.detectors.response import couple, measured
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["read_out"]
+DEPTH = 1.0
+"""Depth of the layer that collects charge, pixels: a few um in a thinned sensor whose pixels are as wide."""
+
+CHARGE = 200.0
+"""Charge along a track, e- per pixel: 80 e-/um of a fast particle in silicon, in pixels of 2.4 um."""
+
+_STEP = 0.1
+"""Pixels between the points in which a track is deposited."""
+
+
+def cosmic_rays(shape: tuple[int, int], rate: float, exposure: float, rng: np.random.Generator) -> np.ndarray:
+    """Draw the charge that cosmic rays leave.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        ``(ny, nx)``.
+    rate : float
+        Hits per pixel and second.
+    exposure : float
+        s.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    charge : (ny, nx) array
+        e-.
+
+    Notes
+    -----
+    Particles come evenly from a hemisphere, so through a surface as the cosine from its normal: cos² is
+    uniform, a path of length ``l`` is longer than the depth by more than a factor ``k`` in ``1/k²`` of all
+    cases, and ``2 CHARGE DEPTH`` is deposited on average.  *Assumes* one charge per length (no
+    straggling) and that all enter through the frame.  *Fails* where the energy of single hits matters:
+    depth and charge per pixel are those of a small thinned pixel.
+    """
+    ny, nx = shape
+    charge = np.zeros(shape)
+    hits = rng.poisson(rate * exposure * ny * nx)
+    start = rng.uniform(-0.5, 0.5, (hits, 2)) * shape + (np.array(shape) - 1) / 2
+    cosine = np.sqrt(1 - rng.random(hits))  # never zero
+    azimuth = rng.uniform(0.0, 2 * np.pi, hits)
+    along = DEPTH * np.sqrt(1 - cosine**2) / cosine
+    for (y, x), cos, length, phi in zip(start, cosine, along, azimuth, strict=True):
+        _deposit(charge, (y, x), length, phi, CHARGE * DEPTH / cos)
+    return charge
+
+
+def _deposit(charge: np.ndarray, start: tuple[float, float], length: float, angle: float, total: float):
+    """Lay a track's charge down, and lose what passes the frame's edge."""
+    seen = min(length, float(sum(charge.shape)))
+    points = max(1, int(np.ceil(seen / _STEP)))
+    t = (np.arange(points) + 0.5) / points * seen
+    y = np.rint(start[0] + t * np.sin(angle)).astype(int)
+    x = np.rint(start[1] + t * np.cos(angle)).astype(int)
+    inside = (y >= 0) & (y < charge.shape[0]) & (x >= 0) & (x < charge.shape[1])
+    share = total * (seen / length if length else 1.0) / points
+    np.add.at(charge, (y[inside], x[inside]), share)
+
 
 _NAME = "the expected image"
 
@@ -46,13 +106,12 @@ def _refuse_without_exposure(
     for name, needed in needs.items():
         value = getattr(detector, name)
         if exposure is None and needed and value is not None and np.any(value):
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE, f"{name} needs the exposure of the frame; give exposure, in s."
-            )
+            problem = f"{name} needs the exposure of the frame; give exposure, in s."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
 
 
 def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
-    """What the wells hold, e-."""
+    """Return what the wells hold, e-."""
     if detector.flat is not None:
         expected = expected * piece("flat", detector.flat, _NAME, origin, expected.shape)
     if detector.dark_current is not None:
@@ -65,7 +124,7 @@ def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
 
 
 def _amplified(detector, charge, rng, origin) -> np.ndarray:
-    """What reaches the converter, e-."""
+    """Return what reaches the converter, e-."""
     if detector.coupling:
         charge = couple(charge, detector.coupling)
     if detector.nonlinearity is not None:
@@ -77,7 +136,7 @@ def _amplified(detector, charge, rng, origin) -> np.ndarray:
 
 
 def _digitised(detector, level, origin) -> np.ndarray:
-    """What the file holds, ADU."""
+    """Return what the file holds, ADU."""
     bias = 0.0 if detector.bias is None else piece("bias", detector.bias, _NAME, origin, level.shape)
     rounded = np.rint(bias + level / (detector.gain or ASSUMED["gain"]))
     if detector.bits is None:

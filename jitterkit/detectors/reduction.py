@@ -12,16 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
-from jitterkit.detectors.coupling import beside, decouple, decoupled_variance
-from jitterkit.detectors.file_variance import with_read_variance
+from jitterkit.detectors.file_variance import (
+    GUESSED,
+    NORMALISED,
+    in_counts,
+    is_normalised,
+    with_read_variance,
+)
 from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
-from jitterkit.detectors.linearity import collected, slope
 from jitterkit.detectors.maps import piece
-from jitterkit.detectors.pixel_units import GUESSED, NORMALISED, in_counts, is_normalised
+from jitterkit.detectors.response import beside, collected, decouple, decoupled_variance, slope
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Known, Metadata
-
-__all__ = ["reduce"]
 
 _ROUNDING = 1e-12
 """By this share a charge may miss the level of a full well and still be at it."""

@@ -11,7 +11,7 @@ To add an estimator, write one file with one function and add one line to the re
 
 from collections.abc import Callable
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import one_of
 from jitterkit.estimators.moments import estimate_moments
 from jitterkit.estimators.mtf_ratio import estimate_mtf_ratio
 from jitterkit.estimators.nnls import estimate_nnls
@@ -48,10 +48,4 @@ def estimator(name: str) -> Callable[..., KernelEstimate]:
     ConfigurationError
         If there is none of that name; the message lists those there are.
     """
-    try:
-        return ESTIMATORS[name]
-    except KeyError:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no kernel estimator {name!r}; choose from {', '.join(ESTIMATORS)}.",
-        ) from None
+    return ESTIMATORS[one_of("kernel estimator", name, ESTIMATORS)]

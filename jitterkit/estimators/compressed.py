@@ -22,8 +22,6 @@ from jitterkit.loci.base import moments_and_slope
 from jitterkit.loci.cumulants import form_cumulants
 from jitterkit.metric import invert_information
 
-__all__ = ["CLOSE", "ORDERS", "CompressedFit", "CompressedLikelihood"]
-
 ORDERS = (3, 4, 6)
 """Of the cumulants that a frame is asked about."""
 

@@ -23,8 +23,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Stable
 from jitterkit.optics.otf import OTF
 
-__all__ = ["KernelProblem", "best_shares", "solve_kernel"]
-
 _GRIDS = ((5, 1), (3, 2), (2, 4))
 """Nodes per pixel along each axis, and pixels on either side of the middle one: tried in turn until the
 kernel has room.  With 3 nodes a pixel, the moments of a drift of 0.225 arcsec are 9 % too large."""
@@ -72,10 +70,8 @@ def best_shares(problem: KernelProblem) -> np.ndarray:
     try:
         shares, _ = scipy.optimize.nnls(root.T, target, maxiter=_PATIENCE * len(target))
     except RuntimeError as error:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONVERGED,
-            "The search for a kernel does not end: too little of the frame is left; mask less of it.",
-        ) from error
+        message = "The search for a kernel does not end: too little of the frame is left; mask less of it."
+        raise UndeterminedError(ErrorCode.NOT_CONVERGED, message) from error
     return shares
 
 
@@ -93,11 +89,7 @@ class _Nodes(NamedTuple):
 
 
 def solve_kernel(
-    data: Data,
-    template: Parameters,
-    otf: OTF,
-    solver: Callable[[KernelProblem], np.ndarray],
-    method: str,
+    data: Data, template: Parameters, otf: OTF, solver: Callable[[KernelProblem], np.ndarray], method: str
 ) -> KernelEstimate:
     """Estimate a kernel with some solver of the non-negative problem, and its moments.
 
@@ -176,9 +168,8 @@ def _problem(data: Data, nodes: _Nodes, background: float) -> tuple[KernelProble
         nodes.trim(a).ravel() for a in (data.electrons - background, data.offset, data.used, weights)
     )
     if not used.any():
-        raise UndeterminedError(
-            ErrorCode.NO_DATA, "No usable pixel is left for a kernel; mask less of the frame."
-        )
+        problem = "No usable pixel is left for a kernel; mask less of the frame."
+        raise UndeterminedError(ErrorCode.NO_DATA, problem)
 
     def weighed(mean) -> KernelProblem:
         least = _FLOOR * np.abs(mean).mean()

@@ -21,8 +21,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics.otf import OTF
 
-__all__ = ["estimate_moments"]
-
 _WINDOWS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
 """1 sigma of the windows to choose from, in pixels."""
 
@@ -76,11 +74,9 @@ def estimate_moments(
             break
         if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance))):
             return KernelEstimate(values[list(point.free[3:])], covariance[3:, 3:], "moments")
-    raise UndeterminedError(
-        ErrorCode.MODEL_MISMATCH,
-        "No blur gives the template the second moments of the frame; check the template's scene, or use the "
-        "score estimator where the frame is faint.",
-    )
+    problem = "No blur gives the template the second moments of the frame"
+    remedy = "check the template's scene, or use the score estimator where the frame is faint"
+    raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; {remedy}.")
 
 
 class _Point(NamedTuple):

@@ -29,8 +29,6 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, Mvn, Shaped, Stable
 from jitterkit.optics.otf import OTF
 
-__all__ = ["estimate_mtf_ratio"]
-
 _BAND = (0.02, 0.7)
 """Frequencies used, in units of the detector's Nyquist frequency: below, the window leaks; above,
 TOLIMAN's optics pass too little."""
@@ -63,12 +61,7 @@ _FEWEST = 10
 
 
 def estimate_mtf_ratio(
-    data: Data,
-    template: Parameters,
-    otf: OTF,
-    *,
-    hold: Collection[str] = (),
-    shape: float | None = None,
+    data: Data, template: Parameters, otf: OTF, *, hold: Collection[str] = (), shape: float | None = None
 ) -> KernelEstimate:
     """Estimate second moments and shape from the ratio of power spectra.
 
@@ -241,11 +234,9 @@ def _fit(
         expected = reference * np.exp(np.clip(model, -60, 60))
         chosen = (expected > _LEAST_SNR * ratio.noise) & (w < _WIDEST)
         if (count := np.count_nonzero(chosen)) < _FEWEST:
-            raise UndeterminedError(
-                ErrorCode.NO_SIGNAL,
-                f"Only {count} frequencies rise above the noise; the MTF ratio needs {_FEWEST}. "
-                "Use the score estimator, which uses every pixel.",
-            )
+            problem = f"Only {count} frequencies rise above the noise"
+            remedy = f"the MTF ratio needs {_FEWEST}. Use the score estimator, which uses every pixel"
+            raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}; {remedy}.")
         weights = np.where(chosen, expected**2 / (ratio.noise * (2 * expected + ratio.noise)), 0.0)
         weighted = slopes * weights
         metric = np.linalg.inv(weighted @ slopes.T)

@@ -10,8 +10,6 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.optics.otf import OTF
 
-__all__ = ["estimate_nnls"]
-
 
 def estimate_nnls(
     data: Data, template: Parameters, otf: OTF, *, hold: Collection[str] = ()

@@ -13,8 +13,6 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.optics.otf import OTF
 
-__all__ = ["estimate_richardson_lucy"]
-
 _FIRST, _MOST = 64, 2**15
 """Updates before the first look at the deviance, and at most."""
 

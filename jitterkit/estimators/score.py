@@ -30,8 +30,6 @@ from jitterkit.loci import Mvn, Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little
 
-__all__ = ["estimate_from_normal", "estimate_score"]
-
 
 def estimate_score(
     data: Data,
@@ -84,10 +82,8 @@ def estimate_score(
     start = template.with_locus(Mvn.near(jnp.zeros(3)))
     (normal, *_), covariance = climb_a_little(start, otf, data, hold, steps)
     if not np.all(np.isfinite(covariance)):
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not determine its parameters; hold some, or mask less of it.",
-        )
+        problem = "The frame does not determine its parameters; hold some, or mask less of it."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     if shape is not None:
         return _of_known_shape(normal, shape, otf, data, hold)
     return estimate_from_normal(normal, covariance, otf, data, hold)[0]
@@ -148,8 +144,6 @@ def _of_known_shape(
     kurtosis = float(Shaped.of(0.0, kurtosis=shape).coords[3])  # refuses what no density has
     blur = fit_known_shape(normal, kurtosis, otf, data, hold)
     if blur is None:
-        raise UndeterminedError(
-            ErrorCode.MODEL_MISMATCH,
-            f"No blur of excess kurtosis {shape:g} fits the frame; give another, or let it be measured.",
-        )
+        problem = f"No blur of excess kurtosis {shape:g} fits the frame; give another, or let it be measured."
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, problem)
     return KernelEstimate(np.asarray(blur.locus.moments()), blur.covariance, "score", locus=blur.locus)

@@ -27,17 +27,6 @@ from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import climb_a_little
 
-__all__ = [
-    "CumulantStep",
-    "LackOfFit",
-    "Shape",
-    "ShapedBlur",
-    "doubted",
-    "fit_known_shape",
-    "fit_shape",
-    "is_decisive",
-]
-
 _DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
 held at a normal's is what their variance grows by with the shape free, and beyond it is more."""
@@ -185,10 +174,8 @@ class CumulantStep:
         """Where the kurtosis stands in a fit with ``Shaped``, and what it and the rest change, by rows."""
         held = [name for name in Mvn.names if name not in self.names]
         if held:
-            raise ConfigurationError(
-                ErrorCode.NOT_CONSTRAINED,
-                f"The shape of a blur is told beside its second moments: do not hold {held[0]!r}.",
-            )
+            problem = f"The shape of a blur is told beside its second moments: do not hold {held[0]!r}."
+            raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
         size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
         turn = np.insert(np.eye(size, len(self.score)), slot, 0.0, axis=0)
         turn[slot, size + 4 : size + 9], _ = form_cumulants(self.parameters.locus.moments(), 2)

@@ -14,11 +14,8 @@ from scipy.ndimage import map_coordinates
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import longest
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum
-from jitterkit.extended.streak import apart, streak_estimate
+from jitterkit.extended.spectrum import PowerSpectrum, apart, power_spectrum, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
-
-__all__ = ["estimate_autocorrelation"]
 
 _GATE = 6.0
 """Pixels: closer in, the derivative's own peak, at no distance at all, hides the streak's."""
@@ -64,10 +61,8 @@ def estimate_autocorrelation(image: np.ndarray, *, plate_scale: float = 1.0) -> 
     length, angle, height = float(lengths[i]), float(angles[j]), float(peaks[i, j])
     rest = apart(lengths[:, None], angles, length, angle) > max(4.0, 0.15 * length)
     if height < _LEAST_CONTRAST * peaks[rest].max():
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"No negative peak of the derivative's autocorrelation stands out beyond {_GATE:g} pixels.",
-        )
+        problem = f"No negative peak of the derivative's autocorrelation stands out beyond {_GATE:g} pixels."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     along, across = _ERRORS
     return streak_estimate(
         length, angle, "autocorrelation", along=along, across=across, plate_scale=plate_scale

@@ -20,12 +20,16 @@ from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import comb_peaks, longest
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, smoothed
-from jitterkit.extended.streak import apart, streak_estimate, transfer_squared
+from jitterkit.extended.spectrum import (
+    PowerSpectrum,
+    apart,
+    power_spectrum,
+    smoothed,
+    streak_estimate,
+    transfer_squared,
+)
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean
-
-__all__ = ["estimate_blind"]
 
 _TAIL = np.float32(2.0)
 """Of the scene's own scatter about its smooth spectrum: lines and lattices are twenty times above it."""
@@ -97,10 +101,8 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     found = [_climb(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
     found = [streak for streak in found if streak.length < limit]
     if not found:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels.",
-        )
+        problem = f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     best = _refined(spectrum, max(found, key=lambda streak: streak.value))
     _check(spectrum, best, found, limit)
     along, across = _errors(spectrum, best)
@@ -160,7 +162,7 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: 
 
 
 def _true_gain(spectrum: PowerSpectrum, best: _Streak) -> float:
-    """What a streak gains over itself turned by 90 degrees where the model is true."""
+    """Return what a streak gains over itself turned by 90 degrees where the model is true."""
     mean = _expected_power(spectrum, best.length, best.angle)
     ideal = PowerSpectrum(
         mean * np.exp(-_LOG_MEAN), mean, spectrum.weight, spectrum.fx, spectrum.fy, spectrum.noise

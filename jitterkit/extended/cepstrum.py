@@ -13,11 +13,8 @@ from scipy import fft
 from scipy.ndimage import map_coordinates
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
-from jitterkit.extended.streak import apart, streak_estimate
+from jitterkit.extended.spectrum import PowerSpectrum, apart, power_spectrum, streak_estimate, whitened
 from jitterkit.kernel_estimate import KernelEstimate
-
-__all__ = ["comb_peaks", "estimate_cepstrum", "longest"]
 
 _HARMONICS = 3
 """Multiples of the length that are summed; a fourth adds 3 % to the sum's significance."""

@@ -11,11 +11,8 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.cepstrum import longest
-from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, whitened
-from jitterkit.extended.streak import streak_estimate
+from jitterkit.extended.spectrum import PowerSpectrum, power_spectrum, streak_estimate, whitened
 from jitterkit.kernel_estimate import KernelEstimate
-
-__all__ = ["estimate_radon"]
 
 _GATE = 6.0
 """Pixels: below, fewer than two nulls a side lie where a photograph rises above its noise."""

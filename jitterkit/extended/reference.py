@@ -14,14 +14,11 @@ from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended.registration import register
-from jitterkit.extended.standing import fill, standing_pixels
+from jitterkit.extended.registration import fill, register, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Mvn
 from jitterkit.loci.base import principal_axes
 from jitterkit.vision import box_mean
-
-__all__ = ["estimate_from_reference"]
 
 _BAND = 0.45
 """Cycles/pixel; beyond, frames alias."""
@@ -91,9 +88,8 @@ def estimate_from_reference(
     Moments are of the blur *added* to the sharp frame's own; noise may make them indefinite.
     """
     if kernel_side % 2 == 0:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
-        )
+        problem = f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     drift = register(sharp, blurred, mask=mask)
     pair = [np.asarray(frame, float) for frame in (sharp, blurred)]
     bad = np.zeros(pair[0].shape, bool) if mask is None else np.asarray(mask, bool)
@@ -120,11 +116,7 @@ def estimate_from_reference(
     kernel = _kernel(one, two, fx, fy, noise, drift, kernel_side, window.shape)
     locus = Linear.near(moments * plate_scale**2) if streak else Mvn.near(moments * plate_scale**2)
     return KernelEstimate(
-        moments * plate_scale**2,
-        covariance * plate_scale**4,
-        "reference",
-        kernel=kernel,
-        locus=locus,
+        moments * plate_scale**2, covariance * plate_scale**4, "reference", kernel=kernel, locus=locus
     )
 
 
@@ -170,7 +162,7 @@ def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _covariance(fit) -> np.ndarray:
-    """Of a fit's parameters; what the model does not describe counts as noise."""
+    """Return the covariance of a fit's parameters; what the model does not describe counts as noise."""
     misfit = 2 * fit.cost / (len(fit.fun) - len(fit.x))
     return np.linalg.inv(fit.jac.T @ fit.jac) * max(misfit, 1.0)
 

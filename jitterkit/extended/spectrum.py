@@ -3,6 +3,9 @@
 A picture's spectrum falls by six decades from the middle to the corner and its noise does not; what a
 blur adds are nulls.  Here is what all blind methods start from: :func:`power_spectrum`, and
 :func:`whitened`, its logarithm with the scene's smooth fall taken away and the noise weighted down.
+They end with :func:`streak_estimate`, by which a length and an angle become a :class:`KernelEstimate`;
+:func:`transfer_squared` is the pattern of nulls that all of them look for, and :func:`apart` the distance
+between two streaks.
 """
 
 from __future__ import annotations
@@ -13,10 +16,11 @@ import numpy as np
 from scipy import fft
 from scipy.signal.windows import hann
 
+from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
+from jitterkit.kernel_estimate import KernelEstimate
+from jitterkit.loci import Linear, covariance_on_axis
 from jitterkit.vision import box_mean
-
-__all__ = ["PowerSpectrum", "power_spectrum", "smoothed", "whitened"]
 
 _LEAST_SIDE = 64
 """Pixels: of a smaller picture the Hann window leaves some 40, less than the nulls of a blur need."""
@@ -59,7 +63,7 @@ class PowerSpectrum:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the picture, and of every array here."""
+        """Return the shape of the picture, and of every array here."""
         ny, nx = self.power.shape
         return ny, nx
 
@@ -80,16 +84,13 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
         If it is constant, or nothing but noise.
     """
     array = np.asarray(image)
-    _check(array)
+    check_image(array, _LEAST_SIDE)
     pixels = array.astype(float)
     pixels -= pixels.mean()
     spread = pixels.std()
     if not spread > 1e-9 * np.abs(array).max():
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"The image is constant ({float(array.flat[0]):g} everywhere): it shows no scene, and "
-            "no blur either.",
-        )
+        problem = f"The image is constant ({float(array.flat[0]):g} everywhere)"
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}: it shows no scene, and no blur either.")
     window = np.outer(*(hann(n + 2)[1:-1] for n in array.shape))
     windowed = (pixels - np.average(pixels, weights=window)) * window / spread
     transform = fft.fftshift(fft.fft2(windowed))
@@ -109,26 +110,22 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     return PowerSpectrum(power, local, weight.astype(np.float32), fx[None], fy[:, None], noise)
 
 
-def _check(array: np.ndarray) -> None:
+def check_image(array: np.ndarray, least: int = 1) -> None:
+    """Refuse what is no image (ny, nx) of finite numbers with a least number of pixels a side."""
+    code = None
     if array.dtype.kind not in "buif":
         code = ErrorCode.WRONG_TYPE
     elif array.ndim != 2:
         code = ErrorCode.WRONG_SHAPE
-    elif min(array.shape) < _LEAST_SIDE:
+    elif min(array.shape) < least:
         code = ErrorCode.TOO_FEW
-    elif not np.isfinite(array).all():
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{np.sum(~np.isfinite(array))} of the image's {array.size} pixels are not finite; cut them away "
-            "or fill them.",
-        )
-    else:
-        return
-    raise ConfigurationError(
-        code,
-        f"A blur is read from an image (ny, nx) of numbers, at least {_LEAST_SIDE} pixels a side; "
-        f"got shape {array.shape} of type {array.dtype}.",
-    )
+    if code is not None:
+        sides = f"(ny, nx) of numbers, at least {least} pixels a side"
+        got = f"shape {array.shape} of type {array.dtype}"
+        raise ConfigurationError(code, f"A blur is read from an image {sides}; got {got}.")
+    if lost := int(np.sum(~np.isfinite(array))):
+        problem = f"{lost} of {array.size} pixels of the image are not finite; cut them away or fill them."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 def smoothed(values: np.ndarray, shape: tuple[int, int], length: float) -> np.ndarray:
@@ -144,3 +141,48 @@ def whitened(spectrum: PowerSpectrum) -> np.ndarray:
     smooth, share = (smoothed(a, spectrum.shape, _SCENE_SCALE) for a in (logarithm, weight))
     # deeper than e**-4 is the noise's tail, higher than e**2 a line in the scene
     return np.clip(logarithm - weight * smooth / np.maximum(share, 1e-4), -4, 2)
+
+
+def streak_estimate(
+    length: float, angle: float, method: str, *, along: float, across: float, plate_scale: float
+) -> KernelEstimate:
+    """Report a uniform streak.
+
+    Parameters
+    ----------
+    length : float
+        Pixels.
+    angle : float
+        Degrees counter-clockwise from +x.
+    method : str
+    along, across : float
+        Standard errors of the streak's end along and across it, pixels: of the length, and of the length
+        times the angle.
+    plate_scale : float
+        Arcsec/pixel.
+
+    Returns
+    -------
+    estimate : KernelEstimate
+        The moments and their covariance to first order in the errors.
+    """
+    # along itself a streak's moments are (L²/12, 0, 0); turned by da, they gain a cross moment of L²/12 da
+    own = np.diag([2 * along, across, 0.0]) * length / 12
+    covariance = covariance_on_axis(own**2, -angle)
+    # to first order a streak stays one; across it the moments are uncertain to second order
+    covariance += np.eye(3) * ((along**2 + across**2) / 12) ** 2
+    locus = Linear.of(length * plate_scale, axis_angle(angle))
+    return KernelEstimate(np.asarray(locus.moments()), covariance * plate_scale**4, method, locus=locus)
+
+
+def transfer_squared(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
+    """Squared transfer function (ny, nx) of a streak of ``length`` pixels."""
+    x, y = length * np.cos(np.radians(angle)), length * np.sin(np.radians(angle))
+    return np.sinc(np.float32(x) * spectrum.fx + np.float32(y) * spectrum.fy) ** 2
+
+
+def apart(length, angle, other_length, other_angle):
+    """Distance [pixels] between the ends of two streaks with a common beginning; they have no direction."""
+    one = length * np.exp(1j * np.radians(angle))
+    two = other_length * np.exp(1j * np.radians(other_angle))
+    return np.minimum(np.abs(one - two), np.abs(one + two))

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jitterkit.conventions import axis_angle
-from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended.streak import apart, streak_estimate
+from jitterkit.errors import ErrorCode, UndeterminedError
+from jitterkit.extended.spectrum import apart, check_image, streak_estimate
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean, components
-
-__all__ = ["Trail", "estimate_trail", "find_trails"]
 
 _THRESHOLD = 3.0
 """Standard deviations of the image averaged over 3 x 3 pixels."""
@@ -88,10 +86,8 @@ def estimate_trail(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     """
     trails = find_trails(image)
     if not trails:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The image shows no trail of {_GATE:g} pixels or more away from its borders.",
-        )
+        problem = f"The image shows no trail of {_GATE:g} pixels or more away from its borders."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     near = np.array(
         [
             [apart(a.length, a.angle, b.length, b.angle) < max(1.0, _TOLERANCE * a.length) for b in trails]
@@ -100,11 +96,8 @@ def estimate_trail(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     )
     most = near.sum(axis=1)
     if 2 * most.max() <= len(trails):
-        raise UndeterminedError(
-            ErrorCode.AMBIGUOUS,
-            f"The image's {len(trails)} trails disagree: those of one length and angle are {most.max()} at "
-            "most.",
-        )
+        alike = f"those of one length and angle are {most.max()} at most"
+        raise UndeterminedError(ErrorCode.AMBIGUOUS, f"The image's {len(trails)} trails disagree: {alike}.")
     return _mean(
         [trail for trail, agrees in zip(trails, near[most.argmax()], strict=True) if agrees], plate_scale
     )
@@ -113,7 +106,7 @@ def estimate_trail(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
 def find_trails(image: np.ndarray) -> list[Trail]:
     """Find and measure the trails in an image; those that touch its borders are left out."""
     pixels = np.asarray(image)
-    _check(pixels)
+    check_image(pixels)
     pixels = pixels.astype(float)
     pixels -= np.median(pixels)
     noise = 1.4826 * float(np.median(np.abs(pixels)))
@@ -160,26 +153,6 @@ def _measure(pixels: np.ndarray, chosen: np.ndarray, noise: float, left: int, lo
     angle = axis_angle(float(np.degrees(np.arctan2(s, c) + tilt / (along - across))))
     return Trail(
         x + left, y + low, length, angle, max(float(error), _LEAST_ERROR), max(float(turn), _LEAST_ERROR)
-    )
-
-
-def _check(pixels: np.ndarray) -> None:
-    if pixels.dtype.kind not in "buif":
-        code = ErrorCode.WRONG_TYPE
-    elif pixels.ndim != 2:
-        code = ErrorCode.WRONG_SHAPE
-    elif not np.isfinite(pixels).all():
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"Trails are looked for in an image of finite numbers, and {np.sum(~np.isfinite(pixels))} of "
-            f"{pixels.size} pixels are not finite; cut them away or fill them.",
-        )
-    else:
-        return
-    raise ConfigurationError(
-        code,
-        f"Trails are looked for in an image (ny, nx) of finite numbers; got shape {pixels.shape} of type "
-        f"{pixels.dtype}.",
     )
 
 

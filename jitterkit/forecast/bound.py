@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
 from jitterkit.frames.frame import RawFrame
 from jitterkit.likelihood import Data, normal_equations
@@ -25,16 +25,13 @@ from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.refit.result import moments_of
 
-__all__ = ["Forecast", "expected_data", "forecast"]
-
-
 _LINE = 1e-6
 """Of the major variance's error, below which that of the minor is rounding: the locus is a line."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What one frame tells about its parameters.
+    """Information of one frame about its parameters.
 
     Attributes
     ----------
@@ -93,11 +90,7 @@ class Forecast:
         ConfigurationError
             If the target is not positive.
         """
-        if not target > 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A target precision must be positive; got {target} for {name}."
-            )
-        return (self.error(name) / target) ** 2
+        return (self.error(name) / positive(f"target of {name}", target)) ** 2
 
     @property
     def correlation(self) -> np.ndarray:
@@ -132,7 +125,7 @@ class Forecast:
         return sizes
 
     def _length(self) -> tuple[float, float]:
-        """Of the locus, with its error by differences over a thousandth of each coordinate's."""
+        """Return the length of the locus, with its error by differences over a thousandth of each error."""
         locus = self.parameters.locus
         length = locus.describe()["length"]
         slots = [self.names.index(name) for name in locus.names if name in self.names]
@@ -148,9 +141,8 @@ class Forecast:
 
     def _slot(self, name: str) -> int:
         if name not in self.names:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME, f"{name!r} is not among the free parameters {', '.join(self.names)}."
-            )
+            problem = f"{name!r} is not among the free parameters {', '.join(self.names)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         return self.names.index(name)
 
 

@@ -2,12 +2,14 @@
 
 Reach for :func:`tell_causes`: how well one frame tells each, alone and together, and by
 :meth:`Causes.confusions` what it takes for what.  What would tell them apart is in
-:mod:`~jitterkit.forecast.causes_data`.
+:mod:`~jitterkit.forecast.causes_data`.  A :class:`Cause` turns the error of its coordinate, which is regular
+at zero, into one of the size that a person gives.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -15,12 +17,90 @@ from typing import NamedTuple
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.forecast.causes_frame import JITTER, Setting, choose_defocus
+from jitterkit.forecast.causes_frame import JITTER, SQUARE, Setting, choose_defocus, seeing_power
 from jitterkit.forecast.causes_information import Information
-from jitterkit.forecast.causes_sizes import Cause, causes_between
-from jitterkit.loci import Locus
+from jitterkit.loci import Locus, axis_variances
 
-__all__ = ["Causes", "Confusion", "tell_causes"]
+_LINE = 1e-12
+"""Of the variance along the jitter, below which that across it is rounding: it is a line."""
+
+
+class Cause(NamedTuple):
+    """Something that widens the image.
+
+    Attributes
+    ----------
+    name : str
+        Of its coordinate in the information.
+    words : str
+    value : float
+        Of the coordinate, which is regular at zero: a variance, say.
+    power : float
+        Of the size that the coordinate is.
+    unit : str
+        Of the size, as astropy reads it.
+    per : float
+        How many of that unit make one of the coordinate's.
+    """
+
+    name: str
+    words: str
+    value: float
+    power: float
+    unit: str
+    per: float
+
+    @property
+    def size(self) -> float:
+        """Return the size as a person would give it, in ``unit``."""
+        if self.power == 1:
+            return self.per * self.value
+        return self.per * max(self.value, 0.0) ** (1 / self.power)
+
+    def size_error(self, error: float) -> float:
+        """By how much the size grows where the coordinate grows by its error; finite at zero size too."""
+        if self.power == 1:
+            return self.per * error
+        start = max(self.value, 0.0)
+        return self.per * ((start + error) ** (1 / self.power) - start ** (1 / self.power))
+
+
+def causes_between(setting: Setting, locus: Locus, moments: Sequence[str]) -> tuple[Cause, ...]:
+    """The causes that a frame might show: some moments of its jitter, and what the setting has.
+
+    Parameters
+    ----------
+    setting : Setting
+    locus : Locus
+    moments : sequence of str
+        Of :data:`~jitterkit.forecast.causes_frame.JITTER`, those that are free.
+    """
+    return tuple([_jitter(name, locus) for name in moments] + _shared(setting))
+
+
+def _jitter(name: str, locus: Locus) -> Cause:
+    major, minor, angle = axis_variances(np.asarray(locus.moments()))
+    axis = f"{angle:.0f}°"
+    if name == "jitter_turn":
+        return Cause(name, f"jitter turned from {axis}", 0.0, 1.0, "mas2", 1e6)
+    along = name == "jitter_along"
+    minor = minor if minor > _LINE * major else 0.0
+    words = f"jitter {'along' if along else 'across'} {axis}"
+    return Cause(name, words, major if along else minor, 2.0, "mas", 1e3)
+
+
+def _shared(setting: Setting) -> list[Cause]:
+    otf, causes = setting.otf, []
+    if setting.square:
+        causes.append(Cause(SQUARE, "defocus, either sign", 0.0, 2.0, "nm", 1.0))
+    elif "noll4" in otf.names and "noll4" not in otf.blind():
+        value = float(otf.state[otf.names.index("noll4")])
+        causes.append(Cause("noll4", "defocus", value, 1.0, "nm", 1.0))
+    if setting.seeing is not None:
+        causes.append(Cause("seeing", "seeing", seeing_power(setting.seeing), 5 / 3, "arcsec", 1.0))
+    pixel = 1 / otf.grid.plate_scale
+    return [*causes, Cause("diffusion", "diffusion", setting.diffusion, 2.0, "pix", pixel)]
+
 
 _SHARE = 0.1
 """Of the largest weight, above which a cause has part in a confusion."""
@@ -54,7 +134,7 @@ class Confusion(NamedTuple):
 
 @dataclass(frozen=True)
 class Causes:
-    """How well one frame tells what widens it.
+    """Causes of an image's width, and the information of one frame about them.
 
     Attributes
     ----------
@@ -75,12 +155,12 @@ class Causes:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the causes' coordinates."""
+        """Return the names of the causes' coordinates."""
         return tuple(cause.name for cause in self.causes)
 
     @cached_property
     def told(self) -> Information:
-        """What the frame tells about the causes, all else unknown."""
+        """Return what the frame tells about the causes, all else unknown."""
         return self.frame.about(self.names)
 
     def errors(self, extra: Information | None = None) -> np.ndarray:
@@ -148,7 +228,7 @@ class Causes:
         )
 
     def _sum(self, weights: np.ndarray, pivot: int, other: int) -> tuple[float, float]:
-        """How much of the other keeps its sum with the pivot along the confusion, and the sum's error."""
+        """Return how much of the other keeps its sum with the pivot along the confusion, and its error."""
         ratio = -float(weights[pivot] / weights[other])
         combination = np.zeros(len(weights))
         combination[[pivot, other]] = self.blurs[pivot], ratio * self.blurs[other]
@@ -183,9 +263,8 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     """
     for name, size in (("diffusion", setting.diffusion), ("seeing", setting.seeing or 0.0)):
         if size < 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"The {name} is {size:g}; give zero for none, or a positive one."
-            )
+            problem = f"The {name} is {size:g}; give zero for none, or a positive one."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     setting = choose_defocus(setting)
     jitter = setting.frame(locus)
     names = [name for name in JITTER if name in jitter.names]
@@ -193,8 +272,6 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     causes = causes_between(setting, locus, names)
     found = Causes(setting, locus, causes, frame, setting.otf.grid.plate_scale)
     if not np.all(np.isfinite(found.told.alone)):
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not show its causes: too few pixels tell anything; change the flux.",
-        )
+        problem = "The frame does not show its causes: too few pixels tell anything; change the flux."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     return found

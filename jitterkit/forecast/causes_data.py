@@ -14,14 +14,12 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import positive
 from jitterkit.forecast.causes import Causes
 from jitterkit.forecast.causes_frame import JITTER, SQUARE, Setting
 from jitterkit.forecast.causes_information import Information
 from jitterkit.loci import Locus, Stable, Streak, axis_variances, moments_on_axis
 from jitterkit.optics import OpticalSystem, Spectrum, grid_for
-
-__all__ = ["DataSet", "Offer", "cheapest", "further_data"]
 
 _LIGHT = 4.0
 """Times the light of one frame: as many photons as four frames, but one motion."""
@@ -80,10 +78,7 @@ class Offer:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not 0 < value < np.inf:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE, f"An offer's {name} must be positive; got {value}."
-                )
+            positive(name, value)
 
 
 def further_data(causes: Causes, offer: Offer | None = None) -> list[DataSet]:

@@ -28,8 +28,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scene import Scene
 
-__all__ = ["JITTER", "SQUARE", "Setting", "choose_defocus", "seeing_power", "with_mode", "with_seeing"]
-
 JITTER = ("jitter_along", "jitter_turn", "jitter_across")
 """Second moments of the pointing on its own axis, arcsec²; a streak has the first two."""
 
@@ -149,7 +147,7 @@ class Setting:
         return parameters.completed(self.otf)
 
     def frame(self, locus: Locus) -> Information:
-        """What one frame under a jitter tells, its own moments named as :data:`JITTER`.
+        """Return what one frame under a jitter tells, its own moments named as :data:`JITTER`.
 
         Raises
         ------
@@ -189,9 +187,8 @@ def _on_axis(locus: Locus) -> tuple[tuple[str, ...], np.ndarray]:
         )
     moments = np.asarray(locus.moments())
     if rows == 2 and not axis_variances(moments)[0] > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, "A streak of length 0 has no axis; give its length, or the locus mvn."
-        )
+        problem = "A streak of length 0 has no axis; give its length, or the locus mvn."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     turn = np.array([moments_on_axis(unit, axis_variances(moments)[2]) for unit in np.eye(3)]).T
     by_coords = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords))[:, :rows]
     return JITTER[:rows], (turn @ by_coords)[:rows]

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Information"]
-
 _NULL = 1e-10
 """Eigenvalue of the scaled information below which it is zero: what is exactly degenerate leaves 1e-13."""
 
@@ -23,7 +21,7 @@ _SIDE = 1e-6
 
 @dataclass(frozen=True)
 class Information:
-    """What data tell about named parameters.
+    """Information of data about named parameters.
 
     Attributes
     ----------

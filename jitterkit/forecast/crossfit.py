@@ -21,8 +21,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
 
-__all__ = ["CrossFit", "noise_free_fit"]
-
 _RESTARTS, _SETTLED = 20, 1e-4
 """A locus that is far from right (chi-squared thousands) climbs slowly, because the expected information is
 then not the curvature: it is started again where it ended, until it moves by less than this share of the
@@ -134,10 +132,8 @@ def noise_free_fit(
         moved = abs(fit.of_scene("separation") - before.of_scene("separation"))
         if moved < _SETTLED * before.error("separation"):
             return _respond(truth, fit, optics, otf, data, options)
-    raise JitterkitError(
-        ErrorCode.NOT_CONVERGED,
-        f"{locus} does not settle on this jitter; the separation still moves by {moved:.2g} arcsec.",
-    )
+    problem = f"{locus} does not settle on this jitter; the separation still moves by {moved:.2g} arcsec."
+    raise JitterkitError(ErrorCode.NOT_CONVERGED, problem)
 
 
 def _respond(

@@ -13,8 +13,6 @@ import numpy as np
 
 from jitterkit.forecast.bound import Forecast
 
-__all__ = ["Direction", "degenerate_directions"]
-
 _SHARE = 0.35
 """Of the largest weight, above which a parameter is named."""
 

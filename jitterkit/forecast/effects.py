@@ -27,8 +27,6 @@ from jitterkit.optics.system import OpticalSystem
 from jitterkit.optics.zernike import noll_to_nm, zernike
 from jitterkit.scene import Binary, Star
 
-__all__ = ["KINDS_OF_EFFECT", "Effect", "effects_of"]
-
 _DIRECTIONS = 8
 """Around the pair, in which a third star may stand: its bias differs in sign from one to the next."""
 

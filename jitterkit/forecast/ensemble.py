@@ -20,8 +20,6 @@ from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, Status, fit_best_locus, fit_locus
 from jitterkit.refit.evidence import log_evidence
 
-__all__ = ["Draws", "linearised_draws", "refitted_draws"]
-
 _CHUNK = 250
 """Frames drawn at once: 30 MB of a 128 x 128 frame."""
 

@@ -11,10 +11,8 @@ import inspect
 from collections.abc import Callable
 
 from jitterkit.conventions import FWHM_PER_SIGMA
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm
-
-__all__ = ["KINDS", "jitter_of_kind"]
 
 
 def _mvn(size: float, angle: float, shear: float = 0.1) -> Locus:
@@ -36,6 +34,9 @@ KINDS: dict[str, Callable[..., Locus]] = {
     "ellipse": _ellipse,
     "partial": _partial,
 }
+
+
+_GIVEN = ("size", "length", "angle")
 
 
 def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
@@ -60,22 +61,15 @@ def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
     0.05
     """
     name, *settings = kind.split(",")
-    if name not in KINDS:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"There is no kind of jitter {name!r}; choose from {', '.join(KINDS)}."
-        )
-    shapes = [word for word in inspect.signature(KINDS[name]).parameters if word not in _GIVEN]
+    build = KINDS[one_of("kind of jitter", name, KINDS)]
+    shapes = [word for word in inspect.signature(build).parameters if word not in _GIVEN]
     try:
         shape = {word.strip(): float(value) for word, value in (s.split("=") for s in settings)}
     except ValueError:
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"{kind!r} is not understood; write mvn,shear=0.7."
-        ) from None
+        problem = f"{kind!r} is not understood; write mvn,shear=0.7."
+        raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
     foreign = [word for word in shape if word not in shapes]
     if foreign:
         may = f"it may have {', '.join(shapes)}" if shapes else "it has a size and an angle only"
         raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"The kind {name} has no {foreign[0]}; {may}.")
-    return KINDS[name](size, angle, **shape)
-
-
-_GIVEN = ("size", "length", "angle")
+    return build(size, angle, **shape)

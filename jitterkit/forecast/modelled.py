@@ -14,8 +14,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import FixedOptics, OpticalSystem
 from jitterkit.scene import Scene, Star
 
-__all__ = ["Modelled", "of_sources"]
-
 
 @dataclass(frozen=True)
 class Modelled:

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.optimize
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.forecast.bound import expected_data, forecast
 from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forward import Parameters, free_parameters
@@ -25,8 +25,6 @@ from jitterkit.loci import Locus, PartialShm, Stable, locus_class, principal_axe
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scoring import climb
-
-__all__ = ["CYCLES", "MOTIONS", "Requirement", "jitter_requirements", "largest_size", "moment_bias"]
 
 CYCLES = (0.05, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Of a vibration in one exposure, that stand for its regimes: low to 0.2, high from 3."""
@@ -117,10 +115,7 @@ def jitter_requirements(
     ConfigurationError
         If nothing is allowed, or the frame does not determine its parameters without jitter.
     """
-    if not allowed > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"The loss that is allowed must be positive; got {allowed}."
-        )
+    positive("allowed loss", allowed)
     theta = float(still.binary.theta)
 
     def time_lost(loci: list[Locus]) -> float:
@@ -137,11 +132,9 @@ def jitter_requirements(
 
     alone = forecast(still.with_locus(Stable.of()), otf, detector, options).error("separation")
     if not math.isfinite(alone):
-        raise ConfigurationError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not determine its parameters even without jitter; look at flux, contrast and "
-            "saturation.",
-        )
+        problem = "The frame does not determine its parameters even without jitter"
+        remedy = "look at flux, contrast and saturation"
+        raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, f"{problem}; {remedy}.")
     loss = time_lost if fitted is None else bias
     found: list[Requirement] = []
     for angle in angles:
@@ -172,7 +165,7 @@ def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[.
 
 
 def _beyond_quadrature(locus: Locus) -> bool:
-    """Whether a vibration is too long for the nodes of its integral over time, by its docstring."""
+    """Return whether a vibration is too long for the nodes of its integral over time, by its docstring."""
     return (
         isinstance(locus, PartialShm) and locus.describe()["length"] * locus.describe()["cycles"] > _LONGEST
     )

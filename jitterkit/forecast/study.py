@@ -21,8 +21,6 @@ from jitterkit.loci import Locus
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions
 
-__all__ = ["AUTO", "AUTO_FRAME", "CANDIDATES", "Panel", "cross_fit"]
-
 AUTO, AUTO_FRAME = "auto", "auto, a frame"
 
 CANDIDATES = ("mvn", "linear", "shm", "ellipse", "partial", "path")

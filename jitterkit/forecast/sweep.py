@@ -10,8 +10,6 @@ import numpy as np
 
 from jitterkit.forecast.bound import Forecast
 
-__all__ = ["Sweep", "sweep"]
-
 
 @dataclass(frozen=True)
 class Sweep:

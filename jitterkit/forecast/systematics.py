@@ -26,8 +26,6 @@ from jitterkit.likelihood.data import mean_counts, telling
 from jitterkit.metric import invert_information
 from jitterkit.refit import FitOptions
 
-__all__ = ["FitResponse", "SystematicError", "systematic_errors"]
-
 _SHOWN = 5.0
 """Standard deviations of chi-squared from which an effect shows: as for the frames of a run."""
 

@@ -17,8 +17,6 @@ from jitterkit.frames.dialects import ALIASES, DIALECTS, Dialect, Keyword
 from jitterkit.frames.metadata import QUANTITIES, Known
 from jitterkit.frames.units import factor, stated_unit
 
-__all__ = ["Cards", "Number", "parse_number"]
-
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
 """What is counted, and the unit that is meant where none is stated."""
 
@@ -63,12 +61,12 @@ class Number:
 
     @property
     def words(self) -> str:
-        """What stands behind the number, and the comment."""
+        """Return what stands behind the number, and the comment."""
         return f"{self.unit} {self.comment}".strip()
 
     @property
     def positive(self) -> bool:
-        """Whether it is positive and finite."""
+        """Return whether it is positive and finite."""
         return 0 < self.value < math.inf
 
 
@@ -162,7 +160,7 @@ class Cards:
         return filter(None, (self.believable(name, key) for key in self.keywords(name)))
 
     def _meaning(self, name: str, number: Number) -> float | str | None:
-        """What :func:`factor` says of the unit of a number; the empty text where it has none."""
+        """Return what :func:`factor` says of the unit of a number; the empty text where it has none."""
         if name == "gain":  # has rules of its own
             return ""
         unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))

@@ -10,8 +10,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["ALIASES", "CAPTURE_SOFTWARE", "DIALECTS", "OBSERVATORIES", "SOFTWARE_KEYS", "Dialect", "Keyword"]
-
 Keyword = str | tuple[str, ...]
 """A keyword, or those of the amplifiers of one detector, of which the mean is taken."""
 

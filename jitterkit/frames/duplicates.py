@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Duplicates"]
-
 
 class Duplicates:
     """Remembers the frames of a run by the digests of their pixels."""

@@ -1,4 +1,4 @@
-"""FITS files as frames.
+"""FITS files as frames, and images of FITS files that need not be frames: kernels, pupils, PSFs.
 
 Reach for :class:`FitsFile`.  The chain of HDUs is followed in :mod:`~jitterkit.frames.hdus` first, so that
 nothing is believed of a header that the file cannot hold.  The pixels are read one plane at a time in
@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import bisect
 import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
 
 from jitterkit.frames.files import files_beside, open_bytes
 from jitterkit.frames.fitsimage import FitsImage
-from jitterkit.frames.fitsio import all_hdus
+from jitterkit.frames.fitsio import PlainHeader, all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
-from jitterkit.frames.hdus import find_images, read_hdus
-
-__all__ = ["FitsFile", "is_plane"]
+from jitterkit.frames.hdus import find_images, read_hdus, walk
+from jitterkit.frames.pixels import open_pixels
 
 
 class FitsFile(FrameFile):
@@ -97,3 +101,82 @@ def is_plane(path: Path, hdu: int | None = None) -> bool:
     """Tell from the layout of a file alone whether it holds one frame; raises as :class:`FitsFile` does."""
     with translated(path), open_bytes(path) as handle:
         return sum(group.image.planes for group in find_images(path, handle, hdu)[0]) == 1
+
+
+@dataclass(frozen=True)
+class NamedImage:
+    """One image of a FITS file that need not be a frame: a pupil, a PSF.
+
+    Parameters
+    ----------
+    hdu : int
+    name : str
+        EXTNAME in upper case; empty if there is none.
+    pixels : (..., ny, nx) array
+        float64, scaled; blank pixels are NaN.
+    header : PlainHeader
+        Of its own HDU.
+    """
+
+    hdu: int
+    name: str
+    pixels: np.ndarray
+    header: PlainHeader
+
+    def positive(self, *keys: str) -> float | None:
+        """Return the first of some cards that holds a positive number."""
+        values = (self.header.get(key) for key in keys)
+        numbers = (v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
+        return next((float(number) for number in numbers if 0 < number < math.inf), None)
+
+
+def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
+    """Read every image of a file, with its name and header.
+
+    Parameters
+    ----------
+    path : Path
+        Plain, gzipped or tile-compressed.
+
+    Returns
+    -------
+    images : list of NamedImage
+        In the order of the file.
+    header : PlainHeader
+        Of the primary HDU.
+
+    Raises
+    ------
+    FrameError
+        If the file cannot be read.
+    """
+    with translated(path), open_bytes(path) as handle:
+        hdus = list(walk(path, handle))
+        arrays = [hdu for hdu in hdus if hdu.what.startswith("an array")]
+        images = [NamedImage(a.number, a.name, open_pixels(a).everything(), a.header) for a in arrays]
+        return images, hdus[0].header
+
+
+def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
+    """Read the first image of a file as one array, which need not be a frame: a kernel, say.
+
+    Parameters
+    ----------
+    path : Path
+        Plain, gzipped or tile-compressed.
+
+    Returns
+    -------
+    image : (..., ny, nx) array
+        float64, scaled; blank pixels are NaN.
+    header : PlainHeader
+        Of the same HDU.
+
+    Raises
+    ------
+    FrameError
+        If there is no image, or the file cannot be read.
+    """
+    with translated(path), open_bytes(path) as handle:
+        image = find_images(path, handle, None)[0][0].image
+        return open_pixels(image).everything(), image.header

@@ -8,21 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.damage import in_colour
-from jitterkit.frames.extensions import Group
+from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
+from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import rate_of_brightness, resolve
 from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.pixels import open_pixels
-from jitterkit.frames.quality import bad_bits, quality_of
 from jitterkit.frames.sky import turned_over
-from jitterkit.frames.uncertainty import usable
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
-
-__all__ = ["FitsImage"]
 
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 _FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
@@ -108,7 +105,7 @@ class FitsImage:
         return RawFrame(data, mask, metadata, hdu=self.hdu.number, **more)  # type: ignore[arg-type]
 
     def _of_plane(self, index: int) -> Metadata:
-        """What is known about a plane: a WCS of its own is not read, and the first plane's is not its."""
+        """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""
         table, metadata = self.group.coordinates, self.metadata
         if table is None or index == 0:
             return metadata

@@ -17,19 +17,10 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
+from jitterkit.frames.beside import ALL_BITS, unit_of, variance_of
 from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.placed import (
-    NONE_MASKED,
-    Placed,
-    image_of,
-    matching,
-    require_positive,
-)
-from jitterkit.frames.quality import ALL_BITS
-from jitterkit.frames.uncertainty import unit_of, variance_of
-
-__all__ = ["Frame", "RawFrame"]
+from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching, require_positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +109,7 @@ class RawFrame(Placed):
 
     @cached_property
     def digest(self) -> str:
-        """What the pixels are known by, whatever their file is called: 16 hexadecimal digits.
+        """Return what the pixels are known by, whatever their file is called: 16 hexadecimal digits.
 
         Of the values and the shape alone: packing, byte order and the type they are stored in make no
         difference.  A region has its own.

@@ -23,8 +23,6 @@ from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
-__all__ = ["FrameFile", "collected", "one_line", "overheard", "translated"]
-
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
 _CATCHING = threading.RLock()
@@ -128,7 +126,7 @@ class FrameFile(ABC):
         return file + self._contents() + self.metadata.rows()
 
     def _stacking(self) -> str:
-        """What the frames of the file have in common, in a few words."""
+        """Return what the frames of the file have in common, in a few words."""
         return ""
 
     def _contents(self) -> list[tuple[str, str, str, str]]:

@@ -16,10 +16,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jitterkit.errors import FrameError
-from jitterkit.frames.damage import damaged
-from jitterkit.frames.plainheader import PlainHeader
-
-__all__ = ["BLOCK", "Hdu", "product_of"]
+from jitterkit.frames.files import damaged
+from jitterkit.frames.fitsio import PlainHeader
 
 BLOCK = 2880
 """Headers and data take a whole number of blocks of so many bytes."""
@@ -84,7 +82,7 @@ class Hdu:
 
     @cached_property
     def structure(self) -> dict[str, str]:
-        """What the keywords that lay the file out say, as written without the comment."""
+        """Return what the keywords that lay the file out say, as written without the comment."""
         found: dict[str, str] = {}
         for match in filter(None, map(_STRUCTURE.match, self.header.images)):
             key, value = match[1], match[2].partition("/")[0].strip()
@@ -109,7 +107,7 @@ class Hdu:
 
     @cached_property
     def packed(self) -> bool:
-        """Whether it is a table that holds a tile-compressed image."""
+        """Return whether it is a table that holds a tile-compressed image."""
         return self.structure.get("ZIMAGE") == "T" and self._extension == "BINTABLE"
 
     @cached_property
@@ -123,7 +121,7 @@ class Hdu:
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """Of the image, slowest axis first; of a table its own."""
+        """Return the sides of the image, slowest axis first; of a table its own."""
         return self._axes("ZNAXIS" if self.packed else "NAXIS")
 
     @property
@@ -133,14 +131,14 @@ class Hdu:
 
     @cached_property
     def is_image(self) -> bool:
-        """Whether it holds frames: two axes with pixels, and at most one more to stack them along."""
+        """Return whether it holds frames: two axes with pixels, and at most one more to stack them along."""
         if not self.what.startswith("an array") or len(self.shape) < 2:
             return False
         return math.prod(self.shape) > 0 and sum(n > 1 for n in self.shape[:-2]) <= 1
 
     @cached_property
     def what(self) -> str:
-        """What it is, for a refusal."""
+        """Return what it is, for a refusal."""
         if self.number == 0 and self.structure.get("GROUPS") == "T":
             return "random groups"
         if self._extension not in ("IMAGE", "IUEIMAGE") and not self.packed:
@@ -157,7 +155,7 @@ class Hdu:
 
     @property
     def next(self) -> int:
-        """Where the next HDU begins [bytes]."""
+        """Return where the next HDU begins [bytes]."""
         return self.data + -(-self.span // BLOCK) * BLOCK
 
     def _bits(self, key: str) -> int:
@@ -200,7 +198,7 @@ class Hdu:
 
     @cached_property
     def role(self) -> str:
-        """What it says about an image; empty for an image itself, ``"none"`` for anything else."""
+        """Return what it says about an image; empty for an image itself, ``"none"`` for anything else."""
         if self.given or not self.is_image:
             return self.given or "none"
         role = _ROLE_OF.get(self.name, "")

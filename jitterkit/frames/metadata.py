@@ -18,15 +18,6 @@ from typing import Any
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 
-__all__ = [
-    "QUANTITIES",
-    "RANKS",
-    "ROWS_ARE_COLUMNS",
-    "Known",
-    "Metadata",
-    "Quantity",
-]
-
 #: The first words of a source, from the most to the least authoritative.
 RANKS = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
 
@@ -116,7 +107,7 @@ def checked(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Metadata:
-    """What is known about a frame beside its pixels; None where nothing is.
+    """Knowledge about a frame beside its pixels; None where there is none.
 
     Parameters
     ----------

@@ -17,11 +17,8 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.damage import damaged, in_colour, refuse_giant, truncated, unpacks_believably
-from jitterkit.frames.files import GZIP
+from jitterkit.frames.files import GZIP, damaged, in_colour, refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.framefile import one_line
-
-__all__ = ["ORIENTATIONS", "full_pages", "orientation_of", "refuse_missing_data", "refuse_unusable"]
 
 #: How stored rows and columns become rows upwards and columns rightwards, by the Orientation tag.
 ORIENTATIONS: dict[int, Callable[[np.ndarray], np.ndarray]] = {

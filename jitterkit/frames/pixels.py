@@ -16,11 +16,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.damage import damaged, refuse_giant, truncated, unpacks_believably
+from jitterkit.frames.files import damaged, refuse_giant, truncated, unpacks_believably
 from jitterkit.frames.fitsio import packed_image
 from jitterkit.frames.hdu import Hdu, product_of
-
-__all__ = ["Pixels", "open_pixels"]
 
 _DTYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
 
@@ -77,7 +75,7 @@ class Pixels:
 
     @property
     def dtype(self) -> np.dtype:
-        """Of the numbers stored; FITS says uint16 by a BZERO of 32768."""
+        """Return the type of the numbers stored; FITS says uint16 by a BZERO of 32768."""
         (scale, zero, _), bitpix = self.scaling, self.hdu.bitpix
         if scale == 1 and bitpix > 8 and zero == 2.0 ** (bitpix - 1):
             return np.dtype(f"u{bitpix // 8}")
@@ -209,7 +207,7 @@ def open_pixels(hdu: Hdu) -> Pixels:
     Notes
     -----
     *Fails when* a compressed file is damaged within the reason of
-    :func:`~jitterkit.frames.damage.unpacks_believably`; then reading it fails.
+    :func:`~jitterkit.frames.files.unpacks_believably`; then reading it fails.
     """
     nx, ny = (*hdu.shape[::-1], 1)[:2]
     _refuse_missing_data(hdu, nx * ny)
@@ -246,7 +244,7 @@ def _refuse_missing_data(hdu: Hdu, pixels: int) -> None:
 
 
 def _tiles(hdu: Hdu) -> int:
-    """How many tiles the image has; each is a row of the table."""
+    """Return how many tiles the image has; each is a row of the table."""
     sides = hdu.shape[::-1]
     tile = [hdu.whole(f"ZTILE{n}", side if n == 1 else 1) for n, side in enumerate(sides, 1)]
     if any(not 0 < length <= max(side, _MOST_TILE) for length, side in zip(tile, sides, strict=True)):

@@ -11,14 +11,12 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 
-__all__ = ["NONE_MASKED", "Placed", "image_of", "matching", "require_positive"]
-
 #: Stands for a mask without a bad pixel; the records spread it over the image.
 NONE_MASKED: np.ndarray = np.zeros((), dtype=bool)
 
 
 class Placed:
-    """What both records share: a name, a shape, and cutting."""
+    """Name, shape and cutting of both records."""
 
     path: Path | None
     index: int

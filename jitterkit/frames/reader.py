@@ -10,8 +10,6 @@ from jitterkit.frames.files import sniff
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile
 
-__all__ = ["frame_count", "is_whole", "open_frames", "read_frames"]
-
 
 def open_frames(path: str | Path, *, hdu: int | None = None) -> FrameFile:
     """Open a FITS or TIFF file, told by its content, without reading pixels.

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats import median_abs_deviation
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.frame import RawFrame
 from jitterkit.vision import bin_mean, box_mean, median_filter
-
-__all__ = ["find_region"]
 
 #: Chance that pure noise is taken for a star, over the whole frame.
 FALSE_ALARM = 1e-3
@@ -26,7 +25,6 @@ FALSE_ALARM = 1e-3
 TILE = 3
 #: A pixel this many times the noise from the median of its neighbours is no light.
 OUTLIER = 5.0
-MAD_TO_SIGMA = 1.4826022185056018
 
 
 def find_region(raw: RawFrame, shape: tuple[int, int] = (128, 128)) -> RawFrame:
@@ -162,9 +160,9 @@ def _spread(values: np.ndarray) -> float:
     """Return a standard deviation that outliers hardly change."""
     if not values.size:
         return 0.0
-    away = np.abs(values - np.median(values))
     # half of the values are equal where the noise is below the rounding
-    return MAD_TO_SIGMA * float(np.median(away)) or math.sqrt(math.pi / 2) * float(away.mean())
+    away = math.sqrt(math.pi / 2) * float(np.abs(values - np.median(values)).mean())
+    return float(median_abs_deviation(values, axis=None, scale="normal")) or away
 
 
 def _centred(light: np.ndarray, x: float, y: float, size: tuple[float, float]) -> tuple[float, float]:

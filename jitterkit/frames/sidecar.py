@@ -33,8 +33,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.files import damage_code
 from jitterkit.frames.metadata import FIELDS, Metadata
 
-__all__ = ["FOLDER_FILE", "read_sidecars", "sidecar_path", "sidecar_text"]
-
 FOLDER_FILE = "frames.toml"
 NOT_READ = "truth"
 
@@ -72,9 +70,15 @@ def sidecar_text(metadata: Mapping[str, Any]) -> str:
     _refuse_unknown("the metadata", values)
     Metadata().override("sidecar", **values)
     lines = [f"{key} = {_toml(value)}" for key, value in values.items()]
-    truth = metadata.get(NOT_READ) or {}
-    lines += ["", f"[{NOT_READ}]"] if truth else []
-    lines += [f"{json.dumps(str(key))} = {_toml(value)}" for key, value in truth.items() if value is not None]
+    truth = {json.dumps(str(k)): v for k, v in (metadata.get(NOT_READ) or {}).items() if v is not None}
+    return "\n".join([*lines, toml_text({NOT_READ: truth} if truth else {})])
+
+
+def toml_text(tables: Mapping[str, Mapping[str, Any]], *comments: str) -> str:
+    """Return comments and tables as TOML: texts, numbers, and lists of them."""
+    lines = [f"# {comment}" for comment in comments]
+    for name, values in tables.items():
+        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
     return "\n".join(lines) + "\n"
 
 

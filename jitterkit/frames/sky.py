@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["celestial_frame", "plate_scale", "sky_position_angle", "turned_over"]
-
 
 def plate_scale(wcs: Any) -> tuple[float, str | None]:
     """Return the side of a pixel, and a warning where pixels are not square on the sky.

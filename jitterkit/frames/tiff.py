@@ -16,7 +16,7 @@ import numpy as np
 import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames.damage import truncated
+from jitterkit.frames.files import truncated
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, overheard, translated
 from jitterkit.frames.metadata import Metadata
@@ -29,8 +29,6 @@ from jitterkit.frames.pages import (
 )
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
-
-__all__ = ["TiffFile", "write"]
 
 _LOG = logging.getLogger("tifffile")
 

@@ -14,8 +14,6 @@ from typing import Any
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Known
 
-__all__ = ["epoch_seconds", "resolve_time"]
-
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART")
 MJD_EPOCH = datetime(1858, 11, 17)
 

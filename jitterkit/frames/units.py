@@ -10,8 +10,6 @@ import re
 from collections.abc import Callable, Mapping
 from functools import cache
 
-__all__ = ["COUNTS", "RATES", "UNITS", "factor", "resolve_unit", "stated_unit"]
-
 #: Units of pixel values that a detector converts; the exposure turns the rates into counts.
 COUNTS = ("adu", "electron")
 RATES = ("adu/s", "electron/s")

@@ -11,11 +11,9 @@ import numpy as np
 from astropy import log
 from astropy.wcs import WCS
 
+from jitterkit.frames.fitsio import PlainHeader
 from jitterkit.frames.framefile import collected, one_line, overheard
-from jitterkit.frames.plainheader import PlainHeader
 from jitterkit.frames.sky import celestial_frame
-
-__all__ = ["celestial_wcs"]
 
 SCALE_KEYS = ("CD1_1", "CD1_2", "CDELT1", "PC1_1")
 

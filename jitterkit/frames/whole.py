@@ -10,8 +10,6 @@ from uuid import uuid4
 
 from jitterkit.errors import ErrorCode, FrameError
 
-__all__ = ["replacing"]
-
 
 @contextmanager
 def replacing(path: Path, overwrite: bool) -> Iterator[Path]:

@@ -13,8 +13,6 @@ from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.sidecar import sidecar_path, sidecar_text
 from jitterkit.frames.whole import replacing
 
-__all__ = ["write_fits", "write_tiff"]
-
 
 def write_fits(
     path: str | Path,

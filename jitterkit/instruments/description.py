@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.checks import NUMBERS
+from jitterkit.detectors.characteristics import NUMBERS
 from jitterkit.detectors.maps import nominal
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.sky import SKY_KEYS
-
-__all__ = ["describe_detector", "describe_instrument"]
 
 Row = tuple[str, str, str, str]
 

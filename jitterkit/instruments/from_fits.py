@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,13 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import write_fits
-from jitterkit.frames.images import NamedImage, read_images
+from jitterkit.frames.fits import NamedImage, read_images
+from jitterkit.frames.sidecar import toml_text
 from jitterkit.frames.whole import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
 from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
 from jitterkit.optics.spectrum import Spectrum, flat_band
-
-__all__ = ["instrument_from_fits"]
 
 Tables = dict[str, dict[str, Any]]
 
@@ -110,10 +108,8 @@ def instrument_from_fits(
     arrays = pupil_arrays(path, images, second, diameter=diameter, opd_unit=opd_unit, plane=plane)
     light = _light(path, images, band, wavelength)
     if plate_scale is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel.",
-        )
+        problem = f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     head: dict[str, Any] = {"name": _name(images, path), "plate_scale": plate_scale}
     if shape is not None:
         head["shape"] = list(shape)
@@ -133,9 +129,8 @@ def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
 def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
     for name, value in others.items():
         if value is not None:
-            raise ConfigurationError(
-                ErrorCode.CONFLICT, f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
-            )
+            problem = f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
+            raise ConfigurationError(ErrorCode.CONFLICT, problem)
 
 
 def _name(images: Sequence[NamedImage], path: Path) -> str:
@@ -158,18 +153,15 @@ def _light(
 ) -> dict[str, Any]:
     """The table [spectrum]."""
     if band is not None and wavelength is not None:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
-        )
+        problem = f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     if band is not None:
         return {"band": list(band)}
     told = images[0].header.get("WAVELEN")  # of a wavefront that poppy wrote
     wavelength = told * 1e9 if wavelength is None and isinstance(told, float) else wavelength
     if wavelength is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm.",
-        )
+        problem = f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     return {"lines": [wavelength]}
 
 
@@ -250,8 +242,5 @@ def _modes(transmission: np.ndarray, noll: Sequence[int]) -> np.ndarray:
 
 
 def _write(output: Path, comments: list[str], tables: Tables, overwrite: bool) -> None:
-    lines = [f"# {comment}" for comment in comments]
-    for name, values in tables.items():
-        lines += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
     with replacing(output, overwrite) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        temporary.write_text(toml_text(tables, *comments), encoding="utf-8")

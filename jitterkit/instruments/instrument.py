@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.instruments.sky import Sky
 from jitterkit.optics.colours import Colours
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from jitterkit.optics.otf import OTF
     from jitterkit.optics.pupil import Pupil
     from jitterkit.optics.system import FixedOptics, OpticalSystem
-
-__all__ = ["Instrument"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,26 +91,17 @@ class Instrument:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
         if len(self.shape) != 2 or min(self.shape) < 1:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"shape = {list(self.shape)} is impossible; give [rows, columns]."
-            )
+            message = f"shape = {list(self.shape)} is impossible; give [rows, columns]."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, message)
         for name in ("plate_scale", "plate_scale_err", "exposure"):
             value = getattr(self, name)
             problem = None if value is None else QUANTITIES[name].problem(value)
             if problem is not None:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE,
-                    f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}.",
-                )
-        if self.flux is not None and not 0 < self.flux < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"flux = {self.flux!r} is not positive; give photons per frame."
-            )
-        if self.aberration_sigma is not None and not 0 < self.aberration_sigma < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"aberration_sigma = {self.aberration_sigma!r} is not positive; give nm, or leave it out.",
-            )
+                message = f"{name} = {value!r} {problem}; give it in {QUANTITIES[name].unit}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
+        for name, unit in (("flux", "photons per frame"), ("aberration_sigma", "nm")):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name), unit)
         if (self.pupil_from is None) == (self.psf_from is None):
             raise ConfigurationError(
                 ErrorCode.MISSING_VALUE if self.pupil_from is None else ErrorCode.CONFLICT,
@@ -125,13 +114,11 @@ class Instrument:
                 f"to hold the detector's diffusion; leave it out of the instrument {self.name!r}.",
             )
         if self.pupil_from is not None and self.spectrum is None:
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                f"The instrument {self.name!r} has a pupil but no spectrum; give its band.",
-            )
+            message = f"The instrument {self.name!r} has a pupil but no spectrum; give its band."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
 
     def source(self, name: str) -> str:
-        """Where a number comes from; ``"argument Instrument"`` where nothing else was said."""
+        """Return where a number comes from; ``"argument Instrument"`` where nothing else was said."""
         return self.sources.get(name, "argument Instrument")
 
     @cached_property
@@ -216,8 +203,6 @@ class Instrument:
         """
         system = self.system(pad=pad)
         if not self.aberrations and aberrations is not None and np.size(aberrations):
-            raise ConfigurationError(
-                ErrorCode.CONFLICT,
-                f"The instrument {self.name!r} has no aberrations that vary; leave them out.",
-            )
+            problem = f"The instrument {self.name!r} has no aberrations that vary; leave them out."
+            raise ConfigurationError(ErrorCode.CONFLICT, problem)
         return system.otf(aberrations, derivatives=derivatives)

@@ -4,7 +4,7 @@ The detector of TOLIMAN is a Sony IMX183 (in a camera such as the FLIR BFS-U3-20
 12 bits, a full well of about 15 ke- and about 3.7 e-/ADU.  Its read noise of 2.4 e- is an estimate; the
 bias of 30 ADU is our choice, 46 sigma above zero and low enough for the well to fill (4084 ADU) before
 the converter ends (4095 ADU).  ``toliman-camera`` has the numbers that are published, and what else a
-camera does, from :mod:`jitterkit.detectors.presets`.
+camera does, from :mod:`jitterkit.detectors.detector`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from jitterkit.detectors import Detector, detector_preset
-from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
+from jitterkit.detectors.detector import sourced_detector
+from jitterkit.errors import one_of
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.optics.colours import Colours, colours_of
@@ -24,7 +25,6 @@ from jitterkit.optics.spectrum import Spectrum, flat_band
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
 
-__all__ = ["PAPER_PHOTONS", "PHOTONS", "PRESETS", "preset"]
 
 PHOTONS = 9.53e6
 """Photons of alpha Cen AB in 0.1 s through TOLIMAN's true collecting area, 114.67 cm²."""
@@ -100,7 +100,7 @@ def smallsat() -> Instrument:
 def toliman_camera() -> Instrument:
     """TOLIMAN with the whole camera as far as it is known: rolling shutter, dark current, noise by EMVA 1288.
 
-    See :mod:`jitterkit.detectors.presets`.  The brightest pixel of a sharp frame is just full.
+    See :mod:`jitterkit.detectors.detector`.  The brightest pixel of a sharp frame is just full.
     """
     return replace(
         toliman(),
@@ -179,13 +179,7 @@ def preset(name: str) -> Instrument:
     ConfigurationError
         If there is none; the message lists those there are.
     """
-    if name in PRESETS:
-        return PRESETS[name]()
-    hint = did_you_mean(name, PRESETS)
-    raise ConfigurationError(
-        ErrorCode.UNKNOWN_NAME,
-        f"There is no instrument {name!r}; {hint}choose from {', '.join(PRESETS)}, or give a TOML file.",
-    )
+    return PRESETS[one_of("instrument", name, PRESETS, "a TOML file")]()
 
 
 def _observatory(
@@ -198,14 +192,10 @@ def _observatory(
     """An instrument of 64 x 64 pixels whose numbers come each with its source."""
     sources = dict.fromkeys(_QUANTITIES, f"preset {name} (docs instruments)")
     sources |= {key: f"preset {name} ({words})" for key, (_, words) in numbers.items()}
-    camera = Detector(
-        **{key: value for key, (value, _) in detector.items()},  # type: ignore[arg-type]
-        sources={key: f"preset {name} ({words})" for key, (_, words) in detector.items()},
-    )
     return Instrument(
         name=name,
         shape=(64, 64),
-        detector=camera,
+        detector=sourced_detector(name, detector),
         spectrum=spectrum,
         pupil_from=pupil,
         sources=sources,

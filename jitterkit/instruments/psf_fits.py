@@ -22,9 +22,7 @@ import numpy as np
 from scipy import fft
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames.images import NamedImage
-
-__all__ = ["EffectivePsf", "effective_psf"]
+from jitterkit.frames.fits import NamedImage
 
 _NAMES = ("OVERDIST", "OVERSAMP", "DET_DIST", "DET_SAMP")
 """Images in the order in which they are taken: detector effects before none, points before sums."""
@@ -151,19 +149,16 @@ def _chosen(path: Path, images: Sequence[NamedImage], hdu: int | None) -> NamedI
         if image.hdu == hdu:
             return image
     there = ", ".join(f"{image.hdu} {image.name}".rstrip() for image in images)
-    raise ConfigurationError(
-        ErrorCode.NO_IMAGE, f"{path}: there is no image in HDU {hdu}; choose --hdu from {there}."
-    )
+    problem = f"{path}: there is no image in HDU {hdu}; choose --hdu from {there}."
+    raise ConfigurationError(ErrorCode.NO_IMAGE, problem)
 
 
 def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -> None:
     """Refuse what is no single star, and a star that shakes already."""
     pixels = image.pixels
     if pixels.ndim != 2:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"{path}: HDU {image.hdu} has the shape {pixels.shape}; write one PSF, not a cube.",
-        )
+        problem = f"{path}: HDU {image.hdu} has the shape {pixels.shape}; write one PSF, not a cube."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     missing = np.count_nonzero(~np.isfinite(pixels))
     if missing or not pixels.sum() > 0:
         raise ConfigurationError(
@@ -187,18 +182,9 @@ def _card(image: NamedImage, primary: NamedImage, key: str) -> Any:
     return image.header.get(key, primary.header.get(key))
 
 
-def _number(image: NamedImage, *keys: str) -> float | None:
-    """The first card of these that holds a positive number."""
-    for key in keys:
-        value = image.header.get(key)
-        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
-            return float(value)
-    return None
-
-
 def _pitch(path: Path, image: NamedImage) -> float:
     unit = str(image.header.get("PIXUNIT", "arcsec")).lower()
-    pitch = _number(image, "PIXELSCL")
+    pitch = image.positive("PIXELSCL")
     if pitch is None or not unit.startswith("arcsec"):
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
@@ -213,10 +199,10 @@ def _detector(
 ) -> tuple[float, int]:
     """Plate scale [arcsec/pixel] and samples per pixel of an image of points."""
     sums = [other for other in images if other.name.startswith("DET_")]
-    samples = _number(image, "DET_SAMP", "OVERSAMP")
+    samples = image.positive("DET_SAMP", "OVERSAMP")
     if plate_scale is not None:
         samples = plate_scale / pitch
-    elif sums and _number(sums[0], "PIXELSCL"):
+    elif sums and sums[0].positive("PIXELSCL"):
         samples = _pitch(path, sums[0]) / pitch
     elif not image.name and "FFTTYPE" in image.header:
         # poppy's OpticalSystem.calc_psf writes the oversampling of its wavefront into both cards
@@ -240,7 +226,7 @@ def _detector(
 def _axis(image: NamedImage, pitch: float) -> tuple[float, float]:
     """The optical axis: the middle, or sample n/2 where an FFT computed the image."""
     ny, nx = image.pixels.shape
-    diffraction, oversample = _number(image, "DIFFLMT"), _number(image, "OVERSAMP")
+    diffraction, oversample = image.positive("DIFFLMT"), image.positive("OVERSAMP")
     by_fft = bool(diffraction and oversample and abs(pitch * oversample / diffraction - 1) < 1e-6)
     columns, rows = image.pixels.sum(axis=0), image.pixels.sum(axis=1)
     middle = [float(np.arange(len(light)) @ light / light.sum()) for light in (columns, rows)]
@@ -249,12 +235,12 @@ def _axis(image: NamedImage, pitch: float) -> tuple[float, float]:
 
 
 def _missing(image: NamedImage, binned: bool, samples: int) -> float:
-    """How wide the part of the pixel is, in samples, over which the image is not yet integrated."""
+    """Return how wide the part of the pixel is, in samples, over which the image is not yet integrated."""
     if not binned:
         return float(samples)
-    summed = _number(image, "CALCSAMP")
+    summed = image.positive("CALCSAMP")
     if summed is None:
-        summed = _number(image, "DET_SAMP")
+        summed = image.positive("DET_SAMP")
         summed = None if summed == 1 else summed
     return 0.0 if summed is None else 1 / summed
 

@@ -10,14 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames.images import NamedImage
-
-__all__ = ["is_pupil", "pupil_arrays"]
+from jitterkit.frames.fits import NamedImage
 
 _SCALES = ("PUPLSCAL", "PIXELSCL", "PIXSCALE")
 """Keywords of the metres per sample, in the order of trust: the first is of pupils alone."""
@@ -82,11 +79,9 @@ def pupil_arrays(
     amplitude = next((image for image in images if not _is_opd(image)), None)
     if amplitude is None or amplitude.pixels.ndim != 2:
         found = "a wavefront error" if amplitude is None else amplitude.pixels.shape
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: there is no transmission (n, n) of a pupil, but {found}; give"
-            " the file of the transmission first, and that of the wavefront error as --opd.",
-        )
+        problem = f"{path}: there is no transmission (n, n) of a pupil, but {found}"
+        remedy = "give the file of the transmission first, and that of the wavefront error as --opd"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
     transmission = _amplitude(path, amplitude)
     where, candidates = (path, images) if opd is None else opd
     errors = [image for image in candidates if _is_opd(image)] or list(candidates if opd else ())
@@ -106,11 +101,8 @@ def _amplitude(path: Path, image: NamedImage) -> np.ndarray:
     """The amplitude transmission; of a file of the intensity its root."""
     told = str(image.header.get("CONTENTS", image.header.get("PLANE1", ""))).lower()
     if image.pixels.min() < 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{path}: the transmission in HDU {image.hdu} goes down to {image.pixels.min():.4g}; "
-            "give 0 to 1.",
-        )
+        problem = f"{path}: the transmission in HDU {image.hdu} goes down to {image.pixels.min():.4g}"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give 0 to 1.")
     return np.sqrt(image.pixels) if "intensity" in told else image.pixels
 
 
@@ -122,11 +114,8 @@ def _wavefront(
     errors = image.pixels
     if errors.ndim == 3:
         if plane is None or not 0 <= plane < len(errors):
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                f"{path}: HDU {image.hdu} holds {len(errors)} wavefront errors; choose one with "
-                "--plane, from 0.",
-            )
+            problem = f"{path}: HDU {image.hdu} holds {len(errors)} wavefront errors"
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; choose one with --plane, from 0.")
         errors = errors[plane]
     if errors.shape != transmission.shape:
         raise ConfigurationError(
@@ -136,10 +125,8 @@ def _wavefront(
         )
     unit = image.header.get("BUNIT") if unit is None else unit
     if unit is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} does not say the unit of the wavefront error (BUNIT); give --opd-unit.",
-        )
+        problem = f"{path}: HDU {image.hdu} does not say the unit of the wavefront error (BUNIT)"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; give --opd-unit.")
     return np.where(transmission > 0, -nanometres(path, unit) * errors, 0.0)
 
 
@@ -147,7 +134,7 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
     """Width of the array, m; what its scale and the pupil's diameter say must not contradict each other."""
     lit = np.flatnonzero((transmission > 0).any(axis=0) | (transmission > 0).any(axis=1))
     n, extent = len(transmission), int(lit[-1] - lit[0] + 1) if lit.size else 0
-    scale, diameter = _metres(image, _SCALES), _metres(image, _WIDTHS)
+    scale, diameter = image.positive(*_SCALES), image.positive(*_WIDTHS)
     if scale is None and (diameter is None or extent < n - 2):
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
@@ -158,17 +145,6 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
         assert diameter is not None
         return diameter
     if diameter is not None and min(abs(scale * k / diameter - 1) for k in (n, extent)) > 0.02:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{path}: {n} samples of {scale:g} m, {extent} of them lit, are no pupil of {diameter:g} m; give "
-            "--diameter, of the whole array, in m.",
-        )
+        problem = f"{path}: {n} samples of {scale:g} m, {extent} of them lit, are no pupil of {diameter:g} m"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give --diameter, of the whole array, in m.")
     return scale * n
-
-
-def _metres(image: NamedImage, keys: Sequence[str]) -> float | None:
-    for key in keys:
-        value: Any = image.header.get(key)
-        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < np.inf:
-            return float(value)
-    return None

@@ -16,8 +16,6 @@ from jitterkit.frames import open_frames
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
 
-__all__ = ["from_file", "hst", "jwst", "plain", "star", "toliman"]
-
 
 def toliman(**options: int) -> Pupil:
     """Make TOLIMAN's diffractive pupil; see :func:`jitterkit.optics.toliman.toliman_pupil`."""
@@ -68,10 +66,8 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
     with open_frames(path, hdu=hdu) as frames:
         frame = frames[0]
     if frame.mask.any():
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: {int(frame.mask.sum())} pixels of the star have no value; interpolate over them first.",
-        )
+        problem = f"{path}: {int(frame.mask.sum())} pixels of the star have no value"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
     image = frame.data - frame.metadata.value("bias", 0.0)
     edge = np.median(np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]]))
     if edge * image.size > image.sum() / 3:

@@ -14,8 +14,6 @@ from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
 
-__all__ = ["resolve"]
-
 _SOLVED = (
     "velocity aberration is not computed: the plate scale is the WCS's, which holds it if it was solved with "
     "stars; give --plate-scale"

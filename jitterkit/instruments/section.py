@@ -11,18 +11,14 @@ from typing import Any, NoReturn
 
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
-__all__ = ["Section", "refuse_unknown"]
-
 
 def refuse_unknown(file: Path, what: str, names: Collection[str], allowed: Collection[str]) -> None:
     """Raise for the first name that is not allowed, and suggest the nearest that is."""
     for name in names:
         if name not in allowed:
             hint = did_you_mean(name, allowed)
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"{file}: the {what} {name!r} is unknown; {hint}use {', '.join(allowed)}.",
-            )
+            problem = f"{file}: the {what} {name!r} is unknown; {hint}use {', '.join(allowed)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
 
 
 class Section:
@@ -48,10 +44,8 @@ class Section:
     def __init__(self, file: Path, name: str, values: Any, units: Mapping[str, str]) -> None:
         self.file, self.name, self.units = file, name, units
         if not isinstance(values, Mapping):
-            raise ConfigurationError(
-                ErrorCode.WRONG_TYPE,
-                f"{file}: {name} = {values!r} is not a table; begin a line with [{name}].",
-            )
+            problem = f"{file}: {name} = {values!r} is not a table; begin a line with [{name}]."
+            raise ConfigurationError(ErrorCode.WRONG_TYPE, problem)
         self.values = dict(values)
         refuse_unknown(file, f"key of [{name}]", self.values, units)
 
@@ -59,7 +53,7 @@ class Section:
         return key in self.values
 
     def source(self, key: str) -> str:
-        """Where a value comes from, in words."""
+        """Return where a value comes from, in words."""
         return f"instrument file {self.file.name} [{self.name}] {key}"
 
     def refuse(self, code: ErrorCode, key: str, remedy: str) -> NoReturn:
@@ -69,9 +63,8 @@ class Section:
     def require(self, key: str, remedy: str) -> None:
         """Raise if a key is missing."""
         if key not in self.values:
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE, f"{self.file}: [{self.name}] has no {key}; {remedy}."
-            )
+            problem = f"{self.file}: [{self.name}] has no {key}; {remedy}."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
 
     def number(self, key: str, default: Any = None) -> Any:
         """Return a number as float; a truth value is none."""

@@ -23,8 +23,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.section import Section
 
-__all__ = ["SKY_KEYS", "Sky", "read_sky", "velocity_aberration"]
-
 SKY_KEYS: Mapping[str, str] = {
     "target": "deg",
     "velocity": "km/s",

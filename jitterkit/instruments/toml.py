@@ -1,4 +1,4 @@
-"""The instrument file: a telescope in twenty lines of TOML.
+"""The way to any instrument, by name or by file; the file, a telescope in twenty lines of TOML.
 
 ::
 
@@ -36,7 +36,7 @@
     # index_err = 2             # prior error of each; 0 if they are exact
     # wavelength_err = 2e-3     # relative error of all wavelengths; 0 if they are exact
 
-    [detector]                  # all optional: see jitterkit.instruments.detector_section
+    [detector]                  # all optional: see jitterkit.instruments.sections
     base = "imx183"             # a detector that fills what is not said here
     gain = 3.7                  # e-/ADU
     bits = 12
@@ -60,14 +60,11 @@ from typing import Any
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.instruments import pupils
-from jitterkit.instruments.detector_section import DETECTOR_KEYS, read_detector
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
+from jitterkit.instruments.sections import DETECTOR_KEYS, SPECTRUM_KEYS, read_detector, read_spectrum_section
 from jitterkit.instruments.sky import SKY_KEYS, read_sky
-from jitterkit.instruments.spectrum_section import SPECTRUM_KEYS, read_spectrum_section
-
-__all__ = ["SECTIONS", "read_instrument"]
 
 SECTIONS: Mapping[str, Mapping[str, str]] = {
     "instrument": {
@@ -159,17 +156,14 @@ def _sections(path: Path) -> dict[str, Section]:
         problem = f"{path}: cannot be read ({error.strerror}); give a preset's name or an instrument file."
         raise ConfigurationError(reading_code(error), problem) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"{path}: is not readable as TOML ({error}); correct it."
-        ) from None
+        message = f"{path}: is not readable as TOML ({error}); correct it."
+        raise ConfigurationError(ErrorCode.MALFORMED, message) from None
     refuse_unknown(path, "table", content, SECTIONS)
     content.setdefault("instrument", {})
     sections = {name: Section(path, name, values, SECTIONS[name]) for name, values in content.items()}
     if "psf" in sections and not {"telescope", "spectrum"}.isdisjoint(sections):
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one.",
-        )
+        message = f"{path}: [psf] stands beside a [telescope] or [spectrum]; a star holds both: keep one."
+        raise ConfigurationError(ErrorCode.CONFLICT, message)
     return sections
 
 
@@ -178,18 +172,16 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         fields["sources"] = {**base.sources, **fields["sources"]}
         return replace(base, **fields)
     if "plate_scale" not in fields:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
-        )
+        problem = f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     if "pupil_from" not in fields:
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
             f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file.",
         )
     if fields["pupil_from"] is not None and "spectrum" not in fields:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
-        )
+        problem = f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     return Instrument(**{"shape": (128, 128), **fields})
 
 
@@ -239,10 +231,8 @@ def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
         if options[key] < least:
             section.refuse(ErrorCode.OUT_OF_RANGE, key, f"give at least {least}")
     if options["struts"] and not options["strut_width"]:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{section.file}: [telescope] has struts but no strut_width; give it, in m.",
-        )
+        problem = f"{section.file}: [telescope] has struts but no strut_width; give it, in m."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     if "noll" in section:
         options["noll"] = section.whole_numbers("noll", None, "a list of Noll's indices, from 2")
         too_low = any(j < 2 for j in options["noll"])
@@ -267,3 +257,26 @@ def _psf(section: Section) -> dict[str, Any]:
             section.refuse(ErrorCode.OUT_OF_RANGE, "enclosed", "give a share above 0, up to 1")
     star = partial(pupils.star, section.path("file"), section.integer("hdu"))
     return {"psf_from": star, "psf_options": options, "pupil_from": None, "spectrum": None}
+
+
+def load_instrument(name_or_path: str | Path) -> Instrument:
+    """Load an instrument.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A name in :data:`~jitterkit.instruments.presets.PRESETS`, or an instrument file (see
+        :mod:`jitterkit.instruments.toml`): what ends in ``.toml`` or contains a directory is a file.
+
+    Returns
+    -------
+    instrument : Instrument
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such preset or file, or the file cannot be used.
+    """
+    path = Path(name_or_path)
+    is_file = path.suffix.lower() == ".toml" or len(path.parts) > 1
+    return read_instrument(path) if is_file else preset(str(name_or_path))

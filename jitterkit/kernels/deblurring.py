@@ -15,9 +15,7 @@ from scipy.ndimage import convolve, distance_transform_edt
 from scipy.signal import fftconvolve
 from skimage import restoration
 
-from jitterkit.errors import ConfigurationError, ErrorCode
-
-__all__ = ["METHODS", "deblur", "fill_masked"]
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 METHODS = ("richardson-lucy", "wiener", "unsupervised-wiener")
 
@@ -84,14 +82,12 @@ def deblur(
     image, kernel = np.asarray(image, float), _checked(kernel, method, rng)
     for name, given in (("variance", variance), ("mask", mask)):
         if isinstance(given, np.ndarray) and given.shape not in ((), image.shape):
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"The {name} has shape {given.shape} and the image {image.shape}."
-            )
+            problem = f"The {name} has shape {given.shape} and the image {image.shape}."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     usable = np.isfinite(image) & ~(np.zeros(image.shape, bool) if mask is None else np.asarray(mask, bool))
     if image.ndim != 2:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"An image to deblur has two axes, (ny, nx); got shape {image.shape}."
-        )
+        problem = f"An image to deblur has two axes, (ny, nx); got shape {image.shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if not usable.any():
         raise ConfigurationError(
             ErrorCode.NO_DATA,
@@ -119,11 +115,7 @@ def deblur(
 
 def _checked(kernel, method: str, rng) -> np.ndarray:
     kernel = np.asarray(kernel, float)
-    if method not in METHODS:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no deblurring method {method!r}; choose from {', '.join(METHODS)}.",
-        )
+    one_of("deblurring method", method, METHODS)
     odd = kernel.ndim == 2 and kernel.shape[0] % 2 == 1 and kernel.shape[1] % 2 == 1
     if not odd or not kernel.sum() > 0:
         raise ConfigurationError(
@@ -131,10 +123,8 @@ def _checked(kernel, method: str, rng) -> np.ndarray:
             f"A kernel has odd sides and a positive sum, got shape {kernel.shape} and {kernel.sum():.3g}.",
         )
     if method == "unsupervised-wiener" and rng is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            "The unsupervised Wiener filter draws samples: give it a generator as rng.",
-        )
+        problem = "The unsupervised Wiener filter draws samples: give it a generator as rng."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     return kernel / kernel.sum()
 
 

@@ -16,12 +16,10 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, UndeterminedError
 from jitterkit.frames import write_fits
-from jitterkit.frames.images import read_image
+from jitterkit.frames.fits import read_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels.image import kernel_moments, locus_of
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
-
-__all__ = ["StoredKernel", "in_rows", "kernel_cards", "read_kernel", "write_kernel"]
 
 Cards = dict[str, tuple[Any, str]]
 
@@ -139,9 +137,8 @@ def write_kernel(
     fault = _fault(kernel)
     if fault:
         code, problem = fault
-        raise ConfigurationError(
-            code, f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
-        )
+        message = f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
+        raise ConfigurationError(code, message)
     cards = kernel_cards(kernel, plate_scale=plate_scale, estimate=estimate, oversample=oversample)
     array, order = in_rows(kernel / kernel.sum(), rows)
     remarks = "\n".join(filter(None, (_undetermined(estimate), remark)))

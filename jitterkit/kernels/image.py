@@ -18,8 +18,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus, Mvn, principal_axes
 
-__all__ = ["kernel_image", "kernel_moments", "locus_of"]
-
 _MARGIN = 4
 """Pixels about the locus: with 2, 4 and 6 the transfer function of a tilted streak of one pixel is wrong by
 0.015, 0.009 and 0.007 rms below 0.86 of the Nyquist frequency (rasterised: 0.10)."""
@@ -74,10 +72,8 @@ def kernel_image(
             f"got {plate_scale} and {oversample}.",
         )
     if shape is not None and (len(shape) != 2 or min(shape) < 1 or shape[0] % 2 == 0 or shape[1] % 2 == 0):
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}.",
-        )
+        problem = f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if isinstance(blur, KernelEstimate) and blur.locus is None and blur.kernel is not None:
         return _as_it_is(blur.kernel, oversample, shape)
     locus = blur if isinstance(blur, Locus) else locus_of(blur)[0]
@@ -135,16 +131,13 @@ def _as_it_is(kernel: np.ndarray, oversample: int, shape: tuple[int, int] | None
         )
     kernel = np.asarray(kernel, float)
     if not (np.all(np.isfinite(kernel)) and kernel.sum() > 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The estimate's kernel sums to {kernel.sum():.3g}; a kernel is finite with a positive sum.",
-        )
+        problem = f"The estimate's kernel sums to {kernel.sum():.3g}; a kernel is finite with a positive sum."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     shape = kernel.shape if shape is None else shape
     spare = [(n - m) // 2 for n, m in zip(shape, kernel.shape, strict=True)]
     if min(spare) < 0:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"The kernel of {kernel.shape} does not fit into {shape}."
-        )
+        problem = f"The kernel of {kernel.shape} does not fit into {shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     return np.pad(kernel / kernel.sum(), [(n, n) for n in spare])
 
 
@@ -161,9 +154,8 @@ def _drawn(locus: Locus, pixel: float, shape: tuple[int, int] | None) -> np.ndar
         shape = (side, side)
     needs = tuple(int(n) for n in 2 * np.maximum(reach, 1) + 1)
     if shape[0] < needs[0] or shape[1] < needs[1]:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"The locus does not fit into {shape}; it needs {needs} at least."
-        )
+        problem = f"The locus does not fit into {shape}; it needs {needs} at least."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     return _exact(_band_limited(locus, pixel, shape), np.asarray(locus.moments()) / pixel**2)
 
 

@@ -15,8 +15,6 @@ from jitterkit.kernels.image import kernel_moments
 from jitterkit.loci import Locus, Mvn
 from jitterkit.vision import components
 
-__all__ = ["KernelQuality", "kernel_quality", "kernel_transfer"]
-
 _CORE = 0.01
 """A normal kernel holds 99 % of itself within its 1 % contour, whatever its size and shape."""
 
@@ -133,14 +131,11 @@ def kernel_transfer(kernel: np.ndarray, plate_scale: float, fx: np.ndarray, fy: 
 def _checked(kernel) -> np.ndarray:
     kernel = np.asarray(kernel, float)
     if kernel.ndim != 2 or kernel.shape[0] % 2 == 0 or kernel.shape[1] % 2 == 0:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"A kernel is an image with odd sides, got shape {kernel.shape}."
-        )
+        problem = f"A kernel is an image with odd sides, got shape {kernel.shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if not (np.all(np.isfinite(kernel)) and kernel.sum() > 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"A kernel is finite with a positive sum; this one sums to {kernel.sum()}.",
-        )
+        problem = f"A kernel is finite with a positive sum; this one sums to {kernel.sum()}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return kernel
 
 

@@ -16,8 +16,6 @@ from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 
-__all__ = ["TransferRatio", "transfer_ratio"]
-
 _WEDGE = 20.0
 """Degrees on either side of the axis: wide enough for a few frequencies a bin, and a linear streak's
 ``sinc`` is known to cos 20° = 0.94 of its argument."""
@@ -99,10 +97,8 @@ def transfer_ratio(
     """
     image, template = np.asarray(image, float), np.asarray(template, float)
     if image.shape != template.shape:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"Image and template must be of one shape; got {image.shape} and {template.shape}.",
-        )
+        problem = f"Image and template must be of one shape; got {image.shape} and {template.shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if bad := np.count_nonzero(~(np.isfinite(image) & np.isfinite(template))):
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,

@@ -9,17 +9,6 @@ from jaxtyping import Array, Bool, Float
 
 from jitterkit.frames.frame import Frame
 
-__all__ = [
-    "Data",
-    "ceiling_distance",
-    "clears",
-    "is_clear",
-    "mean_counts",
-    "pixel_variance",
-    "relative_residual",
-    "telling",
-]
-
 _FLOOR = 1e-6
 """Smallest expected count, as a share of the frame's mean: ringing must not make it negative."""
 

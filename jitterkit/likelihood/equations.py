@@ -11,28 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.forward import (
-    Parameters,
-    expected_image,
-    image_and_jacobian,
-    parameter_names,
-    to_vector,
-)
+from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
 from jitterkit.likelihood.data import Data, ceiling_distance, mean_counts, relative_residual, telling
 from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
-
-__all__ = [
-    "NormalEquations",
-    "deviance",
-    "deviance_and_score",
-    "equations_of",
-    "information_at",
-    "known_information",
-    "normal_equations",
-    "slope_products",
-]
 
 
 class NormalEquations(NamedTuple):

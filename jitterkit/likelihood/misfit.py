@@ -10,8 +10,6 @@ import numpy as np
 
 from jitterkit.likelihood.data import Data, clears, mean_counts, pixel_variance, telling
 
-__all__ = ["Misfit", "chi_squared", "pearson"]
-
 
 class Misfit(NamedTuple):
     """How far a frame is from its expected image.

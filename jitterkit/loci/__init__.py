@@ -1,13 +1,7 @@
 """Jitter loci: the paths a pointing draws on the detector, as exact transfer functions."""
 
-from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import (
-    Locus,
-    axis_variances,
-    covariance_on_axis,
-    moments_on_axis,
-    principal_axes,
-)
+from jitterkit.errors import one_of
+from jitterkit.loci.base import Locus, axis_variances, covariance_on_axis, moments_on_axis, principal_axes
 from jitterkit.loci.cards import jitter_cards
 from jitterkit.loci.ellipse import Ellipse
 from jitterkit.loci.kernel import rasterise
@@ -79,12 +73,7 @@ def locus_class(name: str) -> type[Locus]:
     ConfigurationError
         If there is none of that name; the message lists those there are.
     """
-    try:
-        return LOCI[name]
-    except KeyError:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"There is no jitter locus {name!r}; choose from {', '.join(LOCI)}."
-        ) from None
+    return LOCI[one_of("jitter locus", name, LOCI)]
 
 
 def locus_name(locus: Locus) -> str:

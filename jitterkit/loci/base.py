@@ -34,17 +34,6 @@ from jaxtyping import Array, Float
 
 from jitterkit.conventions import axis_angle
 
-__all__ = [
-    "Locus",
-    "axis_variances",
-    "covariance_on_axis",
-    "moments_and_slope",
-    "moments_on_axis",
-    "principal_axes",
-    "turned",
-    "whole_cycles",
-]
-
 
 class Locus(eqx.Module):
     """A jitter locus in coordinates that stay regular at zero size.

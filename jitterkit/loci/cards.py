@@ -8,8 +8,6 @@ from typing import Any
 from jitterkit.conventions import axis_angle
 from jitterkit.loci.base import principal_axes
 
-__all__ = ["jitter_cards"]
-
 _ROUND = 0.01
 """Share by which the axes of a normal may differ that is called round."""
 

@@ -12,8 +12,6 @@ from astropy.units import Unit
 
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 
-__all__ = ["CsvRow", "csv_rows", "heading", "row_numbers", "unit_factor"]
-
 CsvRow = tuple[int, list[str]]
 """Number of the line in the file, and its cells."""
 
@@ -36,9 +34,8 @@ def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
         with path.open(newline="", encoding="utf-8-sig") as handle:
             lines = [(n, line) for n, line in enumerate(handle, 1) if line.strip() and line[0] != "#"]
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(
-            reading_code(error), f"{path}: cannot be read ({error}); {remedy}."
-        ) from None
+        problem = f"{path}: cannot be read ({error}); {remedy}."
+        raise ConfigurationError(reading_code(error), problem) from None
     return [(n, [cell.strip() for cell in next(csv.reader([line]))]) for n, line in lines]
 
 
@@ -82,11 +79,8 @@ def unit_factor(column: str, unit: str, *wanted: str) -> tuple[float, str]:
             return float(Unit(text).to(one)), one
         except (ValueError, TypeError):  # a wrong dimension is a TypeError too
             continue
-    raise ConfigurationError(
-        ErrorCode.UNKNOWN_UNIT,
-        f"The unit {unit!r} of the column {column} is not one of {', '.join(wanted)}; give one that can be "
-        "converted to it.",
-    )
+    problem = f"The unit {unit!r} of the column {column} is not one of {', '.join(wanted)}"
+    raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, f"{problem}; give one that can be converted to it.")
 
 
 def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:
@@ -99,9 +93,8 @@ def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:
     """
     number, cells = row
     if len(cells) != len(header):
-        raise ConfigurationError(
-            ErrorCode.MALFORMED, f"line {number} has {len(cells)} columns; give {','.join(header)}."
-        )
+        problem = f"line {number} has {len(cells)} columns; give {','.join(header)}."
+        raise ConfigurationError(ErrorCode.MALFORMED, problem)
     values = []
     for name, cell in zip(header, cells, strict=True):
         code = ErrorCode.OUT_OF_RANGE

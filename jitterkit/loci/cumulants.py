@@ -18,8 +18,6 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
-__all__ = ["CUMULANTS", "WithCumulants", "cumulant_names", "form_cumulants"]
-
 
 def cumulant_names(order: int) -> tuple[str, ...]:
     """Of one order n, those of ``x^n, x^(n-1) y, ..., y^n``."""
@@ -84,9 +82,8 @@ class WithCumulants(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED, "Cumulants do not follow from second moments; put them on a locus."
-        )
+        problem = "Cumulants do not follow from second moments; put them on a locus."
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
         x, y, exponent, left = 2 * jnp.pi * fx, 2 * jnp.pi * fy, 0.0, self.coords[-len(self._own) :]

@@ -16,8 +16,6 @@ from jitterkit.loci.base import principal_axes, whole_cycles
 from jitterkit.loci.elliptic import Elliptic, covariance
 from jitterkit.loci.special import j0_of_square
 
-__all__ = ["Ellipse"]
-
 
 class Ellipse(Elliptic):
     """An ellipse run round in simple harmonic motion: ``M = J0(sqrt(8 pi² f'Σf))``.
@@ -33,10 +31,8 @@ class Ellipse(Elliptic):
     def of(cls, semi_major: float, semi_minor: float, angle: float = 0.0) -> Self:
         """Build from the semi-axes [arcsec] and the angle of the major one [deg]."""
         if not (semi_major >= 0 and semi_minor >= 0):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"Semi-axes must not be negative, in arcsec; got {semi_major} and {semi_minor}.",
-            )
+            problem = f"Semi-axes must not be negative, in arcsec; got {semi_major} and {semi_minor}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         return cls(covariance(semi_major / np.sqrt(2), semi_minor / np.sqrt(2), angle))
 
     def transfer(self, fx, fy):

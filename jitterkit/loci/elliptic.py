@@ -17,8 +17,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, moments_on_axis, principal_axes, turned
 from jitterkit.precision import real
 
-__all__ = ["Elliptic", "covariance"]
-
 
 def covariance(sigma_major: float, sigma_minor: float, angle: float) -> Float[Array, "3"]:
     """Second moments from 1 sigma sizes along two axes [arcsec] and the angle of the first [deg].
@@ -29,10 +27,8 @@ def covariance(sigma_major: float, sigma_minor: float, angle: float) -> Float[Ar
         If a size is negative or no number.
     """
     if not (sigma_major >= 0 and sigma_minor >= 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}.",
-        )
+        problem = f"Sigmas must not be negative, in arcsec; got {sigma_major} and {sigma_minor}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return jnp.asarray(moments_on_axis([sigma_major**2, 0.0, sigma_minor**2], -angle))
 
 

@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.loci.special import sinc_of_square
 from jitterkit.loci.streak import Streak
 
-__all__ = ["Linear"]
-
 
 class Linear(Streak):
     """A uniform streak of full ``length``: ``M = sinc(f.n L)``, variance ``L²/12`` along its axis."""

@@ -14,8 +14,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.ellipse import Ellipse
 
-__all__ = ["Lissajous"]
-
 
 class Lissajous(Ellipse):
     """``x = Ax cos t``, ``y = Ay cos(t + phase)`` over many cycles: an ellipse in other words.
@@ -30,10 +28,8 @@ class Lissajous(Ellipse):
     def of(cls, amplitude_x: float, amplitude_y: float, phase: float = 90.0) -> Self:
         """Build from the amplitudes [arcsec], zero to peak, and the phase between the axes [deg]."""
         if not (amplitude_x >= 0 and amplitude_y >= 0):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"Amplitudes must not be negative, in arcsec; got {amplitude_x} and {amplitude_y}.",
-            )
+            problem = f"Amplitudes must not be negative, in arcsec; got {amplitude_x} and {amplitude_y}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         sxy = amplitude_x * amplitude_y * np.cos(np.radians(phase))
         return cls(jnp.asarray([amplitude_x**2, sxy, amplitude_y**2]) / 2)
 

@@ -17,8 +17,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
 
-__all__ = ["Mvn"]
-
 
 class Mvn(Elliptic):
     """A normal density with covariance Σ: ``M = exp(-2 pi² f'Σf)``."""
@@ -37,9 +35,8 @@ class Mvn(Elliptic):
     def sheared(cls, sigma_major: float, shear: float, angle: float = 0.0) -> Self:
         """Build from the shear ``1 - sigma_minor/sigma_major`` in [0, 1], as the paper has it."""
         if not 0 <= shear <= 1:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A shear lies between 0 (round) and 1 (a line); got {shear}."
-            )
+            problem = f"A shear lies between 0 (round) and 1 (a line); got {shear}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         return cls.of(sigma_major, sigma_major * (1 - shear), angle)
 
     def transfer(self, fx, fy):

@@ -19,8 +19,6 @@ from jitterkit.loci.base import Locus, principal_axes, turned
 from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 from jitterkit.loci.special import sinc_of_square
 
-__all__ = ["PartialShm"]
-
 _LEAST, _MOST = 0.05, 3.0
 """Cycles: below, the motion is a piece of a parabola to 1e-4 of its size; above, nearly harmonic."""
 
@@ -86,9 +84,8 @@ class PartialShm(Locus):
             At mid-exposure, degrees; zero where the motion is fastest.
         """
         if not length >= 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A streak's length must not be negative, in arcsec; got {length}."
-            )
+            problem = f"A streak's length must not be negative, in arcsec; got {length}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not _LEAST <= cycles <= _MOST:
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,

@@ -19,8 +19,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
 
-__all__ = ["Path"]
-
 _KNOTS = 4
 _NODES = 16
 _MANY = 256
@@ -148,9 +146,8 @@ def _check(knots: np.ndarray) -> None:
         code = ErrorCode.OUT_OF_RANGE
     else:
         return
-    raise ConfigurationError(
-        code, f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
-    )
+    problem = f"A path needs two knots or more, each a finite x and y in arcsec; got {knots.tolist()}."
+    raise ConfigurationError(code, problem)
 
 
 @functools.cache

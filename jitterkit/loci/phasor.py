@@ -12,8 +12,6 @@ import math
 import jax.numpy as jnp
 import numpy as np
 
-__all__ = ["exact_to", "gauss_legendre", "greatest_speed", "mean_phasor"]
-
 _EXACT = 1e-4
 
 

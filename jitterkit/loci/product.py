@@ -16,8 +16,6 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 
-__all__ = ["Product"]
-
 
 class Product(Locus):
     """Several loci at once.  Moments add.
@@ -60,10 +58,8 @@ class Product(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED,
-            "A product of loci does not follow from second moments; build it from its parts.",
-        )
+        problem = "A product of loci does not follow from second moments; build it from its parts."
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
         product = 1.0

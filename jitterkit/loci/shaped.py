@@ -21,8 +21,6 @@ from jitterkit.loci.base import principal_axes
 from jitterkit.loci.elliptic import Elliptic, covariance
 from jitterkit.loci.special import elementwise, log1p_over
 
-__all__ = ["Shaped"]
-
 _RING = -1.5
 """Excess kurtosis of an elliptical ring along any axis, the least of an elliptical density in a plane."""
 
@@ -69,9 +67,8 @@ class Shaped(Elliptic):
     ) -> Self:
         """Build from the 1 sigma sizes [arcsec], the angle of the major one [deg] and the excess kurtosis."""
         if not -2 <= kurtosis < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"No density has an excess kurtosis below -2; got {kurtosis}."
-            )
+            problem = f"No density has an excess kurtosis below -2; got {kurtosis}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         moments = covariance(sigma_major, sigma_major if sigma_minor is None else sigma_minor, angle)
         return cls(jnp.append(moments, kurtosis))
 

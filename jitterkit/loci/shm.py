@@ -14,8 +14,6 @@ from jitterkit.loci.base import whole_cycles
 from jitterkit.loci.special import j0_of_square
 from jitterkit.loci.streak import Streak
 
-__all__ = ["Shm"]
-
 
 class Shm(Streak):
     """A sinusoid of peak-to-peak ``length`` 2A: ``M = J0(pi L f.n)``, variance ``L²/8`` along its axis."""

@@ -16,8 +16,6 @@ from jitterkit.loci.linear import Linear
 from jitterkit.loci.mvn import Mvn
 from jitterkit.loci.product import Product
 
-__all__ = ["Smear"]
-
 
 class Smear(Product):
     """A straight smear convolved with a normal density: ``M = sinc(f.l) exp(-2 pi² f'Σf)``.

@@ -17,8 +17,6 @@ import jax
 import jax.numpy as jnp
 import scipy.special
 
-__all__ = ["elementwise", "j0_of_square", "log1p_over", "sinc_of_square"]
-
 _LARGE = 25.0  # where Hankel's expansion takes over: its ten terms are then below 1e-16
 
 

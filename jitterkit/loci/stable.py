@@ -9,8 +9,6 @@ import numpy as np
 
 from jitterkit.loci.base import Locus
 
-__all__ = ["Stable"]
-
 
 class Stable(Locus):
     """A telescope that stands still: ``M = 1``."""

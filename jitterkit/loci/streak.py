@@ -17,8 +17,6 @@ from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
 
-__all__ = ["Streak"]
-
 
 class Streak(Locus):
     """A locus along a straight line.
@@ -35,9 +33,8 @@ class Streak(Locus):
     def of(cls, length: float, angle: float = 0.0) -> Self:
         """Build from the length [arcsec], full or peak to peak, and the angle of the axis [deg]."""
         if not length >= 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A streak's length must not be negative, in arcsec; got {length}."
-            )
+            problem = f"A streak's length must not be negative, in arcsec; got {length}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         twice = np.radians(2 * angle)
         return cls(np.array([length**2 * np.cos(twice), length**2 * np.sin(twice)]))
 

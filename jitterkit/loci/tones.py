@@ -12,8 +12,6 @@ from jitterkit.loci.base import principal_axes
 from jitterkit.loci.product import Product
 from jitterkit.loci.shm import Shm
 
-__all__ = ["Tones"]
-
 _LEAST = 0.1
 """Of the greater length, that the lesser starts with: at none a streak has no slope to follow."""
 

@@ -21,8 +21,6 @@ from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.csv_table import csv_rows, heading, row_numbers, unit_factor
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
-__all__ = ["Trace", "is_trace", "read_trace", "trace_gaps"]
-
 _NODES, _IN_ALL = 3, 64
 """Nodes between two samples at least, and in a whole trace."""
 
@@ -106,9 +104,8 @@ class Trace(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED, "A trace does not follow from second moments; build it from its samples."
-        )
+        problem = "A trace does not follow from second moments; build it from its samples."
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
         places, weights = self._nodes()
@@ -240,11 +237,9 @@ def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
     ]
     kinds = {kind for _, kind in found}
     if len(kinds) > 1 or (kinds == {"arcsec"} and (named_rates or rates)):
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"The columns {cells[1]} and {cells[2]} are not two angles or two rates; give both units alike, "
-            "and a rate's unit, such as deg/s, for rates.",
-        )
+        problem = f"The columns {cells[1]} and {cells[2]} are not two angles or two rates"
+        remedy = "give both units alike, and a rate's unit, such as deg/s, for rates"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; {remedy}.")
     time, _ = unit_factor("t", units[0] or "s", "s")
     return [time, *(factor for factor, _ in found)], kinds == {"arcsec/s"}
 
@@ -273,10 +268,8 @@ usual one; and steps of a path that somebody drew, in which there are no gaps.""
 def _check(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
     alike = t.ndim == 1 and t.shape == x.shape == y.shape
     if not alike or len(t) < 2:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE,
-            f"A trace needs two samples or more of t, x and y; got {t.shape}, {x.shape} and {y.shape}.",
-        )
+        problem = f"A trace needs two samples or more of t, x and y; got {t.shape}, {x.shape} and {y.shape}."
+        raise ConfigurationError(ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE, problem)
     for name, values in zip(_COLUMNS, (t, x, y), strict=True):
         if not np.all(np.isfinite(values)):
             raise ConfigurationError(

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
-
-__all__ = ["arcsine_density", "arcsine_shares"]
+from jitterkit.errors import positive
 
 
 def arcsine_density(x, amplitude: float) -> np.ndarray:
@@ -31,7 +29,7 @@ def arcsine_density(x, amplitude: float) -> np.ndarray:
     >>> float(arcsine_density(0.0, 2.0) * 2 * np.pi)
     1.0
     """
-    x, amplitude = np.asarray(x, float), _checked(amplitude)
+    x, amplitude = np.asarray(x, float), positive("amplitude", amplitude)
     inside = np.abs(x) <= amplitude
     with np.errstate(divide="ignore"):
         return np.where(inside, 1 / (np.pi * np.sqrt(np.where(inside, amplitude**2 - x**2, 1.0))), 0.0)
@@ -54,12 +52,5 @@ def arcsine_shares(edges, amplitude: float) -> np.ndarray:
     >>> arcsine_shares([-1.0, -0.5, 0.5, 1.0], 1.0)
     array([0.33333333, 0.33333333, 0.33333333])
     """
-    return np.diff(np.arcsin(np.clip(np.asarray(edges, float) / _checked(amplitude), -1, 1))) / np.pi
-
-
-def _checked(amplitude: float) -> float:
-    if not 0 < amplitude < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"An amplitude of {amplitude:g} has no density; give a positive one."
-        )
-    return amplitude
+    ends = np.clip(np.asarray(edges, float) / positive("amplitude", amplitude), -1, 1)
+    return np.diff(np.arcsin(ends)) / np.pi

@@ -10,10 +10,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import axis_variances
-from jitterkit.motion.integrals import panel_integrals
-from jitterkit.motion.spectrum import Line, PowerSpectrum
-
-__all__ = ["KINDS", "recognise_rows", "spectrum_of_bins"]
+from jitterkit.motion.spectrum import Line, PowerSpectrum, panel_integrals
 
 KINDS = ("bins", "curve")
 """What the rows of a table of densities may be."""
@@ -133,7 +130,7 @@ def _is_uniform(values: np.ndarray) -> bool:
 
 
 def _is_banded(frequencies: np.ndarray) -> bool:
-    """Whether rows are at equal ratios, close enough for bins."""
+    """Return whether rows are at equal ratios, close enough for bins."""
     decades = np.log10(frequencies[-1] / frequencies[0])
     return _is_uniform(np.log(frequencies)) and len(frequencies) - 1 >= (_BANDS - 1) * decades
 

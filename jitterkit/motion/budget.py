@@ -1,6 +1,8 @@
 """Who contributes what: every source of motion with its regime, its locus and its split.
 
-Reach for :func:`motion_budget`; the command line prints it as a table.
+Reach for :func:`motion_budget`; the command line prints it as a table.  The critical frequency has one cycle
+in an exposure.  Well below it every motion is a straight smear; well above, a vibration draws the whole of
+its path; about it, a frame catches a piece whose shape is an accident.
 """
 
 from __future__ import annotations
@@ -10,11 +12,59 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jitterkit.motion.regime import HIGH, LOW, REGIMES, line_locus, regime, smooth_locus
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 from jitterkit.motion.split import Split, check_exposure, split_line, split_spectrum
 
-__all__ = ["Share", "motion_budget"]
+LOW = 0.2
+"""Cycles an exposure up to which smear is 97 % of the blur or more."""
+
+HIGH = 3.0
+"""Cycles from which smear is below 4 % of it; where the locus of partial cycles ends."""
+
+REGIMES = ("low", "medium", "high")
+
+_ALONE = 0.97
+"""Share of the blur from which smear, or jitter, is all there is: smear's at the end of the low regime."""
+
+_THIN = 1e-3
+"""Ratio of the axes below which an ellipse is a streak."""
+
+
+def critical_frequency(exposure: float) -> float:
+    """One cycle in an exposure [s], in Hz."""
+    return 1 / check_exposure(exposure)
+
+
+def regime(cycles: float) -> str:
+    """low, medium or high, by the cycles ``f T`` in one exposure.
+
+    >>> [regime(cycles) for cycles in (0.01, 0.7, 6.1)]
+    ['low', 'medium', 'high']
+    """
+    return REGIMES[(cycles > LOW) + (cycles >= HIGH)]
+
+
+def line_locus(line: Line, exposure: float) -> str:
+    """Name of the locus that a line draws in one exposure [s], for ``--locus``."""
+    if not np.any(line.moments()):
+        return "stable"
+    round_ = min(line.amplitude, line.minor) > _THIN * max(line.amplitude, line.minor)
+    names = {
+        "low": "linear",
+        "medium": "path" if round_ else "partial",
+        "high": "ellipse" if round_ else "shm",
+    }
+    return names[regime(line.frequency * check_exposure(exposure))]
+
+
+def smooth_locus(split: Split) -> str:
+    """Name of the locus that random motion draws: by its smear's share of the blur."""
+    blur, smear = (moments[0] + moments[2] for moments in (split.blur, split.smear))
+    if blur <= 0:
+        return "stable"
+    if smear >= _ALONE * blur:
+        return "linear"
+    return "mvn" if smear <= (1 - _ALONE) * blur else "smear"
 
 
 @dataclass(frozen=True, eq=False)

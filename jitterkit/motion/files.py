@@ -12,14 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import is_trace, read_trace
 from jitterkit.loci.csv_table import CsvRow, csv_rows, heading, row_numbers, unit_factor
 from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
-
-__all__ = ["read_motion"]
 
 _DENSITIES = ("f", "x", "y", "xy")
 _LINES = ("frequency", "amplitude", "angle", "minor")
@@ -44,11 +42,7 @@ Tell = Callable[[str], None]
 
 
 def read_motion(
-    path: str | Path,
-    *,
-    kind: str | None = None,
-    rates: str | None = None,
-    tell: Tell = lambda sentence: None,
+    path: str | Path, *, kind: str | None = None, rates: str | None = None, tell: Tell = lambda sentence: None
 ) -> PowerSpectrum | Record:
     """Read a table of motion.
 
@@ -82,10 +76,8 @@ def read_motion(
         and remedy.
     """
     path = Path(path)
-    if kind not in (None, *KINDS):
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"Rows cannot be {kind!r}; give one of {', '.join(KINDS)}."
-        )
+    if kind is not None:
+        one_of("kind of rows", kind, KINDS)
     rows = csv_rows(path, _FORMATS)
     trace = bool(rows) and is_trace(rows[0][1])
     if (trace and kind is not None) or (not trace and rates is not None):
@@ -131,10 +123,8 @@ def _header(cells: list[str]) -> _Header | None:
         kinds.append(kind)
     roots = [kind == "arcsec/sqrt(Hz)" for kind in kinds[1:]]
     if any(roots) and not all(roots):
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{','.join(cells)!r} mixes densities and their roots; give x and y alike, and no xy with roots.",
-        )
+        problem = f"{','.join(cells)!r} mixes densities and their roots"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give x and y alike, and no xy with roots.")
     return _Header(names, tuple(factors), all(roots))
 
 
@@ -147,10 +137,8 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
         if (new := _header(cells)) is not None:
             header = new
             if header.names[0] in tables:
-                raise ConfigurationError(
-                    ErrorCode.DUPLICATE,
-                    f"line {n} begins a second table of one kind; put all its rows into one.",
-                )
+                problem = f"line {n} begins a second table of one kind; put all its rows into one."
+                raise ConfigurationError(ErrorCode.DUPLICATE, problem)
             tables[header.names[0]] = []
         elif header is None:
             raise ConfigurationError(ErrorCode.MALFORMED, f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
@@ -205,14 +193,13 @@ def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _says_two_sided(path: Path) -> bool:
-    """Whether a comment says that densities are two-sided."""
+    """Return whether a comment says that densities are two-sided."""
     with path.open(encoding="utf-8-sig") as handle:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
     found = {kind for kind in ("one", "two") if re.search(rf"\b{kind}[- ]?sided", comments)}
     if len(found) > 1:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "the comments say one-sided and two-sided; leave one of the words out."
-        )
+        problem = "the comments say one-sided and two-sided; leave one of the words out."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     return found == {"two"}
 
 

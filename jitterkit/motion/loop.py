@@ -10,10 +10,8 @@ from itertools import accumulate
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import positive
 from jitterkit.motion.spectrum import Line, PowerSpectrum
-
-__all__ = ["close_loop", "follow", "loop_rejection"]
 
 _PER_OCTAVE = 64
 """Rows that the product of density and rejection is given: a power law between them to 2e-5."""
@@ -45,17 +43,12 @@ def loop_rejection(frequencies, bandwidth: float) -> np.ndarray:
     >>> loop_rejection([0.0, 2.0], 2.0)
     array([0. , 0.5])
     """
-    if not 0 < bandwidth < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"A loop's bandwidth of {bandwidth:g} Hz is impossible; give a positive one.",
-        )
-    f = np.asarray(frequencies, float)
+    f, bandwidth = np.asarray(frequencies, float), positive("bandwidth", bandwidth, "Hz")
     return f**2 / (f**2 + bandwidth**2)
 
 
 def close_loop(spectrum: PowerSpectrum, bandwidth: float) -> PowerSpectrum:
-    """What a loop of a given bandwidth [Hz] leaves of a spectrum; rows are added where it bends it."""
+    """Return what a loop of a given bandwidth [Hz] leaves of a spectrum; rows are added where it bends it."""
     lines = tuple(_left(line, float(loop_rejection(line.frequency, bandwidth))) for line in spectrum.lines)
     if not len(spectrum.frequencies):
         return replace(spectrum, lines=lines)
@@ -68,7 +61,7 @@ def close_loop(spectrum: PowerSpectrum, bandwidth: float) -> PowerSpectrum:
 
 
 def follow(t, x, y, bandwidth: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a loop leaves of a record that is straight between its samples.
+    """Return what a loop leaves of a record that is straight between its samples.
 
     Parameters
     ----------

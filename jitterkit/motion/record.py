@@ -18,8 +18,6 @@ from jitterkit.motion.bins import spectrum_of_bins
 from jitterkit.motion.spectrum import PowerSpectrum
 from jitterkit.motion.split import Split, check_cadence
 
-__all__ = ["Exposures", "Record", "measure_exposures", "trace_spectrum"]
-
 _SEGMENTS = 8
 """Of a record, for its spectrum: overlapping by half they are 15, and a density is good to about a third."""
 
@@ -38,7 +36,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Exposures:
-    """What each of a row of exposures saw.
+    """Motion within each of a row of exposures.
 
     Attributes
     ----------
@@ -109,11 +107,9 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
     t, places = np.asarray(record.t, float) - record.t[0], np.stack([record.x, record.y], axis=1)
     count = int(np.floor((t[-1] - exposure) / cadence * (1 + 1e-12) + 1e-9)) + 1
     if count < 1:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s; give a longer trace or a "
-            "shorter exposure.",
-        )
+        problem = f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s"
+        remedy = "give a longer trace or a shorter exposure"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     starts = cadence * np.arange(count)
     numbers = np.flatnonzero(_is_covered(t, starts, exposure))
     if not len(numbers):
@@ -128,7 +124,7 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
 
 
 def _is_covered(t: np.ndarray, starts: np.ndarray, exposure: float) -> np.ndarray:
-    """Which exposures (n,) are without a gap."""
+    """Return which exposures (n,) are without a gap."""
     gaps, slack = trace_gaps(t), 1e-9 * exposure
     after = np.searchsorted(t[gaps + 1], starts + slack, side="right")  # the first gap that ends later
     begin = np.append(t[gaps], np.inf)[after]

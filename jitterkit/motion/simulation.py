@@ -12,13 +12,10 @@ from scipy.fft import irfft, next_fast_len
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci import Ellipse, Locus, Mvn, Product, Shm, Trace
 from jitterkit.loci.base import turned
-from jitterkit.motion.integrals import panel_integrals
+from jitterkit.motion.budget import line_locus
 from jitterkit.motion.record import Record, measure_exposures
-from jitterkit.motion.regime import line_locus
-from jitterkit.motion.spectrum import Line, PowerSpectrum
+from jitterkit.motion.spectrum import Line, PowerSpectrum, panel_integrals
 from jitterkit.motion.split import check_exposure
-
-__all__ = ["simulate_exposures", "simulate_pointing"]
 
 _PER_OCTAVE, _OCTAVES = 4, 20
 """Tones that stand for what is slower than the record, and how far down they go."""
@@ -58,11 +55,9 @@ def simulate_pointing(
     n = max(round(check_exposure(duration) / check_exposure(step)), 1)
     for line in spectrum.lines:
         if line.frequency * step > 0.5:
-            raise ConfigurationError(
-                ErrorCode.SAMPLING,
-                f"A line at {line.frequency:g} Hz does not show at a step of {step:g} s; give one below "
-                f"{0.5 / line.frequency:g} s.",
-            )
+            problem = f"A line at {line.frequency:g} Hz does not show at a step of {step:g} s"
+            remedy = f"give one below {0.5 / line.frequency:g} s"
+            raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     t = step * np.arange(n + 1)
     places = _random(spectrum, n, step, rng)
     for line in spectrum.lines:
@@ -102,7 +97,7 @@ def simulate_exposures(
 
 
 def _fast(spectrum: PowerSpectrum, exposure: float) -> list[Locus]:
-    """What is too fast to be drawn, as a blur."""
+    """Return what is too fast to be drawn, as a blur."""
     _, integrals = panel_integrals(spectrum)
     moments = integrals.sum(axis=(0, 1))
     return [

@@ -123,7 +123,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _read_fits(path: Path) -> dict[str, Any]:
-    from jitterkit.frames.images import read_images  # costs 0.3 s, and an .npz does not need it
+    from jitterkit.frames.fits import read_images  # costs 0.3 s, and an .npz does not need it
 
     try:
         images, header = read_images(path)

@@ -13,8 +13,6 @@ from scipy.ndimage import maximum_filter
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.pupil import Pupil
 
-__all__ = ["annulus_area", "collecting_area"]
-
 _CM2 = 1e4
 """In a square metre."""
 
@@ -56,8 +54,6 @@ def annulus_area(diameter: float, obscuration: float = 0.0) -> float:
         If the diameters are out of order.
     """
     if not 0 <= obscuration < diameter:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m.",
-        )
+        problem = f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return math.pi / 4 * (diameter**2 - obscuration**2) * _CM2

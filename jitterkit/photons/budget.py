@@ -15,8 +15,6 @@ from jitterkit.optics.spectrum_file import band_from_table
 from jitterkit.photons.curve import Curve
 from jitterkit.photons.throughput import Throughput
 
-__all__ = ["PhotonBudget", "count_photons"]
-
 
 @dataclass(frozen=True, eq=False)
 class PhotonBudget:
@@ -124,9 +122,8 @@ def count_photons(
     """
     for name, value, unit in (("area", area, "cm²"), ("exposure", exposure, "s")):
         if not 0 < value < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"{name} = {value} is not positive; give it in {unit}."
-            )
+            problem = f"{name} = {value} is not positive; give it in {unit}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     wavelengths = throughput.grid()
     low, high = wavelengths[[0, -1]]
     for letter, star in zip("AB", stars, strict=True):

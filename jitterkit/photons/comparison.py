@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from jitterkit.photons.area import annulus_area
 from jitterkit.photons.budget import PhotonBudget
 
-__all__ = ["Line", "compare"]
-
 _DIAMETER, _OBSCURATION = 0.125, 0.032
 """m, of TOLIMAN: the figures that the paper takes for radii."""
 

@@ -14,8 +14,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics import spectrum_file
 from jitterkit.optics.spectrum import Spectrum, flat_band
 
-__all__ = ["Curve", "band_of", "flat_curve", "read_curve"]
-
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -71,10 +69,7 @@ class Curve:
         """Shortest and longest wavelength [nm] between which the curve is not zero."""
         lit = np.flatnonzero(self.values)
         last = len(self.values) - 1
-        return (
-            float(self.wavelengths[max(lit[0] - 1, 0)]),
-            float(self.wavelengths[min(lit[-1] + 1, last)]),
-        )
+        return (float(self.wavelengths[max(lit[0] - 1, 0)]), float(self.wavelengths[min(lit[-1] + 1, last)]))
 
 
 def flat_curve(low: float, high: float, value: float = 1.0) -> Curve:
@@ -86,9 +81,8 @@ def flat_curve(low: float, high: float, value: float = 1.0) -> Curve:
         If the wavelengths are out of order or the value is not positive.
     """
     if not 0 < low < high:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A band needs 0 < low < high in nm; got {low} to {high}."
-        )
+        problem = f"A band needs 0 < low < high in nm; got {low} to {high}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return Curve(np.array([low, high]), np.array([value, value]))
 
 

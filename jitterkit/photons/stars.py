@@ -26,7 +26,6 @@ from jitterkit.photons.curve import Curve
 if TYPE_CHECKING:
     from synphot import SourceSpectrum
 
-__all__ = ["MAGNITUDES", "TEMPERATURES", "blackbody", "tabulated"]
 
 TEMPERATURES = (5790.0, 5260.0)
 """K, of alpha Cen A and B, as the paper's notebook has them.  Interferometry says 5795 and 5231 (Kervella et
@@ -76,9 +75,8 @@ def blackbody(temperature: float, magnitude: float) -> Curve:
         If a value is outside its range, or synphot is not installed.
     """
     if not 1e3 <= temperature <= 1e5:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A star of {temperature} K is none; give 1000 to 100000 K."
-        )
+        problem = f"A star of {temperature} K is none; give 1000 to 100000 K."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     source_of, _, models, _ = _synphot()
     wavelengths = np.arange(_GRID[0], _GRID[1] + _GRID[2], _GRID[2])
     return _sampled(source_of(models.BlackBodyNorm1D, temperature=temperature), wavelengths, magnitude)
@@ -106,11 +104,9 @@ def tabulated(spectrum: Curve, magnitude: float) -> Curve:
     """
     low, high = spectrum.wavelengths[[0, -1]]
     if low > _V_START or high < _V_END:
-        raise ConfigurationError(
-            ErrorCode.SAMPLING,
-            f"A spectrum of {low:g} to {high:g} nm has no V magnitude; give one that covers "
-            f"{_V_START:g} to {_V_END:g} nm.",
-        )
+        problem = f"A spectrum of {low:g} to {high:g} nm has no V magnitude"
+        remedy = f"give one that covers {_V_START:g} to {_V_END:g} nm"
+        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     source_of, _, models, units = _synphot()
     table = spectrum.values * units.PHOTLAM
     source = source_of(models.Empirical1D, points=spectrum.wavelengths * _ANGSTROM, lookup_table=table)
@@ -120,9 +116,8 @@ def tabulated(spectrum: Curve, magnitude: float) -> Curve:
 def _sampled(source: SourceSpectrum, wavelengths: np.ndarray, magnitude: float) -> Curve:
     """Photons/s/cm²/nm at wavelengths [nm], once the source has its magnitude."""
     if not np.isfinite(magnitude):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"V = {magnitude} is no magnitude; give a finite number."
-        )
+        problem = f"V = {magnitude} is no magnitude; give a finite number."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     _, element_of, models, units = _synphot()
     fine = np.arange(_V_START, _V_END + 0.5)
     # a throughput is per photon: Bessell's weight of energy over the wavelength
@@ -138,8 +133,6 @@ def _synphot():
     try:
         from synphot import SourceSpectrum, SpectralElement, models, units
     except ImportError:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE,
-            'Photon counts need synphot, which is not installed; run: pip install "jitterkit[spectra]"',
-        ) from None
+        problem = 'Photon counts need synphot, which is not installed; run: pip install "jitterkit[spectra]"'
+        raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem) from None
     return SourceSpectrum, SpectralElement, models, units

@@ -9,8 +9,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.photons.curve import Curve
 
-__all__ = ["GLASS", "IMX183_QE", "PLATES", "Throughput"]
-
 GLASS, PLATES = 0.91, 2
 """Transmission of one glass plate, and their number: the filter lies between two (paper, appendix A)."""
 
@@ -55,18 +53,14 @@ class Throughput:
     def __post_init__(self) -> None:
         for name, curve in (("filter", self.filter), ("quantum efficiency", self.qe)):
             if curve.values.max() > 1:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE,
-                    f"The {name} reaches {curve.values.max():g}; give shares of 1, not per cent.",
-                )
+                problem = f"The {name} reaches {curve.values.max():g}; give shares of 1, not per cent."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not 0 < self.glass <= 1:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"glass = {self.glass} is no transmission; give 0 to 1."
-            )
+            problem = f"glass = {self.glass} is no transmission; give 0 to 1."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if self.plates < 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"plates = {self.plates} is no number of plates; give 0 or more."
-            )
+            problem = f"plates = {self.plates} is no number of plates; give 0 or more."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not np.any(self(self.grid())):
             raise ConfigurationError(
                 ErrorCode.CONFLICT,

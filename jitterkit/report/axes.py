@@ -11,11 +11,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-__all__ = ["BLUE", "INK", "OUTLINE", "RUST", "axes_or_new", "colour_bar", "say", "scale_and_unit"]
-
 BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
 OUTLINE: Any = {"fill": False, "ec": "white", "lw": 0.9}
 """Of a patch on a dark kernel."""
+
+ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0.2, "columnspacing": 1.3}
+"""Of a legend in one line above its axes."""
 
 
 def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -31,6 +32,14 @@ def scale_and_unit(plate_scale: float | None) -> tuple[float, str]:
 def colour_bar(picture: Any, ax: Axes, label: str, extend: str = "neither") -> None:
     """Put a colour bar beside a picture; ``extend`` says which ends are pointed."""
     ax.figure.colorbar(picture, ax=ax, label=label, extend=extend, shrink=0.86, aspect=24, pad=0.02)
+
+
+def finish(ax: Axes, **legend: Any) -> Axes:
+    """Hide the upper and the right spine, and explain what has a label in a legend."""
+    ax.spines[["top", "right"]].set_visible(False)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(**{"facecolor": "white", "edgecolor": "none", "fontsize": 8} | legend)
+    return ax
 
 
 def say(ax: Axes, text: str) -> Axes:

@@ -15,17 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jitterkit.calibration import Calibration
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
 from jitterkit.report.words import with_error
-
-__all__ = [
-    "plot_calibration",
-    "plot_dark",
-    "plot_linearity",
-    "plot_read_noise",
-    "plot_response",
-    "plot_transfer",
-]
 
 _SIZE = (5.2, 3.7)
 """Inches, of axes of their own."""
@@ -117,35 +108,21 @@ def plot_linearity(calibration: Calibration, ax: Axes | None = None) -> Axes:
         ax.set_axis_off()
         return say(ax, "linearity takes three exposure times")
     ax.axhline(0, color="0.6", lw=0.9)
-    ax.errorbar(
-        linearity.signals,
-        100 * linearity.residuals,
-        100 * linearity.residual_errors,
-        label="levels",
-        **_POINTS,
-    )
+    off, errors = 100 * linearity.residuals, 100 * linearity.residual_errors
+    ax.errorbar(linearity.signals, off, errors, label="levels", **_POINTS)
     charge = np.linspace(0, linearity.signals.max() * 1.08, 200)[1:]
     if linearity.coefficients:
         law = linearity.measured(charge)
         count = len(linearity.coefficients)
-        ax.plot(
-            law,
-            100 * (law / charge - 1),
-            color=INK,
-            lw=1.4,
-            label=f"law, {count} coefficient{'s' * (count > 1)}",
-        )
+        label = f"law, {count} coefficient{'s' * (count > 1)}"
+        ax.plot(law, 100 * (law / charge - 1), color=INK, lw=1.4, label=label)
     else:
         ax.plot([], [], " ", label="no bend is significant")
-    around = 100 * (linearity.residuals + np.outer((-1, 1), linearity.residual_errors))
+    around = off + np.outer((-1, 1), errors)
     low, high = min(float(around.min()), 0.0), max(float(around.max()), 0.0)
     margin = 0.2 * (high - low)
-    ax.set(
-        xlim=(0, charge[-1]),
-        ylim=(low - margin, high + margin),
-        xlabel="signal above bias [ADU]",
-        ylabel="off the line [%]",
-    )
+    ax.set(xlim=(0, charge[-1]), ylim=(low - margin, high + margin))
+    ax.set(xlabel="signal above bias [ADU]", ylabel="off the line [%]")
     return _finish(ax, loc="best")
 
 
@@ -157,14 +134,8 @@ def plot_dark(calibration: Calibration, ax: Axes | None = None) -> Axes:
         return say(ax, "no dark frames")
     low, middle = np.percentile(measured.values, (0.01, 50))
     _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), _ALL)
-    ax.axvline(
-        limit,
-        ymax=_BELOW,
-        color=RUST,
-        lw=1.2,
-        ls="--",
-        label=f"hot above {limit:.3g} e-/s: {calibration.count('hot')}",
-    )
+    hot = f"hot above {limit:.3g} e-/s: {calibration.count('hot')}"
+    ax.axvline(limit, ymax=_BELOW, color=RUST, lw=1.2, ls="--", label=hot)
     said = with_error(measured.number, measured.number_error)
     ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {said} e-/s")
     ax.set(xlabel="dark current [e-/s]", title="dark current")
@@ -190,13 +161,7 @@ def plot_response(calibration: Calibration, ax: Axes | None = None) -> Axes:
     )
     ax.plot([], [], " ", label=f"dead: {calibration.count('dead')}")
     ax.set_ylim(0.7, _HEADROOM * float(counts.max()))
-    ax.set(
-        yscale="log",
-        ylabel="pixels",
-        xlim=(low, high),
-        xlabel="relative response",
-        title="response",
-    )
+    ax.set(yscale="log", ylabel="pixels", xlim=(low, high), xlabel="relative response", title="response")
     return _finish(ax, loc="upper left")
 
 
@@ -228,7 +193,5 @@ def _histogram(ax: Axes, values: np.ndarray, low: float, high: float, label: str
 
 
 def _finish(ax: Axes, loc: Any) -> Axes:
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8.5, loc=loc)
     ax.xaxis.set_minor_formatter(NullFormatter())
-    return ax
+    return finish(ax, loc=loc)

@@ -14,8 +14,6 @@ from astropy.table import QTable
 from jitterkit.calibration import FLAGS, Calibration
 from jitterkit.report.words import number
 
-__all__ = ["calibration_rows", "calibration_sentences", "levels_table"]
-
 _UNEVEN = 0.01
 """Of the smooth surface through the flat, from which it is said."""
 
@@ -57,7 +55,7 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
 
 
 def calibration_sentences(calibration: Calibration) -> list[str]:
-    """What a reader of the numbers should know, a sentence each."""
+    """Return sentences on what a reader of the numbers should know."""
     # of the response what is local: the light's unevenness is no merit of the flats
     maps = [calibration.local if measured.name == "flat" else measured for measured in calibration.maps]
     said = [measured.sentence() for measured in maps if measured is not None]

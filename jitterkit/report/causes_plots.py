@@ -13,8 +13,6 @@ from jitterkit.forecast.causes import Causes
 from jitterkit.report.axes import INK, axes_or_new
 from jitterkit.report.words import MINUS
 
-__all__ = ["plot_causes", "plot_likeness"]
-
 _HALF = 12
 """Pixels about the brightest on each side."""
 

@@ -17,14 +17,12 @@ from jitterkit.forecast.causes import Causes, Confusion
 from jitterkit.forecast.causes_data import DataSet, cheapest
 from jitterkit.report.words import MINUS, TIMES, number
 
-__all__ = ["causes_sentences", "causes_table", "data_table", "remedy_sentence", "verdicts"]
-
 _NEARLY = 0.02
 """Of a factor one, below which it is not written."""
 
 
 def verdicts(causes: Causes, target: float) -> list[str]:
-    """What the frame alone says of each cause: ``told``, ``told in part`` or ``not told``.
+    """Return what the frame alone says of each cause: ``told``, ``told in part`` or ``not told``.
 
     Parameters
     ----------
@@ -68,7 +66,7 @@ def data_table(causes: Causes, sets: Sequence[DataSet]) -> QTable:
 
 
 def causes_sentences(causes: Causes) -> list[str]:
-    """What one frame takes for what, and what it says of defocus."""
+    """Return what one frame takes for what, and what it says of defocus."""
     found = [_confused(causes, one) for one in causes.confusions()]
     if not found:
         found = ["The causes look different enough: none is taken for another."]
@@ -87,7 +85,7 @@ def remedy_sentence(causes: Causes, sets: Sequence[DataSet], target: float) -> s
 
 
 def _goal(causes: Causes, target: float) -> str:
-    """What is to be told: of nothing there is no share."""
+    """Say what is to be told: of nothing there is no share."""
     absent = [cause.words for cause in causes.causes if not cause.value]
     if not absent:
         return f"every cause to {100 * target:g} %"
@@ -113,7 +111,7 @@ def _confused(causes: Causes, one: Confusion) -> str:
 
 
 def _taken(weights: dict[str, float]) -> str:
-    """Who is taken for whom, or who undo each other."""
+    """Say who is taken for whom, or who undo each other."""
     up = [name for name, weight in weights.items() if weight > 0]
     down = [name for name, weight in weights.items() if weight < 0]
     verb = "is" if len(up) == 1 else "are"

@@ -16,8 +16,6 @@ from jitterkit.errors import ConfigurationError
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.series import Series
 
-__all__ = ["Clock", "fitted", "separation_series"]
-
 _APART = 0.9
 """Share of the frames that must have a time of their own: the planes of a cube often share their file's."""
 
@@ -69,7 +67,7 @@ class Clock:
 
 
 def _tell(times: np.ndarray) -> bool:
-    """Whether times order frames, and can be read off an axis."""
+    """Return whether times order frames, and can be read off an axis."""
     if len(times) < 2 or not np.isfinite(times).all() or len(np.unique(times)) < _APART * len(times):
         return False
     parts = np.unique((_PARTS * (times - times.min()) / (1.001 * np.ptp(times))).astype(int))
@@ -77,7 +75,7 @@ def _tell(times: np.ndarray) -> bool:
 
 
 def fitted(table: QTable) -> np.ndarray:
-    """Which frames of a table have a separation that counts, (n,) bool."""
+    """Return which frames of a table have a separation that counts, (n,) bool."""
     values, errors = (table[name].to_value("arcsec") for name in ("separation", "separation_err"))
     return (np.asarray(table["status"]) == "ok") & np.isfinite(values) & np.isfinite(errors) & (errors > 0)
 

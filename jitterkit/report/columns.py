@@ -10,8 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["COLUMNS", "Column", "aberration_column", "aberration_columns", "measured", "unit_of"]
-
 
 @dataclass(frozen=True)
 class Column:

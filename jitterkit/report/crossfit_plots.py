@@ -17,8 +17,6 @@ from matplotlib.figure import Figure
 from jitterkit.forecast import Panel
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 
-__all__ = ["crossfit_table", "plot_crossfit", "plot_panel"]
-
 _BINS = 60
 
 

@@ -14,13 +14,11 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from jitterkit.report.averaging_plots import suited_angle
-from jitterkit.report.axes import BLUE, INK, RUST
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, finish
 from jitterkit.report.clock import Clock
+from jitterkit.report.means import stretch_index
 from jitterkit.report.separation_plots import MANY, label_time, shown_times
-from jitterkit.report.stretches import stretch_index
 from jitterkit.report.words import angle_size
-
-__all__ = ["draw_jitter", "jittered"]
 
 _ELLIPSES, _WIDEST = 24, 0.04
 """Ellipses along the axis at most, and the largest one's diameter as a share of the axis."""
@@ -34,7 +32,7 @@ _LONG = 1.2
 
 
 def jittered(table: QTable) -> np.ndarray:
-    """Which frames of a table have an ellipse that counts, (n,) bool."""
+    """Return which frames of a table have an ellipse that counts, (n,) bool."""
     return (np.asarray(table["status"]) == "ok") & np.isfinite(np.asarray(table["jitter_major"]))
 
 
@@ -65,7 +63,7 @@ def draw_jitter(table: QTable, clock: Clock) -> list[Axes]:
     _draw_angles(axes[2], at, table["jitter_angle"].to_value("deg")[good], major, minor, moments)
     label_time(axes[2], clock)
     for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
+        finish(ax, ncols=4, **ABOVE)
     return axes
 
 
@@ -113,7 +111,6 @@ def _draw_sizes(ax: Axes, at: np.ndarray, major: np.ndarray, minor: np.ndarray) 
         ax.plot(times, middle, color=colour, lw=1.4, drawstyle="steps-mid", label=told)
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]) if positive.size == 0 else 0.0)
     ax.set_ylabel(f"jitter, 1σ [{unit}]")
-    _legend(ax)
 
 
 def _percentiles(at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,9 +136,3 @@ def _draw_angles(
         times, ellipses = _mean_ellipses(at, moments, stretch_index(at, _STRETCHES))
         ax.plot(times, ellipses[:, 2], "o", color=INK, ms=2.6, mew=0, label="of the mean second moments")
     ax.set(ylim=(0, 180), yticks=[0, 45, 90, 135, 180], ylabel="major axis from +x [°]")
-    _legend(ax)
-
-
-def _legend(ax: Axes) -> None:
-    above: Any = {"loc": "lower left", "bbox_to_anchor": (0, 0.98), "borderaxespad": 0.1}
-    ax.legend(ncols=4, frameon=False, fontsize=8, **above)

@@ -19,19 +19,10 @@ from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer
 from jitterkit.loci import Mvn, Stable, locus_name
 from jitterkit.optics.otf import OTF
 from jitterkit.report.axes import say, scale_and_unit
-from jitterkit.report.field_plots import plot_differences, plot_whiskers
+from jitterkit.report.field_plots import plot_differences, plot_scene, plot_spectrum, plot_whiskers
 from jitterkit.report.kernel_plots import plot_kernel, plot_kernel_image, plot_transfer
 from jitterkit.report.plots import plot_residual, three_panels
-from jitterkit.report.scene_plots import plot_scene, plot_spectrum
 from jitterkit.report.words import angle_size, number
-
-__all__ = [
-    "blurred_image",
-    "plot_estimate",
-    "plot_extended",
-    "plot_field",
-    "template_images",
-]
 
 Panels = list[Any]
 """Three ``matplotlib.axes.Axes``."""

@@ -1,8 +1,9 @@
-"""Pictures of a field of stars: the blur of each where it stands, and how they differ.
+"""Pictures of a field of stars, with the blur of each where it stands, and of a scene without stars.
 
-Reach for :func:`plot_whiskers`, a map of the field, to see whether the blur is the same everywhere, and for
-:func:`plot_differences` to see what is not.  As in :mod:`~jitterkit.report.plots`, both take ``ax=None``
-and return the axes they drew on.
+Reach for :func:`plot_whiskers`, a map of the field, to see whether the blur is the same everywhere, and
+for :func:`plot_differences` to see what is not.  :func:`plot_spectrum` shows the nulls from which a
+blind estimate is made, and :func:`plot_scene` draws a scene in grey.  As in
+:mod:`~jitterkit.report.plots`, all take ``ax=None`` and return the axes they drew on.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import Normalize
 
-from jitterkit.loci import principal_axes
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.loci import Locus, principal_axes
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, colour_bar, finish, say, scale_and_unit
+from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size
-
-__all__ = ["plot_differences", "plot_whiskers"]
 
 _WHISKER = 0.04
 """Half-length of the median whisker, in widths of the field."""
@@ -118,5 +119,81 @@ def plot_differences(
     reach = 1.1 * float(np.nanmax(np.abs(np.r_[across, sxy, 1e-12])))
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", title="stars less common blur")
     ax.set(xlabel=f"Δ(Sxx − Syy)/2 [{unit}²]", ylabel=f"ΔSxy [{unit}²]")
-    ax.spines[["top", "right"]].set_visible(False)
+    return finish(ax)
+
+
+_FAINTEST = 1e-12
+"""Of the greatest power: below, a spectrum holds rounding errors."""
+
+
+def plot_spectrum(
+    image: np.ndarray,
+    ax: Axes | None = None,
+    *,
+    plate_scale: float | None = None,
+    locus: Locus | None = None,
+    title: str = "power spectrum",
+) -> Axes:
+    """Draw an image's log power spectrum with the nulls that a blur would cut into it.
+
+    Parameters
+    ----------
+    image : (ny, nx) array
+        NaN is taken as the mean.
+    ax : matplotlib.axes.Axes, optional
+    plate_scale : float, optional
+        arcsec per pixel; without it frequencies count cycles per pixel.
+    locus : Locus, optional
+        In the unit of the plate scale.  Dashed lines where its transfer function changes sign.
+    title : str
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        Zero frequency in the middle, both axes up to the Nyquist frequency.
+    """
+    scale, unit = scale_and_unit(plate_scale)
+    level = np.where(np.isfinite(image), image, np.nanmean(image)) - np.nanmean(image)
+    window = np.outer(*(np.hanning(n + 1)[:-1] for n in level.shape))
+    power = np.fft.fftshift(np.abs(np.fft.fft2(level * window)) ** 2)
+    power = np.log10(np.maximum(power, _FAINTEST * power.max() + np.finfo(float).tiny))
+    ax = axes_or_new(ax, (4.2, 3.6))
+    limit = 0.5 / scale
+    low, high = np.percentile(power, [1, 99.9])
+    (down, up), (left, right) = (_edges(n, scale) for n in power.shape)
+    extent = (left, right, down, up)
+    picture = ax.imshow(power, origin="lower", extent=extent, cmap="viridis", vmin=low, vmax=high)
+    colour_bar(picture, ax, "log₁₀ power")
+    ax.set(xlabel=f"fx [cycles/{unit}]", ylabel="fy", title=title, aspect="equal")
+    if locus is not None:
+        _draw_nulls(ax, locus, limit)
     return ax
+
+
+def _edges(n: int, scale: float) -> tuple[float, float]:
+    """Outer edges of ``n`` shifted frequencies, whose zero is a sample."""
+    f = np.fft.fftshift(np.fft.fftfreq(n, scale))
+    return float(f[0] - 0.5 / n / scale), float(f[-1] + 0.5 / n / scale)
+
+
+def _draw_nulls(ax: Axes, locus: Locus, limit: float) -> None:
+    f = np.linspace(-limit, limit, 257)
+    transfer = np.asarray(locus.transfer(f[None, :], f[:, None])) * np.ones((f.size, f.size))
+    if np.isrealobj(transfer) and transfer.min() < 0:  # a lopsided path has no nulls, only lows
+        ax.contour(f, f, transfer, levels=[0.0], colors="white", linewidths=0.9, linestyles="dashed")
+
+
+def plot_scene(
+    image: np.ndarray,
+    ax: Axes | None = None,
+    *,
+    like: np.ndarray | None = None,
+    plate_scale: float | None = None,
+    label: str = "brightness",
+    title: str = "",
+) -> Axes:
+    """Draw a scene without stars in grey, on the scale of another image (``like``) where one is given."""
+    scene = image if like is None else like
+    low, high = (float(v) for v in np.nanpercentile(scene, [0.5, 99.5]))
+    norm = Normalize(low, high if high > low else low + 1)
+    return plot_image(image, plate_scale, ax, norm=norm, cmap="gray", label=label, title=title)

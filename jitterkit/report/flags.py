@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-__all__ = ["FLAGS", "decode_flags", "encode_flags", "flag_meanings"]
-
 #: Every remark and its meaning; the bit is the place in the list, so add at the end only.
 FLAGS: dict[str, str] = {
     "other": "a remark without a bit of its own; the message ends with it",

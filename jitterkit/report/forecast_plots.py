@@ -3,6 +3,9 @@
 As in :mod:`~jitterkit.report.plots`, every function that draws on one pair of axes takes ``ax=None`` and
 returns them.  Curves are told apart by the shade of one colour map, from dark to light, and by a word at
 their ends, so that they can be told apart in grey too.
+
+:func:`plot_matrices` draws Fisher information and covariance, whose elements span decades and have signs;
+:func:`plot_matrix` draws any symmetric matrix of named parameters.
 """
 
 from __future__ import annotations
@@ -14,24 +17,18 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from scipy.optimize import isotonic_regression
 
 from jitterkit.conventions import FWHM_PER_SIGMA
-from jitterkit.forecast import Requirement, Sweep
-from jitterkit.report.axes import INK, RUST, axes_or_new
+from jitterkit.forecast import Forecast, Requirement, Sweep
+from jitterkit.report.axes import INK, RUST, axes_or_new, colour_bar, finish
 from jitterkit.report.columns import unit_of
 from jitterkit.report.forecast_table import observing_time
 from jitterkit.report.kernel_plots import plot_kernel
-
-__all__ = [
-    "curve_colours",
-    "plot_errors",
-    "plot_requirements",
-    "plot_shears",
-    "spread",
-]
+from jitterkit.report.words import MINUS
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")
 """Ticks of a logarithmic axis that spans a decade or two."""
@@ -114,8 +111,7 @@ def plot_errors(
         ax.annotate(label, (value, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top",
                     ha="right", fontsize=8, color=RUST)  # fmt: skip
     ax.set(xlabel=f"{names[0]} [{unit}]" if unit else names[0], ylabel="error of separation, one frame [µas]")
-    ax.set_title(title)
-    ax.spines[["top", "right"]].set_visible(False)
+    finish(ax).set_title(title)
     if plate_scale is not None and unit == "arcsec":
         pixels = ax.secondary_xaxis("top", functions=_pixels(plate_scale))
         pixels.set_xlabel("[pixel]")
@@ -125,7 +121,7 @@ def plot_errors(
 
 
 def _in_equal_ratios(values: np.ndarray) -> bool:
-    """Whether values were asked for in equal ratios, three or more, and not in equal steps."""
+    """Return whether values were asked for in equal ratios, three or more, and not in equal steps."""
     if len(values) < 3 or values.min() <= 0:
         return False
     ratios, steps = np.diff(np.log(values)), np.diff(values)
@@ -200,15 +196,13 @@ def plot_requirements(
         xlabel="frequency [Hz]" if exposure else "cycles an exposure", ylabel="largest peak to peak [arcsec]"
     )
     ax.set_title(title)
-    ax.legend(title="from the pair", frameon=False, fontsize=8)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(_PLAIN)
         axis.set_minor_formatter(_PLAIN)
     ax.tick_params(which="minor", labelsize=8)
     x = np.array([one.cycles for one in every]) / (exposure or 1.0)
     ax.set_xlim(x.min() * 0.7, x.max() * 3)
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    return finish(ax, title="from the pair")
 
 
 def plot_shears(
@@ -254,3 +248,49 @@ def _to_fwhm(sigma):
 
 def _from_fwhm(width):
     return width / FWHM_PER_SIGMA
+
+
+_SHORT = {"separation": "sep", "contrast": "cont", "background": "bg"}
+
+
+def plot_matrices(forecast: Forecast) -> Figure:
+    """Draw the Fisher matrix and the covariance beside each other, in the parameters' own units."""
+    figure = Figure(figsize=(11.2, 5.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    plot_matrix(forecast.information, forecast.names, left, title="Fisher information")
+    plot_matrix(forecast.covariance, forecast.names, right, title="covariance (Cramér-Rao bound)")
+    return figure
+
+
+def plot_matrix(matrix, names: Sequence[str], ax: Axes | None = None, *, title: str = "") -> Axes:
+    """Draw a symmetric matrix whose elements span decades, with signs.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+        Its elements have the units of their row and column, or the inverse.
+    names : sequence of str
+    ax : matplotlib.axes.Axes, optional
+    title : str
+    """
+    ax = axes_or_new(ax, (5.4, 4.8))
+    matrix = np.asarray(matrix)
+    largest = float(np.abs(matrix).max())
+    least = float(np.abs(np.diag(matrix)).min())
+    norm = SymLogNorm(linthresh=least * 1e-3, vmin=-largest, vmax=largest)
+    picture = ax.imshow(matrix, cmap="RdBu_r", norm=norm)
+    for row, column in zip(*np.nonzero(matrix < 0), strict=True):  # print in grey has no signs
+        ax.text(column, row, MINUS, ha="center", va="center", fontsize=7, color=INK)
+    labels = [_SHORT.get(name, name) for name in names]
+    ax.set_xticks(range(len(labels)), labels, rotation=90)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.tick_params(length=0)
+    ax.set_title(title)
+    low, high = math.ceil(math.log10(least * 1e-3)), math.floor(math.log10(largest))
+    powers = 10.0 ** np.arange(high, low, -max(1, (high - low) // 3))
+    colour_bar(picture, ax, "own units of row and column")
+    bar = picture.colorbar
+    assert bar is not None
+    bar.set_ticks([*-powers, 0.0, *powers[::-1]])
+    bar.minorticks_off()
+    return ax

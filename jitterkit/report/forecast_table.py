@@ -16,8 +16,6 @@ from astropy.table import QTable
 from jitterkit.forecast import Forecast, Requirement, Sweep
 from jitterkit.report.columns import unit_of
 
-__all__ = ["observing_time", "parameter_table", "requirement_table", "sweep_table"]
-
 
 def observing_time(error: float, target: float, exposure: float) -> float:
     """Hours of exposure after which the mean of frames has a target error."""

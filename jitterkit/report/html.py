@@ -22,18 +22,15 @@ from astropy.table import QTable
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
-from jitterkit.report.failures import FailureKind, group_failures
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_pictures
-from jitterkit.report.row import Row
-from jitterkit.report.run_fit import describe_run_fit
+from jitterkit.report.row import FailureKind, Row, group_failures
 from jitterkit.report.run_pictures import run_pictures
-from jitterkit.report.sequence import say_loci
+from jitterkit.report.sequence import describe_run_fit, say_loci
 from jitterkit.report.table import aberration_names
-from jitterkit.report.words import NOTHING, angle_size, by_scale, ellipse_size, number, printable, with_error
-
-__all__ = ["write_report"]
+from jitterkit.report.words import NOTHING, angle_size, by_scale, ellipse_size, number, with_error
 
 MAX_ROWS = 1000
 """Frames listed; a longer run is thinned evenly, and the page says so."""
@@ -104,11 +101,7 @@ def _resource(name: str) -> str:
 
 def _template():
     environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_readable,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        autoescape=True, undefined=StrictUndefined, finalize=_readable, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {
         "angle_size": angle_size,
@@ -136,7 +129,7 @@ def _template():
 
 
 def _readable(value: Any) -> Any:
-    """What a page shows of any value: nothing invisible, and no more than a person reads."""
+    """Return what a page shows of any value: nothing invisible, and no more than a person reads."""
     if isinstance(value, Markup | int | float):
         return value
     text = printable(value)

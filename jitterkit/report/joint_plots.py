@@ -12,9 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jitterkit.joint import SequenceFit, SequenceFrame
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
-
-__all__ = ["plot_pointing", "plot_run", "plot_shared", "plot_surprise"]
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
 
 _SIZE = (9.6, 3.0)
 _MANY = 2000
@@ -119,8 +117,5 @@ def _points(n: int, colour: str) -> dict:
     }
 
 
-def _legend(ax: Axes, **options) -> Axes:
-    style = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "fontsize": 8, "frameon": False, "ncols": 2}
-    ax.legend(**{**style, **options})
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+def _legend(ax: Axes, ncols: int = 2) -> Axes:
+    return finish(ax, ncols=ncols, loc="lower right", bbox_to_anchor=(1.0, 0.97))

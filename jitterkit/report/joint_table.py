@@ -16,16 +16,15 @@ from astropy import units
 from astropy.table import QTable
 
 from jitterkit.conventions import direction_angle
+from jitterkit.errors import printable
 from jitterkit.joint import Law, SequenceFit
 from jitterkit.loci import principal_axes
 from jitterkit.refit import Status
 from jitterkit.report.columns import unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
 from jitterkit.report.means import corrected, weighted_mean
-from jitterkit.report.words import angle_size, number, printable
+from jitterkit.report.words import angle_size, number
 from jitterkit.series import Floor, Series, fit_floor
-
-__all__ = ["frame_table", "joint_summary", "say_joint", "separation_series"]
 
 _CERTAIN = 9.0
 """Chi-squared of one degree of freedom from which a slope is said to be there: three sigmas."""
@@ -130,7 +129,7 @@ def separation_series(fit: SequenceFit) -> Series | None:
 
 
 def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any]:
-    """What the frames say together, as ``sequence.json`` holds it.
+    """Return what the frames say together, as ``sequence.json`` holds it.
 
     Returns
     -------
@@ -218,7 +217,7 @@ def describe_law(law: Law) -> dict[str, Any]:
 
 
 def say_joint(summary: Mapping[str, Any]) -> list[str]:
-    """What a person should know beside the separation: sentences."""
+    """Return sentences on what a person should know beside the separation."""
     told = []
     if summary["outliers"]:
         named = ", ".join(summary["outliers"][:5])

@@ -19,11 +19,9 @@ from scipy.ndimage import gaussian_filter
 
 from jitterkit.kernels import TransferRatio, kernel_moments
 from jitterkit.loci import Locus, principal_axes, rasterise
-from jitterkit.report.axes import BLUE, INK, OUTLINE, RUST, axes_or_new, say
+from jitterkit.report.axes import BLUE, INK, OUTLINE, RUST, axes_or_new, finish, say
 from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size, number
-
-__all__ = ["plot_kernel", "plot_kernel_image", "plot_transfer"]
 
 _CELLS = 81
 """Of the raster on which a locus is drawn, along a side."""
@@ -169,6 +167,4 @@ def plot_transfer(
     ax.axhline(1, color="0.75", lw=0.8, zorder=1)
     ax.set(xlabel=f"frequency [cycles/{unit}]", ylabel="|M|", title=title)
     ax.set(xlim=(0, None), ylim=(low, min(float(shown.max()) + 0.05, 1.6)))
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, loc="lower left")
-    return ax
+    return finish(ax, loc="lower left")

@@ -14,26 +14,10 @@ from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
-from jitterkit.motion import (
-    PARTS,
-    Assessment,
-    PowerSpectrum,
-    Split,
-    cumulative_split,
-    part_weights,
-)
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
-
-__all__ = [
-    "plot_budget",
-    "plot_locus_transfer",
-    "plot_motion",
-    "plot_motion_spectrum",
-    "plot_parts",
-    "plot_pointing",
-]
 
 _STYLES: dict[str, dict[str, Any]] = {
     "displacement": {"color": "0.55", "ls": "--"},
@@ -153,9 +137,7 @@ def plot_budget(spectrum: PowerSpectrum, exposure: float, ax: Axes | None = None
     ax.axvline(1 / exposure, color="0.75", lw=0.8, zorder=1)
     ax.set(xscale="log", xlim=(low, high), ylim=(0, 1.35 * max(rms[-1].max(), 1e-6)))
     ax.set(xlabel="frequency [Hz]", ylabel="rms up to there [mas]", title="budget")
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
-    return ax
+    return finish(ax, loc="upper left")
 
 
 def plot_parts(split: Split, ax: Axes | None = None) -> Axes:
@@ -178,8 +160,7 @@ def plot_parts(split: Split, ax: Axes | None = None) -> Axes:
     bars = ax.bar(PARTS, rms, 0.6, color=[_STYLES[part]["color"] for part in PARTS])
     ax.bar_label(bars, [f"{number(size, 3)} mas" for size in rms], padding=3)
     ax.set(ylim=(0, 1.2 * max(rms.max(), 1e-6)), ylabel="rms [mas]", title="budget of the exposures")
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    return finish(ax)
 
 
 def plot_pointing(locus: Locus, ax: Axes | None = None) -> Axes:
@@ -235,17 +216,9 @@ def plot_locus_transfer(locus: Locus, ax: Axes | None = None) -> Axes:
         label = f"{name} axis, {number((angle + turn) % 180, 3)}°: {number(size, 3)} mas rms"
         modulus = np.abs(np.asarray(locus.transfer(f * c, f * s)))
         ax.plot(f, modulus, style, color=RUST if turn == 0 else BLUE, lw=1.6, label=label)
-    ax.set(
-        xlabel="frequency [cycles/arcsec]",
-        ylabel="|M|",
-        xlim=(0, reach),
-        ylim=(0, 1.25),
-        yticks=np.linspace(0, 1, 6),
-    )
-    ax.set_title("a typical frame's transfer function")
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, loc="upper right")
-    return ax
+    ax.set(xlabel="frequency [cycles/arcsec]", ylabel="|M|", title="a typical frame's transfer function")
+    ax.set(xlim=(0, reach), ylim=(0, 1.25), yticks=np.linspace(0, 1, 6))
+    return finish(ax, loc="upper right")
 
 
 def _draw_weights(ax: Axes, f: np.ndarray, exposure: float) -> None:
@@ -260,7 +233,7 @@ def _draw_weights(ax: Axes, f: np.ndarray, exposure: float) -> None:
 
 
 def _estimate(spectrum: PowerSpectrum) -> str:
-    """What Welch's estimate shows, for a title."""
+    """Return what Welch's estimate shows, for a title."""
     slowest = spectrum.frequencies[:1].tolist()
     return f"Welch's estimate: nothing below {slowest[0]:.2g} Hz" if slowest else "too short for a spectrum"
 

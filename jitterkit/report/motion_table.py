@@ -13,8 +13,6 @@ from jitterkit.loci import principal_axes
 from jitterkit.motion import PARTS, Assessment, Share, critical_frequency
 from jitterkit.report.words import angle_size, ellipse_size, number
 
-__all__ = ["motion_sentences", "motion_table"]
-
 _SMALL = 0.15
 """Pixels rms of a blur below which a normal serves any symmetric shape: on TOLIMAN the separation of a pair
 along it is biased by 0.6 µas (linear) and 0.8 µas (shm) there."""

@@ -12,22 +12,6 @@ from pathlib import Path
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = [
-    "CONFIGURATION",
-    "ENDS",
-    "REPORT",
-    "RUN",
-    "STARS",
-    "SUMMARY",
-    "TABLE",
-    "TABLES",
-    "check_directory",
-    "check_file",
-    "check_table",
-    "make_directory",
-    "table_ending",
-]
-
 RUN = "results.ecsv", "summary.json", "report.html", "configuration.json", "stars.ecsv"
 """What a run leaves behind: its settings and versions before the stars of frames that show more than two."""
 
@@ -59,9 +43,8 @@ def check_directory(directory: Path, patterns: Iterable[str], overwrite: bool) -
     """
     present = [path for pattern in patterns for path in sorted(directory.glob(pattern))]
     if present and not overwrite:
-        raise ConfigurationError(
-            ErrorCode.EXISTS, f"{present[0]} exists; give --overwrite to replace it, or another directory."
-        )
+        problem = f"{present[0]} exists; give --overwrite to replace it, or another directory."
+        raise ConfigurationError(ErrorCode.EXISTS, problem)
     nearest = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     if not nearest.is_dir():
         raise _unwritable(directory, f"{nearest} is no directory")
@@ -98,13 +81,11 @@ def check_file(path: Path, overwrite: bool, ending: str = "") -> None:
         raise ConfigurationError(ErrorCode.WRONG_SUFFIX, f"{path} does not end in {ending}; name it so.")
     if not path.parent.is_dir():
         code = ErrorCode.NOT_WRITABLE if path.parent.exists() else ErrorCode.NOT_FOUND
-        raise ConfigurationError(
-            code, f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
-        )
+        problem = f"{path.parent} is not a directory; make it, or write {path.name} elsewhere."
+        raise ConfigurationError(code, problem)
     if path.exists() and not overwrite:
-        raise ConfigurationError(
-            ErrorCode.EXISTS, f"{path} exists; give --overwrite to replace it, or another name."
-        )
+        problem = f"{path} exists; give --overwrite to replace it, or another name."
+        raise ConfigurationError(ErrorCode.EXISTS, problem)
 
 
 def check_table(path: Path, overwrite: bool) -> None:
@@ -129,15 +110,12 @@ def table_ending(path: Path) -> str:
     """
     ending = path.suffix.lower()
     if ending not in TABLES:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SUFFIX, f"{path} is no name of a table; it must end in {', '.join(TABLES)}."
-        )
+        problem = f"{path} is no name of a table; it must end in {', '.join(TABLES)}."
+        raise ConfigurationError(ErrorCode.WRONG_SUFFIX, problem)
     if ending == ".parquet" and find_spec("pyarrow") is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE,
-            f'{path} needs pyarrow, which is not installed; run: pip install "jitterkit[parquet]", or '
-            "choose another ending.",
-        )
+        remedy = 'run: pip install "jitterkit[parquet]", or choose another ending'
+        problem = f"{path} needs pyarrow, which is not installed; {remedy}."
+        raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem)
     return ending
 
 

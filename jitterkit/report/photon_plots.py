@@ -12,10 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jitterkit.photons.budget import PhotonBudget
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish
 from jitterkit.report.words import number
-
-__all__ = ["plot_detected", "plot_photons", "plot_starlight", "plot_throughput"]
 
 _MARGIN = 0.35
 """Of the band's width, shown on either side of it."""
@@ -93,10 +91,7 @@ def _finish(ax: Axes, budget: PhotonBudget, label: str, top: float | None = 1.08
     if top is not None:
         ax.set_ylim(0, top * max(float(np.nanmax(line.get_ydata())) for line in ax.lines))
     ax.set(xlim=_range(budget), xlabel="wavelength [nm]", ylabel=label)
-    ax.spines[["top", "right"]].set_visible(False)
-    above: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0.2}
-    ax.legend(ncols=4, frameon=False, fontsize=9, columnspacing=1.4, **above)
-    return ax
+    return finish(ax, ncols=4, fontsize=9, **ABOVE)
 
 
 def _range(budget: PhotonBudget) -> tuple[float, float]:

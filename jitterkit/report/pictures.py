@@ -19,26 +19,10 @@ from jitterkit.frames.frame import Frame
 from jitterkit.loci import LOCI, Locus, locus_name
 from jitterkit.refit.result import FitResult
 from jitterkit.report.kernel_plots import plot_kernel
-from jitterkit.report.plots import (
-    four_panels,
-    plot_image,
-    plot_residual,
-    plot_stars,
-    small_png,
-    stretch,
-)
+from jitterkit.report.plots import four_panels, plot_image, plot_residual, plot_stars, small_png, stretch
 from jitterkit.report.row import Row, make_row
 from jitterkit.report.words import number
 from jitterkit.scene import Stars
-
-__all__ = [
-    "MOST_PICTURES",
-    "FrameReport",
-    "choose_pictures",
-    "pack_picture",
-    "render_frame",
-    "render_picture",
-]
 
 MOST_PICTURES = 24
 """Frames that a report shows."""
@@ -68,7 +52,7 @@ class FrameReport:
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """What is drawn of a frame: images (ny, nx), masked pixels NaN; the scale in arcsec per pixel."""
+    """Arrays to draw of a frame: images (ny, nx), masked pixels NaN; the scale in arcsec per pixel."""
 
     name: str
     plate_scale: float | None
@@ -146,9 +130,8 @@ def choose_pictures(rows: Sequence[Row], limit: int = MOST_PICTURES) -> list[int
         and ties stay in order.
     """
     if limit < 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A report cannot show {limit} pictures; give zero or more."
-        )
+        problem = f"A report cannot show {limit} pictures; give zero or more."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     misfits = [row["chi2_dof"] if math.isfinite(row["chi2_dof"]) else -math.inf for row in rows]
     ordered = sorted(range(len(rows)), key=lambda i: -misfits[i])
     fitted = [i for i in ordered if rows[i]["status"] == "ok"]

@@ -24,17 +24,6 @@ from PIL import Image
 
 from jitterkit.report.axes import axes_or_new, colour_bar, scale_and_unit
 
-__all__ = [
-    "four_panels",
-    "plot_image",
-    "plot_residual",
-    "plot_stars",
-    "png",
-    "small_png",
-    "stretch",
-    "three_panels",
-]
-
 RESIDUAL_LIMIT = 5.0
 _MAPS = ("viridis", "cividis", "RdBu_r")
 _COARSE = 400

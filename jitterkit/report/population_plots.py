@@ -16,11 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import chi2 as chi_squared
 
-from jitterkit.report.averaging_plots import finish, suited_angle
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.averaging_plots import suited_angle
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
 from jitterkit.report.words import number
-
-__all__ = ["plot_angles", "plot_chi2", "plot_loci", "plot_shapes", "plot_sizes"]
 
 _SIZE = (5.2, 3.6)
 _FEWEST, _MOST = 12, 60
@@ -85,15 +83,7 @@ def plot_angles(angles: np.ndarray, theta: float = math.nan, ax: Axes | None = N
     counts, edges = np.histogram(angles % 180, sectors, (0, 180))
     width = 180 / sectors
     ends = np.deg2rad(np.concatenate([edges[:-1], edges[:-1] + 180]))
-    rose.bar(
-        ends,
-        np.sqrt(np.tile(counts, 2)),
-        np.deg2rad(width),
-        align="edge",
-        color=BLUE,
-        alpha=0.6,
-        lw=0,
-    )
+    rose.bar(ends, np.sqrt(np.tile(counts, 2)), np.deg2rad(width), align="edge", color=BLUE, alpha=0.6, lw=0)
     most = max(int(counts.max()), 1)
     rings = sorted({max(round(most / 4), 1), most})
     rose.set_rticks(np.sqrt(rings), [f"{ring:,}" for ring in rings], fontsize=8, color=INK)
@@ -126,8 +116,7 @@ def plot_loci(loci: Iterable[str], ax: Axes | None = None) -> Axes:
     ax.set(xlabel="frames", xlim=(0, 1.35 * max((count for _, count in ranked), default=1)))
     ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     ax.set_ylim(-0.9, max(len(ranked), 3) - 0.4)
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
+    return finish(ax)
 
 
 def plot_shapes(shapes: np.ndarray, errors: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -144,15 +133,9 @@ def plot_shapes(shapes: np.ndarray, errors: np.ndarray, ax: Axes | None = None) 
     error = float(np.median(errors))
     bar: Any = {"color": INK, "lw": 1.4, "capsize": 3, "label": f"typical error {number(error, 2)}"}
     ax.errorbar(float(np.median(shapes)), 1.06 * top, xerr=error, **bar)
-    ax.set(
-        xlabel="excess kurtosis of the blur",
-        ylabel="frames",
-        xlim=(edges[0], edges[-1]),
-        ylim=(0, 1.12 * top),
-    )
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(frameon=False, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return ax
+    ax.set(xlabel="excess kurtosis of the blur", ylabel="frames")
+    ax.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.12 * top))
+    return finish(ax, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def plot_chi2(chi2_dof: np.ndarray, dof: np.ndarray, ax: Axes | None = None) -> Axes:

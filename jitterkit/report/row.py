@@ -2,6 +2,7 @@
 
 Reach for :func:`make_row`.  A row holds what JSON and SQLite hold (text, integers, floats, NaN for
 what was not fitted), so that a ledger can keep it and :mod:`~jitterkit.report.table` can bind it.
+:func:`group_failures` counts failed ones by kind, because nobody reads thousands of messages.
 """
 
 from __future__ import annotations
@@ -9,24 +10,23 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jitterkit.conventions import axis_angle, direction_angle
+from jitterkit.errors import ErrorCode, printable
 from jitterkit.frames.metadata import Metadata
 from jitterkit.report.columns import COLUMNS, aberration_column
 from jitterkit.report.flags import FLAGS, encode_flags
 from jitterkit.report.means import corrected
 from jitterkit.report.star_table import encode_stars
-from jitterkit.report.words import printable
 
-if TYPE_CHECKING:  # at run time a table is read without JAX
+if TYPE_CHECKING:
     from jitterkit.forward import Parameters
     from jitterkit.refit.result import Candidate, FitResult
-
-__all__ = ["Row", "make_row"]
 
 WAVELENGTH = "wavelength_shift"
 """Name of the parameter, as :mod:`jitterkit.optics.colours` has it, which loads more."""
@@ -201,3 +201,53 @@ def _candidates(candidates: Iterable[Candidate]) -> str:
 
 def _rounded(value: float, decimals: int) -> float | None:
     return round(float(value), decimals) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class FailureKind:
+    """Frames that failed alike.
+
+    Attributes
+    ----------
+    status : str
+    reason : str
+        Value of their :class:`~jitterkit.errors.ErrorCode`; empty in a table of version 0.1.9 or earlier.
+    count : int
+    example : dict
+        Row of the first of them.
+    """
+
+    status: str
+    reason: str
+    count: int
+    example: Row
+
+    @property
+    def meaning(self) -> str:
+        """The reason in words."""
+        try:
+            return ErrorCode(self.reason).meaning
+        except ValueError:  # a table of another version
+            return self.reason.replace("_", " ")
+
+
+def group_failures(rows: Iterable[Row]) -> list[FailureKind]:
+    """Count failures by status and reason.
+
+    Parameters
+    ----------
+    rows : iterable of dict
+        Rows of failed frames, with ``status`` and ``reason``.
+
+    Returns
+    -------
+    kinds : list of FailureKind
+        The most frequent first.
+    """
+    found: dict[tuple[str, str], tuple[int, Row]] = {}
+    for row in rows:
+        key = (row["status"], row.get("reason", ""))
+        count, example = found.get(key, (0, row))
+        found[key] = (count + 1, example)
+    kinds = [FailureKind(*key, *held) for key, held in found.items()]
+    return sorted(kinds, key=lambda kind: -kind.count)

@@ -14,12 +14,17 @@ import numpy as np
 from astropy.table import QTable
 from scipy.stats import chi2
 
-from jitterkit.report.averaging_plots import plot_allan, plot_root_n, suited_time
+from jitterkit.report.averaging_plots import (
+    plot_allan,
+    plot_root_n,
+    plot_root_n_error,
+    plot_running_mean,
+    suited_time,
+)
 from jitterkit.report.clock import Clock, fitted, separation_series
 from jitterkit.report.ellipse_plots import draw_jitter, jittered
 from jitterkit.report.plots import png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
-from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
 from jitterkit.report.separation_plots import draw_run
 from jitterkit.report.series_plots import plot_pulls
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
@@ -33,8 +38,6 @@ from jitterkit.series import (
     fit_floor,
     fit_trend,
 )
-
-__all__ = ["RunPicture", "run_pictures"]
 
 _RUNNING = 8
 """Frames from which a mean that grows is drawn, and the jitter with time: a scatter is known to a quarter."""
@@ -226,7 +229,7 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
 
 
 def _say_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
-    """How many frames noise alone does not explain."""
+    """Return how many frames noise alone does not explain."""
     if not np.all(dof > 0):
         return ""
     limit = 1 + _FAR * np.sqrt(2 / dof)

@@ -16,12 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jitterkit.report.averaging_plots import suited_angle, suited_time
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, say
 from jitterkit.report.clock import Clock, fitted
-from jitterkit.report.stretches import Means, stretch_means
+from jitterkit.report.means import Means, stretch_means
 from jitterkit.report.words import angle_size, number
-
-__all__ = ["MANY", "draw_run", "label_time", "plot_separations", "shown_times"]
 
 MANY = 300
 """Points beyond which error bars turn into a haze."""
@@ -116,11 +114,7 @@ def plot_separations(
     if not (ok.all() or means_only):
         _draw_failures(ax, at[~ok])
     label_time(ax, clock)
-    ax.spines[["top", "right"]].set_visible(False)
-    if ax.get_legend_handles_labels()[0]:
-        above: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0.2}
-        ax.legend(ncols=5, frameon=False, fontsize=8, columnspacing=1.2, **above)
-    return ax
+    return finish(ax, ncols=5, **ABOVE)
 
 
 def shown_times(clock: Clock) -> np.ndarray:

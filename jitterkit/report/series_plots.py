@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jitterkit.report.averaging_plots import finish, plot_allan, plot_root_n, suited_angle, suited_time
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
-from jitterkit.report.stretches import stretch_means
+from jitterkit.report.averaging_plots import plot_allan, plot_root_n, suited_angle, suited_time
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
+from jitterkit.report.means import stretch_means
 from jitterkit.report.words import number, with_error
 from jitterkit.series import (
     Floor,
@@ -29,8 +29,6 @@ from jitterkit.series import (
     fit_floor,
     fit_trend,
 )
-
-__all__ = ["plot_averaging", "plot_pulls", "plot_series"]
 
 _SIZE = (5.2, 3.6)
 _MANY, _BLOCKS = 300, 40

@@ -14,7 +14,6 @@ if TYPE_CHECKING:  # at run time a table is read without JAX
 
     from jitterkit.refit.result import FitResult
 
-__all__ = ["encode_stars", "star_table"]
 
 _NUMBERS = (
     *measured("x", "offset from the frame's centre", "arcsec"),

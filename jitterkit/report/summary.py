@@ -17,10 +17,7 @@ from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
 from jitterkit.report.means import corrected, weighted_mean
-from jitterkit.report.run_fit import assess_run_fit
-from jitterkit.report.sequence import compare_loci
-
-__all__ = ["summarise", "write_summary"]
+from jitterkit.report.sequence import assess_run_fit, compare_loci
 
 
 def summarise(table: QTable) -> dict[str, Any]:
@@ -42,7 +39,7 @@ def summarise(table: QTable) -> dict[str, Any]:
         ``jitter``, the plain mean of the second moments [arcsec²] and its principal axes [arcsec, deg];
         ``shape``, the excess kurtosis as :func:`weighted_mean` has it; ``loci``, what the frames say
         together, from :func:`~jitterkit.report.sequence.compare_loci`; ``chi2_dof``, the median over frames;
-        ``fit``, how well all fit together, from :func:`~jitterkit.report.run_fit.assess_run_fit`;
+        ``fit``, how well all fit together, from :func:`~jitterkit.report.sequence.assess_run_fit`;
         ``seconds``, the total.
 
     Notes

@@ -10,8 +10,6 @@ from astropy.table import QTable
 
 from jitterkit.forecast import SystematicError
 
-__all__ = ["systematics_table"]
-
 _COLUMNS = {
     "size": "of one standard deviation, where the effect is random",
     "fitted": "whether the fit has parameters for it; the row is of a fit that holds them",

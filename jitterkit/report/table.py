@@ -19,15 +19,12 @@ from astropy.table import MaskedColumn, QTable
 from astropy.units import Unit
 from astropy.utils.exceptions import AstropyUserWarning
 
+from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
 from jitterkit.report.columns import COLUMNS, Column, aberration_columns
 from jitterkit.report.flags import flag_meanings
 from jitterkit.report.outputs import table_ending
 from jitterkit.report.row import Row
-from jitterkit.report.words import printable
-
-__all__ = ["aberration_names", "make_table", "read_table", "write_table"]
-
 
 _KINDS: dict[type, Any] = {float: lambda: array("d"), int: lambda: array("q"), str: list}
 """What holds a column while rows come in: a number in 8 bytes, not in the 32 that a list of them takes."""
@@ -87,7 +84,7 @@ def _layout(aberrations: Iterable[str]) -> list[Column]:
 
 
 def aberration_names(columns: Iterable[str]) -> list[str]:
-    """Which of a table's (or a row's) columns are aberrations, in natural order.
+    """Return which of a table's (or a row's) columns are aberrations, in natural order.
 
     >>> aberration_names(["flux", "noll10", "noll10_err", "noll4", "noll4_err"])
     ['noll4', 'noll10']

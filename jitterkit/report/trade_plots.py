@@ -11,8 +11,6 @@ from matplotlib.transforms import Bbox
 
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
 
-__all__ = ["plot_trade"]
-
 _PLACES = (3, -9, 11, -17, 19)
 """Points above a point at which its name may stand."""
 

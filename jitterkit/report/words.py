@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import math
 
-from jitterkit.errors import printable
-
-__all__ = ["angle_size", "angle_unit", "by_scale", "ellipse_size", "number", "printable", "with_error"]
-
 MINUS, TIMES, MICRO = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}", "\N{MICRO SIGN}"
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NOTHING = "\N{EN DASH}"

@@ -15,8 +15,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.laws import degrees_of_freedom
 from jitterkit.series.series import Series
 
-__all__ = ["AllanDeviation", "BlockScatter", "allan_deviation", "block_scatter"]
-
 _ONE_SIGMA = 0.6827
 _FULL = 0.5
 """Share of the fullest block's measurements that a block must hold to be a mean of that length."""

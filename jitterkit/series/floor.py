@@ -14,11 +14,8 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.series.components import Components, State, fit_components
-from jitterkit.series.haar import haar_coefficients
+from jitterkit.series.components import Components, State, fit_components, haar_coefficients
 from jitterkit.series.series import Series
-
-__all__ = ["Floor", "fit_floor"]
 
 _FEWEST = 16
 """Measurements of which noise can be told from noise at all: four octaves."""
@@ -137,14 +134,12 @@ def fit_floor(
     slow noise is neither flat nor a walk, as a period is.
     """
     if known_errors and not series.stated:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, "No errors are stated that could be known; give errors, or fit them."
-        )
+        problem = "No errors are stated that could be known; give errors, or fit them."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     model = _Model(series, degree, known_errors)
     if (n := len(model.haar.values) + 1) < _FEWEST:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"{n} measurements do not show a floor; give {_FEWEST} or more."
-        )
+        problem = f"{n} measurements do not show a floor; give {_FEWEST} or more."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     white, flicker, both = (model.fit(*red) for red in ((False, False), (True, False), (True, True)))
     chosen, unit = both if walk else flicker, model.unit
     ratio = max(0.0, 2 * (flicker.log_likelihood - white.log_likelihood))

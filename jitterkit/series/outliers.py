@@ -13,8 +13,6 @@ from scipy.stats import t as student
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.series import Series
 
-__all__ = ["Outliers", "find_outliers"]
-
 _FEWEST = 15
 """Measurements from which the test holds: of 15 normal ones 8 % are flagged where 5 % are asked for, 1.6 %
 where 1 %; of 100 and more 5 to 6 %, and 1.2 %."""
@@ -32,7 +30,7 @@ _ROUNDS, _SETTLED = 30, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Outliers:
-    """Which measurements of a series do not belong.
+    """Measurements of a series that do not belong.
 
     Attributes
     ----------
@@ -93,9 +91,8 @@ def find_outliers(series: Series, *, degree: int = 1, expected: float = 0.01, mo
     y, e, t = series.present
     n = len(y)
     if n < _FEWEST:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"{n} measurements do not tell which does not belong; give {_FEWEST} or more."
-        )
+        problem = f"{n} measurements do not tell which does not belong; give {_FEWEST} or more."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     trend = _robust_trend(y, e, t, degree)
     z = (y - trend) / e
     far = _far(z, max(1, int(most * n)), expected, degree)

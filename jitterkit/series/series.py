@@ -10,9 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
-
-__all__ = ["Series"]
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 
 _SLOTS, _FINE = 1 << 24, 1 << 20
 """The longest grid, of arrays of 128 MiB, and the longest chosen here, which takes a second or two."""
@@ -72,38 +70,26 @@ class Series:
             )
         good = np.isfinite(y) & np.isfinite(e) & (e > 0)
         if good.sum() < 3:
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW, f"{good.sum()} measurements are no series; give three or more."
-            )
+            problem = f"{good.sum()} measurements are no series; give three or more."
+            raise ConfigurationError(ErrorCode.TOO_FEW, problem)
         if np.ptp(y[good]) == 0:
-            raise ConfigurationError(
-                ErrorCode.UNSUPPORTED, f"All values are {y[good][0]:g}; a series of one value has no scatter."
-            )
+            problem = f"All values are {y[good][0]:g}; a series of one value has no scatter."
+            raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
         for row in np.flatnonzero(good & ~np.isfinite(t)):
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE,
-                f"The time of measurement {row + 1} is {t[row]:g}; give a time to each, or to none.",
-            )
+            problem = f"The time of measurement {row + 1} is {t[row]:g}; give a time to each, or to none."
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         step = _cadence(np.sort(t[good])) if times is not None and cadence is None else step
-        if not (np.isfinite(step) and step > 0):
-            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"The cadence is {step:g}; give a positive one.")
-        if np.ptp(t[good]) < 2 * step:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a shorter "
-                "cadence.",
-            )
-        if np.ptp(t[good]) > (_SLOTS - 1) * step:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"At a cadence of {step:g} the times span {np.ptp(t[good]) / step:.3g} steps; give a cadence "
-                f"of {np.ptp(t[good]) / _SLOTS:.2g} or more.",
-            )
+        positive("cadence", step)
+        span = float(np.ptp(t[good]))
+        if not 2 * step <= span <= (_SLOTS - 1) * step:
+            problem = f"At a cadence of {step:g} the times span {span / step:.3g} steps"
+            remedy = "a shorter cadence" if span < 2 * step else f"a cadence of {span / _SLOTS:.2g} or more"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give {remedy}.")
         return cls(np.where(good, y, np.nan), np.where(good, e, np.nan), t, step, errors is not None)
 
     @property
     def good(self) -> np.ndarray:
-        """Which measurements are there, (n,) bool."""
+        """Return which measurements are there, (n,) bool."""
         return np.isfinite(self.values)
 
     def without(self, flags: np.ndarray) -> Series:
@@ -112,7 +98,7 @@ class Series:
 
     @property
     def slots(self) -> np.ndarray:
-        """Of the measurements that are there, the place on a grid of the cadence."""
+        """Return the place of each measurement that is there on a grid of the cadence."""
         times = self.present[2]
         return np.rint((times - times.min()) / self.cadence).astype(int)
 
@@ -141,8 +127,7 @@ def _cadence(times: np.ndarray) -> float:
     steps = np.diff(times)
     steps = steps[steps > 0]
     if not len(steps):
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"All times are {times[0]:g}; give the time of each measurement."
-        )
+        problem = f"All times are {times[0]:g}; give the time of each measurement."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     step = float(steps.sum() / np.rint(steps / np.median(steps)).sum())
     return max(step, float(times[-1] - times[0]) / _FINE)

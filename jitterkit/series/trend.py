@@ -1,7 +1,7 @@
-"""The slow change of a series: what it is, and when its mean holds.
+"""The change of a series with time: its slow trend, when its mean holds, and its best period.
 
-Reach for :func:`fit_trend`.  A planet's pull is a slow trend in the separation: to be reported, not averaged
-away.  Where averaging stops at a floor, tell it: flicker makes slopes, too.
+Reach for :func:`fit_trend` and :func:`find_period`.  A planet's pull is a slow trend in the separation: to be
+reported, not averaged away.  Where averaging stops at a floor, tell it: flicker makes slopes, too.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from astropy.timeseries import LombScargle
+from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, f
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.series.floor import Floor
 from jitterkit.series.laws import contrast_covariance
 from jitterkit.series.series import Series
-
-__all__ = ["Trend", "fit_trend"]
 
 _HIGHEST = 3
 
@@ -104,13 +104,11 @@ def fit_trend(series: Series, degree: int = 1, *, noise: Floor | None = None) ->
     """
     y, e, t = series.present
     if degree not in range(_HIGHEST + 1):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A trend of degree {degree} is not fitted; give 0 to {_HIGHEST}."
-        )
+        problem = f"A trend of degree {degree} is not fitted; give 0 to {_HIGHEST}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     if (times := len(np.unique(t))) < degree + 2:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW, f"{times} times have no trend of degree {degree} to test; give more."
-        )
+        problem = f"{times} times have no trend of degree {degree} to test; give more."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     weights = (e.min() / e) ** 2
     epoch, span = float(t[0] + np.average(t - t[0], weights=weights)), float(np.ptp(t)) / 2
     recurrence = _recurrence((t - epoch) / span, weights, degree)
@@ -146,7 +144,7 @@ def fit_trend(series: Series, degree: int = 1, *, noise: Floor | None = None) ->
 
 
 def _chances(terms: np.ndarray, covariance: np.ndarray, dof: int) -> tuple[np.ndarray, float]:
-    """Of each term above the mean and of all; with degrees of freedom where the scatter had to be found."""
+    """Return the chance of each term above the mean and of all; ``dof`` where the scatter had to be found."""
 
     def chance(gain, count: int) -> np.ndarray:
         return f.sf(gain / count, count, dof) if dof else chi2.sf(gain, count)
@@ -157,7 +155,7 @@ def _chances(terms: np.ndarray, covariance: np.ndarray, dof: int) -> tuple[np.nd
 
 
 def _red(series: Series, makers: np.ndarray, noise: Floor) -> np.ndarray:
-    """What flicker and a walk add to the covariance of the terms; the mean is no contrast."""
+    """Return what flicker and a walk add to the covariance of the terms; the mean is no contrast."""
     slots = series.slots
     contrasts = np.zeros((slots.max() + 1, makers.shape[1] - 1))
     np.add.at(contrasts, slots, makers[:, 1:])
@@ -189,3 +187,86 @@ def _polynomials(x: np.ndarray, table: np.ndarray) -> np.ndarray:
         new = (x - table[0, k]) * found[k] - (table[1, k] * found[k - 1] if k else 0.0)
         found.append(new / table[1, k + 1])
     return np.stack(found, axis=-1)
+
+
+_OVERSAMPLE = 5
+_FEWEST = 8
+"""Measurements; a sinusoid with a mean and a trend has five numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Period:
+    """The sinusoid that takes most of a series' scatter.
+
+    Attributes
+    ----------
+    period : float
+        In the unit of the times.
+    amplitude, amplitude_error : float
+        Zero to peak, and the error of either of its two components under white noise.
+    false_alarm : float
+        How often the best period of white noise takes so much; an upper bound.
+    power : float
+        The share of chi-squared about the trend that it takes.
+    """
+
+    period: float
+    amplitude: float
+    amplitude_error: float
+    false_alarm: float
+    power: float
+
+
+def find_period(series: Series, *, degree: int = 1, shortest: float | None = None) -> Period:
+    """Search a series for a period.
+
+    Parameters
+    ----------
+    series : Series
+    degree : int
+        Of the trend that is taken off first.
+    shortest : float, optional
+        Shortest period, in the unit of the times; two cadences if not given.  The longest is the series.
+
+    Returns
+    -------
+    period : Period
+
+    Raises
+    ------
+    ConfigurationError
+        If there are fewer than eight measurements, or the shortest period is longer than the series.
+
+    Notes
+    -----
+    The least-squares periodogram with a free mean (Zechmeister & Kürster 2009), its false alarms by the bound
+    of Baluev (2008), which holds whatever one factor the errors are off by.
+
+    *Assumes* white noise.  *Fails when* there is a floor: flicker always has a longest period.
+    """
+    y, e, t = series.present
+    span = float(np.ptp(t))
+    shortest = 2 * series.cadence if shortest is None else shortest
+    if len(y) < _FEWEST or not 0 < shortest < span:
+        raise ConfigurationError(
+            ErrorCode.TOO_FEW if len(y) < _FEWEST else ErrorCode.OUT_OF_RANGE,
+            f"{len(y)} measurements over {span:g} show no period down to {shortest:g}; give {_FEWEST} or "
+            "more, and a period within them.",
+        )
+    lag = t - t.min()
+    search = LombScargle(lag, y - fit_trend(series, degree).at(t), e, fit_mean=True)
+    step = 1 / (_OVERSAMPLE * span)
+    frequencies = np.arange(1 / span, 1 / shortest + step / 2, step)
+    powers = search.power(frequencies, method="fast", assume_regular_frequency=True)
+    near = frequencies[np.argmax(powers)]
+    found = minimize_scalar(
+        lambda f: -float(search.power(f, method="cython")),
+        bounds=(near - step, near + step),
+        method="bounded",
+    )
+    best, power = float(found.x), -float(found.fun)
+    alarm = search.false_alarm_probability(power, maximum_frequency=1 / shortest, method="baluev")
+    _, sine, cosine = search.model_parameters(best)
+    scatter = 1.0 if series.stated else float(np.std(y - fit_trend(series, degree).at(t), ddof=degree + 1))
+    error = scatter * math.sqrt(2 / float(np.sum(e**-2)))
+    return Period(1 / best, math.hypot(sine, cosine), error, float(alarm), power)

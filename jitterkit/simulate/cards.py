@@ -19,8 +19,6 @@ from jitterkit.scene import Scene
 from jitterkit.shutter import Drifting, Shutter
 from jitterkit.simulate.frames import Simulated
 
-__all__ = ["fits_header", "tiff_metadata", "truth_cards"]
-
 Cards = dict[str, tuple[Any, str]]
 
 _SCENE = {

@@ -9,8 +9,6 @@ from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Scene
 
-__all__ = ["check_reach", "check_scene"]
-
 
 def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
     """Refuse what cannot be.
@@ -36,9 +34,8 @@ def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
         if rule and not least <= value < np.inf:
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} {rule}.")
         if not np.isfinite(value):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"{name} = {value:g} is not a finite number; give one."
-            )
+            problem = f"{name} = {value:g} is not a finite number; give one."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:

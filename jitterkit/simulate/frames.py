@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.detectors.detector import ASSUMED
+from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames.frame import RawFrame
@@ -25,8 +25,6 @@ from jitterkit.scene import Scene
 from jitterkit.shutter import Shutter, with_enough_nodes
 from jitterkit.simulate.checks import check_reach, check_scene
 from jitterkit.simulate.rolling import drifting_shutter, line_time_of
-
-__all__ = ["Simulated", "simulate_frame", "simulate_sequence"]
 
 _SOURCE = "argument of the simulation"
 
@@ -110,9 +108,8 @@ def simulate_frame(
         padded grid and come back on its other side.
     """
     if velocity is not None and shutter is not None:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "Give a velocity or a shutter, not both: a shutter holds its own motion."
-        )
+        problem = "Give a velocity or a shutter, not both: a shutter holds its own motion."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     check_scene(scene, locus, background)
     state = np.zeros(len(instrument.aberrations)) if aberrations is None else np.asarray(aberrations, float)
     if otf is None:
@@ -184,27 +181,20 @@ def simulate_sequence(
     changes = {"separation": separation, "theta": theta, "x": x, "y": y, "flux": flux}
     changes = {name: values for name, values in changes.items() if values is not None}
     for name in set(changes) - set(scene.names):
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"A {scene.name} has no {name}; there are {', '.join(scene.names)}."
-        )
+        problem = f"A {scene.name} has no {name}; there are {', '.join(scene.names)}."
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
     for name, values in changes.items():
         if np.shape(values) != (frames,):
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"{name} has shape {np.shape(values)}; give one value for each of {frames} frames.",
-            )
+            problem = f"{name} has shape {np.shape(values)}; give one value for each of {frames} frames."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     loci = [locus] * frames if isinstance(locus, Locus) else locus
     if len(loci) != frames:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"locus has {len(loci)} loci; give one, or one for each of {frames} frames.",
-        )
+        problem = f"locus has {len(loci)} loci; give one, or one for each of {frames} frames."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     shutters = shutter if isinstance(shutter, Sequence) else [shutter] * frames
     if len(shutters) != frames:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"shutter has {len(shutters)}; give one, or one for each of {frames} frames.",
-        )
+        problem = f"shutter has {len(shutters)}; give one, or one for each of {frames} frames."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     velocities = [None] * frames if velocity is None else _each("velocity", velocity, 2, frames, "arcsec/s")
     states = _each("aberrations", aberrations, len(instrument.aberrations), frames, "nm")
     otf = None
@@ -232,10 +222,8 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
     """Values (frames, width), zero if not given, from one row for all frames or one for each."""
     given = np.zeros(width) if values is None else np.asarray(values, float)
     if given.shape not in ((width,), (frames, width)):
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}.",
-        )
+        problem = f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     return np.broadcast_to(given, (frames, width))
 
 

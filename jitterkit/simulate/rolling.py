@@ -8,8 +8,6 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.shutter import Drifting
 
-__all__ = ["drifting_shutter", "line_time_of"]
-
 
 def line_time_of(detector: Detector, row_order: int) -> float | None:
     """Time [s] from a row's exposure to that of the row above it in memory; None where nobody says."""

@@ -11,8 +11,6 @@ from astropy.units import Quantity, UnitConversionError
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.scene import Stars
 
-__all__ = ["read_stars"]
-
 _UNITS = {"x": "arcsec", "y": "arcsec", "flux": "electron"}
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.starfield.moments import Moments
 
-__all__ = ["Common", "common_moments"]
-
 _OUTLIER = 25.0
 """Squared distance, of three degrees of freedom, beyond which a star is a blend: 2e-5 by chance."""
 
@@ -88,10 +86,8 @@ def common_moments(moments: Moments) -> Common:
         )
     values, noise, used = moments.moments, moments.covariance, _narrow(moments)
     if not used.any():
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW_STARS,
-            "No isolated star has a measurable shape; expose longer or give a larger frame.",
-        )
+        problem = "No isolated star has a measurable shape; expose longer or give a larger frame."
+        raise UndeterminedError(ErrorCode.TOO_FEW_STARS, problem)
     mean, scatter = np.median(values[used], axis=0), np.zeros((3, 3))
     several = used.sum() >= _LEAST
     if several:
@@ -129,7 +125,7 @@ def _narrow(moments: Moments) -> np.ndarray:
 
 
 def _agree(values: np.ndarray, weights: np.ndarray) -> bool:
-    """Whether moments (n, 3) are alike in elongation and size."""
+    """Return whether moments (n, 3) are alike in elongation and size."""
     n = len(values)
     if n < 2:
         return False

@@ -22,8 +22,6 @@ from jitterkit.frames import Frame
 from jitterkit.starfield.stamps import Stars, cut_out, stand_alone
 from jitterkit.vision import median_filter
 
-__all__ = ["find_stars"]
-
 _BOX = 64
 """Side of a box of the background [pixels]: some ten trailed stars wide."""
 
@@ -115,11 +113,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     if not alone.any():
         full = len(np.unique(found.labels[ceiling & (found.labels > 0)]))
         why = f" ({full} of {len(found.flux)} are saturated: their tops are flat)" if full else ""
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW_STARS,
-            f"No star of the frame stands alone, clear of bad pixels and of the edge{why}; "
-            "choose a less crowded part of it.",
-        )
+        problem = f"No star of the frame stands alone, clear of bad pixels and of the edge{why}"
+        raise UndeterminedError(ErrorCode.TOO_FEW_STARS, f"{problem}; choose a less crowded part of it.")
     return stars.chosen(alone)
 
 
@@ -190,9 +185,8 @@ def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) ->
     bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
     bright &= np.isfinite(x + y + long)
     if not bright.any():
-        raise UndeterminedError(
-            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
-        )
+        problem = "No star rises above the noise of the frame; expose longer or stack frames."
+        raise UndeterminedError(ErrorCode.NO_STAR, problem)
     numbers = np.asarray(catalog.labels)
     return _Regions(
         regions.data,
@@ -214,9 +208,8 @@ def _segments(image: np.ndarray, noise: np.ndarray):
         warnings.simplefilter("ignore", NoDetectionsWarning)
         whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
     if whole is None:
-        raise UndeterminedError(
-            ErrorCode.NO_STAR, "No star rises above the noise of the frame; expose longer or stack frames."
-        )
+        problem = "No star rises above the noise of the frame; expose longer or stack frames."
+        raise UndeterminedError(ErrorCode.NO_STAR, problem)
     split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
     for wing, star in _wings(smooth, split.data):
         split.reassign_label(wing, star)
@@ -244,7 +237,7 @@ def _fwhm(image: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def _blended(image: np.ndarray, labels: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Which regions are faint parts of a larger one, or share it with another that is not faint."""
+    """Return which regions are faint parts of a larger one, or share it with another that is not faint."""
     numbers, first = np.unique(labels, return_index=True)
     parents = whole.ravel()[first[numbers > 0]]
     peaks = ndimage.maximum(image, labels, numbers[numbers > 0])

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jitterkit.conventions import axis_angle
-from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
+from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError, positive
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
@@ -26,8 +26,6 @@ from jitterkit.starfield.stamps import Stars
 from jitterkit.starfield.trail import Trail, trail_against, trail_alone
 from jitterkit.starfield.verdict import Verdict, judge
 
-__all__ = ["FieldEstimate", "estimate_field", "roundest"]
-
 _NO_PATTERN = ("smear", "round", "undetermined")
 """Verdicts that say nothing of optics, and nothing where stars are as sharp as the reference's."""
 
@@ -36,7 +34,7 @@ _AS_SHARP = "sharp: the frame is as sharp as the reference, within the noise of 
 
 @dataclass(frozen=True, eq=False)
 class FieldEstimate:
-    """What a field of stars says about its blur.
+    """A blur as a field of stars shows it.
 
     Attributes
     ----------
@@ -121,10 +119,7 @@ def estimate_field(
     bright stars.  In other units errors are right only so far as scatter from star to star makes them.
     """
     scale = plate_scale if plate_scale is not None else (frame.plate_scale or 1.0)
-    if not (np.isfinite(scale) and scale > 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"The plate scale must be positive, in arcsec per pixel; got {scale}."
-        )
+    positive("plate_scale", scale, "arcsec/pixel")
     stars = find_stars(frame)
     moments = adaptive_moments(stars)
     common = common_moments(moments)
@@ -138,11 +133,9 @@ def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
     """PSF of a sharp frame, in stamps as wide as the trailed stars'."""
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
-        raise ConfigurationError(
-            ErrorCode.WRONG_INSTRUMENT,
-            f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}; "
-            "give a reference on the same pixels.",
-        )
+        problem = f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}"
+        remedy = "give a reference on the same pixels"
+        raise ConfigurationError(ErrorCode.WRONG_INSTRUMENT, f"{problem}; {remedy}.")
     return field_psf(reference, half=stars.electrons.shape[-1] // 2)
 
 
@@ -171,21 +164,13 @@ def roundest(frames: Sequence[Frame]) -> int:
         except UndeterminedError:
             sizes.append(np.inf)
     if not sizes or not np.isfinite(min(sizes)):
-        raise UndeterminedError(
-            ErrorCode.TOO_FEW_STARS,
-            f"No isolated star is seen in any of {len(sizes)} frames; give sharper ones.",
-        )
+        problem = f"No isolated star is seen in any of {len(sizes)} frames; give sharper ones."
+        raise UndeterminedError(ErrorCode.TOO_FEW_STARS, problem)
     return int(np.argmin(sizes))
 
 
 def _record(
-    source: str,
-    stars: Stars,
-    moments: Moments,
-    common: Common,
-    trail: Trail,
-    psf: Psf | None,
-    scale: float,
+    source: str, stars: Stars, moments: Moments, common: Common, trail: Trail, psf: Psf | None, scale: float
 ) -> FieldEstimate:
     """Everything in arcsec."""
     area = scale**2

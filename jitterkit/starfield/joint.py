@@ -22,8 +22,6 @@ from jitterkit.scene import Star
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.stamps import Stars
 
-__all__ = ["JointFit", "fit_joint"]
-
 _CHUNK = 32
 """Stars per call, the last call filled up: the number of stars must not be compiled anew."""
 

@@ -14,8 +14,6 @@ import numpy as np
 
 from jitterkit.starfield.stamps import Stars
 
-__all__ = ["Moments", "adaptive_moments"]
-
 _PASSES, _ARRIVED = 60, 1e-10
 """Of the fixed point, each of which about halves what is left [pixels²]."""
 
@@ -53,7 +51,7 @@ class Moments(NamedTuple):
     sound: np.ndarray
 
     def chosen(self, which: np.ndarray) -> Moments:
-        """Those of some of the stars, by index or boolean array."""
+        """Return the moments of some of the stars, by index or boolean array."""
         return Moments(*(array[which] for array in self))
 
 
@@ -129,7 +127,7 @@ def _sums(light: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
 
 
 def _equations(state: np.ndarray, images: np.ndarray) -> np.ndarray:
-    """What vanishes (n, 5) at the fixed point: the weighted moments less half the weight's."""
+    """Return what vanishes (n, 5) at the fixed point: the weighted moments less half the weight's."""
     weight, dx, dy = _weight(state, images.shape[-1])
     half = np.concatenate([np.zeros((len(state), 2)), state[:, 2:] / 2], axis=1)
     return _sums(weight * images, dx, dy) - half * _light(weight * images)

@@ -18,8 +18,6 @@ from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.moments import Moments, adaptive_moments
 from jitterkit.starfield.stamps import Stars
 
-__all__ = ["Psf", "field_psf", "stack_psf"]
-
 _ROUNDS = 3
 """Passes in which pixels that a star lacks are filled with what the others show there."""
 
@@ -112,10 +110,8 @@ def stack_psf(stars: Stars, moments: Moments) -> Psf:
         filled = np.where(stars.used, stars.electrons, model)
     whole = float(mean.sum())
     if not whole > 0:
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"The stacked stars ({len(stars)}) hold no light above their surroundings; they are no stars.",
-        )
+        problem = f"The stacked stars ({len(stars)}) hold no light above their surroundings"
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}; they are no stars.")
     error = np.sqrt(np.tensordot(weight**2, np.where(stars.used, variance, 0.0), 1)) / total
     return Psf(mean / whole, error / whole, common.moments, common.covariance, len(stars))
 

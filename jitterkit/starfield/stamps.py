@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
-
-__all__ = ["Stars", "cut_out", "stand_alone"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +46,13 @@ class Stars:
 
     @property
     def variance(self) -> np.ndarray:
-        """Of ``electrons`` (n, s, s), photon noise of the star included; without it where not used."""
+        """Return the variance of ``electrons`` (n, s, s); of pixels not used without photon noise."""
         return self.sky_variance + np.where(self.used, np.clip(self.electrons, 0, None), 0.0) / self.response
 
     def chosen(self, which: np.ndarray) -> Stars:
         """Some of the stars, by index or boolean array."""
-        return Stars(
-            self.x[which],
-            self.y[which],
-            self.electrons[which],
-            self.sky_variance[which],
-            self.response[which],
-            self.used[which],
-            self.frame_shape,
-        )
+        arrays = {name: value[which] for name, value in vars(self).items() if name != "frame_shape"}
+        return replace(self, **arrays)
 
 
 def cut_out(image, variance, response, bad, labels, x, y, own, half: int) -> Stars:
@@ -82,7 +73,7 @@ def cut_out(image, variance, response, bad, labels, x, y, own, half: int) -> Sta
 
 
 def stand_alone(stars: Stars, radius: float) -> np.ndarray:
-    """Which stars have every pixel within a radius [pixels]."""
+    """Return which stars have every pixel within a radius [pixels]."""
     half = stars.used.shape[-1] // 2
     grid = np.arange(-half, half + 1)
     core = np.hypot(*np.meshgrid(grid, grid)) < max(radius, 2.0)

@@ -16,17 +16,21 @@ import numpy as np
 from jitterkit.kernel_estimate import refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis
 from jitterkit.optics import OTF, empirical_otf
-from jitterkit.starfield.certainty import coarse_sampling, compatible_with_zero, disagreement, root_error
+from jitterkit.starfield.certainty import (
+    TOLERATED,
+    coarse_sampling,
+    compatible_with_zero,
+    disagreement,
+    elongation,
+    is_blurred,
+    root_error,
+)
 from jitterkit.starfield.common import Common
-from jitterkit.starfield.core import fit_round_core
+from jitterkit.starfield.core import doubt_of, fit_round_core, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
-from jitterkit.starfield.misfit import doubt_of, misfit_under
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.psf import Psf, stack_psf
-from jitterkit.starfield.sharpness import TOLERATED, elongation, is_blurred
 from jitterkit.starfield.stamps import Stars
-
-__all__ = ["Trail", "trail_against", "trail_alone"]
 
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""

@@ -22,8 +22,6 @@ from scipy.optimize import least_squares
 
 from jitterkit.conventions import axis_angle
 
-__all__ = ["Verdict", "judge"]
-
 _LEAST = 8
 """Stars below which nothing is said."""
 
@@ -39,7 +37,7 @@ _NOTABLE = 0.1
 
 @dataclass(frozen=True)
 class Verdict:
-    """What makes the stars of a field long.
+    """The reason why the stars of a field are long.
 
     Attributes
     ----------

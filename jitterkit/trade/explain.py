@@ -13,8 +13,6 @@ from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.plan import Plan
 from jitterkit.trade.settings import Settings, own_pad
 
-__all__ = ["explain"]
-
 _UNKNOWN = 100.0
 """nm, beyond which the error of an aberration says that a frame does not tell it."""
 
@@ -57,7 +55,7 @@ def explain(outlook: Outlook, plan: Plan) -> Iterator[str]:
 
 
 def _cost(outlook: Outlook, settings: Settings, name: str) -> str:
-    """What the next cheaper rung of a setting would cost."""
+    """Return what the next cheaper rung of a setting would cost."""
     value, rungs = getattr(settings, name), RUNGS[name]
     cheaper = [one for one in rungs if can_be_had(name, one, outlook.instrument)]
     if value is not None:
@@ -97,7 +95,7 @@ def _aberrations(outlook: Outlook, plan: Plan) -> Iterator[str]:
 
 
 def _jitter(outlook: Outlook, settings: Settings) -> str:
-    """What was fitted of the jitter, by whose choice, and what it costs to leave it out, or would."""
+    """Return what was fitted of the jitter, by whose choice, and what it costs to leave it out, or would."""
     counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in outlook.examples)
     found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
     auto = outlook.examples[0].processor.locus == "auto"

@@ -22,11 +22,9 @@ from jitterkit.errors import JitterkitError
 from jitterkit.frames import Frame
 from jitterkit.instruments import Instrument
 from jitterkit.loci import LOCI
-from jitterkit.trade.fitting import Fitting
+from jitterkit.trade.methods import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
-
-__all__ = ["RUNGS", "Point", "can_be_had", "climb_ladder", "front", "measure"]
 
 RUNGS: dict[str, tuple[Any, ...]] = {
     "pad": (0, 8, 16, 32, 64, 96, 128),
@@ -53,7 +51,7 @@ _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgErro
 
 @dataclass(frozen=True)
 class Point:
-    """What settings cost and give.
+    """Settings with their cost and their errors.
 
     Attributes
     ----------
@@ -91,7 +89,7 @@ class Point:
 
 
 class Reference(NamedTuple):
-    """What other settings are compared with.
+    """Separations with which those of other settings are compared.
 
     Attributes
     ----------
@@ -108,12 +106,7 @@ class Reference(NamedTuple):
     bound: float
 
 
-def climb_ladder(
-    instrument: Instrument,
-    scene: TradeScene,
-    *,
-    locus: str = "mvn",
-) -> Iterator[Point]:
+def climb_ladder(instrument: Instrument, scene: TradeScene, *, locus: str = "mvn") -> Iterator[Point]:
     """Measure the presets, and every rung of every setting with the others as they are in ``balanced``.
 
     Parameters
@@ -151,7 +144,7 @@ def climb_ladder(
 
 
 def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "mvn") -> bool:
-    """Whether frames of an instrument with a jitter can be modelled and fitted so."""
+    """Return whether frames of an instrument with a jitter can be modelled and fitted so."""
     if setting == "samples":
         spectrum = instrument.spectrum
         return spectrum is not None and len(spectrum.sampled(value).wavelengths) == value
@@ -165,7 +158,7 @@ def can_be_had(setting: str, value: Any, instrument: Instrument, locus: str = "m
 
 
 def _resolved(settings: Settings, instrument: Instrument) -> tuple[Hashable, ...]:
-    """What settings come to for an instrument: equal where they are the same."""
+    """Return what settings come to for an instrument: equal where they are the same."""
     ny, nx = instrument.shape
     side, spectrum = settings.region or max(ny, nx), instrument.spectrum
     if spectrum is not None and settings.samples is not None:
@@ -227,7 +220,7 @@ def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locu
 
 
 def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.ndarray]:
-    """What is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec.
+    """Return what is wrong with the separations (n,) of frames without noise, and the errors stated, arcsec.
 
     Turned ones are left out where a method asks for frames that share their direction.
     """
@@ -249,7 +242,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """Those of which no other of this package is both as fast and as exact, from the fastest on."""
+    """Return the points that no other of this package beats in time and error, from the fastest on."""
     ours = (point for point in points if point.settings is not None)
     sound = sorted((p for p in ours if math.isfinite(p.error)), key=lambda p: (p.seconds, p.error))
     best, least = [], math.inf

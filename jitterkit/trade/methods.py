@@ -1,6 +1,7 @@
 """Ways from frames to their separations, from a glance at each to the whole of its posterior.
 
-Reach for :func:`separations`.
+Reach for :func:`separations`, and for :class:`Fitting` to have them as a long run does, with the time of
+each.
 
 * ``score``: the fit of a normal with which ``jitterkit estimate`` begins.
 * ``mtf``: the blur by the ratio of transfer functions, held as if it were known; all else is fitted.
@@ -13,9 +14,10 @@ Reach for :func:`separations`.
 from __future__ import annotations
 
 import math
+import time
 import zlib
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -23,13 +25,11 @@ import numpy as np
 from jitterkit.batch import FrameProcessor
 from jitterkit.batch.records import SceneEstimate
 from jitterkit.errors import ErrorCode, JitterkitError
-from jitterkit.frames import Frame
+from jitterkit.frames import Frame, RawFrame
 from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, fit_frame, sample_posterior
-
-__all__ = ["separations"]
 
 _DRAWS, _CHAINS, _WARMUP = 150, 1, 60
 """Fewer than serve for the error itself: what they leave of the mean is what is measured."""
@@ -104,7 +104,7 @@ _OF_ONE: dict[str, Callable[[FrameProcessor, Frame], tuple[float, float]]] = {
 
 
 def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
-    """What each says, all that they share known by all of them, with the joint error."""
+    """Return what each says, all that they share known by all of them, with the joint error."""
     exposures = [
         Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
     ]
@@ -114,11 +114,9 @@ def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
     together = int(fit.combined.kept.sum())
     if together < len(frames):
-        raise JitterkitError(
-            ErrorCode.WRONG_INSTRUMENT,
-            f"Only {together} of {len(frames)} frames can be fitted together; give frames of one pair and "
-            "telescope, or fit each by itself.",
-        )
+        problem = f"Only {together} of {len(frames)} frames can be fitted together"
+        remedy = "give frames of one pair and telescope, or fit each by itself"
+        raise JitterkitError(ErrorCode.WRONG_INSTRUMENT, f"{problem}; {remedy}.")
     error = fit.separation[1] * math.sqrt(len(frames))
     return np.array([(one.separation, error) for one in fit.frames()])
 
@@ -134,3 +132,67 @@ def _told(fit: FitResult) -> tuple[float, float]:
     if fit.parameters is None or not fit.status.usable:
         raise JitterkitError(ErrorCode(fit.reason), fit.message)
     return fit.of_scene("separation"), fit.error("separation")
+
+
+TOGETHER = 1024
+"""Frames that share what one of them shows of the optics."""
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """A processor to be timed, and the share of a frame in what was done beforehand.
+
+    Attributes
+    ----------
+    processor : FrameProcessor
+    share : float
+        s.
+    method : str
+        Of :mod:`jitterkit.trade.methods`.
+    """
+
+    processor: FrameProcessor
+    share: float = 0.0
+    method: str = "refit"
+
+    @classmethod
+    def anchored(
+        cls, processor: FrameProcessor, raw: RawFrame, frames: int = TOGETHER, method: str = "refit"
+    ) -> Fitting:
+        """With the optics about what a first frame of several shows."""
+        frame = processor.calibrate(raw)
+        processor.with_warm_starts({}).warm_start(frame)  # compiles
+        began = time.perf_counter()
+        warm = processor.with_warm_starts({}).warm_start(frame)
+        share = (time.perf_counter() - began) / min(max(frames, 1), TOGETHER)
+        known = {} if warm is None else {processor.grid(frame): warm}
+        return cls(processor.with_warm_starts(known), share, method)
+
+    def separations(self, frames: Iterable[Frame]) -> np.ndarray:
+        """Separations of calibrated frames with their errors (n, 2), arcsec.
+
+        Raises
+        ------
+        JitterkitError
+            If one cannot be had.
+        """
+        return separations(self.method, self.processor, frames)
+
+    def timed(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
+        """The same of raw frames, and the seconds that one takes, calibration included.
+
+        The median, but of frames together their mean.
+        """
+        self._of_raw(raws)  # compiles what there is to
+        if self.method == "joint":
+            together, whole = self._clocked(raws)
+            return together, whole / len(raws)
+        found, spent = zip(*(self._clocked((raw,)) for raw in raws), strict=True)
+        return np.concatenate(found), float(np.median(spent)) + self.share
+
+    def _clocked(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
+        began = time.perf_counter()
+        return self._of_raw(raws), time.perf_counter() - began
+
+    def _of_raw(self, raws: Sequence[RawFrame]) -> np.ndarray:
+        return self.separations(map(self.processor.calibrate, raws))

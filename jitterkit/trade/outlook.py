@@ -1,6 +1,7 @@
 """What is expected of settings, at the worst of some frames.
 
-Reach for :class:`Outlook` with frames that have been fitted.  What it is asked again it remembers.
+Reach for :func:`examples_of` to fit frames spread over the files of a run, and give them to
+:class:`Outlook`.  What it is asked again it remembers.
 """
 
 from __future__ import annotations
@@ -8,14 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
-from jitterkit.errors import JitterkitError
+import numpy as np
+
+from jitterkit.batch import FrameProcessor
+from jitterkit.batch.plan import FrameReader, count_frames
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.refit.choose import DETECTED
 from jitterkit.refit.fit import unfinished
 from jitterkit.trade.predict import Example, Foresight
 from jitterkit.trade.settings import Settings
-
-__all__ = ["OWN", "Outlook"]
 
 _SEEN = 1.0
 """Of its own scatter, from which on a misfit would be seen: a model that does not fit promises nothing."""
@@ -28,7 +32,7 @@ _NOTHING = Foresight(math.inf, math.inf, math.inf, math.inf)
 
 
 class Outlook:
-    """What settings would make of the separation of every example.
+    """Expected effect of settings on the separation of every example.
 
     Parameters
     ----------
@@ -66,16 +70,16 @@ class Outlook:
         )
 
     def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
-        """Whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
+        """Return whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
         limit -= self._left_out(settings)
         return all(self._loss(one, settings, limit, roughly) <= limit for one in self.examples)
 
     def can_be_had(self, settings: Settings) -> bool:
-        """Whether every example can be modelled so."""
+        """Return whether every example can be modelled so."""
         return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
 
     def cost_of(self, names: tuple[str, ...], settings: Settings = OWN) -> float:
-        """What it may do to the separation to leave out aberrations [arcsec]."""
+        """Return what it may do to the separation to leave out aberrations [arcsec]."""
         return max(one.without(names, settings) for one in self.examples)
 
     def cost_of_jitter(self, settings: Settings = OWN) -> float:
@@ -98,7 +102,7 @@ class Outlook:
         )
 
     def _left_out(self, settings: Settings) -> float:
-        """What jitter may cost that is not fitted [arcsec]."""
+        """Return what jitter may cost that is not fitted [arcsec]."""
         return 0.0 if settings.jitter == "always" else self.cost_of_jitter(settings)
 
     def _loss(
@@ -142,3 +146,55 @@ class Outlook:
             except JitterkitError:
                 self._foreseen[key] = _NOTHING
         return self._foreseen[key]
+
+
+_LOOKED_AT, _TRIED = 3, 12
+"""Frames that a plan is made for, spread over the run, and those that are tried to find as many."""
+
+
+def examples_of(
+    files: Sequence[Path], processor: FrameProcessor, hdu: int | None = None
+) -> tuple[list[Example], int]:
+    """Fit frames spread over the files of a run, until there are enough.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        At least one.
+    processor : FrameProcessor
+    hdu : int, optional
+        Of FITS files.
+
+    Returns
+    -------
+    examples : list of Example
+        Of the frames that can be fitted, at least one.
+    frames : int
+        In the run, by those in the files that were looked at.
+
+    Raises
+    ------
+    ConfigurationError
+        If none of them can be fitted.
+    """
+    stride = _TRIED // _LOOKED_AT
+    shares = np.linspace(0, 1, _TRIED)
+    shares = np.concatenate([shares[start::stride] for start in range(stride)])  # the first are far apart
+    chosen = [files[round(share * (len(files) - 1))] for share in shares]
+    counts = {file: count_frames(file, hdu) for file in dict.fromkeys(chosen)}
+    items = [(file, round(share * (counts[file] - 1))) for file, share in zip(chosen, shares, strict=True)]
+    spread = list(dict.fromkeys(items))
+    examples: list[Example] = []
+    with FrameReader(hdu) as reader:
+        for _, _, raw in reader.read(spread):
+            example = None if isinstance(raw, JitterkitError) else Example.of(raw, processor)
+            examples += [] if example is None else [example]
+            if len(examples) == _LOOKED_AT:
+                break
+    if not examples:
+        raise ConfigurationError(
+            ErrorCode.TOO_FEW,
+            f"None of {len(spread)} frames that were looked at can be fitted, so there is nothing to "
+            "plan for; see what 'jitterkit process' without --tolerance and --budget says about them.",
+        )
+    return examples, round(len(files) * float(np.mean(list(counts.values()))))

@@ -31,8 +31,6 @@ from jitterkit.refit.choose import DETECTED, shows_no_jitter
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
 
-__all__ = ["UNSEEN", "Example", "Foresight"]
-
 _CREDIBLE = 2.0
 """Standard errors that what is left out may be from where a frame sees it."""
 
@@ -42,7 +40,7 @@ frame of fifty."""
 
 
 class Foresight(NamedTuple):
-    """Of a fit with some settings.
+    """Expected separation of a fit with some settings.
 
     Attributes
     ----------
@@ -94,7 +92,7 @@ class Example:
 
     @property
     def truth(self) -> Parameters:
-        """What the frame is taken to show: the fit, but for colours and wavelength, which are as expected."""
+        """Return the fit, but with colours and wavelength as expected: what the frame is taken to show."""
         assert self.result.parameters is not None  # what is usable has them
         parameters, instrument = self.result.parameters, self.processor.instrument
         modes = parameters.aberrations[: len(instrument.aberrations)]
@@ -106,7 +104,7 @@ class Example:
 
     @property
     def still(self) -> bool:
-        """Whether such a frame may do without jitter: it shows none, and nobody has said of which kind it is.
+        """Return whether such a frame may do without jitter: it shows none, and nobody has said its kind.
 
         Only of the score estimate, by which a frame's jitter is seen or not, are the errors those of the fit.
         """
@@ -135,7 +133,7 @@ class Example:
         return self.frame.plate_scale or self.processor.instrument.plate_scale
 
     def foresee(self, settings: Settings) -> Foresight:
-        """What a fit with some settings would make of the separation.
+        """Return what a fit with some settings would make of the separation.
 
         Raises
         ------
@@ -152,10 +150,8 @@ class Example:
         names, equations, known, pixels = self._equations(settings.applied(self.processor))
         covariance, sound = invert_information(equations.information + known)
         if not sound:
-            raise ConfigurationError(
-                ErrorCode.NOT_CONSTRAINED,
-                f"{self.raw.name} does not determine its parameters with {settings}.",
-            )
+            problem = f"{self.raw.name} does not determine its parameters with {settings}."
+            raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
         slot = names.index("separation")
         step = covariance @ equations.score
         scatter = math.sqrt(2 * pixels)
@@ -163,7 +159,7 @@ class Example:
         return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit), scatter)
 
     def without(self, names: Collection[str], settings: Settings | None = None) -> float:
-        """What it may do to the separation to hold at zero what is fitted [arcsec].
+        """Return what it may do to the separation to hold at zero what is fitted [arcsec].
 
         Parameters
         ----------
@@ -193,7 +189,7 @@ class Example:
         )
 
     def without_jitter(self, settings: Settings) -> float:
-        """What jitter may do to the separation that such a frame does not show, if none is fitted [arcsec].
+        """Return what jitter that such a frame hides may do to the separation, if not fitted [arcsec].
 
         Parameters
         ----------
@@ -214,14 +210,14 @@ class Example:
         return math.sqrt(UNSEEN) * spread
 
     def _information(self, settings: Settings) -> tuple[tuple[str, ...], np.ndarray]:
-        """What a model with some settings varies, and what the exact image and priors tell of it."""
+        """Return what a model with some settings varies, and what the exact image and priors tell of it."""
         if settings not in self._told:
             names, equations, known, _ = self._equations(settings.applied(self.processor))
             self._told[settings] = names, np.asarray(equations.information + known)
         return self._told[settings]
 
     def _value(self, name: str) -> float:
-        """Of an aberration, or a coordinate of the locus."""
+        """Return the value of an aberration, or of a coordinate of the locus."""
         names = (*self.processor.instrument.aberrations, *self.truth.locus.names)
         return float([*self.truth.aberrations, *self.truth.locus.coords][names.index(name)])
 

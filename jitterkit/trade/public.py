@@ -21,8 +21,6 @@ from jitterkit.optics.public import PUBLIC_LINES, PUBLIC_SHAPE, public_image
 from jitterkit.scene import Binary
 from jitterkit.trade.ladder import Point
 
-__all__ = ["public_points"]
-
 _SCALE, _PAD = 0.375, 128
 _SETTINGS = tuple((images, samples) for images in (3, 5, 11, 41) for samples in (2, 4, 8))
 _ANGLES = (0.0, 45.0, 90.0)

@@ -16,8 +16,6 @@ from jitterkit.scene import Binary
 from jitterkit.simulate import check_reach
 from jitterkit.trade.settings import Settings
 
-__all__ = ["TradeScene", "truest"]
-
 _WIDEST, _WAVELENGTHS = (192, 128, 96, 64, 32, 16), 24
 """Padding, as far as the samples of a pupil carry it, and wavelengths, at which an image is right: to a
 chi-squared of 1e-3 of a frame of TOLIMAN."""

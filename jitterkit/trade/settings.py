@@ -10,12 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from jitterkit.batch import FrameProcessor
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of, positive
 from jitterkit.instruments import Instrument
 from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
-
-__all__ = ["ABERRATIONS", "JITTER", "METHODS", "PRESETS", "Settings", "own_pad", "preset"]
 
 ABERRATIONS = ("held", "anchored", "expanded")
 """At what they are without any; fitted about one state of many frames; computed anew for every frame."""
@@ -29,7 +27,7 @@ METHODS = ("score", "mtf", "refit", "joint", "sampling")
 
 @dataclass(frozen=True)
 class Settings:
-    """How exactly a frame is modelled and fitted.
+    """Exactness with which a frame is modelled and fitted.
 
     Attributes
     ----------
@@ -83,17 +81,12 @@ class Settings:
                 listed = ", ".join(map(str, choices))
                 code = ErrorCode.OUT_OF_RANGE if name == "bits" else ErrorCode.UNKNOWN_NAME
                 raise ConfigurationError(code, f"{name} = {value!r} is unknown; choose one of {listed}.")
-        if not self.tolerance > 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"tolerance = {self.tolerance} is not positive; give a part of an error.",
-            )
+        positive("tolerance", self.tolerance, "parts of an error")
         for name, least in (("pad", 0), ("samples", 1), ("binning", 1), ("region", 1), ("nodes", 3)):
             value = getattr(self, name)
             if value is not None and value < least:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE, f"{name} = {value} is impossible; give at least {least}."
-                )
+                problem = f"{name} = {value} is impossible; give at least {least}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     def instrument(self, instrument: Instrument) -> Instrument:
         """The instrument as it is modelled.
@@ -172,11 +165,7 @@ def preset(name: str, instrument: Instrument) -> Settings:
     ConfigurationError
         If there is none of that name.
     """
-    if name not in PRESETS:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME, f"There is no preset {name!r}; choose one of {', '.join(PRESETS)}."
-        )
-    settings, pad = PRESETS[name], own_pad(instrument)
+    settings, pad = PRESETS[one_of("preset", name, PRESETS)], own_pad(instrument)
     if name == "fast" and settings.pad is not None:
         return replace(settings, pad=min(settings.pad, pad))
     return settings.at_least(instrument) if name == "exact" else settings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,25 +14,12 @@ from jitterkit.instruments import Instrument
 from jitterkit.trade.ladder import Point, front
 from jitterkit.trade.settings import Settings, own_pad
 
-__all__ = ["trade_table"]
-
-_NONE = {
-    "pad": -1,
-    "samples": 0,
-    "binning": 0,
-    "aberrations": "",
-    "tolerance": 0.0,
-    "region": 0,
-    "bits": 0,
-    "nodes": 0,
-    "jitter": "",
-    "method": "",
-}
-"""Settings, and what stands for none; of nodes, for those of the locus itself."""
+_NONE = {"pad": -1, "tolerance": 0.0} | dict.fromkeys(("aberrations", "jitter", "method"), "")
+"""What stands for none of a setting; of others it is 0, which of nodes means those of the locus itself."""
 
 
 def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
-    """What settings cost and give, a row each.
+    """Return what settings cost and give, a row each.
 
     Parameters
     ----------
@@ -55,8 +43,8 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
     table["error"] = [point.error for point in points]
     table["front"] = [point.name in best for point in points]
     used = [_used(point.settings, instrument) for point in points]
-    for name, none in _NONE.items():
-        table[name] = [row.get(name, none) for row in used]
+    for name in (field.name for field in fields(Settings) if field.name != "without"):
+        table[name] = [row.get(name, _NONE.get(name, 0)) for row in used]
     table["message"] = [point.message for point in points]
     for name, how in {"time": ".1f", "bias": ".3g", "scatter": ".3g", "sigma": ".4g", "error": ".2g"}.items():
         table[name].info.format = how

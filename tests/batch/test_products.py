@@ -12,7 +12,7 @@ from refusals import refused
 from jitterkit.batch.scene_blur import SceneBlurEstimator
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, write_tiff
-from jitterkit.frames.images import read_image
+from jitterkit.frames.fits import read_image
 from jitterkit.kernels import read_kernel
 from jitterkit.refit import read_kernel_prior
 from jitterkit.run.estimate import estimate_files

@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.cosmic_rays import CHARGE, DEPTH, cosmic_rays
+from jitterkit.detectors.readout import CHARGE, DEPTH, cosmic_rays
 from jitterkit.errors import ErrorCode
 
 

@@ -6,7 +6,7 @@ from refusals import refused
 from scipy.ndimage import convolve
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.coupling import beside, couple, decouple, decoupled_variance
+from jitterkit.detectors.response import beside, couple, decouple, decoupled_variance
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import RawFrame
 

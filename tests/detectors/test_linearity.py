@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.linearity import collected, measured, slope, turning_point
+from jitterkit.detectors.response import collected, measured, slope, turning_point
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import RawFrame
 

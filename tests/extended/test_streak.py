@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jitterkit.extended.streak import streak_estimate
+from jitterkit.extended.spectrum import streak_estimate
 
 
 def moments(length, angle):

@@ -113,7 +113,7 @@ def test_a_hundred_times_the_frames_are_ten_times_as_exact(bench):
     found = forecast(bench.under(), bench.otf)
     error = found.error("separation")
     assert found.frames(error / 10) == pytest.approx(100)
-    with refused(ErrorCode.OUT_OF_RANGE, 0, "separation"):
+    with refused(ErrorCode.OUT_OF_RANGE, "separation", 0):
         found.frames(0)
     with refused(ErrorCode.UNKNOWN_NAME, "'noll99'", "separation, theta"):
         found.error("noll99")

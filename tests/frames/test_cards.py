@@ -7,7 +7,7 @@ from astropy.wcs import WCS
 
 from jitterkit.frames import read_frames, write_fits
 from jitterkit.frames.dialects import ALIASES, SOFTWARE_KEYS
-from jitterkit.frames.plainheader import PlainHeader
+from jitterkit.frames.fitsio import PlainHeader
 from jitterkit.frames.times import TIME_KEYS
 
 IMAGE = np.arange(20, dtype=np.uint16).reshape(4, 5)

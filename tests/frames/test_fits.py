@@ -11,7 +11,7 @@ from refusals import refused
 import jitterkit.frames.fits  # noqa: F401  not to be loaded while time or memory is measured
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
-from jitterkit.frames.images import read_image, read_images
+from jitterkit.frames.fits import read_image, read_images
 
 IMAGE = np.arange(20).reshape(4, 5)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jitterkit.motion import PowerSpectrum
-from jitterkit.motion.integrals import panel_integrals
+from jitterkit.motion.spectrum import panel_integrals
 
 
 def test_panels_end_within_the_rows_and_hold_all_of_the_power():

@@ -5,7 +5,7 @@ import pytest
 from long_run import FAILURES, long_run
 
 from jitterkit.errors import ErrorCode
-from jitterkit.report.failures import group_failures
+from jitterkit.report.row import group_failures
 
 
 def _row(reason, status="failed", message="x"):

@@ -14,11 +14,11 @@ from jitterkit.loci import Mvn
 from jitterkit.report.forecast_plots import (
     curve_colours,
     plot_errors,
+    plot_matrices,
     plot_requirements,
     plot_shears,
     spread,
 )
-from jitterkit.report.matrix_plots import plot_matrices
 from jitterkit.scene import Binary
 
 LENGTHS, ANGLES = np.array([0.2, 0.5, 0.8]), np.array([0.0, 45.0, 90.0])

@@ -4,7 +4,6 @@ from matplotlib.figure import Figure
 
 from jitterkit.loci import Linear, Mvn, Product, Shm, Stable
 from jitterkit.motion import Line, PowerSpectrum, Record, Split, assess_motion, split_spectrum
-from jitterkit.report.arcsine_plots import plot_arcsine
 from jitterkit.report.motion_plots import (
     plot_budget,
     plot_locus_transfer,
@@ -14,6 +13,7 @@ from jitterkit.report.motion_plots import (
     plot_pointing,
 )
 from jitterkit.report.plots import png
+from jitterkit.report.posterior_plots import plot_arcsine
 
 MOTION = PowerSpectrum(
     [0.1, 300.0], [[1e-5, 0, 2e-5], [1e-9, 0, 2e-9]], (Line(61.0, 0.02, 30.0), Line(4.0, 0.01, 90.0))

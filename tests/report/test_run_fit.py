@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jitterkit.report.run_fit import assess_run_fit, describe_run_fit
+from jitterkit.report.sequence import assess_run_fit, describe_run_fit
 
 DOF = 16000
 

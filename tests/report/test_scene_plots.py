@@ -3,7 +3,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from jitterkit.loci import Linear, Mvn
-from jitterkit.report.scene_plots import plot_scene, plot_spectrum
+from jitterkit.report.field_plots import plot_scene, plot_spectrum
 
 
 def test_functions_draw_on_the_axes_they_are_given():

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jitterkit.report.means import running_mean, weighted_mean
-from jitterkit.report.stretches import stretch_index, stretch_means
+from jitterkit.report.means import running_mean, stretch_index, stretch_means, weighted_mean
 
 
 def test_stretches_divide_time_evenly_and_hold_both_ends():

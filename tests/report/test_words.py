@@ -1,6 +1,7 @@
 import pytest
 
-from jitterkit.report.words import angle_size, ellipse_size, number, printable, with_error
+from jitterkit.errors import printable
+from jitterkit.report.words import angle_size, ellipse_size, number, with_error
 
 NAN = float("nan")
 

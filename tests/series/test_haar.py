@@ -5,8 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from jitterkit.series import Series, simulate_flicker
-from jitterkit.series.components import fit_components
-from jitterkit.series.haar import haar_coefficients
+from jitterkit.series.components import fit_components, haar_coefficients
 from jitterkit.series.laws import contrast_covariance
 
 

@@ -202,7 +202,7 @@ def test_the_sharpest_frame_of_a_set_is_found(field, trail, trailed, sharp, rng)
 
 
 def test_an_impossible_plate_scale_is_refused(trailed):
-    with refused(ErrorCode.OUT_OF_RANGE, -1.0, error=ConfigurationError):
+    with refused(ErrorCode.OUT_OF_RANGE, -1, error=ConfigurationError):
         estimate_field(trailed[0], plate_scale=-1.0)
 
 

@@ -7,7 +7,7 @@ from refusals import refused
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.kernel_estimate import refuse_blurrier
 from jitterkit.starfield import estimate_field, field_psf
-from jitterkit.starfield.sharpness import TOLERATED, elongation
+from jitterkit.starfield.certainty import TOLERATED, elongation
 
 NOISE = 0.01**2 * np.diag([1.0, 0.5, 1.0])
 

@@ -11,9 +11,8 @@ from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.loci import Linear, Mvn
 from jitterkit.scene import Binary
 from jitterkit.trade import TradeScene
-from jitterkit.trade.fitting import Fitting
 from jitterkit.trade.ladder import without_noise
-from jitterkit.trade.methods import separations
+from jitterkit.trade.methods import Fitting, separations
 
 
 @pytest.fixture(scope="module")

@@ -19,12 +19,10 @@ from jitterkit.refit.priors import Priors
 from jitterkit.report.words import angle_size
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, plan
-from jitterkit.trade.cost import work
-from jitterkit.trade.examples import examples_of
 from jitterkit.trade.explain import explain
-from jitterkit.trade.fitting import Fitting
-from jitterkit.trade.outlook import OWN, Outlook
-from jitterkit.trade.plan import Plan, Planner
+from jitterkit.trade.methods import Fitting
+from jitterkit.trade.outlook import OWN, Outlook, examples_of
+from jitterkit.trade.plan import Plan, Planner, work
 from jitterkit.trade.predict import Example
 
 FEW = {
