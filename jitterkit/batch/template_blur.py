@@ -62,7 +62,7 @@ class TemplateBlurEstimator:
         other.processor = self.processor.for_batch(batch, hdu)
         return other
 
-    def prepare(self, raw: RawFrame) -> Frame:
+    def calibrate(self, raw: RawFrame) -> Frame:
         """Calibrate a frame: many small steps of Python's, in which threads would hold each other up."""
         return self.processor.calibrate(raw)
 

@@ -22,7 +22,7 @@ from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.linearisation import SETTLED, linearisation_error
-from jitterkit.locate import ModelError, Residual, allow_for_model, check_model_error, locate_binary
+from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.otf import OTF
@@ -157,10 +157,8 @@ class Looker:
         nominal = self.optics.nominal
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
-        # what no star can have made: a search would take it for one
-        data = data.without(Residual.of_dark(data, nominal).outliers(0.0, surely=True))
         search = self._choice if near is None and self.scene == "auto" else self._pair
-        choice, data = found_allowing(search, data, self.model_error, rough=False)
+        choice, data = found_allowing(search, data, nominal, self.model_error, rough=False)
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
         if search == self._choice and choice.scene != Binary.name:

@@ -287,8 +287,7 @@ def _heed(result: FitResult, priors: Priors, free: tuple[int, ...], end: Climb) 
     known = (result.parameters, result.names, free, result.covariance, remains)
     if prior_chance(priors, *known) >= CONTRADICTED:
         return result
-    message = f"{result.message} {_CONTRADICTION}"
-    return replace(result, message=message, flags=(*result.flags, "prior_contradicted"))
+    return result.remarked(_CONTRADICTION, "prior_contradicted")
 
 
 def _arrived(end: Climb, names: tuple[str, ...], restless: set[str], tolerance: float) -> bool:

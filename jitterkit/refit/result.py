@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -174,6 +174,13 @@ class FitResult:
     def duplicate_of(cls, name: str) -> FitResult:
         """Make the result of a frame with the same pixels as another one, which counts in its place."""
         return cls(Status.DUPLICATE, f"{Status.DUPLICATE.value}: see {name}.")
+
+    def remarked(self, sentence: str, flag: str) -> FitResult:
+        """Return the result with a sentence more, and its flag; without a sentence the result as it is."""
+        if not sentence:
+            return self
+        message = f"{self.message or self.status.value} {sentence}"
+        return replace(self, message=message, flags=tuple(dict.fromkeys((*self.flags, flag))))
 
     @property
     def reason(self) -> str:

@@ -76,6 +76,11 @@ class SceneChoice:
         return 0 < self.log_odds < DECIDED
 
     @property
+    def is_sure(self) -> bool:
+        """Whether the frame leaves no doubt about its scene."""
+        return not abs(self.log_odds) < DECIDED
+
+    @property
     def doubt(self) -> str:
         """That a pair may look the same as the star that was chosen, in a sentence; or nothing."""
         return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""

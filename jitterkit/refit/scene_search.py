@@ -8,7 +8,8 @@ import numpy as np
 
 from jitterkit.forward import expected_image
 from jitterkit.likelihood import Data
-from jitterkit.locate import ModelError, allow_for_model
+from jitterkit.locate import ModelError, Residual, allow_for_model
+from jitterkit.optics.otf import OTF
 from jitterkit.refit.weigh_scenes import SceneChoice
 
 __all__ = ["found_allowing"]
@@ -24,7 +25,7 @@ class Search(Protocol[Found]):
 
 
 def found_allowing(
-    search: Search[Found], data: Data, error: ModelError, *, rough: bool
+    search: Search[Found], data: Data, otf: OTF, error: ModelError, *, rough: bool
 ) -> tuple[SceneChoice | Found, Data]:
     """Search for a scene, and again with the model error that the first shows.
 
@@ -32,6 +33,8 @@ def found_allowing(
     ----------
     search : callable
     data : Data
+    otf : OTF
+        Nominal, of the frame.
     error : float or "auto"
         As for :func:`~jitterkit.locate.allow_for_model`.
     rough : bool
@@ -41,13 +44,16 @@ def found_allowing(
     -------
     found : SceneChoice, or what else the search returns
     data : Data
-        With a variance for the model error.
+        Without pixels that no star can have made, which a search would take for stars; with a variance for
+        the model error.
 
     Notes
     -----
     The first search takes speckles for stars, if anything, so that no star is hidden in the error that it
     shows; the second allows for them.
     """
+    if np.any(data.used):
+        data = data.without(Residual.of_dark(data, otf).outliers(0.0, surely=True))
     if not error:
         return search(data, rough=rough), data
     first = search(data, rough=False)
