@@ -21,7 +21,6 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
 from jitterkit.optics import OTF
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
-from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.over_field import say_if_blur_varies
 from jitterkit.scene import Stars
 
@@ -152,9 +151,8 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
     if result.status in (Status.OK, Status.NOT_CONVERGED) and single_star(result):
         message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
         return replace(result, status=Status.NO_PAIR, message=message)
-    absurd = absurdity(result.parameters, frame.shape, frame.plate_scale or plate_scale)
-    if absurd:
-        message = f"{Status.POOR_FIT.value}: {absurd}."
+    if problem := result.implausible(frame.shape, frame.plate_scale or plate_scale):
+        message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     outliers = _outlier_hint(frame, result)
     if outliers and result.status is Status.OK and "misfit" not in result.flags:

@@ -40,7 +40,7 @@ from jitterkit.refit import (
     fit_best_locus,
     fit_locus,
 )
-from jitterkit.refit.scene_search import found_allowing
+from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.scene import Star
 
 __all__ = ["calibrate", "diagnose", "estimate", "fit", "locate", "search"]

@@ -1,8 +1,8 @@
 """Cosmic rays, for simulations: straight tracks of charge at a given rate.
 
 :func:`cosmic_rays` draws what one exposure collects.  Nothing here finds or removes them: a filter of the
-image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.rays` finds them in what a fit
-leaves over.
+image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.outliers` finds them in what
+a fit leaves over.
 """
 
 from __future__ import annotations

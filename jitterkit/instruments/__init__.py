@@ -7,10 +7,9 @@ package, reading an instrument and resolving a frame's metadata with it load no 
 """
 
 from jitterkit.instruments.from_fits import instrument_from_fits
-from jitterkit.instruments.instrument import Instrument
+from jitterkit.instruments.instrument import Instrument, resolve
 from jitterkit.instruments.load import load_instrument
 from jitterkit.instruments.presets import PRESETS
-from jitterkit.instruments.resolve import resolve
 from jitterkit.instruments.toml import read_instrument
 
 __all__ = ["PRESETS", "Instrument", "instrument_from_fits", "load_instrument", "read_instrument", "resolve"]

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jitterkit.detectors import Detector
+from jitterkit.detectors.knowledge import supplement
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.spectrum import Spectrum
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
     from jitterkit.optics.system import FixedOptics, OpticalSystem
 
-__all__ = ["Instrument"]
+__all__ = ["Instrument", "resolve"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,3 +216,34 @@ class Instrument:
                 f"The instrument {self.name!r} has no aberrations that vary; leave them out.",
             )
         return system.otf(aberrations, derivatives=derivatives)
+
+
+def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
+    """Complete what is known about a frame.
+
+    Parameters
+    ----------
+    raw : RawFrame
+        As read: it carries what its header and the TOML beside it say.
+    instrument : Instrument
+        From an instrument file, whose word counts above the header's, or a preset, whose word counts
+        below it.
+    overrides : mapping, optional
+        From the command line, by field of :class:`~jitterkit.frames.metadata.Metadata`; they count
+        above everything.  None changes nothing.
+
+    Returns
+    -------
+    raw : RawFrame
+        The same pixels.  Every number has its source: command line > sidecar > instrument file >
+        header > preset > assumed.
+
+    Raises
+    ------
+    ConfigurationError
+        If an override is unknown or unbelievable.
+    """
+    metadata = raw.metadata.apply("command line", **(overrides or {}))
+    for name in ("plate_scale", "exposure"):
+        metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
+    return raw.with_metadata(instrument.detector.inform(metadata))

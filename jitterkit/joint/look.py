@@ -28,10 +28,9 @@ from jitterkit.optics.colours import Colours
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, choose_scene
-from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_expand
-from jitterkit.refit.scene_search import found_allowing
+from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
@@ -277,10 +276,9 @@ class Looker:
     def _judged(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
         """The fit, or what is absurd about it."""
         grid = self.optics.nominal.grid
-        absurd = "" if fit.parameters is None else absurdity(fit.parameters, grid.shape, grid.plate_scale)
-        if not absurd:
+        if not (problem := fit.implausible(grid.shape, grid.plate_scale)):
             return fit, otf
-        told = f"{Status.POOR_FIT.value}: {absurd}."
+        told = f"{Status.POOR_FIT.value}: {problem}."
         return replace(fit, status=Status.POOR_FIT, message=told), otf
 
     def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:

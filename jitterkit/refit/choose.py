@@ -26,13 +26,12 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 
-from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedLikelihood
-from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisive
+from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
+from jitterkit.estimators.shape import CumulantStep, Shape, is_decisive
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start
-from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.by_cumulants import as_fit, told_by_cumulants
@@ -129,10 +128,13 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):
         return _conclude(Tried(normal))
-    if not _detected(normal):
+    if not significance(*normal.moments()) > DETECTED:
         return _conclude(Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
-    shape = _shape(frame, step, otf)
+    shape = step.shape()
+    # a shape that is known well is fitted
+    if is_decisive(shape.error) and (blur := shaped_blur(step, otf, frame.data, frame.options.hold)):
+        shape = shape._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
         return _conclude(Tried(normal))
@@ -162,25 +164,6 @@ def _try(
 def shows_no_jitter(moments: np.ndarray, covariance: np.ndarray) -> bool:
     """Whether second moments (3,) with their covariance (3, 3) are what no jitter at all would give."""
     return significance(moments, covariance) <= DETECTED
-
-
-def _detected(normal: FitResult) -> bool:
-    moments, covariance = normal.moments()
-    return significance(moments, covariance) > DETECTED
-
-
-def _shape(frame: FrameFits, step: CumulantStep, otf: OTF) -> Shape:
-    """What a step from the normal says of the shape, or where it is known well a fit."""
-    told = step.shape()
-    if not is_decisive(told.error):
-        return told
-    compressed = CompressedLikelihood.of(step)
-    near = None if compressed is None else compressed.fit(Shaped)
-    if near is not None and near.left_out < CLOSE:
-        kurtosis, error = near.locus.coords[3], np.sqrt(near.of_locus()[3, 3])
-        return told._replace(kurtosis=float(kurtosis), error=float(error))
-    blur = fit_shape(step, otf, frame.data, frame.options.hold)
-    return told if blur is None else told._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
 
 
 def single_star(fit: FitResult) -> bool:

@@ -49,7 +49,7 @@ def fit_locus(
     Notes
     -----
     What a small blur does not show of a locus is held by the weak priors of
-    :func:`jitterkit.refit.leashes.leashes`.
+    :func:`jitterkit.refit.boundary.regularizing_priors`.
     """
     frame = FrameFits(data, optics, options or FitOptions(), sure)
     fit, _, frame = frame.first_fit(name, start, moments, otf)

@@ -1,6 +1,8 @@
-"""Single pixels that do not belong to a frame's image, left out before the frame is fitted again.
+"""Pixels that do not belong to a frame's image, left out before the frame is fitted again.
 
-Reach for :func:`fit_without_outliers`: ``process`` and ``sequence`` both fit a frame by it.
+Reach for :func:`fit_without_outliers`: ``process`` and ``sequence`` both fit a frame by it.  Pixels are found
+in the residual of the fit and not in the image: there the tail of a jittered star is explained, which a
+filter of the image would eat.
 """
 
 from __future__ import annotations
@@ -9,21 +11,27 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
 from jitterkit.locate import ModelError, Residual, allow_for_model, most_outliers
 from jitterkit.optics.otf import OTF
-from jitterkit.refit.rays import find_rays
 from jitterkit.refit.result import FitResult
 
-__all__ = ["OUTLIERS", "Fit", "Fitted", "fit_without_outliers", "left_out"]
+__all__ = ["OUTLIERS", "Fit", "Fitted", "find_rays", "fit_without_outliers", "left_out"]
 
 OUTLIERS = "outliers_left_out"
 """Flag of a frame of which single pixels were left out."""
 
 _ROUNDS = 3
 """Times that a frame is fitted again without what does not belong: the first fit is bent by it."""
+
+_SEED, _TRACK = 8.0, 3.0
+"""Sigmas from which a pixel starts a track (one in 1e15 of normal noise does), and continues one."""
+
+_MOST = 0.01
+"""Share of the pixels above which it is the model that does not fit."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ def fit_without_outliers(
     known : (ny, nx) bool array, optional
         Pixels that were left out already.
     rays : bool
-        Whether to leave out the tracks of cosmic rays too (:func:`~jitterkit.refit.rays.find_rays`), which
+        Whether to leave out the tracks of cosmic rays too (:func:`find_rays`), which
         are not counted among the few.
     model_error : float or "auto"
         As for :class:`~jitterkit.refit.FitOptions`.
@@ -120,3 +128,28 @@ def _masked(frame: Frame, pixels: np.ndarray, flag: str) -> Frame:
     """Return a frame with some pixels (ny, nx) masked more, and what they are as a flag."""
     flags = (*frame.flags, flag) if pixels.any() else frame.flags
     return replace(frame, mask=frame.mask | pixels, flags=tuple(dict.fromkeys(flags)))
+
+
+def find_rays(residual) -> np.ndarray:
+    """Find the pixels that cosmic rays have hit: one, or a track of them.
+
+    Parameters
+    ----------
+    residual : (ny, nx) array
+        ``(data - image)/sigma`` of a fit; NaN where a pixel does not count.
+
+    Returns
+    -------
+    hit : (ny, nx) bool array
+        Bright outliers and what is joined to them, over edges or corners.  Nothing where there are so many
+        that the model is to blame.
+
+    Notes
+    -----
+    *Fails when* a ray leaves less than eight sigmas in every pixel: on the core of a bright star it hides.
+    """
+    bright = np.nan_to_num(np.asarray(residual), nan=0.0)
+    tracks, _ = ndimage.label(bright > _TRACK, structure=np.ones((3, 3)))
+    seeds = np.unique(tracks[bright > _SEED])
+    hit = np.isin(tracks, seeds[seeds > 0])
+    return hit if hit.mean() <= _MOST else np.zeros_like(hit)
