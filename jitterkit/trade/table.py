@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from astropy.table import QTable
-from astropy.units import Unit
 
 from jitterkit.instruments import Instrument
+from jitterkit.report.columns import Column, bind
 from jitterkit.trade.ladder import Point, front
 from jitterkit.trade.settings import Settings, own_pad
 
@@ -30,6 +29,13 @@ _NONE = {
 """Settings, and what stands for none; of nodes, for those of the locus itself."""
 
 
+_OF_SEPARATION = (
+    ("bias", "of the separation", ".3g"),
+    ("scatter", "added to that of the separation", ".3g"),
+    ("sigma", "stated error of the separation", ".4g"),
+)
+
+
 def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
     """What settings cost and give, a row each.
 
@@ -47,20 +53,23 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
         another package), and why there are no numbers where there are none.
     """
     best = [point.name for point in front(points)]
-    table = QTable()
-    table["setting"] = [point.name for point in points]
-    table["time"] = np.array([point.seconds for point in points]) * 1e3 << Unit("ms")
-    for name in ("bias", "scatter", "sigma"):
-        table[name] = np.array([getattr(point, name) for point in points]) * 1e6 << Unit("uarcsec")
-    table["error"] = [point.error for point in points]
-    table["front"] = [point.name in best for point in points]
     used = [_used(point.settings, instrument) for point in points]
-    for name, none in _NONE.items():
-        table[name] = [row.get(name, none) for row in used]
-    table["message"] = [point.message for point in points]
-    for name, how in {"time": ".1f", "bias": ".3g", "scatter": ".3g", "sigma": ".4g", "error": ".2g"}.items():
-        table[name].info.format = how
-    return table
+    columns: list[tuple[Column, Any]] = [
+        (Column("setting", kind=str), [point.name for point in points]),
+        (Column("time", "a frame takes", "ms", format=".1f"), [1e3 * point.seconds for point in points]),
+        *(
+            (Column(name, words, "uarcsec", format=digits), [1e6 * getattr(p, name) for p in points])
+            for name, words, digits in _OF_SEPARATION
+        ),
+        (Column("error", "bias and scatter together", format=".2g"), [point.error for point in points]),
+        (Column("front", "none is faster and better", kind=bool), [point.name in best for point in points]),
+        *(
+            (Column(name, kind=type(none)), [row.get(name, none) for row in used])
+            for name, none in _NONE.items()
+        ),
+        (Column("message", kind=str), [point.message for point in points]),
+    ]
+    return bind(columns)
 
 
 def _used(settings: Settings | None, instrument: Instrument) -> dict[str, Any]:
