@@ -29,7 +29,7 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, choose_scene
 from jitterkit.refit.evidence import CHOICES
-from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.fit import fit_and_allow
 from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
@@ -168,7 +168,7 @@ class Looker:
         start, p = choice.start, choice.start.parameters
         begin = Parameters(p.scene, p.locus, p.aberrations, p.background, shutter=shutter)
         options = FitOptions(hold=self.hold, priors=self.priors, model_error=self.model_error)
-        fit, otf = fit_and_expand(data, self.optics, begin, start.otf, options)
+        fit, otf, _ = fit_and_allow(data, self.optics, begin, start.otf, options)
         if self.diffusion and fit.parameters is not None:
             fit = replace(fit, parameters=self._parted(fit.parameters))
         fit, otf = self._with_locus(data, fit, otf, options)
@@ -179,7 +179,7 @@ class Looker:
 
     def again(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from near where they are, locus and all."""
-        return self._judged(*fit_and_expand(self._data(frame), self.optics, start, otf, self._options))
+        return self._judged(*fit_and_allow(self._data(frame), self.optics, start, otf, self._options)[:2])
 
     def anew(self, frame: Frame, start: Parameters, image, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from another frame's, its jitter unknown.
@@ -198,7 +198,7 @@ class Looker:
         dy, dx = (pitch * shift for shift in _shift(np.asarray(data.electrons), np.asarray(image)))
         start = start.with_locus(Mvn(jnp.zeros(3)))
         start = self.at(start, {"x": float(start.scene.x) + dx, "y": float(start.scene.y) + dy})
-        normal, near = fit_and_expand(data, self.optics, start, otf, self._options)
+        normal, near, _ = fit_and_allow(data, self.optics, start, otf, self._options)
         return self._judged(*self._with_locus(data, normal, near, self._options))
 
     def told(
@@ -287,12 +287,12 @@ class Looker:
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
         place = starting_point(kind, moments, normal.parameters, otf, data, options)
-        fit, near = fit_and_expand(data, self.optics, place, otf, options)
+        fit, near, _ = fit_and_allow(data, self.optics, place, otf, options)
         if fit.status is not Status.NOT_CONVERGED or not issubclass(kind, Streak):
             return fit, near
         # a streak that noise has made too short to start from
         longer = place.with_locus(kind.near(jnp.array([_VISIBLE**2, 0.0, 0.0])))
-        return fit_and_expand(data, self.optics, longer, otf, options)
+        return fit_and_allow(data, self.optics, longer, otf, options)[:2]
 
 
 def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[str, float]:

@@ -32,7 +32,7 @@ from jitterkit.scoring import DROWNED, Climb
 
 __all__ = [
     "FitOptions",
-    "fit_and_expand",
+    "fit_and_allow",
     "fit_frame",
     "settled",
     "unfinished",
@@ -150,18 +150,7 @@ def fit_frame(
         If an option names a parameter that there is not.  A frame that cannot be fitted does not
         raise: its result says so.
     """
-    return fit_and_expand(data, optics, start, otf, options)[0]
-
-
-def fit_and_expand(
-    data: Data,
-    optics: Optics,
-    start: Parameters,
-    otf: OTF | None = None,
-    options: FitOptions | None = None,
-) -> tuple[FitResult, OTF]:
-    """Fit a frame, and return the optics expanded where the fit ended too: the next locus starts there."""
-    return fit_and_allow(data, optics, start, otf, options)[:2]
+    return fit_and_allow(data, optics, start, otf, options)[0]
 
 
 def fit_and_allow(
@@ -171,7 +160,16 @@ def fit_and_allow(
     otf: OTF | None = None,
     options: FitOptions | None = None,
 ) -> tuple[FitResult, OTF, Data]:
-    """Fit a frame, and return the data too, with the model errors that the fit allowed for."""
+    """Fit a frame as :func:`fit_frame` does, for fits to come.
+
+    Returns
+    -------
+    result : FitResult
+    otf : OTF
+        Expanded where the fit ended.
+    data : Data
+        With the model errors that the fit allowed for.
+    """
     options = FitOptions() if options is None else options
     otf = optics.otf(start.aberrations) if otf is None else otf
     result, otf = _fit_and_expand(data, optics, start, otf, options)
