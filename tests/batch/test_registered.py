@@ -130,9 +130,9 @@ def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alon
     rows = [row for part in process_batches(batches, processor) for row in part.rows]
     assert {name for name in searched if name != files[0].name} == {files[OTHER].name}
     some = slice(None, None, 3)
-    for (_, _, raw), row in zip(
-        FrameReader().read([(path, 0) for path in files[some]]), rows[some], strict=True
-    ):
+    with FrameReader() as reader:
+        raws = [raw for _, _, raw in reader.read([(path, 0) for path in files[some]])]
+    for raw, row in zip(raws, rows[some], strict=True):
         alone = FrameProcessor(telescope, **{"locus": "mvn", **options}).process(raw).result
         for name in ("separation", "theta", "x", "flux", "contrast"):
             assert abs(row[name] - alone.of_scene(name)) < 0.05 * alone.error(name)
