@@ -66,13 +66,10 @@ def invert_information(information) -> tuple[np.ndarray, bool]:
     if sound and len(scale):
         unit = information / np.outer(scale, scale)
         values, vectors = np.linalg.eigh(unit)
-        sound = bool(values[0] > len(values) * _rounding(information.dtype) * values[-1])
+        single = float(np.finfo(np.float32).eps)
+        # an information sums squares of 32-bit slopes
+        rounding = single if information.dtype == np.float32 else single**2
+        sound = bool(values[0] > len(values) * rounding * values[-1])
     if not sound or not len(scale):
         return np.full_like(information, np.nan), sound
     return (vectors / values) @ vectors.T / np.outer(scale, scale), True
-
-
-def _rounding(kind: np.dtype) -> float:
-    """Share by which an eigenvalue of an information is uncertain: it sums squares of 32-bit slopes."""
-    single = float(np.finfo(np.float32).eps)
-    return single if kind == np.float32 else single**2

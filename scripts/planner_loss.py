@@ -46,4 +46,4 @@ def fitted(settings: Settings, example: Example, scene: TradeScene) -> FitResult
         frame = without_noise(processor.calibrate(scene.plain[0]), scene.images[0])
     except JitterkitError as error:  # nothing is seen in so small a region
         return FitResult.from_error(Status.NO_STAR, error)
-    return processor.fit(frame).result
+    return processor.complete(frame).result

@@ -15,13 +15,12 @@ import numpy as np
 from jitterkit.batch.records import SceneEstimate
 from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError, UndeterminedError, code_of
-from jitterkit.frames import Frame, sky_position_angle
+from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
 from jitterkit.optics import OTF
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
-from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.over_field import say_if_blur_varies
 from jitterkit.scene import Stars
 
@@ -30,9 +29,6 @@ __all__ = [
     "classify",
     "diagnose",
     "flag_faint_companion",
-    "midpoint_pixel",
-    "position_angle",
-    "remark",
     "scale_hint",
     "status_from_exception",
     "undecided",
@@ -137,15 +133,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = _flag_varying_blur(found, result)
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
-    return remark(result, found.doubt, "maybe_pair") if result.status.usable else result
-
-
-def remark(result: FitResult, sentence: str, flag: str) -> FitResult:
-    """Return a result with a sentence more, and its flag; without a sentence the result as it is."""
-    if not sentence:
-        return result
-    message = f"{result.message or result.status.value} {sentence}"
-    return replace(result, message=message, flags=tuple(dict.fromkeys((*result.flags, flag))))
+    return result.remarked(found.doubt, "maybe_pair") if result.status.usable else result
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
@@ -163,9 +151,8 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
     if result.status in (Status.OK, Status.NOT_CONVERGED) and single_star(result):
         message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
         return replace(result, status=Status.NO_PAIR, message=message)
-    absurd = absurdity(result.parameters, frame.shape, frame.plate_scale or plate_scale)
-    if absurd:
-        message = f"{Status.POOR_FIT.value}: {absurd}."
+    if problem := result.implausible(frame.shape, frame.plate_scale or plate_scale):
+        message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     outliers = _outlier_hint(frame, result)
     if outliers and result.status is Status.OK and "misfit" not in result.flags:
@@ -187,26 +174,7 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
     if not (result.status.usable and close):
         return result
     said = f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
-    return remark(result, said, "faint_companion")
-
-
-def midpoint_pixel(frame: Frame | None, result: FitResult, plate_scale: float) -> tuple[float, float]:
-    """Return the scene's position ``(x, y)`` in 0-based pixels of the original frame; NaN without a fit."""
-    if frame is None or result.parameters is None:
-        return math.nan, math.nan
-    scene, (ny, nx), (x0, y0) = result.parameters.scene, frame.shape, frame.origin
-    return (
-        x0 + (nx - 1) / 2 + float(scene.x) / plate_scale,
-        y0 + (ny - 1) / 2 + float(scene.y) / plate_scale,
-    )
-
-
-def position_angle(frame: Frame | None, result: FitResult, plate_scale: float) -> float:
-    """Return the direction A to B, north through east [deg]; NaN without a WCS or a fit of a pair."""
-    theta = result.of_scene("theta")
-    if frame is None or frame.metadata.wcs is None or math.isnan(theta):
-        return math.nan
-    return sky_position_angle(frame.metadata.wcs, *midpoint_pixel(frame, result, plate_scale), theta)
+    return result.remarked(said, "faint_companion")
 
 
 def scale_hint(frame: Frame, expected: float) -> str:
@@ -236,7 +204,7 @@ def _flag_further_stars(result: FitResult) -> FitResult:
     count = len(scene.others.x)
     which = "the brightest " * (count > 1)
     said = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
-    return remark(result, said, "further_stars")
+    return result.remarked(said, "further_stars")
 
 
 def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
@@ -248,7 +216,7 @@ def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
         return result
     data = found.data.without(~np.isfinite(result.residual))
     said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
-    return remark(result, said or "", "blur_varies")
+    return result.remarked(said or "", "blur_varies")
 
 
 def _why_unusable(frame: Frame) -> str:

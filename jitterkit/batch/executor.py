@@ -1,6 +1,6 @@
 """One executor for every command that goes over frames: reads ahead, works in threads, yields results.
 
-Reach for :func:`execute`.  Frames are read and prepared one after the other while threads process those
+Reach for :func:`execute`.  Frames are read and calibrated one after the other while threads process those
 before; no more than two batches are held at a time, however many there are.  What is finished is handed out
 after some seconds, so that whoever keeps it loses little when the process is killed.
 
@@ -59,12 +59,15 @@ class FrameTask(Protocol):
         """Return the task with what the reference frames of a batch show."""
         ...
 
-    def prepare(self, raw: RawFrame) -> Any:
-        """Do what is best done where frames are read: many small steps of Python's, say."""
+    def calibrate(self, raw: RawFrame) -> Any:
+        """Turn a frame into electrons where it is read: in many small steps threads hold each other up.
+
+        Frames as large as a camera, of which few may be held, are returned as they are.
+        """
         ...
 
-    def complete(self, prepared: Any) -> Any:
-        """Process what was prepared."""
+    def complete(self, calibrated: Any) -> Any:
+        """Process what :meth:`calibrate` returned."""
         ...
 
 
@@ -206,37 +209,38 @@ def _for_batch(task: FrameTask, batch: Batch, hdu: int | None, running: Iterable
 
 @dataclass(frozen=True)
 class _Read:
-    """A frame that was read: prepared, with the digest of its pixels, or as it is where that failed."""
+    """A frame that was read: calibrated, with the digest of its pixels, or as it is where that failed."""
 
     outcome: Outcome
     raw: RawFrame | None = None
-    prepared: Any = None
+    calibrated: Any = None
 
 
 def _read(task: FrameTask, path: Path, index: int, raw: RawFrame | JitterkitError) -> _Read:
-    """Prepare a frame where it is read; whatever goes wrong is tried again, and told, in a thread."""
+    """Calibrate a frame where it is read; whatever goes wrong is tried again, and told, in a thread."""
     if isinstance(raw, JitterkitError):
         return _Read(Outcome(path, index, FitResult.from_error(Status.UNREADABLE, raw)))
     try:
-        prepared = task.prepare(raw)
-        return _Read(Outcome(path, index, None, raw.metadata, raw.digest), None, prepared)
+        digest, calibrated = raw.digest, task.calibrate(raw)
+        return _Read(Outcome(path, index, None, raw.metadata, digest), None, calibrated)
     except Exception:
         return _Read(Outcome(path, index, None, raw.metadata), raw)
 
 
 def _attempt(task: FrameTask, read: _Read, alone: bool) -> Outcome:
     """Process a frame; whatever it raises is a status, a lack of memory only if nothing else runs."""
-    known, prepared, digest = read.outcome, read.prepared, read.outcome.digest
+    known, calibrated, digest = read.outcome, read.calibrated, read.outcome.digest
     if known.result is not None:
         return known
     try:
         if read.raw is not None:
-            prepared, digest = task.prepare(read.raw), read.raw.digest
-        result = task.complete(prepared)
+            digest = read.raw.digest
+            calibrated = task.calibrate(read.raw)
+        result = task.complete(calibrated)
     except Exception as error:
         if out_of_memory(error) and not alone:
             raise
         log.debug("%s [%d]", known.path, known.index, exc_info=True)
-        frame = prepared if isinstance(prepared, Frame) else None
+        frame = calibrated if isinstance(calibrated, Frame) else None
         result = status_from_exception(error, frame, task.plate_scale)
     return Outcome(known.path, known.index, result, known.metadata, digest)

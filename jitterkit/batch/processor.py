@@ -1,6 +1,4 @@
-"""One frame from file to fit: the path of every frame of ``jitterkit process``.
-
-raw frame -> (region) -> electrons -> scene -> kernel estimate -> refit -> diagnosis
+"""One frame from file to fit: the :mod:`~jitterkit.batch.steps` of every frame of ``jitterkit process``.
 
 A frame that cannot be used ends with a status and a sentence at whatever step stops it.  Frames on the grid
 of reference frames start warm: registered to one of them, about its optics.
@@ -11,78 +9,35 @@ from __future__ import annotations
 import copy
 import functools
 import logging
-import math
 import time
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, Self
 
 import jax.numpy as jnp
-import numpy as np
 
-from jitterkit.batch.diagnose import (
-    diagnose,
-    midpoint_pixel,
-    position_angle,
-    remark,
-    status_from_exception,
-    undecided,
-    unusable,
-)
+from jitterkit.batch import steps
+from jitterkit.batch.diagnose import status_from_exception
 from jitterkit.batch.plan import Batch, FrameReader, Item
 from jitterkit.batch.records import ProcessedFrame, SceneEstimate
-from jitterkit.batch.warm_start import AUTO, SCORE, GridKey, WarmStart, WarmStartCache
+from jitterkit.batch.warm_start import AUTO, SCORE, GridKey, Look, WarmStart, WarmStartCache, from_looks
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_of_memory
-from jitterkit.estimators import KernelEstimate, estimate_score, estimator
+from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
-from jitterkit.frames.region import find_region
-from jitterkit.instruments import Instrument, resolve
+from jitterkit.instruments import Instrument
 from jitterkit.likelihood import Data
-from jitterkit.locate import (
-    Residual,
-    allow_for_model,
-    locate_binary,
-    locate_star,
-    locate_stars,
-    most_outliers,
-)
 from jitterkit.loci import locus_class
 from jitterkit.optics import Optics
-from jitterkit.refit import (
-    POOR,
-    SCENES,
-    FitOptions,
-    FitResult,
-    KernelPrior,
-    Priors,
-    SceneChoice,
-    Status,
-    choose_scene,
-    fit_best_locus,
-    fit_locus,
-)
-from jitterkit.refit.outliers import OUTLIERS, left_out
-from jitterkit.refit.rays import find_rays
-from jitterkit.refit.scene_choice import DECIDED
-from jitterkit.refit.scene_search import found_allowing
-from jitterkit.refit.together import scene_together
+from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, KernelPrior, Priors, SceneChoice, Status
+from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.scene import Star
 
 __all__ = ["AUTO", "SCORE", "FrameProcessor"]
 
 log = logging.getLogger(__name__)
 
-_SEARCHES = dict(zip(SCENES, (locate_star, locate_binary, locate_stars), strict=True))
-
-_Look = tuple[Frame, SceneChoice]
-"""A frame, and what it shows by itself."""
-
 _SYSTEMS = 8
 """Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
-
-_ROUNDS = 3
-"""Refits without what does not belong to a frame: the first fit is bent by it."""
 
 _MISLED = (Status.POOR_FIT, Status.NOT_CONVERGED, Status.NO_PAIR, Status.FAILED)
 """What may come of a warm start; such a frame is fitted again from a cold start."""
@@ -93,9 +48,7 @@ _SURE = (Status.POOR_FIT, Status.NO_PAIR)
 
 @dataclass
 class FrameProcessor:
-    """Processes frames of one instrument: finds their stars and fits them.
-
-    Optics are computed once for each shape and scale.
+    """Processes frames of one instrument; optics are computed once for each shape and scale.
 
     Attributes
     ----------
@@ -172,54 +125,40 @@ class FrameProcessor:
         MemoryError or jax.errors.JaxRuntimeError
             If memory runs out.
         """
-        return self.complete(self.prepare(raw))
-
-    def prepare(self, raw: RawFrame) -> Frame | FitResult:
-        """Calibrate a frame, or say why that cannot be done; raises nothing but a lack of memory."""
         try:
-            return self.calibrate(raw)
+            frame = self.calibrate(raw)
         except Exception as error:  # whatever a frame does, the others are not to suffer
             if out_of_memory(error):
                 raise
-            return status_from_exception(error, None, self.plate_scale)
-
-    def complete(self, prepared: Frame | FitResult) -> ProcessedFrame:
-        """Fit a prepared frame."""
-        return self.fit(prepared) if isinstance(prepared, Frame) else ProcessedFrame(None, prepared)
+            return ProcessedFrame(None, status_from_exception(error, None, self.plate_scale))
+        return self.complete(frame)
 
     def calibrate(self, raw: RawFrame) -> Frame:
-        """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons."""
-        digest = raw.digest  # of the whole frame, as its file holds it
-        raw = resolve(raw, self.instrument, self.overrides)
-        ny, nx = self.instrument.shape
-        large = raw.shape[0] > ny or raw.shape[1] > nx
-        if large:
-            raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
-        frame = self.instrument.detector.calibrate(raw)
-        flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
-        return frame.told(flags=flags, digest=digest)
+        """Return a frame in electrons, as :func:`~jitterkit.batch.steps.calibrate` does."""
+        return steps.calibrate(raw, self.instrument, self.overrides)
 
-    def fit(self, frame: Frame) -> ProcessedFrame:
+    def complete(self, frame: Frame) -> ProcessedFrame:
         """Fit a calibrated frame; raises nothing but a lack of memory, which is not the frame's fault.
 
         If a warm start may be why it cannot be fitted, it is fitted again from a cold start.
         """
-        began = time.perf_counter()
+        began, model_error = time.perf_counter(), self.options.model_error
         try:
-            fitted, result = self._fit(frame)
+            whole, fit = fit_without_outliers(frame, self._fit, rays=self.rays, model_error=model_error)
+            result, p = fit.result, fit.result.parameters
+            if result.status.usable and p and (left := fit.residual(whole, model_error)):
+                result = replace(result, further_limit=left.hidden(p.scene))
         except Exception as error:
             if out_of_memory(error):
                 raise
             log.debug("%s", frame.name, exc_info=True)
-            fitted, result = frame, status_from_exception(error, frame, self.plate_scale)
+            whole, result = frame, status_from_exception(error, frame, self.plate_scale)
         known = self.known.get(self.grid(frame))
         misled = known is not None and known.changes(frame) and result.status in _MISLED
         if misled and not (result.status in _SURE and self.repeats(frame)):
-            return self.with_warm_starts({}).fit(frame)
+            return self.with_warm_starts({}).complete(frame)
         result = replace(result, seconds=time.perf_counter() - began)
-        scale = frame.plate_scale or self.plate_scale
-        pixel, pa = midpoint_pixel(fitted, result, scale), position_angle(fitted, result, scale)
-        return ProcessedFrame(fitted, result, pixel, pa)
+        return ProcessedFrame.from_fit(whole, result, frame.plate_scale or self.plate_scale)
 
     def estimate(self, frame: Frame, *, rough: bool = False) -> SceneEstimate | FitResult:
         """Find the stars and estimate the kernel, or say why not.
@@ -228,22 +167,23 @@ class FrameProcessor:
         ----------
         frame : Frame
         rough : bool
-            Whether a fit of everything is to follow: the score estimate is then the one that finding the
-            stars gives, which need not be made twice.
-
-        Returns
-        -------
-        estimate : SceneEstimate or FitResult
+            Whether a fit of everything is to follow: the score estimate is then the normal with which the
+            stars are found, and is not made.
         """
-        data = Data.of(frame, censored=self.censored)
-        found = self._registered(frame, data, rough) or self._located(frame, data, rough)
-        if isinstance(found, FitResult):
-            return found
-        if self.kernel != SCORE:
-            blur = estimator(self.kernel)(data, found.parameters, found.otf, hold=self.options.hold)
-            found.estimate = blur
-        found.estimate = replace(found.estimate, source=frame.name, digest=frame.digest)
-        return found
+        score = self.kernel == SCORE  # any other estimate takes the place of the score's
+        start = steps.locate(
+            frame,
+            self.optics(frame),
+            self.scene,
+            options=self.options,
+            censored=self.censored,
+            warm=self.known.get(self.grid(frame)),
+            rough=rough and score,
+            shape=score and not rough,
+        )
+        if isinstance(start, FitResult) or (rough and score):
+            return start
+        return replace(start, estimate=steps.estimate(start, self.kernel, hold=self.options.hold))
 
     def for_batch(self, batch: Batch, hdu: int | None = None) -> Self:
         """Return the processor with the warm starts that the reference frames of a batch give."""
@@ -260,17 +200,21 @@ class FrameProcessor:
         """Leave out the optics, which other processes compute themselves."""
         return self.__dict__ | {"_systems": {}}
 
-    def warm_start(self, frame: Frame) -> WarmStart | None:
+    def warm_start(self, frame: Frame, choice: SceneChoice | None = None) -> WarmStart | None:
         """Return what one frame shows; None for one that is not sound, and where nothing is known by it."""
-        choice = self.choose_scene(frame)
-        return None if choice is None else self._warm_start(frame, choice)
+        choice = choice or self.choose_scene(frame)
+        if choice is None:
+            return None
+        if warm := self._cache.warm_start(self.grid(frame), self.optics(frame), choice, self.options):
+            return warm
+        return WarmStart(choice.scene, choice.doubt) if self.scene == AUTO else None  # nothing can change
 
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """Return what scene a frame shows at first sight; None if it shows none."""
+        data, warm = Data.of(frame, censored=self.censored), self.known.get(self.grid(frame))
         try:
-            data = self._without_outliers(frame, Data.of(frame, censored=self.censored))
-            search = functools.partial(self._found, frame)
-            found, _ = found_allowing(search, data, self.options.model_error, rough=True)
+            where = self.optics(frame), self.scene, data, self.options, warm
+            found, _ = steps.search(frame, *where, rough=True)
         except Exception as error:
             if out_of_memory(error):
                 raise
@@ -279,7 +223,8 @@ class FrameProcessor:
 
     def repeats(self, frame: Frame) -> bool:
         """Return whether a frame shows what the reference frame shows: its scene is in no doubt then."""
-        found = self._registered(frame, Data.of(frame), rough=True)
+        known, optics = self.known[self.grid(frame)], self.optics(frame)
+        found = known.register(frame, Data.of(frame), optics, self.options.hold, rough=True)
         # a cut-out about one star does not show what else is in the frame
         return found is not None and found.parameters.scene.name != Star.name
 
@@ -311,161 +256,40 @@ class FrameProcessor:
         told = Priors() if self.prior is None else self.prior.of(frame.name, frame.digest)
         return replace(self.options, priors=self.priors.joined(told))
 
-    def _fit(self, frame: Frame) -> tuple[Frame, FitResult]:
-        """Fit a frame, and again without pixels that do not belong to it, as long as they are few."""
-        (result, before), after, most = self._fit_once(frame), 0, most_outliers(~frame.mask)
-        for _ in range(_ROUNDS):
-            hit, flag = self._do_not_belong(frame, result)
-            alone = int(hit.sum()) if flag == OUTLIERS else 0
-            if not hit.any() or (alone and before + after + alone > most):
-                break
-            after += alone
-            flags = tuple(dict.fromkeys((*frame.flags, flag)))
-            frame = replace(frame, mask=frame.mask | hit, flags=flags)
-            result, before = self._fit_once(frame)
-        left = self._left_over(frame, result)
-        if left is not None and result.parameters is not None and result.status.usable:
-            result = replace(result, further_limit=left.hidden(result.parameters.scene))
-        return frame, remark(result, left_out(before + after), OUTLIERS)
-
-    def _do_not_belong(self, frame: Frame, result: FitResult) -> tuple[np.ndarray, str]:
-        """Return pixels that a fit leaves over, and the flag that says so of the frame."""
-        left = self._left_over(frame, result)
-        if left is None or result.parameters is None:
-            return np.zeros(frame.shape, bool), ""
-        if self.rays and (rays := find_rays(result.residual)).any():
-            return rays, "rays_masked"
-        return left.outliers(float(result.parameters.background)), OUTLIERS
-
-    def _left_over(self, frame: Frame, result: FitResult) -> Residual | None:
-        """Return what a fit leaves of a frame; None for one that could not be fitted."""
-        if result.residual is None or result.image is None or result.parameters is None:
-            return None
-        data, otf = Data.of(frame).without(~np.isfinite(result.residual)), self.optics(frame).nominal
-        data = allow_for_model(data, result.parameters, result.image, otf, self.options.model_error)
-        return Residual(data, result.image, otf, result.parameters.locus)
-
-    def _fit_once(self, frame: Frame) -> tuple[FitResult, int]:
-        """Fit a frame, and say how many pixels the search for its stars left out."""
-        found = self.estimate(frame, rough=True)
-        if isinstance(found, FitResult):
-            return found, 0
-        options = self.options_of(frame)
-        common = (found.data, found.optics, found.parameters, found.estimate.moments, found.otf, options)
-        told = options.priors.terms or options.priors.if_free or options.priors.moments is not None
-        if self.locus == AUTO and found.fit is not None and not told:
-            result = found.fit
-        elif self.locus == AUTO:
-            result = fit_best_locus(*common, found.estimate.covariance, sure=found.searched is None)
-        else:
-            result = fit_locus(self.locus, *common, sure=found.searched is None)
-        result = diagnose(frame, found, replace(result, estimate=found.estimate), self.plate_scale)
+    def _fit(self, frame: Frame) -> Fitted:
+        """Locate, estimate, fit and diagnose a frame."""
+        otf, start = self.optics(frame).nominal, self.estimate(frame, rough=True)
+        if isinstance(start, FitResult):
+            return Fitted(start, otf)
+        result = steps.fit(start, locus=self.locus, options=self.options_of(frame))
+        result = steps.diagnose(frame, start, result, self.plate_scale)
         if self.prior is not None and self.prior.of(frame.name, frame.digest) == Priors():
-            result = remark(result, "The prior holds this frame only and was not used.", "prior_unused")
-        return result, found.left_out
+            result = result.remarked("The prior holds this frame only and was not used.", "prior_unused")
+        return Fitted(result, otf, start.left_out)
 
     def _find_warm_starts(
         self, references: tuple[Item, ...], hdu: int | None, scene_only: bool
     ) -> dict[GridKey, WarmStart]:
         """Look at reference frames until one is in no doubt of its scene; at all for their scene only."""
-        found: defaultdict[GridKey, list[_Look]] = defaultdict(list)
+        looks: dict[GridKey, list[Look]] = {}
+        if scene_only and self.scene != AUTO:
+            return {}
         with FrameReader(hdu) as reader:
             for _, _, raw in reader.read(references):
-                frame = None if isinstance(raw, JitterkitError) else self.prepare(raw)
-                if not isinstance(frame, Frame):
-                    continue
-                seen = found[self.grid(frame)]
-                if not scene_only and any(map(_is_sure, seen)):
-                    continue
-                if (choice := self.choose_scene(frame)) is not None:
-                    seen.append((frame, choice))
-        combine = self._scene_of if scene_only else self._warm_start_of
-        starts = ((key, combine(seen)) for key, seen in found.items())
-        return {key: start for key, start in starts if start is not None}
-
-    def _warm_start_of(self, seen: list[_Look]) -> WarmStart | None:
-        """Return what the first frame shows that is in no doubt; where all are, what they show together."""
-        sure = [look for look in seen if _is_sure(look)]
-        if sure:
-            return self._warm_start(*sure[0])
-        scene = scene_together([choice for _, choice in seen])
-        looks = [look for look in seen if look[1].scene == scene]
-        if looks:
-            return self._warm_start(*looks[0])
-        return None if scene is None else WarmStart(scene)
-
-    def _scene_of(self, seen: list[_Look]) -> WarmStart | None:
-        """Return what scene a few frames show together, and what each shows by itself."""
-        if self.scene != AUTO:
-            return None
-        scene = scene_together([choice for _, choice in seen]) or AUTO
-        return WarmStart(scene, choices={frame.digest: choice for frame, choice in seen})
-
-    def _warm_start(self, frame: Frame, choice: SceneChoice) -> WarmStart | None:
-        if warm := self._cache.warm_start(self.grid(frame), self.optics(frame), choice, self.options):
-            return warm
-        return WarmStart(choice.scene, choice.doubt) if self.scene == AUTO else None  # nothing can change
-
-    def _registered(self, frame: Frame, data: Data, rough: bool) -> SceneEstimate | None:
-        """Return what a frame shows that repeats a reference frame; None for one that does not."""
-        known = self.known.get(self.grid(frame))
-        # any other estimate takes the place of the score's, for which a normal will do
-        rough = rough or self.kernel != SCORE
-        return None if known is None else known.register(frame, data, self.options.hold, rough)
-
-    def _located(self, frame: Frame, data: Data, rough: bool) -> SceneEstimate | FitResult:
-        """Return what a frame shows that is searched through."""
-        clean = self._without_outliers(frame, data)
-        search, haste = functools.partial(self._found, frame), rough and self.kernel == SCORE
-        found, clean = found_allowing(search, clean, self.options.model_error, rough=haste)
-        if isinstance(found, FitResult):
-            return found
-        if (result := undecided(found)) is not None:
-            return result
-        start = found.start
-        if rough or self.kernel != SCORE:  # any other estimate takes the place of this one
-            estimate = KernelEstimate(np.asarray(start.parameters.locus.moments()), start.covariance, SCORE)
-        else:
-            estimate = estimate_score(clean, start.parameters, start.otf, hold=self.options.hold)
-        known = self.known.get(self.grid(frame))
-        doubt = found.doubt or ("" if known is None or known.scene != found.scene else known.doubt)
-        dropped = int(np.count_nonzero(data.used) - np.count_nonzero(clean.used))
-        optics = self.optics(frame)
-        return SceneEstimate(clean, start.parameters, estimate, optics, start.otf, doubt, found.fit, dropped)
-
-    def _without_outliers(self, frame: Frame, data: Data) -> Data:
-        """Return data without pixels that no star can have made: a search would take them for stars."""
-        if not np.any(data.used):
-            return data
-        dark = Residual.of_dark(data, self.optics(frame).nominal)
-        return data.without(dark.outliers(0.0, surely=True))
-
-    def _found(self, frame: Frame, data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
-        """Find the stars, or say why not."""
-        if (refused := unusable(frame, data)) is not None:
-            return refused
-        known = self.known.get(self.grid(frame))
-        scene = known.scene if self.scene == AUTO and known is not None else self.scene
-        optics, hold = self.optics(frame), self.options.hold
-        seen = known.choices.get(frame.digest) if rough and known is not None else None
-        if seen is not None and (scene in (AUTO, seen.scene) or seen.evidence is None):
-            return seen  # it agrees with the others, or is in no doubt
-        start = None if scene == AUTO else _SEARCHES[scene](data, optics, hold, rough=rough)
-        choice = None
-        # a frame of a run need not be as the run is
-        if start is not None and (scene == self.scene or start.describes(data)):
-            told = ("", False) if seen is None else (seen.readings, True)
-            choice = SceneChoice(start, -math.inf if scene == Star.name else math.inf, *told)
-        elif self.scene == AUTO:
-            choice = choose_scene(data, optics, self.options, rough=rough)
-        if choice is None:
-            return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-        return choice
-
-
-def _is_sure(look: _Look) -> bool:
-    """Return whether a frame is in no doubt about its scene."""
-    return not abs(look[1].log_odds) < DECIDED
+                try:
+                    if isinstance(raw, JitterkitError):
+                        raise raw
+                    frame = self.calibrate(raw)
+                except Exception as error:
+                    if out_of_memory(error):
+                        raise
+                    continue  # the frame's own row will say why
+                seen = looks.setdefault(self.grid(frame), [])
+                if scene_only or not any(choice.is_sure for _, choice in seen):
+                    choice = self.choose_scene(frame)
+                    seen += [] if choice is None else [(frame, choice)]
+        starts = {key: from_looks(seen, self.warm_start, scene_only) for key, seen in looks.items()}
+        return {key: start for key, start in starts.items() if start is not None}
 
 
 @functools.cache

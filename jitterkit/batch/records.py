@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.frames import Frame
+from jitterkit.frames import Frame, sky_position_angle
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn, axis_variances, covariance_on_axis
@@ -24,9 +24,9 @@ from jitterkit.refit import FitResult
 __all__ = ["BlurMeasurement", "ProcessedFrame", "SceneEstimate"]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class SceneEstimate:
-    """What a frame shows before everything of it is fitted.
+    """Where the fits of a frame start: its stars are located, its blur is estimated.
 
     Attributes
     ----------
@@ -34,6 +34,7 @@ class SceneEstimate:
     parameters : Parameters
         Of the scene, with a normal locus.
     estimate : KernelEstimate
+        Of that normal, until another takes its place.
     optics : Optics
     searched : OTF or None
         About aberrations very near the scene's, where it was searched for; None where the frame was
@@ -87,6 +88,27 @@ class ProcessedFrame:
     result: FitResult
     pixel: tuple[float, float] = (math.nan, math.nan)
     pa: float = math.nan
+
+    @classmethod
+    def from_fit(cls, frame: Frame, result: FitResult, plate_scale: float) -> ProcessedFrame:
+        """Make the record of a frame, with the position and direction of its scene.
+
+        Parameters
+        ----------
+        frame : Frame
+        result : FitResult
+        plate_scale : float
+            arcsec per pixel.
+        """
+        if result.parameters is None:
+            return cls(frame, result)
+        scene, wcs, theta = result.parameters.scene, frame.metadata.wcs, result.of_scene("theta")
+        x, y = (
+            corner + (n - 1) / 2 + float(offset) / plate_scale
+            for corner, n, offset in zip(frame.origin, frame.shape[::-1], (scene.x, scene.y), strict=True)
+        )
+        has_pa = wcs is not None and not math.isnan(theta)
+        return cls(frame, result, (x, y), sky_position_angle(wcs, x, y, theta) if has_pa else math.nan)
 
 
 @dataclass(frozen=True, eq=False)

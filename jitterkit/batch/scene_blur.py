@@ -89,8 +89,8 @@ class SceneBlurEstimator:
         if self._sharp is not None:
             check_reference(self._sharp, self._starless if self._shows_stars else None, paths, hdu)
 
-    def prepare(self, raw: RawFrame) -> RawFrame:
-        """Do nothing yet."""
+    def calibrate(self, raw: RawFrame) -> RawFrame:
+        """Return a frame as it is: it may be as large as its camera."""
         return raw
 
     def complete(self, raw: RawFrame) -> BlurMeasurement:
@@ -107,10 +107,10 @@ class SceneBlurEstimator:
             raise UndeterminedError(
                 ErrorCode.IS_REFERENCE, f"{raw.name} is the reference that the others are compared with."
             )
-        frame = self.calibrate(raw)
+        frame = self._electrons(raw)
         return self._field(frame) if self._shows_stars else self._extended(frame)
 
-    def calibrate(self, raw: RawFrame) -> Frame:
+    def _electrons(self, raw: RawFrame) -> Frame:
         """Return a frame in electrons, by what its header and the command line say."""
         metadata = raw.metadata.apply("command line", **self.overrides)
         return Detector().calibrate(replace(raw, metadata=metadata))
@@ -118,7 +118,7 @@ class SceneBlurEstimator:
     @cached_property
     def _sharp(self) -> Frame | None:
         """The reference, calibrated."""
-        return None if self.reference is None else self.calibrate(self.reference)
+        return None if self.reference is None else self._electrons(self.reference)
 
     @cached_property
     def _shows_stars(self) -> bool:

@@ -13,9 +13,8 @@ from jitterkit.batch.records import BlurMeasurement, SceneEstimate
 from jitterkit.batch.warm_start import SCORE
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.likelihood import Data, Misfit, pearson
+from jitterkit.likelihood import Misfit, pearson
 from jitterkit.loci import Shaped
-from jitterkit.optics import OTF
 from jitterkit.refit import POOR, FitResult, Status
 from jitterkit.refit.outliers import OUTLIERS, left_out
 from jitterkit.scoring import climb_a_little
@@ -62,7 +61,7 @@ class TemplateBlurEstimator:
         other.processor = self.processor.for_batch(batch, hdu)
         return other
 
-    def prepare(self, raw: RawFrame) -> Frame:
+    def calibrate(self, raw: RawFrame) -> Frame:
         """Calibrate a frame: many small steps of Python's, in which threads would hold each other up."""
         return self.processor.calibrate(raw)
 
@@ -74,28 +73,26 @@ class TemplateBlurEstimator:
         message = " ".join(filter(None, [found.doubt, left_out(found.left_out)]))
         if found.left_out:
             frame = frame.told(flags=(*frame.flags, OUTLIERS))
-        if found.searched is not None or self.name != SCORE:
-            misfit = pearson(found.blurred(), found.data)
-            if not _per_pixel(misfit) <= POOR:
-                best = _per_pixel(self._fitted(found.data, found.parameters, found.otf))
-                if not best <= POOR:
-                    return self._poor(frame, found.parameters, misfit)
-                rest = (
-                    f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with "
-                    f"everything fitted {best:.3g}: the picture's residual is the template's."
-                )
-                message = " ".join(filter(None, [message, rest]))
-        return self._measured(frame, found, message)
-
-    def _measured(self, frame: Frame, found: SceneEstimate, message: str) -> BlurMeasurement:
+        # what is registered to another frame is described by what fits that
+        searched = found.searched is not None or self.name != SCORE
+        misfit = pearson(found.blurred(), found.data) if searched else None
+        if misfit is not None and not _per_pixel(misfit) <= POOR:
+            best = _per_pixel(self._fitted(found))
+            if not best <= POOR:
+                return self._poor(frame, found.parameters, misfit)
+            rest = (
+                f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with "
+                f"everything fitted {best:.3g}: the picture's residual is the template's."
+            )
+            message = f"{message} {rest}".lstrip()
         scale, scene = frame.plate_scale or self.plate_scale, found.parameters.scene.name
         return BlurMeasurement.from_estimate(frame, found.estimate, scale, found, message, scene)
 
-    def _fitted(self, data: Data, parameters: Parameters, otf: OTF) -> Misfit:
+    def _fitted(self, found: SceneEstimate) -> Misfit:
         """Return what is left with everything free: the template was fitted with a normal's shape."""
-        shaped = parameters.with_locus(Shaped.near(parameters.locus.moments()))
-        end, _ = climb_a_little(shaped, otf, data, self.processor.options.hold, _STEPS)
-        return pearson(expected_image(end.parameters, otf), data)
+        shaped = found.parameters.with_locus(Shaped.near(found.parameters.locus.moments()))
+        end, _ = climb_a_little(shaped, found.otf, found.data, self.processor.options.hold, _STEPS)
+        return pearson(expected_image(end.parameters, found.otf), found.data)
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
         """Say that no scene with a blur describes a frame, and why not where that can be told."""

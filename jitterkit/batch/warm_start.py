@@ -7,7 +7,7 @@ reference frames.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
@@ -25,8 +25,9 @@ from jitterkit.loci import Mvn
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
 from jitterkit.refit import FitOptions, SceneChoice
 from jitterkit.refit.fit import settled
+from jitterkit.refit.together import scene_together
 
-__all__ = ["AUTO", "SCORE", "GridKey", "WarmStart", "WarmStartCache"]
+__all__ = ["AUTO", "SCORE", "GridKey", "Look", "WarmStart", "WarmStartCache", "from_looks"]
 
 GridKey = tuple[tuple[int, int], float]
 """Shape ``(ny, nx)`` and plate scale [arcsec]."""
@@ -76,7 +77,9 @@ class WarmStart:
         own = self.choices.get(frame.digest)
         return own is None or self.scene not in (AUTO, own.scene)
 
-    def register(self, frame: Frame, data: Data, hold: Collection[str], rough: bool) -> SceneEstimate | None:
+    def register(
+        self, frame: Frame, data: Data, optics: Optics, hold: Collection[str], *, rough: bool
+    ) -> SceneEstimate | None:
         """Return what a frame shows that repeats the reference frame; None for one that does not.
 
         Parameters
@@ -84,6 +87,8 @@ class WarmStart:
         frame : Frame
         data : Data
             Of the frame.
+        optics : Optics
+            As :meth:`optics` returns them.
         hold : collection of str
             Parameters that are not free.
         rough : bool
@@ -102,8 +107,41 @@ class WarmStart:
             if not start.describes(parameters):
                 return None
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
-        optics = self.optics(frame)
+        estimate = replace(estimate, source=frame.name, digest=frame.digest)
         return SceneEstimate(data, start.in_frame(parameters), estimate, optics, doubt=self.doubt)
+
+
+Look = tuple[Frame, SceneChoice]
+"""A reference frame, and what it shows at first sight."""
+
+
+def from_looks(
+    looks: Sequence[Look], warm_start: Callable[[Frame, SceneChoice], WarmStart | None], scene_only: bool
+) -> WarmStart | None:
+    """Return what reference frames on one grid show.
+
+    Parameters
+    ----------
+    looks : sequence of (Frame, SceneChoice)
+    warm_start : callable
+        From one of these to what it shows.
+    scene_only : bool
+        Whether they are too few to show more than their scene.
+
+    Returns
+    -------
+    warm_start : WarmStart or None
+        Of the first frame that is in no doubt; where all are, what they show together.
+    """
+    if not scene_only and (sure := [look for look in looks if look[1].is_sure]):
+        return warm_start(*sure[0])
+    scene = scene_together([choice for _, choice in looks])
+    if scene_only:
+        return WarmStart(scene or AUTO, choices={frame.digest: choice for frame, choice in looks})
+    alike = [look for look in looks if look[1].scene == scene]
+    if alike:
+        return warm_start(*alike[0])
+    return None if scene is None else WarmStart(scene)
 
 
 class WarmStartCache:

@@ -114,14 +114,13 @@ def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
     The shape of the blur is taken for known, and three moments on top of it are free, as in a fit.
     """
     import jax.numpy as jnp
-    from astropy import units
-    from astropy.table import QTable
 
     from jitterkit.conventions import direction_angle
     from jitterkit.forecast import forecast
     from jitterkit.forward import Parameters
     from jitterkit.loci import Mvn, Product, Stable, principal_axes
     from jitterkit.refit import FitOptions
+    from jitterkit.report.columns import Column, bind_rows
     from jitterkit.scene import Binary
 
     blurred = Product(locus, Mvn(jnp.zeros(3)))
@@ -135,8 +134,10 @@ def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
         shaken = forecast(Parameters(scene, blurred, aberrations), otf, telescope.detector, known)
         errors = [forecasted.error("separation") * 1e6 for forecasted in (sharp, shaken)]
         rows.append((theta, *errors, (errors[1] / errors[0]) ** 2 - 1))
-    names = ("theta", "error_without", "error_with", "more_time")
-    table = QTable(rows=rows, names=names, units=(units.deg, units.uas, units.uas, None))
-    for name, form in zip(names, ("{:.1f}", "{:.1f}", "{:.1f}", "{:.2%}"), strict=True):
-        table[name].info.format = form
-    return table
+    columns = (
+        Column("theta", unit="deg", format="{:.1f}"),
+        Column("error_without", unit="uas", format="{:.1f}"),
+        Column("error_with", unit="uas", format="{:.1f}"),
+        Column("more_time", format="{:.2%}"),
+    )
+    return bind_rows(columns, rows)

@@ -124,7 +124,8 @@ def _rows(lines: list[Line]) -> list[list[str]]:
 
 
 def _table(lines: list[Line]):
-    from astropy.table import QTable
+    from jitterkit.report.columns import Column, bind
 
-    names = ("quantity", "unit", "here", "paper", "notebook")
-    return QTable([[getattr(line, name) for line in lines] for name in names], names=names)
+    texts = (Column(name, kind=str) for name in ("quantity", "unit"))
+    columns = (*texts, *map(Column, ("here", "paper", "notebook")))
+    return bind((column, [getattr(line, column.name) for line in lines]) for column in columns)

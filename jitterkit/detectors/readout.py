@@ -5,8 +5,8 @@ well clips; the read-out couples neighbours, is not linear, adds noise; the conv
 gain, adds the bias, rounds and clips.
 
 :func:`cosmic_rays` draws straight tracks of charge at a given rate.  Nothing here finds or removes them: a
-filter of the image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.rays` finds them
-in what a fit leaves over.
+filter of the image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.outliers`
+finds them in what a fit leaves over.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform,
 from jitterkit.detectors.maps import piece
 from jitterkit.detectors.response import beside, collected, decouple, decoupled_variance, slope
 from jitterkit.frames.frame import Frame, RawFrame
-from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.metadata import Metadata
 
 _ROUNDING = 1e-12
 """By this share a charge may miss the level of a full well and still be at it."""
@@ -98,7 +98,8 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
         unknown = beside(missing) & ~missing
         charge = decouple(charge, detector.coupling)
         variance = decoupled_variance(variance, detector.coupling)
-    dark = _dark(detector, raw, metadata)
+    current = 0.0 if detector.dark_current is None else _piece(detector, "dark_current", raw)
+    dark = current * metadata.value("exposure", 0.0)  # where nobody knows the exposure, a flag says so
     brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
     top = np.minimum(brim, _linear(detector, np.asarray((clips - bias) * gain))[0])
     return _Counts(
@@ -141,12 +142,6 @@ def _linear(detector: Characteristics, measured: np.ndarray) -> tuple[np.ndarray
     return charge, slope(charge, detector.nonlinearity, detector.full_well)
 
 
-def _dark(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Values:
-    """Expected dark electrons; none where nobody knows the exposure, and a flag says so."""
-    current = 0.0 if detector.dark_current is None else _piece(detector, "dark_current", raw)
-    return current * metadata.value("exposure", 0.0)
-
-
 def _own(detector: Characteristics, name: str, raw: RawFrame, metadata: Metadata) -> Values:
     return piece(name, own(detector, name, metadata), raw.name, raw.origin, raw.shape)
 
@@ -186,16 +181,12 @@ def _flags(
 ) -> tuple[str, ...]:
     converted = raw.unit == "adu"
     needed = ASSUMED if converted else ("read_noise",)
-    flags = [f"{name}_assumed" for name in needed if _nobody_said(getattr(metadata, name))]
+    flags = [f"{name}_assumed" for name in needed if getattr(metadata, name).source.startswith(GUESSED)]
     beyond = beyond or (converted and bool(np.any((raw.data > detector.largest) & ~raw.mask)))
     dark = detector.dark_current is not None and bool(np.any(detector.dark_current))
     undated = converted and dark and metadata.exposure is None
     conditions = {"saturated": saturated, "above_adc_range": beyond, "dark_not_subtracted": undated}
     return (*flags, *(word for word, holds in conditions.items() if holds))
-
-
-def _nobody_said(known: Known) -> bool:
-    return known.source.startswith(GUESSED)
 
 
 def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:

@@ -9,18 +9,21 @@ those beyond, and only a locus that is far behind is known to be.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.estimators.shape import CumulantStep
+from jitterkit.estimators.shape import CumulantStep, ShapedBlur, fit_shape
 from jitterkit.forward import Parameters
+from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, Mvn, Shaped
 from jitterkit.loci.base import moments_and_slope
 from jitterkit.loci.cumulants import form_cumulants
 from jitterkit.metric import invert_information
+from jitterkit.optics.otf import OTF
 
 ORDERS = (3, 4, 6)
 """Of the cumulants that a frame is asked about."""
@@ -214,6 +217,21 @@ class CompressedLikelihood:
         turn[np.arange(len(beside)), [names.index(one) for one in beside]] = 1.0
         turn[len(beside) :, first : first + len(locus.names)] = slope
         return names, np.linalg.inv(turn.T @ self.curvature @ turn)
+
+
+def shaped_blur(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str]) -> ShapedBlur | None:
+    """Fit a blur and its kurtosis: to what cumulants tell, or where that is not enough to the image.
+
+    Parameters
+    ----------
+    step, otf, data, hold
+        As for :func:`~jitterkit.estimators.shape.fit_shape`; the step is of the orders :data:`ORDERS`.
+    """
+    compressed = CompressedLikelihood.of(step)
+    told = None if compressed is None else compressed.fit(Shaped)
+    if told is None or not told.left_out < CLOSE:
+        return fit_shape(step, otf, data, hold)
+    return ShapedBlur(told.at(step.parameters, otf.names), told.of_locus())
 
 
 def _cumulant(locus: Locus, order: int) -> tuple[float, np.ndarray]:

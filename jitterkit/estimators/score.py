@@ -14,15 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedLikelihood
-from jitterkit.estimators.shape import (
-    CumulantStep,
-    ShapedBlur,
-    doubted,
-    fit_known_shape,
-    fit_shape,
-    is_decisive,
-)
+from jitterkit.estimators.compressed import ORDERS, shaped_blur
+from jitterkit.estimators.shape import CumulantStep, doubted, fit_known_shape, is_decisive
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -118,7 +111,7 @@ def estimate_from_normal(
     step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data, ORDERS)
     told, blur = step.shape(), None
     if is_decisive(told.error):
-        blur = _shaped_by_cumulants(step, otf) or fit_shape(step, otf, data, hold)
+        blur = shaped_blur(step, otf, data, hold)
     if blur is None:
         covariance = doubted(covariance, np.array([told.response[name] for name in Shaped.names[:3]]))
         shape, error = told.kurtosis, told.error
@@ -127,15 +120,6 @@ def estimate_from_normal(
     shape, error = blur.kurtosis, blur.kurtosis_err
     estimate = KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error, locus=blur.locus)
     return estimate, blur.parameters
-
-
-def _shaped_by_cumulants(step: CumulantStep, otf: OTF) -> ShapedBlur | None:
-    """The fit of a blur and its kurtosis to what cumulants tell; None if that is not enough."""
-    compressed = CompressedLikelihood.of(step)
-    told = None if compressed is None else compressed.fit(Shaped)
-    if told is None or not told.left_out < CLOSE:
-        return None
-    return ShapedBlur(told.at(step.parameters, otf.names), told.of_locus())
 
 
 def _of_known_shape(

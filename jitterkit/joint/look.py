@@ -22,16 +22,15 @@ from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.linearisation import SETTLED, linearisation_error
-from jitterkit.locate import ModelError, Residual, allow_for_model, check_model_error, locate_binary
+from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, choose_scene
-from jitterkit.refit.absurd import absurdity
 from jitterkit.refit.evidence import CHOICES
-from jitterkit.refit.fit import fit_and_expand
-from jitterkit.refit.scene_search import found_allowing
+from jitterkit.refit.fit import fit_and_allow
+from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
@@ -157,10 +156,8 @@ class Looker:
         nominal = self.optics.nominal
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
-        # what no star can have made: a search would take it for one
-        data = data.without(Residual.of_dark(data, nominal).outliers(0.0, surely=True))
         search = self._choice if near is None and self.scene == "auto" else self._pair
-        choice, data = found_allowing(search, data, self.model_error, rough=False)
+        choice, data = found_allowing(search, data, nominal, self.model_error, rough=False)
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
         if search == self._choice and choice.scene != Binary.name:
@@ -171,7 +168,7 @@ class Looker:
         start, p = choice.start, choice.start.parameters
         begin = Parameters(p.scene, p.locus, p.aberrations, p.background, shutter=shutter)
         options = FitOptions(hold=self.hold, priors=self.priors, model_error=self.model_error)
-        fit, otf = fit_and_expand(data, self.optics, begin, start.otf, options)
+        fit, otf, _ = fit_and_allow(data, self.optics, begin, start.otf, options)
         if self.diffusion and fit.parameters is not None:
             fit = replace(fit, parameters=self._parted(fit.parameters))
         fit, otf = self._with_locus(data, fit, otf, options)
@@ -182,7 +179,7 @@ class Looker:
 
     def again(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from near where they are, locus and all."""
-        return self._judged(*fit_and_expand(self._data(frame), self.optics, start, otf, self._options))
+        return self._judged(*fit_and_allow(self._data(frame), self.optics, start, otf, self._options)[:2])
 
     def anew(self, frame: Frame, start: Parameters, image, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from another frame's, its jitter unknown.
@@ -201,7 +198,7 @@ class Looker:
         dy, dx = (pitch * shift for shift in _shift(np.asarray(data.electrons), np.asarray(image)))
         start = start.with_locus(Mvn(jnp.zeros(3)))
         start = self.at(start, {"x": float(start.scene.x) + dx, "y": float(start.scene.y) + dy})
-        normal, near = fit_and_expand(data, self.optics, start, otf, self._options)
+        normal, near, _ = fit_and_allow(data, self.optics, start, otf, self._options)
         return self._judged(*self._with_locus(data, normal, near, self._options))
 
     def told(
@@ -279,10 +276,9 @@ class Looker:
     def _judged(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
         """The fit, or what is absurd about it."""
         grid = self.optics.nominal.grid
-        absurd = "" if fit.parameters is None else absurdity(fit.parameters, grid.shape, grid.plate_scale)
-        if not absurd:
+        if not (problem := fit.implausible(grid.shape, grid.plate_scale)):
             return fit, otf
-        told = f"{Status.POOR_FIT.value}: {absurd}."
+        told = f"{Status.POOR_FIT.value}: {problem}."
         return replace(fit, status=Status.POOR_FIT, message=told), otf
 
     def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:
@@ -291,12 +287,12 @@ class Looker:
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
         place = starting_point(kind, moments, normal.parameters, otf, data, options)
-        fit, near = fit_and_expand(data, self.optics, place, otf, options)
+        fit, near, _ = fit_and_allow(data, self.optics, place, otf, options)
         if fit.status is not Status.NOT_CONVERGED or not issubclass(kind, Streak):
             return fit, near
         # a streak that noise has made too short to start from
         longer = place.with_locus(kind.near(jnp.array([_VISIBLE**2, 0.0, 0.0])))
-        return fit_and_expand(data, self.optics, longer, otf, options)
+        return fit_and_allow(data, self.optics, longer, otf, options)[:2]
 
 
 def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[str, float]:

@@ -32,7 +32,7 @@ from jitterkit.joint.wander import loose_laws, settle_laws
 from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
-from jitterkit.refit.outliers import Fit, fit_without_outliers
+from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.shutter import Shutter
 
 __all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
@@ -236,13 +236,18 @@ class _Run:
                 messages.append(message)
         return _told(messages, records)
 
-    def _without_outliers(self, place: int, whole: Frame, fit: Fit) -> tuple[Frame, FitResult, OTF]:
+    def _without_outliers(
+        self, place: int, whole: Frame, look: Callable[[Frame], tuple[FitResult, OTF]]
+    ) -> tuple[Frame, FitResult, OTF]:
         """A frame without pixels that do not belong to it, in this pass or one before, and its fit."""
-        before = np.isin(np.arange(whole.mask.size), self.left_out.get(place, [])).reshape(whole.shape)
-        frame, result, otf = fit_without_outliers(whole, fit, before)
+        known = np.isin(np.arange(whole.mask.size), self.left_out.get(place, [])).reshape(whole.shape)
+        error = self.looker.model_error
+        frame, fitted = fit_without_outliers(
+            whole, lambda frame: Fitted(*look(frame)), known=known, model_error=error
+        )
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
             self.left_out[place] = found
-        return frame, result, otf
+        return frame, fitted.result, fitted.otf
 
     def _frames(self, number: int) -> Iterator[Exposure]:
         """The frames, watched, in the order of time."""

@@ -13,16 +13,16 @@ from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual, most_outliers
 from jitterkit.locate.search import bright_stars, locate_binary, locate_star, locate_stars
 from jitterkit.locate.start import Start, polished, with_best_signs
-from jitterkit.locate.warm import ReferenceFrame, WarmStart
+from jitterkit.locate.warm import ReferenceFrame, RegistrationResult
 
 __all__ = [
     "AUTO",
     "FoundPair",
     "ModelError",
     "ReferenceFrame",
+    "RegistrationResult",
     "Residual",
     "Start",
-    "WarmStart",
     "allow_for_model",
     "bright_stars",
     "check_model_error",

@@ -211,7 +211,10 @@ class Residual:
         seeds = used & (around > _SEEN) & (self._chance < chance)
         light = ndimage.maximum_filter(self.image - background, size=3)
         seeds &= np.abs(np.asarray(self.data.electrons) - self.image) > _OF_LIGHT * light
-        share = min(np.sqrt(self._of_one_pixel), _HALF if surely else 1.0)
+        # a star there explains as much of a pixel's chi-squared as it has in that one pixel
+        step = self.otf.grid.refine
+        alone = fft.irfft2(self._spectrum, s=self.otf.grid.fine_shape)[::step, ::step]
+        share = min(np.sqrt(alone[0, 0] ** 2 / (alone**2).sum()), _HALF if surely else 1.0)
         found = none.copy()
         for sign in (1.0,) if surely else (1.0, -1.0):
             groups, _ = ndimage.label(sign * sigmas > _JOINED, structure=np.ones((3, 3)))
@@ -259,13 +262,6 @@ class Residual:
         return np.maximum(power, np.finfo(float).tiny)
 
     @cached_property
-    def _of_one_pixel(self) -> float:
-        """Share of a pixel's chi-squared that a star there explains: as much as the star has in one pixel."""
-        step = self.otf.grid.refine
-        star = fft.irfft2(self._spectrum, s=self.otf.grid.fine_shape)[::step, ::step]
-        return float(star[0, 0] ** 2 / (star**2).sum())
-
-    @cached_property
     def _significance(self) -> np.ndarray:
         """Flux of a star at each pixel, in its standard errors."""
         match, power = self._products
@@ -275,10 +271,6 @@ class Residual:
     def _of_pixels(self) -> np.ndarray:
         """Chi-squared of the most outstanding pixel within one of each."""
         return ndimage.maximum_filter(self.sigmas**2, size=3)
-
-    @cached_property
-    def _fineness(self) -> float:
-        return resolution(self.otf)
 
     @property
     def _axes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -292,4 +284,4 @@ class Residual:
         y, x = self._axes
         places = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
         distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in places]
-        return np.min(distances, axis=0) > apart * self._fineness
+        return np.min(distances, axis=0) > apart * resolution(self.otf)

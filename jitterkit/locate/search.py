@@ -88,7 +88,7 @@ def locate_binary(
     for _ in range(_ROUNDS):
         before = np.inf if best is None else best.deviance_dof
         for pair in _candidates(data, otf, jitter, best):
-            if not _is_new(pair.scene, tried, near):
+            if not all(np.abs(_places(pair.scene) - _places(other)).max() > near for other in tried):
                 continue
             tried.append(pair.scene)
             trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
@@ -142,11 +142,6 @@ def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) 
         (x, _), (y, _), _ = best.parameters.scene.sources()
         yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)
     yield from find_pairs(data, otf, jitter, most=3)
-
-
-def _is_new(scene: Binary, tried: list[Binary], near: float) -> bool:
-    """Whether a pair lies further [arcsec] from those already tried."""
-    return all(np.abs(_places(scene) - _places(other)).max() > near for other in tried)
 
 
 def _places(scene: Binary) -> np.ndarray:

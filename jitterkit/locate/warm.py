@@ -34,7 +34,7 @@ from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
 from jitterkit.scoring import Prior
 
-__all__ = ["ReferenceFrame", "WarmStart"]
+__all__ = ["ReferenceFrame", "RegistrationResult"]
 
 _SEEN = 0.25
 """Share of its pixels that a frame must show: from few of them several pairs look alike."""
@@ -63,7 +63,7 @@ _OF_LIGHT = ("flux", "background")
 
 
 @dataclass(frozen=True)
-class WarmStart:
+class RegistrationResult:
     """What a frame shows of stars that another has shown.
 
     Attributes
@@ -185,7 +185,7 @@ class ReferenceFrame:
         spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
         return cls(moved, optics, image, spectrum, corner, rim, told @ told.T + known, names, free)
 
-    def locate(self, data: Data) -> WarmStart | None:
+    def locate(self, data: Data) -> RegistrationResult | None:
         """Find pair, wavefront and blur of another frame.
 
         Parameters
@@ -195,11 +195,11 @@ class ReferenceFrame:
 
         Returns
         -------
-        start : WarmStart or None
+        start : RegistrationResult or None
             None if the frame does not show the pair and the wavefront of this one: it has another shape, few
             pixels, another light by a factor of three, or (where cut-outs are used) a pair that is cut by its
             edge; or the fit does not settle near this one.  A blur that is not normal shows in
-            :meth:`WarmStart.describes`.
+            :meth:`RegistrationResult.describes`.
         """
         if data.used.shape != self.image.shape or np.mean(data.used) < _SEEN:
             return None
@@ -224,7 +224,9 @@ class ReferenceFrame:
         start = eqx.tree_at(lambda p: p.scene, start, start.scene.brightened(light))
         return self._fitted(start, cut, light, corner)
 
-    def _fitted(self, start: Parameters, cut: Data, light: float, corner: np.ndarray) -> WarmStart | None:
+    def _fitted(
+        self, start: Parameters, cut: Data, light: float, corner: np.ndarray
+    ) -> RegistrationResult | None:
         root = np.sqrt(np.array([1 / light if name.startswith(_OF_LIGHT) else light for name in self.names]))
         optics = replace(self.optics, photons=max(float(start.scene.flux), 1.0))
         end, otf, _ = climb_and_expand(
@@ -244,7 +246,7 @@ class ReferenceFrame:
             return None
         offset = off_centre(corner, optics.system.grid.shape, self.image.shape)
         y, x = offset * optics.system.grid.plate_scale
-        return WarmStart(cut, end.parameters, otf, np.asarray(end.information), self.names, (y, x))
+        return RegistrationResult(cut, end.parameters, otf, np.asarray(end.information), self.names, (y, x))
 
     def _shift(self, data: Data) -> np.ndarray:
         """How far ``(y, x)`` [pixels] the pair is from where this frame has it, to about a tenth."""

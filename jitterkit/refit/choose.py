@@ -26,13 +26,12 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 
-from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedLikelihood
-from jitterkit.estimators.shape import CumulantStep, Shape, fit_shape, is_decisive
+from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
+from jitterkit.estimators.shape import CumulantStep, is_decisive
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start
-from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.by_cumulants import as_fit, told_by_cumulants
@@ -118,23 +117,28 @@ def _fit_still(
     asked = frame.options.may_be_still and not frame.options.priors.on_jitter()
     if not asked or covariance is None or not shows_no_jitter(moments, covariance):
         return None
-    fit, _ = frame.fit("stable", start, moments, otf)
+    fit, *_ = frame.fit("stable", start, moments, otf)
     return _conclude(Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
 def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> FitResult:
-    normal, otf, frame = frame.first_fit("mvn", start, moments, otf)
+    normal, otf, frame = frame.fit("mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):
         return _conclude(Tried(normal))
-    if not _detected(normal):
+    if not significance(*normal.moments()) > DETECTED:
         return _conclude(Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
-    shape = _shape(frame, step, otf)
+    shape = step.shape()
+    # a shape that is known well is fitted
+    if is_decisive(shape.error) and (blur := shaped_blur(step, otf, frame.data, frame.options.hold)):
+        shape = shape._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
-    if frame.options.priors.on_coordinates() or not _matters(shape, normal.error("separation")):
+    seen = abs(shape.kurtosis) > _SHAPED * shape.error
+    moved = _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * normal.error("separation")
+    if frame.options.priors.on_coordinates() or not (seen or moved):
         return _conclude(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _conclude(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
@@ -153,8 +157,8 @@ def _try(
     assert normal.parameters is not None
     try:
         if begin is not None:
-            return frame.fit(name, begin.parameters, begin.parameters.locus.moments(), begin.otf)
-        return frame.fit(name, normal.parameters, normal.moments()[0], otf)
+            return frame.fit(name, begin.parameters, begin.parameters.locus.moments(), begin.otf)[:2]
+        return frame.fit(name, normal.parameters, normal.moments()[0], otf)[:2]
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return replace(FitResult.from_error(Status.FAILED, error), locus=name), otf
 
@@ -164,37 +168,12 @@ def shows_no_jitter(moments: np.ndarray, covariance: np.ndarray) -> bool:
     return significance(moments, covariance) <= DETECTED
 
 
-def _detected(normal: FitResult) -> bool:
-    moments, covariance = normal.moments()
-    return significance(moments, covariance) > DETECTED
-
-
-def _shape(frame: FrameFits, step: CumulantStep, otf: OTF) -> Shape:
-    """What a step from the normal says of the shape, or where it is known well a fit."""
-    told = step.shape()
-    if not is_decisive(told.error):
-        return told
-    compressed = CompressedLikelihood.of(step)
-    near = None if compressed is None else compressed.fit(Shaped)
-    if near is not None and near.left_out < CLOSE:
-        kurtosis, error = near.locus.coords[3], np.sqrt(near.of_locus()[3, 3])
-        return told._replace(kurtosis=float(kurtosis), error=float(error))
-    blur = fit_shape(step, otf, frame.data, frame.options.hold)
-    return told if blur is None else told._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
-
-
 def single_star(fit: FitResult) -> bool:
     """Whether a second star is lost in the noise: its flux, if it was fitted, is not five standard errors.
 
     It would then mend what is wrong with a locus.
     """
     return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + fit.of_scene("contrast"))
-
-
-def _matters(shape: Shape, error: float) -> bool:
-    """Whether the shape of the blur can be seen, or would change the separation."""
-    seen = abs(shape.kurtosis) > _SHAPED * shape.error
-    return seen or _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * error
 
 
 def _climb_ladder(
@@ -211,7 +190,10 @@ def _climb_ladder(
     tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
     settled = normal.status is not Status.NOT_CONVERGED and begin is None
     compressed = CompressedLikelihood.of(step, normal.covariance) if settled else None
-    excluded = "some" if begin is not None or _may_be_straight(normal) else "none"
+    moments, covariance = normal.moments()
+    minor, error = minor_variance(moments, covariance)
+    straight = minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor))
+    excluded = "some" if begin is not None or straight else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
         told = told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
@@ -242,12 +224,6 @@ def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
     except np.linalg.LinAlgError:  # no answer: the fit stands as it is
         return False
     return lack.chance < _MISFIT and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
-
-
-def _may_be_straight(normal: FitResult) -> bool:
-    moments, covariance = normal.moments()
-    minor, error = minor_variance(moments, covariance)
-    return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
 
 
 def _conclude(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:

@@ -102,7 +102,8 @@ def choose_scene(
     if _OF_PAIRS & {*options.hold, *options.priors.terms}:  # who knows them knows that there is a pair
         pair = frame.pair()
         return None if pair is None else SceneChoice(pair, math.inf)
-    several = frame.stars() if frame.looks_like_several() else None
+    bright = bright_stars(data, optics.nominal)
+    several = frame.stars() if bright is not None and len(bright.x) > 2 else None
     if several is not None and frame.beyond_doubt(several):
         return SceneChoice(several, math.inf)
     contrast = frame.contrast_of_peaks()
@@ -140,11 +141,6 @@ class _Frame(Weighing):
         if not found or not float(found[0].scene.separation) > _APART * self.fineness:
             return math.inf
         return float(found[0].scene.contrast)
-
-    def looks_like_several(self) -> bool:
-        """Whether more than two bright peaks stand apart."""
-        found = bright_stars(self.data, self.optics.nominal)
-        return found is not None and len(found.x) > 2
 
     def stars(self) -> Start | None:
         """Three stars or more, if they stay so many when everything is fitted."""

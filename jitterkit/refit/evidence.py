@@ -20,9 +20,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from jitterkit.loci import Linear, Locus, Shm, axis_variances, covariance_on_axis
-from jitterkit.refit.leashes import leashes
+from jitterkit.refit.boundary import at_zero_length, regularizing_priors
 from jitterkit.refit.result import FitResult
-from jitterkit.refit.tip import at_the_tip
 
 __all__ = ["CHOICES", "Choice", "log_evidence", "log_volume", "minor_variance"]
 
@@ -70,7 +69,7 @@ def log_evidence(fit: FitResult) -> float:
     choice = CHOICES.get(fit.locus)
     if fit.parameters is None or choice is None or not np.all(np.isfinite(fit.covariance)):
         return -math.inf
-    if at_the_tip(fit.parameters.locus, fit.names, fit.covariance):
+    if at_zero_length(fit.parameters.locus, fit.names, fit.covariance):
         return -math.inf
     return log_volume(fit) + choice.log_prior(fit, fit.parameters.locus)
 
@@ -161,7 +160,7 @@ def _smear(fit: FitResult, locus: Locus) -> float:
 
 def _leashes(locus: Locus) -> float:
     """Norm of the leashes, whose quadratic forms are in the objective."""
-    return sum(-0.5 * math.log(2 * math.pi * sigma**2) for _, sigma in leashes(locus).values())
+    return sum(-0.5 * math.log(2 * math.pi * sigma**2) for _, sigma in regularizing_priors(locus).values())
 
 
 class Choice(NamedTuple):

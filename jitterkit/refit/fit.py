@@ -23,17 +23,16 @@ from jitterkit.loci import Locus, Streak
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
+from jitterkit.refit.boundary import at_zero_length, regularizing_priors
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
-from jitterkit.refit.leashes import leashes
 from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import POOR, FitResult, Status
-from jitterkit.refit.tip import at_the_tip
 from jitterkit.scoring import DROWNED, Climb
 
 __all__ = [
     "FitOptions",
-    "fit_and_expand",
+    "fit_and_allow",
     "fit_frame",
     "settled",
     "unfinished",
@@ -50,8 +49,9 @@ of TOLIMAN's."""
 _TURNING = {"separation", "theta", "contrast"}
 """What says which star is A: where all of it is held, it stays as it was given."""
 _PATIENCE, _SLACK = 100, 0.03
-"""Steps and tolerance for a locus on a leash, whose likelihood has long flat valleys: what remains of the
-way, in standard errors, lies along the valley and moves the separation by less than 0.01 of its error."""
+"""Steps and tolerance for a locus with regularizing priors, whose likelihood has long flat valleys: what
+remains of the way, in standard errors, lies along the valley and moves the separation by less than 0.01 of
+its error."""
 _CONTRADICTION = (
     "The frame contradicts its prior: look where the prior comes from, or fit without; values and errors "
     "assume that both are right."
@@ -101,9 +101,9 @@ class FitOptions:
 def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:
     """Standard errors by which the separation of a fit may be off where it ends.
 
-    By the tolerance; by rounding, in 32 bits; because a locus is on a leash; and by the linearisation of the
-    optics where aberrations vary.  (Where a pixel reaches the floor of the likelihood the way has a kink, at
-    which 1e-4 may be left.)
+    By the tolerance; by rounding, in 32 bits; because a locus has regularizing priors; and by the
+    linearisation of the optics where aberrations vary.  (Where a pixel reaches the floor of the likelihood
+    the way has a kink, at which 1e-4 may be left.)
     """
     ends = max(tolerance, _floor(locus))
     return ends + (_SHOWN * settled(ends) if aberrations else 0.0)
@@ -116,11 +116,8 @@ def settled(tolerance: float) -> float:
 
 def _floor(locus: Locus) -> float:
     """Standard errors by which no fit ends better."""
-    return max(DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0, _slack(locus))
-
-
-def _slack(locus: Locus) -> float:
-    return _SLACK if leashes(locus) else 0.0
+    rounding = DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0
+    return max(rounding, _SLACK if regularizing_priors(locus) else 0.0)
 
 
 def fit_frame(
@@ -153,18 +150,7 @@ def fit_frame(
         If an option names a parameter that there is not.  A frame that cannot be fitted does not
         raise: its result says so.
     """
-    return fit_and_expand(data, optics, start, otf, options)[0]
-
-
-def fit_and_expand(
-    data: Data,
-    optics: Optics,
-    start: Parameters,
-    otf: OTF | None = None,
-    options: FitOptions | None = None,
-) -> tuple[FitResult, OTF]:
-    """Fit a frame, and return the optics expanded where the fit ended too: the next locus starts there."""
-    return fit_and_allow(data, optics, start, otf, options)[:2]
+    return fit_and_allow(data, optics, start, otf, options)[0]
 
 
 def fit_and_allow(
@@ -174,7 +160,16 @@ def fit_and_allow(
     otf: OTF | None = None,
     options: FitOptions | None = None,
 ) -> tuple[FitResult, OTF, Data]:
-    """Fit a frame, and return the data too, with the model errors that the fit allowed for."""
+    """Fit a frame as :func:`fit_frame` does, for fits to come.
+
+    Returns
+    -------
+    result : FitResult
+    otf : OTF
+        Expanded where the fit ended.
+    data : Data
+        With the model errors that the fit allowed for.
+    """
     options = FitOptions() if options is None else options
     otf = optics.otf(start.aberrations) if otf is None else otf
     result, otf = _fit_and_expand(data, optics, start, otf, options)
@@ -203,7 +198,7 @@ def _fit_and_expand(
     prior = options.priors.over(names, start.locus)
 
     def climb_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
-        slack = _slack(start.locus)
+        slack = _SLACK if regularizing_priors(start.locus) else 0.0
         return climb_and_expand(
             start,
             otf,
@@ -243,10 +238,10 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     covariance, sound = invert_information(end.curvature)
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
-    tips = at_the_tip(locus, names, covariance) if sound and not bool(end.converged) else set()
-    leashed = set(leashes(locus))
-    restless = tips | leashed
-    tolerance = _NEAR if leashed else _AT_REST
+    tips = at_zero_length(locus, names, covariance) if sound and not bool(end.converged) else set()
+    regularized = set(regularizing_priors(locus))
+    restless = tips | regularized
+    tolerance = _NEAR if regularized else _AT_REST
     arrived = bool(end.converged) or (sound and bool(restless) and _arrived(end, names, restless, tolerance))
     excess = misfit.chi2 - dof
     if data.model_variance is not None:
@@ -287,12 +282,11 @@ def _heed(result: FitResult, priors: Priors, free: tuple[int, ...], end: Climb) 
     known = (result.parameters, result.names, free, result.covariance, remains)
     if prior_chance(priors, *known) >= CONTRADICTED:
         return result
-    message = f"{result.message} {_CONTRADICTION}"
-    return replace(result, message=message, flags=(*result.flags, "prior_contradicted"))
+    return result.remarked(_CONTRADICTION, "prior_contradicted")
 
 
 def _arrived(end: Climb, names: tuple[str, ...], restless: set[str], tolerance: float) -> bool:
-    """Whether everything has come to rest but streaks at their tips and what is on a leash."""
+    """Whether everything has come to rest but streaks of no length and what has regularizing priors."""
     others = [i for i, name in enumerate(names) if name not in restless]
     score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
     return bool(score @ np.linalg.solve(curvature, score) < tolerance**2)

@@ -49,14 +49,14 @@ def fit_locus(
     Notes
     -----
     What a small blur does not show of a locus is held by the weak priors of
-    :func:`jitterkit.refit.leashes.leashes`.
+    :func:`jitterkit.refit.boundary.regularizing_priors`.
     """
     frame = FrameFits(data, optics, options or FitOptions(), sure)
-    fit, _, frame = frame.first_fit(name, start, moments, otf)
+    fit, _, frame = frame.fit(name, start, moments, otf)
     better = None if name == NORMAL else frame.other_signs(fit)
     if better is None:
         return fit
-    again, _ = frame.fit(name, better.parameters, fit.moments()[0], better.otf)
+    again, *_ = frame.fit(name, better.parameters, fit.moments()[0], better.otf)
     return again if is_better(again, fit) else fit
 
 
@@ -78,14 +78,17 @@ class FrameFits:
     options: FitOptions
     sure: bool
 
-    def fit(self, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF]:
-        """Fit one locus, and return the optics expanded where the fit ended too."""
-        return self.first_fit(name, start, moments, otf)[:2]
+    def fit(self, name: str, start: Parameters, moments, otf: OTF | None) -> tuple[FitResult, OTF, FrameFits]:
+        """Fit one locus.
 
-    def first_fit(
-        self, name: str, start: Parameters, moments, otf: OTF | None
-    ) -> tuple[FitResult, OTF, FrameFits]:
-        """Fit one locus, and return what later fits share: the model errors that this one allowed for."""
+        Returns
+        -------
+        fit : FitResult
+        otf : OTF
+            Expanded where the fit ended.
+        frame : FrameFits
+            What later fits share: the model errors that this one allowed for.
+        """
         otf = self.optics.otf(start.aberrations) if otf is None else otf
         place = starting_point(locus_class(name), moments, start, otf, self.data, self.options)
         fit, otf, data = fit_and_allow(self.data, self.optics, place, otf, self.options)

@@ -1,19 +1,25 @@
-"""Single pixels that do not belong to a frame's image, left out before the frame is fitted again."""
+"""Pixels that do not belong to a frame's image, left out before the frame is fitted again.
+
+Reach for :func:`fit_without_outliers`: ``process`` and ``sequence`` both fit a frame by it.  Pixels are found
+in the residual of the fit and not in the image: there the tail of a jittered star is explained, which a
+filter of the image would eat.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
-from jitterkit.locate import Residual, most_outliers
+from jitterkit.locate import ModelError, Residual, allow_for_model, most_outliers
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.result import FitResult
 
-__all__ = ["OUTLIERS", "Fit", "fit_without_outliers", "left_out"]
+__all__ = ["OUTLIERS", "Fit", "Fitted", "find_rays", "fit_without_outliers", "left_out"]
 
 OUTLIERS = "outliers_left_out"
 """Flag of a frame of which single pixels were left out."""
@@ -21,8 +27,40 @@ OUTLIERS = "outliers_left_out"
 _ROUNDS = 3
 """Times that a frame is fitted again without what does not belong: the first fit is bent by it."""
 
-Fit = Callable[[Frame], tuple[FitResult, OTF]]
-"""From a frame to its fit, and the optics expanded where that ended."""
+_SEED, _TRACK = 8.0, 3.0
+"""Sigmas from which a pixel starts a track (one in 1e15 of normal noise does), and continues one."""
+
+_MOST = 0.01
+"""Share of the pixels above which it is the model that does not fit."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit of a frame.
+
+    Attributes
+    ----------
+    result : FitResult
+    otf : OTF
+        Of the frame, by which a star is told from a pixel.
+    left_out : int
+        Pixels that do not belong to the image, and that the search for its stars left out by itself.
+    """
+
+    result: FitResult
+    otf: OTF
+    left_out: int = 0
+
+    def residual(self, frame: Frame, model_error: ModelError = 0.0) -> Residual | None:
+        """Return what the fit leaves of a frame; None for one that could not be fitted."""
+        p, image, residual = self.result.parameters, self.result.image, self.result.residual
+        if residual is None or image is None or p is None:
+            return None
+        data = Data.of(frame).without(~np.isfinite(residual))
+        return Residual(allow_for_model(data, p, image, self.otf, model_error), image, self.otf, p.locus)
+
+
+Fit = Callable[[Frame], Fitted]
 
 
 def left_out(pixels: int) -> str:
@@ -34,47 +72,84 @@ def left_out(pixels: int) -> str:
 
 
 def fit_without_outliers(
-    frame: Frame, fit: Fit, before: np.ndarray | None = None
-) -> tuple[Frame, FitResult, OTF]:
-    """Fit a frame, and again without single pixels that do not belong to it, as long as they are few.
+    frame: Frame,
+    fit: Fit,
+    *,
+    known: np.ndarray | None = None,
+    rays: bool = False,
+    model_error: ModelError = 0.0,
+) -> tuple[Frame, Fitted]:
+    """Fit a frame, and again without pixels that do not belong to it, as long as they are few.
 
     Parameters
     ----------
     frame : Frame
     fit : callable
-        From a frame to its fit and the optics expanded there.
-    before : (ny, nx) bool array, optional
+        From a frame to its fit.
+    known : (ny, nx) bool array, optional
         Pixels that were left out already.
+    rays : bool
+        Whether to leave out the tracks of cosmic rays too (:func:`find_rays`), which
+        are not counted among the few.
+    model_error : float or "auto"
+        As for :class:`~jitterkit.refit.FitOptions`.
 
     Returns
     -------
     frame : Frame
-        With those pixels masked.
-    result : FitResult
-        With the flag :data:`OUTLIERS` and a sentence where there are any.
-    otf : OTF
+        With those pixels masked, and flagged with what they are.
+    fitted : Fitted
+        Its result has the flag :data:`OUTLIERS` and a sentence where single pixels were left out.
     """
-    most, given = most_outliers(~frame.mask), frame.mask
-    if before is not None:
-        frame = replace(frame, mask=given | before)
-    result, otf = fit(frame)
+    most, outliers = most_outliers(~frame.mask), 0
+    if known is not None:
+        frame, outliers = _masked(frame, known, OUTLIERS), int(np.count_nonzero(known & ~frame.mask))
+    fitted = fit(frame)
     for _ in range(_ROUNDS):
-        mask = frame.mask | _outliers(frame, result, otf)
-        if np.array_equal(mask, frame.mask) or np.count_nonzero(mask & ~given) > most:
+        residual = fitted.residual(frame, model_error)
+        if residual is None:
             break
-        frame = replace(frame, mask=mask)
-        result, otf = fit(frame)
-    pixels = int(np.count_nonzero(frame.mask & ~given))
-    if not pixels:
-        return frame, result, otf
-    message = f"{result.message or result.status.value} {left_out(pixels)}"
-    return frame, replace(result, message=message, flags=(*result.flags, OUTLIERS)), otf
+        hit = find_rays(fitted.result.residual) if rays else np.zeros(frame.shape, bool)
+        if hit.any():
+            frame = _masked(frame, hit, "rays_masked")
+        else:
+            assert fitted.result.parameters is not None
+            hit = residual.outliers(float(fitted.result.parameters.background))
+            found = outliers + int(hit.sum())
+            if found == outliers or found + fitted.left_out > most:
+                break
+            frame, outliers = _masked(frame, hit, OUTLIERS), found
+        fitted = fit(frame)
+    told = fitted.result.remarked(left_out(outliers + fitted.left_out), OUTLIERS)
+    return frame, replace(fitted, result=told)
 
 
-def _outliers(frame: Frame, result: FitResult, otf: OTF) -> np.ndarray:
-    """Outliers (ny, nx) of what a fit leaves of a frame; none of a frame that could not be fitted."""
-    if result.residual is None or result.image is None or result.parameters is None:
-        return np.zeros(frame.shape, bool)
-    p = result.parameters
-    data = Data.of(frame).without(~np.isfinite(result.residual))
-    return Residual(data, result.image, otf, p.locus).outliers(float(p.background))
+def _masked(frame: Frame, pixels: np.ndarray, flag: str) -> Frame:
+    """Return a frame with some pixels (ny, nx) masked more, and what they are as a flag."""
+    flags = (*frame.flags, flag) if pixels.any() else frame.flags
+    return replace(frame, mask=frame.mask | pixels, flags=tuple(dict.fromkeys(flags)))
+
+
+def find_rays(residual) -> np.ndarray:
+    """Find the pixels that cosmic rays have hit: one, or a track of them.
+
+    Parameters
+    ----------
+    residual : (ny, nx) array
+        ``(data - image)/sigma`` of a fit; NaN where a pixel does not count.
+
+    Returns
+    -------
+    hit : (ny, nx) bool array
+        Bright outliers and what is joined to them, over edges or corners.  Nothing where there are so many
+        that the model is to blame.
+
+    Notes
+    -----
+    *Fails when* a ray leaves less than eight sigmas in every pixel: on the core of a bright star it hides.
+    """
+    bright = np.nan_to_num(np.asarray(residual), nan=0.0)
+    tracks, _ = ndimage.label(bright > _TRACK, structure=np.ones((3, 3)))
+    seeds = np.unique(tracks[bright > _SEED])
+    hit = np.isin(tracks, seeds[seeds > 0])
+    return hit if hit.mean() <= _MOST else np.zeros_like(hit)

@@ -18,7 +18,7 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import LOCI, Locus, Trace
-from jitterkit.refit.leashes import leashes
+from jitterkit.refit.boundary import regularizing_priors
 from jitterkit.scoring import Prior
 
 __all__ = ["Priors", "kernel_prior", "moments_prior", "sequence_prior", "trace_prior"]
@@ -95,8 +95,8 @@ class Priors:
         ----------
         names : tuple of str
         locus : Locus, optional
-            What the fit starts from: its :func:`~jitterkit.refit.leashes.leashes` are added, where no term
-            says better.
+            What the fit starts from: its :func:`~jitterkit.refit.boundary.regularizing_priors` are added,
+            where no term says better.
 
         Raises
         ------
@@ -104,8 +104,8 @@ class Priors:
             If a term names no parameter at all; the message lists those there are.
         """
         mean, precision = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        leashed = {} if locus is None else leashes(locus)
-        known = {name: term for name, term in leashed.items() if name in names} | self.on(names)
+        weak = {} if locus is None else regularizing_priors(locus)
+        known = {name: term for name, term in weak.items() if name in names} | self.on(names)
         for name, (centre, sigma) in known.items():
             if name not in names:
                 raise ConfigurationError(

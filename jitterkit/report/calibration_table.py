@@ -6,12 +6,13 @@ Reach for :func:`calibration_rows`, :func:`calibration_sentences` and :func:`lev
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from astropy import units
 from astropy.table import QTable
 
 from jitterkit.calibration import FLAGS, Calibration
+from jitterkit.report.columns import Column, bind
 from jitterkit.report.words import number
 
 _UNEVEN = 0.01
@@ -107,26 +108,27 @@ def _of_transfer(calibration: Calibration) -> list[str]:
     return said
 
 
+_LEVELS = (
+    ("exposure", Column("exposure", "exposure time", "s")),
+    ("frames", Column("frames", "number of flats", kind=int)),
+    ("signal", Column("signal", "mean above the bias", "adu")),
+    ("signal_error", Column("signal_err", "standard error of signal", "adu")),
+    ("variance", Column("variance", "of a pixel from frame to frame", "adu2")),
+    ("variance_error", Column("variance_err", "standard error of variance", "adu2")),
+    ("covariance", Column("covariance", "with neighbouring pixels", "adu2")),
+    ("spatial_variance", Column("spatial_variance", "of the mean over pixels", "adu2")),
+    ("prnu", Column("prnu", "photo-response non-uniformity, as a share of the signal")),
+    ("saturated", Column("saturated", "whether pixels saturate", kind=bool)),
+)
+"""Attribute of a level of light, and its column."""
+
+
 def levels_table(calibration: Calibration, command: str = "") -> QTable:
     """The levels of light, a row each, with units; empty without flats."""
     transfer = calibration.transfer
     levels = () if transfer is None else transfer.levels
-    adu = units.adu
-    columns = {
-        "exposure": ("exposure", units.s),
-        "signal": ("signal", adu),
-        "signal_err": ("signal_error", adu),
-        "variance": ("variance", adu**2),
-        "variance_err": ("variance_error", adu**2),
-        "covariance": ("covariance", adu**2),
-        "spatial_variance": ("spatial_variance", adu**2),
-        "prnu": ("prnu", units.dimensionless_unscaled),
-    }
-    table = QTable(meta={"command": command})
-    for name, (attribute, unit) in columns.items():
-        table[name] = np.array([getattr(level, attribute) for level in levels], dtype=float) << unit
-    table.add_column(np.array([level.frames for level in levels], dtype=int), 1, "frames")
-    table["saturated"] = np.array([level.saturated for level in levels], dtype=bool)
+    columns = [(column, [getattr(level, name) for level in levels]) for name, column in _LEVELS]
+    described: dict[str, Any] = {"command": command}
     for name, value, error, unit in calibration_rows(calibration):
-        table.meta[name] = [value, None if math.isnan(error) else error, unit]
-    return table
+        described[name] = [value, None if math.isnan(error) else error, unit]
+    return bind(columns, described)

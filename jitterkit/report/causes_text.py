@@ -8,17 +8,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from astropy import units
 from astropy.table import QTable
 
 from jitterkit.forecast.causes import Causes, Confusion
 from jitterkit.forecast.causes_data import DataSet, cheapest
+from jitterkit.report.columns import Column, bind, bind_rows
 from jitterkit.report.words import MINUS, TIMES, number
 
 _NEARLY = 0.02
 """Of a factor one, below which it is not written."""
+
+
+_DIGITS = ".3g"
+"""Of printed numbers."""
+
+_COLUMNS = (
+    Column("cause", kind=str),
+    Column("size"),
+    Column("error_alone", "if all other causes were known"),
+    Column("error", "if no cause is known"),
+    Column("unit", kind=str),
+    Column("inflation", "of the coordinate's error, by not knowing the other causes"),
+    Column("verdict", kind=str),
+)
 
 
 def verdicts(causes: Causes, target: float) -> list[str]:
@@ -44,25 +59,22 @@ def causes_table(causes: Causes, target: float) -> QTable:
         (cause.words, cause.size, cause.size_error(a), cause.size_error(t), cause.unit, t / a, verdict)
         for cause, a, t, verdict in zip(causes.causes, alone, together, verdicts(causes, target), strict=True)
     ]
-    names = ("cause", "size", "error_alone", "error", "unit", "inflation", "verdict")
-    table = QTable(rows=rows, names=names)
-    table["error_alone"].info.description = "if all other causes were known"
-    table["inflation"].info.description = "of the coordinate's error, by not knowing the other causes"
-    return _short(table)
+    return bind_rows(_COLUMNS, rows, format=_DIGITS)
 
 
 def data_table(causes: Causes, sets: Sequence[DataSet]) -> QTable:
     """One row a data set, the frame alone first: the error of every cause, and of the worst as a share."""
     every = [causes.errors(), *(causes.errors(one.extra) for one in sets)]
-    table = QTable()
-    table["data"] = ["the frame alone", *(f"+ {one.words}" for one in sets)]
+    columns: list[tuple[Column, Any]] = [
+        (Column("data", kind=str), ["the frame alone", *(f"+ {one.words}" for one in sets)])
+    ]
     for i, cause in enumerate(causes.causes):
         name = "defocus" if cause.name.startswith("noll4") else cause.name
-        table[name] = [cause.size_error(errors[i]) for errors in every] * units.Unit(cause.unit)
-        table[name].info.description = f"error of {cause.words}"
-    table["worst"] = [100 * float(np.max(causes.shares(errors))) for errors in every] * units.percent
-    table["worst"].info.description = "largest error, of the cause's size; of an absent one, of a pixel"
-    return _short(table)
+        column = Column(name, f"error of {cause.words}", cause.unit)
+        columns.append((column, [cause.size_error(errors[i]) for errors in every]))
+    worst = Column("worst", "largest error, of the cause's size; of an absent one, of a pixel", "%")
+    columns.append((worst, [100 * float(np.max(causes.shares(errors))) for errors in every]))
+    return bind(columns, format=_DIGITS)
 
 
 def causes_sentences(causes: Causes) -> list[str]:
@@ -138,10 +150,3 @@ def _of_defocus(causes: Causes) -> list[str]:
     if causes.setting.square:
         return ["About perfect focus defocus shows by its square first: its sign is not told."]
     return []
-
-
-def _short(table: QTable) -> QTable:
-    for column in table.itercols():
-        if column.dtype.kind == "f":
-            column.info.format = ".3g"
-    return table

@@ -1,14 +1,20 @@
-"""Declare the columns of tables: name, unit and meaning.
+"""Declare the columns of tables: name, unit, meaning and format.
 
-Reach for ``COLUMNS``, the columns of a results table, and :func:`unit_of`, which knows the unit of every
-parameter, size and setting in any table.
+Every table is made by :func:`bind` or :func:`bind_rows`, of a :class:`Column` for each column.  ``COLUMNS``
+are those of a results table, which other tables take by :func:`named`; :func:`unit_of` knows the unit of
+every parameter, size and setting.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from astropy.table import QTable
+from astropy.units import Unit
 
 
 @dataclass(frozen=True)
@@ -22,13 +28,16 @@ class Column:
     unit : str
         As astropy reads it; empty for a pure number or text.
     kind : type
-        ``float``, ``int`` or ``str``.
+        ``float``, ``int``, ``bool`` or ``str``.
+    format : str
+        Of a printed cell; empty for all digits.  Files have all digits.
     """
 
     name: str
-    description: str
+    description: str = ""
     unit: str = ""
     kind: type = float
+    format: str = ""
 
     @property
     def blank(self) -> Any:
@@ -36,9 +45,45 @@ class Column:
         return math.nan if self.kind is float else self.kind()
 
 
-def measured(name: str, description: str, unit: str = "") -> list[Column]:
+def measured(name: str, description: str, unit: str = "", format: str = "") -> list[Column]:
     """Return the columns of a quantity and of its standard error."""
-    return [Column(name, description, unit), Column(f"{name}_err", f"standard error of {name}", unit)]
+    error = Column(f"{name}_err", f"standard error of {name}", unit, format=format)
+    return [Column(name, description, unit, format=format), error]
+
+
+def bind(
+    columns: Iterable[tuple[Column, Any]], meta: Mapping[str, Any] | None = None, *, format: str = ""
+) -> QTable:
+    """Make a table of columns and their values.
+
+    Parameters
+    ----------
+    columns : iterable of (Column, sequence)
+        Values in the column's unit.
+    meta : mapping, optional
+    format : str
+        Of numbers whose column has no format.
+
+    Returns
+    -------
+    table : QTable
+    """
+    table = QTable(meta=dict(meta or {}))
+    for column, values in columns:
+        cells: Any = np.asarray(values, dtype=column.kind)
+        table.add_column(cells << Unit(column.unit) if column.unit else cells, name=column.name, copy=False)
+        info = table[column.name].info
+        info.description = column.description or None
+        info.format = column.format or (format if column.kind is float else "") or None
+    return table
+
+
+def bind_rows(
+    columns: Sequence[Column], rows: Iterable[Sequence], meta: Mapping[str, Any] | None = None, **options: Any
+) -> QTable:
+    """Make a table of rows, which may be none, as :func:`bind` does of columns."""
+    cells = list(zip(*rows, strict=True)) or [()] * len(columns)
+    return bind(zip(columns, cells, strict=True), meta, **options)
 
 
 COLUMNS: tuple[Column, ...] = (
@@ -133,6 +178,11 @@ _SIZES = {
 _UNITS = {column.name: column.unit for column in COLUMNS} | {
     name: unit for unit, names in _SIZES.items() for name in names.split()
 }
+
+
+def named(*names: str) -> list[Column]:
+    """Return columns of a results table by name."""
+    return [next(column for column in COLUMNS if column.name == name) for name in names]
 
 
 def aberration_column(name: str) -> str:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from astropy import units
 from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jitterkit.forecast import Panel
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
+from jitterkit.report.columns import Column, bind_rows, measured
 
 _BINS = 60
 
@@ -87,6 +87,20 @@ def plot_panel(panel: Panel, unit: float, ax: Axes | None = None) -> Axes:
     return ax
 
 
+_COLUMNS = (
+    Column("data", "locus of the data", kind=str),
+    Column("size", "of the data's jitter", "arcsec"),
+    Column("angle", "of the data's jitter", "deg"),
+    Column("fitted", "locus asked for", kind=str),
+    Column("locus", "locus fitted", kind=str),
+    Column("bias", "of the separation, without noise", "uas", format=".2f"),
+    *measured("mean", "of the separations less the true one", "uas", format=".2f"),
+    Column("scatter", "of the separations", "uas", format=".2f"),
+    Column("error", "as the fit states it", "uas", format=".2f"),
+    Column("misfit", "chi-squared that a wrong locus adds to a frame", format=".2f"),
+)
+
+
 def crossfit_table(panels: Sequence[Panel], settings: Sequence[tuple[float, float]]) -> QTable:
     """One row a setting of a panel.
 
@@ -111,22 +125,4 @@ def crossfit_table(panels: Sequence[Panel], settings: Sequence[tuple[float, floa
         ):
             microarcsec = [1e6 * value for value in values]
             rows.append((panel.data, size, angle, panel.fitted, chosen, *microarcsec, misfit))
-    names = (
-        "data",
-        "size",
-        "angle",
-        "fitted",
-        "locus",
-        "bias",
-        "mean",
-        "mean_err",
-        "scatter",
-        "error",
-        "misfit",
-    )
-    uas = units.uas
-    kinds = (None, units.arcsec, units.deg, None, None, uas, uas, uas, uas, uas, None)
-    table = QTable(rows=rows, names=names, units=kinds)
-    for name in ("bias", "mean", "mean_err", "scatter", "error", "misfit"):
-        table[name].info.format = ".2f"
-    return table
+    return bind_rows(_COLUMNS, rows)

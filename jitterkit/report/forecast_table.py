@@ -10,11 +10,31 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from astropy import units
 from astropy.table import QTable
 
 from jitterkit.forecast import Forecast, Requirement, Sweep
-from jitterkit.report.columns import unit_of
+from jitterkit.report.columns import Column, bind, bind_rows, named, unit_of
+
+_DIGITS = ".6g"
+"""Of printed numbers."""
+
+_PARAMETERS = (
+    Column("parameter", kind=str),
+    Column("value"),
+    Column("error", "least error"),
+    Column("unit", kind=str),
+    Column("inflation", "of the error, by not knowing the other parameters"),
+    Column("correlation", "of the error with that of the first parameter"),
+)
+
+_REQUIREMENTS = (
+    Column("motion", kind=str),
+    Column("cycles", "of a vibration in an exposure"),
+    Column("frequency", "of a vibration", "Hz"),
+    Column("angle", "of the motion from the pair's direction", "deg"),
+    Column("size", "largest length, peak to peak, FWHM or whole major axis", "arcsec"),
+    Column("rms", "one sigma along the major axis within an exposure", "arcsec"),
+)
 
 
 def observing_time(error: float, target: float, exposure: float) -> float:
@@ -39,9 +59,7 @@ def parameter_table(forecast: Forecast) -> QTable:
         )
     ]
     rows += [(name, *size, unit_of(name), math.nan, math.nan) for name, size in forecast.jitter().items()]
-    return _short(
-        QTable(rows=rows, names=("parameter", "value", "error", "unit", "inflation", "correlation"))
-    )
+    return bind_rows(_PARAMETERS, rows, format=_DIGITS)
 
 
 def sweep_table(sweep: Sweep, still, target: float, exposure: float | None) -> QTable:
@@ -57,44 +75,29 @@ def sweep_table(sweep: Sweep, still, target: float, exposure: float | None) -> Q
     exposure : float or None
         s; without it there is no time.
     """
-    table = QTable()
-    for name, values in sweep.points().items():
-        table[name] = values * units.Unit(unit_of(name))
     error = sweep.error().ravel()
-    table["separation_err"] = error * units.arcsec
-    table["time_ratio"] = (error / np.broadcast_to(still, sweep.forecasts.shape).ravel()) ** 2
-    table["frames"] = np.ceil((error / target) ** 2)
+    frames = (error / target) ** 2
+    slower = (error / np.broadcast_to(still, sweep.forecasts.shape).ravel()) ** 2
+    columns = [
+        *((Column(name, unit=unit_of(name)), values) for name, values in sweep.points().items()),
+        *zip(named("separation_err"), [error], strict=True),
+        (Column("time_ratio", "observing time over that without jitter"), slower),
+        (Column("frames", f"to {target * 1e6:g} uas", format=".0f"), np.ceil(frames)),
+    ]
     if exposure is not None:
-        table["time"] = (error / target) ** 2 * exposure / 3600 * units.hour
-    table["masked"] = [one.masked for one in sweep.forecasts.ravel()]
-    table["masked"].info.description = "pixels that saturate"
-    table["time_ratio"].info.description = "observing time over that without jitter"
-    table["frames"].info.description = f"to {target * 1e6:g} uas"
-    table = _short(table)
-    table["frames"].info.format = ".0f"
-    return table
+        columns.append((Column("time", "exposure time of these", "h"), frames * exposure / 3600))
+    saturated = Column("masked", "pixels that saturate", kind=int)
+    columns.append((saturated, [one.masked for one in sweep.forecasts.ravel()]))
+    return bind(columns, format=_DIGITS)
 
 
 def requirement_table(requirements: Sequence[Requirement], exposure: float | None) -> QTable:
     """One row a motion and an angle: the largest size, and the frequency of a vibration."""
-    table = QTable()
-    table["motion"] = [one.motion for one in requirements]
-    cycles = np.array([one.cycles for one in requirements])
-    table["cycles"] = cycles
-    if exposure is not None:
-        table["frequency"] = cycles / exposure * units.Hz
-    table["angle"] = np.array([one.angle for one in requirements]) * units.deg
-    table["size"] = np.array([one.size for one in requirements]) * units.arcsec
-    table["rms"] = np.array([one.rms for one in requirements]) * units.arcsec
-    table["angle"].info.description = "of the motion from the pair's direction"
-    table["size"].info.description = "largest length, peak to peak, FWHM or whole major axis"
-    table["rms"].info.description = "one sigma along the major axis within an exposure"
-    return _short(table)
-
-
-def _short(table: QTable) -> QTable:
-    """Show six digits, and keep all."""
-    for column in table.itercols():
-        if column.dtype.kind == "f":
-            column.info.format = ".6g"
+    rows = [
+        [one.motion, one.cycles, one.cycles / (exposure or math.nan), one.angle, one.size, one.rms]
+        for one in requirements
+    ]
+    table = bind_rows(_REQUIREMENTS, rows, format=_DIGITS)
+    if exposure is None:
+        table.remove_column("frequency")
     return table

@@ -7,20 +7,21 @@ studied on.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import chain
 from typing import Any
 
 import numpy as np
-from astropy import units
 from astropy.table import QTable
 
 from jitterkit.conventions import direction_angle
 from jitterkit.errors import printable
 from jitterkit.joint import Law, SequenceFit
+from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
 from jitterkit.refit import Status
-from jitterkit.report.columns import unit_of
+from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
 from jitterkit.report.means import corrected, weighted_mean
 from jitterkit.report.words import angle_size, number
@@ -34,6 +35,26 @@ _UNSURE = 0.3
 
 _SERIES = 16
 """Frames from which noise can be told from noise."""
+
+
+_FIRST = (
+    Column("frame", "name of the frame", kind=str),
+    Column("time", "middle of the exposure, from the beginning of the first", "s"),
+    *named("status", "reason", "message", "flags"),
+    Column("counted", "whether the frame counts in what all say together", kind=bool),
+    *measured("separation", "by this frame, with all else that is shared known", "arcsec"),
+    *named("separation_scale_err", "va_factor", "orbit_change", "separation_corrected"),
+)
+
+_JITTER = (
+    *named("sxx", "sxx_err", "sxy", "sxy_err", "syy", "syy_err"),
+    *named("jitter_major", "jitter_minor", "jitter_angle"),
+    Column("smear_direction", "in which the image moved along the smear", "deg"),
+    Column("velocity_x", "of the image, by the motion between frames", "arcsec/s"),
+    Column("velocity_y", "of the image, by the motion between frames", "arcsec/s"),
+    *named("chi2_dof"),
+    Column("surprise", "chi-squared of the frame's shared parameters against those of all others"),
+)
 
 
 def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTable:
@@ -51,62 +72,46 @@ def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTab
         The frame's own parameters; ``separation`` as it alone says with all else known; the shared parameters
         that change, at its time; ``surprise``, chi-squared against the others.
     """
-    columns: dict[str, list[Any]] = {}
-
-    def put(name: str, value: Any) -> None:
-        columns.setdefault(name, []).append(value)
-
     changing = [name for name, law in fit.laws.items() if law.states > 1]
-    for frame in fit.frames():
-        record = frame.record
-        status = record.status
-        flags = [*record.flags, *["outlier"] * (frame.shared is not None and not frame.kept)]
-        put("frame", printable(record.name))
-        put("time", record.time)
-        put("status", status.name.lower())
-        put("reason", record.reason)
-        put("message", printable(record.message))
-        put("flags", encode_flags(flags))
-        put("counted", frame.kept)
-        put("separation", frame.separation)
-        put("separation_err", frame.separation_err)
-        scale, *corrections = record.stated
-        put("separation_scale_err", frame.separation * scale)
-        put("va_factor", corrections[0])
-        put("orbit_change", corrections[1])
-        put("separation_corrected", float(corrected(frame.separation, *corrections)))
-        _put_own(put, fit, record)
-        put("velocity_x", record.velocity[0])
-        put("velocity_y", record.velocity[1])
-        put("chi2_dof", record.chi2_dof)
-        put("surprise", math.nan if frame.shared is None else frame.shared.surprise)
-        for name in changing:
-            slot = fit.combined.names.index(name)
-            shared = frame.shared
-            put(f"shared_{name}", math.nan if shared is None else shared.values[slot])
-            put(f"shared_{name}_err", math.nan if shared is None else shared.errors[slot])
-    table = QTable(columns, meta={**(meta or {}), "flags": flag_meanings()})
-    for name in table.colnames:
-        unit = _unit(name)
-        if unit:
-            table[name] = table[name] << units.Unit(unit)
-    return table
+    own = [column for name in fit.records.own for column in measured(name, "", unit_of(name))]
+    when = "at the time of the frame"
+    shared = [column for name in changing for column in measured(f"shared_{name}", when, unit_of(name))]
+    rows = (_row(fit, frame, changing) for frame in fit.frames())
+    described = {**(meta or {}), "flags": flag_meanings()}
+    return bind_rows([*_FIRST, *own, *_JITTER, *shared], rows, described)
 
 
-def _put_own(put, fit: SequenceFit, record) -> None:
-    """Columns of a frame's own parameters, and what the jitter amounts to."""
-    for name, value, error in zip(fit.records.own, record.values, record.errors, strict=True):
-        put(name, value)
-        put(f"{name}_err", error)
-    for name, value, error in zip(("sxx", "sxy", "syy"), record.moments, record.moment_errors, strict=True):
-        put(name, value)
-        put(f"{name}_err", error)
+def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> list[Any]:
+    """Return the cells of a frame."""
+    record, shared = frame.record, frame.shared
+    scale, *corrections = record.stated
+    flags = [*record.flags, *["outlier"] * (shared is not None and not frame.kept)]
     known = np.all(np.isfinite(record.moments))
     major, minor, angle = principal_axes(record.moments) if known else (math.nan,) * 3
-    put("jitter_major", major)
-    put("jitter_minor", minor)
-    put("jitter_angle", angle)
-    put("smear_direction", _direction(angle, record.velocity))
+    names = fit.combined.names
+    slots = [names.index(name) for name in changing]
+    told = np.full((2, len(names)), np.nan) if shared is None else np.array([shared.values, shared.errors])
+    return [
+        printable(record.name),
+        record.time,
+        record.status.name.lower(),
+        record.reason,
+        printable(record.message),
+        encode_flags(flags),
+        frame.kept,
+        frame.separation,
+        frame.separation_err,
+        frame.separation * scale,
+        *corrections,
+        float(corrected(frame.separation, *corrections)),
+        *chain.from_iterable(zip(record.values, record.errors, strict=True)),
+        *chain.from_iterable(zip(record.moments, record.moment_errors, strict=True)),
+        *(major, minor, angle, _direction(angle, record.velocity)),
+        *record.velocity,
+        record.chi2_dof,
+        math.nan if shared is None else shared.surprise,
+        *told[:, slots].T.ravel(),
+    ]
 
 
 def _direction(angle: float, velocity: np.ndarray) -> float:
@@ -115,11 +120,6 @@ def _direction(angle: float, velocity: np.ndarray) -> float:
     if not math.isfinite(along) or along == 0:
         return math.nan
     return direction_angle(angle if along > 0 else angle + 180)
-
-
-def _unit(column: str) -> str:
-    name = column.removesuffix("_err").removeprefix("shared_")
-    return "s" if name == "time" else unit_of(column) or unit_of(name)  # since the beginning of the run
 
 
 def separation_series(fit: SequenceFit) -> Series | None:

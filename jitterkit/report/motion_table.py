@@ -5,12 +5,14 @@ Reach for :func:`motion_table`, a row a source of motion, and :func:`motion_sent
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from astropy import units
 from astropy.table import QTable
 
 from jitterkit.loci import principal_axes
 from jitterkit.motion import PARTS, Assessment, Share, critical_frequency
+from jitterkit.report.columns import Column, bind
 from jitterkit.report.words import angle_size, ellipse_size, number
 
 _SMALL = 0.15
@@ -48,26 +50,26 @@ def motion_table(assessed: Assessment) -> QTable:
         of the motion between frames [arcsec²].
     """
     shares, lines = assessed.shares, [*(share.line for share in assessed.shares), None]
-    table = QTable({"source": [*("random" if share.line is None else "line" for share in shares), "all"]})
-    table["from"] = _column([*(share.low for share in shares), np.nan], units.Hz)
-    table["to"] = _column([*(share.high for share in shares), np.nan], units.Hz)
-    table["amplitude"] = _column([np.nan if line is None else line.amplitude for line in lines], units.arcsec)
-    table["angle"] = _column([np.nan if line is None else line.angle for line in lines], units.deg)
-    table["regime"] = [*(share.regime for share in shares), ""]
-    table["locus"] = [*(share.locus for share in shares), assessed.names]
+    columns: list[tuple[Column, Any]] = [
+        (Column("source", kind=str), [*("random" if s.line is None else "line" for s in shares), "all"]),
+        (Column("from", "lowest frequency", "Hz"), [*(share.low for share in shares), np.nan]),
+        (Column("to", "highest frequency", "Hz"), [*(share.high for share in shares), np.nan]),
+        (Column("amplitude", "of a line", "arcsec"), [np.nan if o is None else o.amplitude for o in lines]),
+        (Column("angle", "of a line", "deg"), [np.nan if line is None else line.angle for line in lines]),
+        (Column("regime", kind=str), [*(share.regime for share in shares), ""]),
+        (Column("locus", kind=str), [*(share.locus for share in shares), assessed.names]),
+    ]
     for part in PARTS:
         moments = np.array([getattr(split, part) for split in (*(s.split for s in shares), assessed.split)])
         sizes = np.round(1e3 * np.sqrt(np.maximum(moments, 0)), _DECIMALS)
-        table[f"{part}_x"], table[f"{part}_y"] = (_column(sizes[:, k], units.mas) for k in (0, 2))
-        for k, name in enumerate(("sxx", "sxy", "syy")):
-            table[f"{part}_{name}"] = _column(moments[:, k], units.arcsec**2)
-    table.meta |= {
-        "exposure": assessed.exposure,
-        "cadence": assessed.cadence,
-        "bandwidth": assessed.bandwidth,
-    }
-    table.meta["between_frames"] = [float(moment) for moment in assessed.steps]
-    return table
+        columns += [(Column(f"{part}_{xy}", "1 sigma", "mas"), sizes[:, k]) for xy, k in (("x", 0), ("y", 2))]
+        columns += [
+            (Column(f"{part}_{name}", "second moment", "arcsec2"), moments[:, k])
+            for k, name in enumerate(("sxx", "sxy", "syy"))
+        ]
+    names = ("exposure", "cadence", "bandwidth")
+    meta: dict[str, Any] = {name: getattr(assessed, name) for name in names}
+    return bind(columns, meta | {"between_frames": [float(moment) for moment in assessed.steps]})
 
 
 def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
@@ -122,7 +124,3 @@ def _of_share(share: Share, exposure: float) -> str:
 def _rms(moments) -> str:
     """Root of the variance in both axes together."""
     return angle_size(round(max(float(moments[0] + moments[2]), 0.0) ** 0.5, 3 + _DECIMALS))
-
-
-def _column(values, unit: units.UnitBase) -> units.Quantity:
-    return np.array(values, float) * unit

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jitterkit.report.columns import measured
+from jitterkit.report.columns import Column, bind_rows, measured, named
 
 if TYPE_CHECKING:  # at run time a table is read without JAX
     from astropy.table import QTable
@@ -15,12 +15,13 @@ if TYPE_CHECKING:  # at run time a table is read without JAX
     from jitterkit.refit.result import FitResult
 
 
-_NUMBERS = (
+_COLUMNS = (
+    *named("file", "frame"),
+    Column("star", "from 1; A and B of a pair are 1 and 2", kind=int),
     *measured("x", "offset from the frame's centre", "arcsec"),
     *measured("y", "offset from the frame's centre", "arcsec"),
     *measured("flux", "electrons per frame, inside the frame or not", "electron"),
 )
-"""Columns of a star."""
 
 
 def encode_stars(result: FitResult) -> str:
@@ -63,19 +64,10 @@ def star_table(results: QTable) -> QTable | None:
         None if no frame does.  Columns ``file``, ``frame``, ``star`` (from 1; A and B of a pair are 1 and
         2), ``x``, ``y`` [arcsec] and ``flux`` [electron] with their errors.
     """
-    from astropy.table import QTable
-    from astropy.units import Unit
-
     rows = [
         (str(row["file"]), int(row["frame"]), number, *(np.nan if v is None else v for v in star))
         for row in results
         if row["stars"]
         for number, star in enumerate(json.loads(row["stars"]), 1)
     ]
-    if not rows:
-        return None
-    table = QTable(rows=rows, names=["file", "frame", "star", *(column.name for column in _NUMBERS)])
-    for column in _NUMBERS:
-        table[column.name] = table[column.name] << Unit(column.unit)
-        table[column.name].info.description = column.description
-    return table
+    return bind_rows(_COLUMNS, rows) if rows else None

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from astropy import units
 from astropy.table import QTable
 
 from jitterkit.forecast import SystematicError
+from jitterkit.report.columns import Column, bind_rows
 
-_COLUMNS = {
-    "size": "of one standard deviation, where the effect is random",
-    "fitted": "whether the fit has parameters for it; the row is of a fit that holds them",
-    "bias": "of the separation; rms of several or random changes",
-    "cost": "error of the separation with the effect free, over that without",
-    "sigmas": "added to the chi-squared of a frame, in its standard deviations",
-    "frames": "whose mean chi-squared shows the effect at five standard deviations",
-    "shown_by": "frame, night or nothing",
-    "needed": "size at which the bias is the target",
-}
+_COLUMNS = (
+    Column("effect", kind=str),
+    Column("size", "of one standard deviation, where the effect is random", format=".4g"),
+    Column("unit", "of size and needed", kind=str),
+    Column("fitted", "whether the fit has parameters for it; the row is of a fit that holds them", kind=bool),
+    Column("bias", "of the separation; rms of several or random changes", "uas", format=".4g"),
+    Column("cost", "error of the separation with the effect free, over that without", format=".4g"),
+    Column("sigmas", "added to the chi-squared of a frame, in its standard deviations", format=".4g"),
+    Column("frames", "whose mean chi-squared shows the effect at five standard deviations", format=".4g"),
+    Column("shown_by", "frame, night or nothing", kind=str),
+    Column("needed", "size at which the bias is the target", format=".4g"),
+)
 
 
 def systematics_table(errors: Sequence[SystematicError], night: int) -> QTable:
@@ -31,10 +32,10 @@ def systematics_table(errors: Sequence[SystematicError], night: int) -> QTable:
     night : int
         Frames of a night, for ``shown_by``.
     """
-    table = QTable({"effect": [one.name for one in errors], "unit": [one.unit for one in errors]})
-    for name in _COLUMNS:
-        values = [one.shown_by(night) if name == "shown_by" else getattr(one, name) for one in errors]
-        table[name] = np.array(values) * 1e6 * units.uas if name == "bias" else values
-        table[name].info.description = _COLUMNS[name]
-        table[name].info.format = ".4g" if table[name].dtype.kind == "f" else None
-    return table["effect", "size", "unit", *list(_COLUMNS)[1:]]
+    rows = (_cells(one, night) for one in errors)
+    return bind_rows(_COLUMNS, rows)
+
+
+def _cells(one: SystematicError, night: int) -> list[str | float]:
+    told = [one.cost, one.sigmas, one.frames, one.shown_by(night), one.needed]
+    return [one.name, one.size, one.unit, one.fitted, 1e6 * one.bias, *told]

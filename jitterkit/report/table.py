@@ -16,12 +16,11 @@ from typing import Any
 
 import numpy as np
 from astropy.table import MaskedColumn, QTable
-from astropy.units import Unit
 from astropy.utils.exceptions import AstropyUserWarning
 
 from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
-from jitterkit.report.columns import COLUMNS, Column, aberration_columns
+from jitterkit.report.columns import COLUMNS, Column, aberration_columns, bind
 from jitterkit.report.flags import flag_meanings
 from jitterkit.report.outputs import table_ending
 from jitterkit.report.row import Row
@@ -59,12 +58,9 @@ def make_table(rows: Iterable[Row], meta: Mapping[str, Any] | None = None) -> QT
         for name, held in values.items():
             value = row.get(name)
             held.append(blanks.get(name, np.nan) if value is None else value)
-    table = QTable(meta=_plain({**(meta or {}), "flags": flag_meanings()}))
-    for column in _layout(aberration_names(list(values))):
-        cells: Any = np.array(values.pop(column.name), dtype=column.kind)
-        table.add_column(cells << Unit(column.unit) if column.unit else cells, name=column.name, copy=False)
-        table[column.name].info.description = column.description
-    return table
+    columns = _layout(aberration_names(list(values)))
+    described = _plain({**(meta or {}), "flags": flag_meanings()})
+    return bind(((column, values.pop(column.name)) for column in columns), described)
 
 
 def _plain(value: Any) -> Any:

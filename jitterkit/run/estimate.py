@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from astropy.table import QTable
-from astropy.units import Unit
 
 from jitterkit.batch.executor import FrameTask, Outcome, execute
 from jitterkit.batch.plan import count_frames, plan_batches
@@ -21,21 +21,34 @@ from jitterkit.frames.duplicates import Duplicates
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
+from jitterkit.report.columns import Column, bind, bind_rows, measured, named
 
 __all__ = ["BlurEstimator", "estimate_files"]
 
 _MOMENTS = ("sxx", "sxy", "syy")
-_POWERS = dict.fromkeys((*_MOMENTS, *(f"{name}_err" for name in _MOMENTS)), 2)
-_POWERS |= dict.fromkeys(("major", "minor", "length", "length_err"), 1)
-"""Columns that are powers of a length."""
 
-_NUMBERS = (
-    *(f"{name}{end}" for name in _MOMENTS for end in ("", "_err")),
-    *CORRELATIONS,
-    *("major", "minor", "angle", "angle_err", "length", "length_err", "shape", "shape_err", "significance"),
+_POWERS = {"arcsec": 1, "arcsec2": 2}
+"""Of the plate scale, in units."""
+
+_COLUMNS = (
+    *named("file", "frame", "status", "reason"),
+    Column("scene", "scene with which the optics were fitted", kind=str),
+    Column("estimator", "name of the estimator", kind=str),
+    *(
+        column
+        for name in _MOMENTS
+        for column in measured(name, "second moment of the blur", "arcsec2", format=".3g")
+    ),
+    *(Column(name, "correlation of the errors of these moments") for name in CORRELATIONS),
+    Column("major", "1 sigma of the blur along its major axis", "arcsec", format=".3g"),
+    Column("minor", "1 sigma of the blur along its minor axis", "arcsec", format=".3g"),
+    *measured("angle", "major axis, counter-clockwise from +x", "deg", format=".1f"),
+    *measured("length", "of a streak", "arcsec", format=".3g"),
+    *measured("shape", "excess kurtosis of the blur: normal 0, linear -1.2, oscillation -1.5", format=".2f"),
+    Column("significance", "chi-squared of three degrees of freedom against no jitter", format=".1f"),
+    *named("digest", "message"),
 )
-
-_FORMATS = {"angle": ".1f", "angle_err": ".1f", "shape": ".2f", "shape_err": ".2f", "significance": ".1f"}
+"""Lengths are in pixels where a frame has no plate scale."""
 
 
 class BlurEstimator(FrameTask, Protocol):
@@ -106,25 +119,18 @@ def estimate_files(
 
 
 def _table(rows: list[dict[str, Any]]) -> QTable:
-    scaled = all(math.isfinite(row["scale"]) for row in rows if row["scale"] is not None)
-    table = QTable()
-    for name in ("file", "frame", "status", "reason", "scene", "estimator", *_NUMBERS, "digest", "message"):
-        power = _POWERS.get(name, 0)
-        values = [row[name] if scaled or not power else _in_pixels(row, name, power) for row in rows]
-        table[name] = np.array(values)
-        if power:
-            table[name] = table[name] << Unit("arcsec" if scaled else "pix") ** power
-            table[name].info.format = ".3g"
-    for name in ("angle", "angle_err"):
-        table[name] = table[name] << Unit("deg")
-    for name, how in _FORMATS.items():
-        table[name].info.format = how
-    return table
-
-
-def _in_pixels(row: dict[str, Any], name: str, power: int) -> float:
-    scale = row["scale"] or 1.0
-    return row[name] / (scale if math.isfinite(scale) else 1.0) ** power
+    """Make the table; lengths are in pixels if the scale of a frame is not known."""
+    scales = [1.0 if row["scale"] is None else row["scale"] for row in rows]
+    if np.all(np.isfinite(scales)):
+        return bind_rows(_COLUMNS, ([row[column.name] for column in _COLUMNS] for row in rows))
+    pixels, in_pixels = np.nan_to_num(scales, nan=1.0), []
+    for column in _COLUMNS:
+        values = [row[column.name] for row in rows]
+        if power := _POWERS.get(column.unit):
+            column = replace(column, unit=column.unit.replace("arcsec", "pix"))
+            values = np.array(values) / pixels**power
+        in_pixels.append((column, values))
+    return bind(in_pixels)
 
 
 def _row(one: Outcome, name: str, known: Duplicates, keep: Callable | None) -> dict[str, Any]:
@@ -181,13 +187,12 @@ def _correlation(covariance: np.ndarray, i: int, j: int) -> float:
 
 
 def _blank(one: Outcome, name: str, result: FitResult) -> dict[str, Any]:
-    row = {
+    return {column.name: column.blank for column in _COLUMNS} | {
         "file": printable(one.path.name),
         "frame": one.index,
         "status": result.status.name.lower(),
         "reason": result.reason,
-        "scene": "",
         "estimator": name,
-        "digest": "",
+        "scale": None,
+        "message": result.message,
     }
-    return row | dict.fromkeys(_NUMBERS, math.nan) | {"scale": None, "message": result.message}

@@ -75,11 +75,11 @@ def _given_the_blur(processor: FrameProcessor, frame: Frame) -> tuple[float, flo
 
 
 def _refitted(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
-    return _told(processor.fit(frame).result)
+    return _told(processor.complete(frame).result)
 
 
 def _drawn(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
-    fitted = processor.fit(frame)
+    fitted = processor.complete(frame)
     _told(fitted.result)
     frame = frame if fitted.frame is None else fitted.frame
     posterior = sample_posterior(

@@ -6,16 +6,22 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-import numpy as np
 from astropy.table import QTable
-from astropy.units import Unit
 
 from jitterkit.instruments import Instrument
+from jitterkit.report.columns import Column, bind
 from jitterkit.trade.ladder import Point, front
 from jitterkit.trade.settings import Settings, own_pad
 
 _NONE = {"pad": -1, "tolerance": 0.0} | dict.fromkeys(("aberrations", "jitter", "method"), "")
 """What stands for none of a setting; of others it is 0, which of nodes means those of the locus itself."""
+
+
+_OF_SEPARATION = (
+    ("bias", "of the separation", ".3g"),
+    ("scatter", "added to that of the separation", ".3g"),
+    ("sigma", "stated error of the separation", ".4g"),
+)
 
 
 def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
@@ -35,20 +41,23 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
         another package), and why there are no numbers where there are none.
     """
     best = [point.name for point in front(points)]
-    table = QTable()
-    table["setting"] = [point.name for point in points]
-    table["time"] = np.array([point.seconds for point in points]) * 1e3 << Unit("ms")
-    for name in ("bias", "scatter", "sigma"):
-        table[name] = np.array([getattr(point, name) for point in points]) * 1e6 << Unit("uarcsec")
-    table["error"] = [point.error for point in points]
-    table["front"] = [point.name in best for point in points]
     used = [_used(point.settings, instrument) for point in points]
-    for name in (field.name for field in fields(Settings) if field.name != "without"):
-        table[name] = [row.get(name, _NONE.get(name, 0)) for row in used]
-    table["message"] = [point.message for point in points]
-    for name, how in {"time": ".1f", "bias": ".3g", "scatter": ".3g", "sigma": ".4g", "error": ".2g"}.items():
-        table[name].info.format = how
-    return table
+    columns: list[tuple[Column, Any]] = [
+        (Column("setting", kind=str), [point.name for point in points]),
+        (Column("time", "a frame takes", "ms", format=".1f"), [1e3 * point.seconds for point in points]),
+        *(
+            (Column(name, words, "uarcsec", format=digits), [1e6 * getattr(p, name) for p in points])
+            for name, words, digits in _OF_SEPARATION
+        ),
+        (Column("error", "bias and scatter together", format=".2g"), [point.error for point in points]),
+        (Column("front", "none is faster and better", kind=bool), [point.name in best for point in points]),
+        *(
+            (Column(name, kind=type(_NONE.get(name, 0))), [row.get(name, _NONE.get(name, 0)) for row in used])
+            for name in (field.name for field in fields(Settings) if field.name != "without")
+        ),
+        (Column("message", kind=str), [point.message for point in points]),
+    ]
+    return bind(columns)
 
 
 def _used(settings: Settings | None, instrument: Instrument) -> dict[str, Any]:

@@ -42,6 +42,7 @@ def test_a_pair_with_aberrations_is_described_by_its_template(telescope, drifted
     assert (row["status"], row["reason"], row["message"]) == ("ok", "", "")
 
 
+@pytest.mark.slow
 def test_a_frame_that_no_binary_describes_is_a_poor_fit_that_names_its_scale_and_the_other_ways(
     telescope, tmp_path
 ):

@@ -127,13 +127,13 @@ def test_what_is_not_worth_a_picture_is_not_drawn(night, processor):
 def test_many_more_frames_are_not_held_than_are_worked_on(night, processor, monkeypatch):
     """Memory stays flat: what is read ahead is bounded."""
     ahead, most = 0, 0
-    prepare = FrameProcessor.prepare
+    calibrate = FrameProcessor.calibrate
 
     def counted(self, raw):
         nonlocal ahead, most
         ahead += 1
         most = max(most, ahead)
-        return prepare(self, raw)
+        return calibrate(self, raw)
 
     def finished(self, frame):
         nonlocal ahead
@@ -141,8 +141,8 @@ def test_many_more_frames_are_not_held_than_are_worked_on(night, processor, monk
         ahead -= 1
         return ProcessedFrame(frame, FitResult(Status.NO_STAR, "nothing is fitted here"))
 
-    monkeypatch.setattr(FrameProcessor, "prepare", counted)
-    monkeypatch.setattr(FrameProcessor, "fit", finished)
+    monkeypatch.setattr(FrameProcessor, "calibrate", counted)
+    monkeypatch.setattr(FrameProcessor, "complete", finished)
     batch = Batch(0, tuple((night[0], 0) for _ in range(30)))
     list(process_batches([batch], processor, threads=2))
     assert most <= 2 * 4 + 2
@@ -167,7 +167,7 @@ class Numbers:
     def for_batch(self, batch, hdu):
         return Numbers(batch.number, self.early, self.slow)
 
-    def prepare(self, raw):
+    def calibrate(self, raw):
         self.early.extend([self.number] * (None not in self.early))
         return self.number
 

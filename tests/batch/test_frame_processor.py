@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from jitterkit.batch import FrameProcessor
-from jitterkit.batch import processor as frame_processor
+from jitterkit.batch import FrameProcessor, steps
 from jitterkit.batch.diagnose import LIMITS, classify, flag_faint_companion
 from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode
@@ -147,12 +146,12 @@ def test_one_star_yields_place_light_wavefront_and_jitter(processor, telescope, 
 
 def test_a_scene_that_a_frame_does_not_decide_is_undetermined(processor, telescope, rng, monkeypatch):
     raw = simulate_frame(telescope, Star(1.0, -2.0, 1.2e5), Stable.of(), rng=rng).raw
-    choose = frame_processor.choose_scene
+    choose = steps.choose_scene
 
     def hesitate(*given, **options):
         return replace(choose(*given, **options), log_odds=1.0, readings="one star, or two")
 
-    monkeypatch.setattr(frame_processor, "choose_scene", hesitate)
+    monkeypatch.setattr(steps, "choose_scene", hesitate)
     result = processor.process(raw).result
     assert (result.status.name, result.reason) == ("UNDETERMINED", "not_constrained")
     assert "one star, or two" in result.message
@@ -171,6 +170,7 @@ def test_an_unknown_scene_is_refused(telescope):
         FrameProcessor(telescope, scene="galaxy")
 
 
+@pytest.mark.slow
 def test_sky_spoils_neither_kernel_nor_separation_when_it_is_fitted(telescope, rng):
     scene, locus = Binary(8.0, 30.0, 1.0, -2.0, 1.2e5, 3.37), Mvn.of(0.1, 0.05, 20.0)
     raw = simulate_frame(telescope, scene, locus, background=50.0, rng=rng).raw

@@ -133,7 +133,7 @@ class _Same:
     def for_batch(self, batch, hdu):
         return self
 
-    def prepare(self, raw):
+    def calibrate(self, raw):
         return raw
 
     def complete(self, raw):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from records import process_batches
 
-from jitterkit.batch import FrameProcessor
+from jitterkit.batch import FrameProcessor, steps
 from jitterkit.batch.plan import FrameReader, plan_batches
 from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.frames import write_fits
@@ -43,12 +43,10 @@ def night(telescope, tmp_path_factory):
 
 
 def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(telescope, night, searched):
-    (files, truth), (names, noting) = night, searched
-    names.clear()
-    kept = []
-    table = estimate_files(files, TemplateBlurEstimator(noting(telescope)), keep=kept.append)
+    (files, truth), kept = night, []
+    table = estimate_files(files, TemplateBlurEstimator(FrameProcessor(telescope)), keep=kept.append)
     assert list(table["status"]) == ["ok"] * FRAMES
-    assert {name for name in names if name != files[0].name} == {files[OTHER].name}
+    assert {name for name in searched if name != files[0].name} == {files[OTHER].name}
     pulls = [
         (table[n].value - truth[:, i]) / table[f"{n}_err"].value for i, n in enumerate(("sxx", "sxy", "syy"))
     ]
@@ -66,36 +64,30 @@ def test_threads_do_not_matter(telescope, night, monkeypatch):
         np.testing.assert_array_equal(np.asarray(tables[0][name]), np.asarray(tables[1][name]), err_msg=name)
 
 
-@pytest.fixture(scope="module")
-def searched(telescope):
-    """Names of frames that were searched through for a pair; beside it a processor that notes them."""
-    names = []
+@pytest.fixture
+def searched(monkeypatch):
+    """Names of frames that were searched through."""
+    names, search = [], steps.search
 
-    class Noting(FrameProcessor):
-        def _found(self, frame, data, *, rough=False):
-            names.append(frame.name)
-            return super()._found(frame, data, rough=rough)
+    def noted(frame, *given, **options):
+        names.append(frame.name)
+        return search(frame, *given, **options)
 
-    return names, Noting
+    monkeypatch.setattr(steps, "search", noted)
+    return names
 
 
-def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, tmp_path):
-    rng, names, truth = np.random.default_rng(7), [], []
-
-    class Noting(FrameProcessor):
-        def _found(self, frame, data, *, rough=False):
-            names.append(frame.name)
-            return super()._found(frame, data, rough=rough)
-
+def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, searched, tmp_path):
+    rng, truth = np.random.default_rng(7), []
     for number in range(FRAMES):
         locus, (x, y) = Mvn.of(rng.uniform(0.1, 0.2), 0.05, rng.uniform(0, 180)), rng.uniform(-2, 2, 2)
         image = simulate_frame(telescope, Star(x, y, 2e5), locus, aberrations=[5.0, -8.0], rng=rng).raw.data
         write_fits(tmp_path / f"{number:02d}.fits", image.astype(np.float32))
         truth.append([*np.asarray(locus.moments()), x, y])
     batches = plan_batches(sorted(tmp_path.iterdir()), [1] * FRAMES, FRAMES)
-    (done,) = process_batches(batches, Noting(telescope, locus="mvn"))
+    (done,) = process_batches(batches, FrameProcessor(telescope, locus="mvn"))
     assert {(row["status"], row["scene"]) for row in done.rows} == {("ok", "star")}
-    assert len(set(names)) <= 4  # the lead's, until their scene is in no doubt
+    assert len(set(searched)) <= 4  # the lead's, until their scene is in no doubt
     known = ("sxx", "sxy", "syy", "x", "y")
     pulls = [
         [(row[name] - value) / row[f"{name}_err"] for name, value in zip(known, values, strict=True)]
@@ -132,16 +124,15 @@ def test_frames_of_a_run_share_the_doubt_and_an_odd_one_its_own_scene(telescope,
 def test_a_fit_begins_where_a_frame_repeats_another_and_ends_where_it_would_alone(
     telescope, night, searched, options
 ):
-    (files, _), (names, noting) = night, searched
-    processor = noting(telescope, **{"locus": "mvn", **options})
-    names.clear()
+    files, _ = night
+    processor = FrameProcessor(telescope, **{"locus": "mvn", **options})
     batches = plan_batches(files, [1] * FRAMES, FRAMES)
     rows = [row for part in process_batches(batches, processor) for row in part.rows]
-    assert {name for name in names if name != files[0].name} == {files[OTHER].name}
+    assert {name for name in searched if name != files[0].name} == {files[OTHER].name}
     some = slice(None, None, 3)
-    for (_, _, raw), row in zip(
-        FrameReader().read([(path, 0) for path in files[some]]), rows[some], strict=True
-    ):
+    with FrameReader() as reader:
+        raws = [raw for _, _, raw in reader.read([(path, 0) for path in files[some]])]
+    for raw, row in zip(raws, rows[some], strict=True):
         alone = FrameProcessor(telescope, **{"locus": "mvn", **options}).process(raw).result
         for name in ("separation", "theta", "x", "flux", "contrast"):
             assert abs(row[name] - alone.of_scene(name)) < 0.05 * alone.error(name)
@@ -165,14 +156,14 @@ def test_fits_of_repeated_frames_are_the_same_to_the_last_digit_whoever_works_an
 @pytest.mark.slow
 def test_a_frame_that_a_locus_does_not_fit_is_not_searched_through_for_that(telescope, searched, tmp_path):
     """The pair is in no doubt; what fails is what was asked for."""
-    rng, (names, noting) = np.random.default_rng(9), searched
+    rng = np.random.default_rng(9)
     deep = replace(telescope, detector=replace(telescope.detector, full_well=1e7, bits=22))
     scene, locus = Binary(10.0, 30.0, 0.3, -0.4, 2e7, 3.37), Mvn.of(0.5, 0.3, 20.0)
     for n in range(8):
         raw = simulate_frame(deep, scene, locus, aberrations=[5.0, -8.0], rng=rng).raw
         write_fits(tmp_path / f"{n}.fits", raw.data)
     files = sorted(tmp_path.iterdir())
-    names.clear()
-    (done,) = process_batches(plan_batches(files, [1] * 8, 8), noting(deep, locus="stable"))
+    processor = FrameProcessor(deep, locus="stable")
+    (done,) = process_batches(plan_batches(files, [1] * 8, 8), processor)
     assert [row["status"] for row in done.rows] == ["poor_fit"] * 8
-    assert set(names) == {files[0].name}  # to know what the others may repeat
+    assert set(searched) == {files[0].name}  # to know what the others may repeat

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jitterkit.batch import processor as processing
+from jitterkit.batch import steps
 from jitterkit.batch.plan import Batch
 from jitterkit.frames import write_fits
 from jitterkit.loci import Stable
@@ -20,7 +20,7 @@ PAIR = Binary(3.0, 30.0, 1.0, -2.0, 1.2e5, 2.0)
 @pytest.fixture
 def hesitant(telescope, rng, tmp_path, monkeypatch):
     """A batch of four frames of a pair, each of which says that it leaves that open."""
-    choose = processing.choose_scene
+    choose = steps.choose_scene
     covariance = np.diag([0.05, 6.0, 0.25]) ** 2
     told = SceneEvidence(0.0, 13.0, -0.2, math.log(0.05), np.array([3.0, 30.0, 2.0]), covariance)
 
@@ -28,7 +28,7 @@ def hesitant(telescope, rng, tmp_path, monkeypatch):
         found = choose(*given, **options)
         return replace(found, log_odds=1.0, readings="one star, or two", evidence=told)
 
-    monkeypatch.setattr(processing, "choose_scene", hesitate)
+    monkeypatch.setattr(steps, "choose_scene", hesitate)
     items = []
     for number in range(4):
         path, simulated = tmp_path / f"{number}.fits", simulate_frame(telescope, PAIR, Stable.of(), rng=rng)

@@ -10,7 +10,7 @@ from jitterkit.frames import Frame
 from jitterkit.joint import Constant, Exposure, Looker, SequenceOptions, refit_sequence
 from jitterkit.locate import Residual
 from jitterkit.loci import Mvn
-from jitterkit.refit.outliers import fit_without_outliers
+from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.scene import Binary
 
 STEP, HIT = 0.1, (2, 5)
@@ -56,6 +56,8 @@ def test_what_a_pass_left_out_counts_towards_the_few(exposures, optics):
     frame, looker = exposures[HIT[0]].frame, Looker(optics)
     before = np.zeros(frame.shape, bool)
     before[:1, :4] = True
-    masked, fit, _ = fit_without_outliers(frame, lambda frame: looker.first(frame, None), before)
+    masked, fitted = fit_without_outliers(
+        frame, lambda frame: Fitted(*looker.first(frame, None)), known=before
+    )
     np.testing.assert_array_equal(masked.mask, before)
-    assert "4 pixels" in fit.message
+    assert "4 pixels" in fitted.result.message

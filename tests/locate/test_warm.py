@@ -235,7 +235,7 @@ def _believed(told, locus, changes):
     "system",
     [
         {"shape": (64, 64)},
-        {"plate_scale": 0.75},
+        pytest.param({"plate_scale": 0.75}, marks=pytest.mark.slow),
         pytest.param({"plate_scale": 0.75, "shape": (74, 74)}, marks=pytest.mark.slow),  # 405 fine samples
     ],
     ids=["small", "undersampled", "odd"],

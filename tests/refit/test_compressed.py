@@ -12,7 +12,7 @@ from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Shaped, Shm, locus_
 from jitterkit.loci.cumulants import form_cumulants
 from jitterkit.refit import Status, by_cumulants, choose, fit_best_locus, fit_locus, locus_fit
 from jitterkit.refit.evidence import log_evidence
-from jitterkit.refit.fit import fit_and_expand
+from jitterkit.refit.fit import fit_and_allow
 
 FRAMES = [
     (Linear.of(0.3, 30.0), 3e6),
@@ -27,7 +27,7 @@ FRAMES = [
 
 def compressed(bench, data):
     """The fit of a normal, what cumulants tell, and the names of the aberrations."""
-    normal, otf = fit_and_expand(data, bench.optics, bench.near())
+    normal, otf = fit_and_allow(data, bench.optics, bench.near())[:2]
     step = CumulantStep.of(normal.parameters, normal.names, otf, data, ORDERS)
     return replace(normal, locus="mvn"), CompressedLikelihood.of(step, normal.covariance), otf.names
 

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from jitterkit.forward import Parameters
 from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Path, Shm, Smear, Tones
+from jitterkit.refit.boundary import regularizing_priors
 from jitterkit.refit.evidence import log_evidence, minor_variance
-from jitterkit.refit.leashes import leashes
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.scene import Binary
 
@@ -80,7 +80,7 @@ def test_a_partial_vibration_points_anywhere_and_two_sets_of_numbers_are_one_mot
     jacobian = jax.jacfwd(lambda q: partial(*q))(jnp.array([np.log(total), np.radians(30.0)]))
     sigma = 1e-9
     density = np.log(2 / (2 * np.pi)) - np.linalg.slogdet(jacobian)[1]
-    density -= sum(np.log(np.sqrt(2 * np.pi) * width) for _, width in leashes(locus).values())
+    density -= sum(np.log(np.sqrt(2 * np.pi) * width) for _, width in regularizing_priors(locus).values())
     expected = density + 4 * np.log(np.sqrt(2 * np.pi) * sigma)
     assert log_evidence(fitted("partial", locus, sigma)) == pytest.approx(expected, abs=1e-6)
 
@@ -88,7 +88,7 @@ def test_a_partial_vibration_points_anywhere_and_two_sets_of_numbers_are_one_mot
 def on_its_leash(steps, sigma):
     """A fit of a path whose objective is the leash's quadratic form alone."""
     locus = Path(steps)
-    (_, width), *_ = leashes(locus).values()
+    (_, width), *_ = regularizing_priors(locus).values()
     return fitted("path", locus, sigma, float(np.sum(np.square(steps))) / width**2)
 
 

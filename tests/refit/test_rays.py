@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.refit.rays import find_rays
+from jitterkit.refit.outliers import find_rays
 
 
 def test_noise_has_no_rays(rng):

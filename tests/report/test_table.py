@@ -11,7 +11,7 @@ from refusals import refused
 import jitterkit.report.table
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.report.columns import COLUMNS, aberration_column
+from jitterkit.report.columns import COLUMNS, Column, aberration_column, bind_rows, measured
 from jitterkit.report.row import make_row
 from jitterkit.report.table import aberration_names, make_table, read_table, write_table
 
@@ -120,3 +120,17 @@ def test_reading_a_table_loads_neither_jax_nor_matplotlib():
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout.strip(), ended.stderr) == (0, "", "")
+
+
+def test_declared_columns_have_unit_meaning_kind_and_format_with_rows_and_without():
+    columns = (Column("n", kind=int), *measured("size", "of it", "mas", format=".1f"), Column("share"))
+    for rows in ([], [(1, 2.0, 0.5, 1 / 3)]):
+        table = bind_rows(columns, rows, {"command": "made"}, format=".3g")
+        assert (table.colnames, len(table)) == (["n", "size", "size_err", "share"], len(rows))
+        assert [table[name].dtype.kind for name in table.colnames] == list("ifff")
+        assert [table[name].unit for name in ("size", "size_err")] == [units.mas] * 2
+        assert [table[name].info.format for name in table.colnames] == [None, ".1f", ".1f", ".3g"]
+        assert table["size"].info.description == "of it"
+        assert table.meta == {"command": "made"}
+    with pytest.raises(ValueError, match="argument 2 is shorter"):
+        bind_rows(columns, [(1, 2.0)])

@@ -47,7 +47,8 @@ def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, o
     assert loss(found, example, one, whole) <= allowed
     cheaper = [settings for settings in planner.by_work() if planner.work(settings) < planner.work(found)]
     assert cheaper
-    assert all(loss(settings, example, one, whole) > 0.75 * allowed for settings in cheaper)
+    nearest = cheaper if allowed < 1e-5 else cheaper[-3:]  # each is compiled: all of them in the slow test
+    assert all(loss(settings, example, one, whole) > 0.75 * allowed for settings in nearest)
 
 
 @pytest.mark.parametrize(("share", "tolerance"), [(1.2, 0.1), (0.21, 1e-2), (0.11, 1e-4), (0.011, 1e-5)])
@@ -174,6 +175,7 @@ def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, plann
     assert planner.outlook.loss(Settings(samples=3)) < math.inf
 
 
+@pytest.mark.slow
 def test_within_a_budget_the_least_loss_is_had(planner, monkeypatch):
     monkeypatch.setattr(planner, "seconds", lambda settings: planner.work(settings))
     ample, short = planner.within(1.5), planner.within(0.4)

@@ -1,0 +1,240 @@
+"""The steps of one frame, each of which can be used alone.
+
+    RawFrame --calibrate--> Frame --locate--> SceneEstimate --estimate--> KernelEstimate
+                                                   |
+                                                   +-----------fit------> FitResult --diagnose--> FitResult
+
+A frame that shows too little to be located has a FitResult with a status instead.
+:class:`~jitterkit.batch.FrameProcessor` does all five with one set of options, and again without pixels that
+do not belong to a frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from jitterkit.batch.diagnose import diagnose, undecided, unusable
+from jitterkit.batch.records import SceneEstimate
+from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
+from jitterkit.estimators import KernelEstimate, estimator
+from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames.region import find_region
+from jitterkit.instruments import Instrument, resolve
+from jitterkit.likelihood import Data
+from jitterkit.locate import locate_binary, locate_star, locate_stars
+from jitterkit.optics import Optics
+from jitterkit.refit import (
+    SCENES,
+    FitOptions,
+    FitResult,
+    Priors,
+    SceneChoice,
+    Status,
+    choose_scene,
+    fit_best_locus,
+    fit_locus,
+)
+from jitterkit.refit.scene_choice import found_allowing
+from jitterkit.scene import Star
+
+__all__ = ["calibrate", "diagnose", "estimate", "fit", "locate", "search"]
+
+_SEARCHES = dict(zip(SCENES, (locate_star, locate_binary, locate_stars), strict=True))
+
+
+def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> Frame:
+    """Complete a frame's metadata, cut out its stars if it is large, and turn it into electrons.
+
+    Parameters
+    ----------
+    raw : RawFrame
+    instrument : Instrument
+        A frame larger than its shape is cut to that, about the brightest stars.
+    overrides : mapping, optional
+        Metadata that take precedence over those of the file, by field.
+
+    Returns
+    -------
+    frame : Frame
+        Its digest is that of the whole frame, as the file holds it.
+
+    Raises
+    ------
+    JitterkitError
+        If the frame does not suit the instrument.
+    """
+    digest = raw.digest
+    raw = resolve(raw, instrument, overrides or {})
+    ny, nx = instrument.shape
+    large = raw.shape[0] > ny or raw.shape[1] > nx
+    if large:
+        raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
+    frame = instrument.detector.calibrate(raw)
+    flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
+    return frame.told(flags=flags, digest=digest)
+
+
+def locate(
+    frame: Frame,
+    optics: Optics,
+    scene: str = AUTO,
+    *,
+    options: FitOptions | None = None,
+    censored: bool = False,
+    warm: WarmStart | None = None,
+    rough: bool = False,
+    shape: bool = True,
+) -> SceneEstimate | FitResult:
+    """Find the stars of a frame, and a normal blur: by a search, or registered to a reference frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    optics : Optics
+        On the frame's grid.
+    scene : str
+        ``"auto"`` for the simplest that the frame supports, ``"star"``, ``"binary"`` or ``"stars"``.
+    options : FitOptions, optional
+    censored : bool
+        As for :meth:`jitterkit.likelihood.Data.of`.
+    warm : WarmStart, optional
+        What is known of the frame beforehand.
+    rough : bool
+        Whether to leave the last steps of a search to a fit.
+    shape : bool
+        Whether to measure the shape of the blur where the frame is registered to another.
+
+    Returns
+    -------
+    start : SceneEstimate or FitResult
+        Where fits start; a FitResult whose status says why not.
+    """
+    options, data = options or FitOptions(), Data.of(frame, censored=censored)
+    if warm is not None:
+        registered = warm.register(frame, data, optics, options.hold, rough=not shape)
+        if registered is not None:
+            return registered
+    found, clean = search(frame, optics, scene, data, options, warm, rough=rough)
+    if isinstance(found, FitResult):
+        return found
+    if (result := undecided(found)) is not None:
+        return result
+    start, doubt = found.start, found.doubt
+    if not doubt and warm is not None and warm.scene == found.scene:
+        doubt = warm.doubt
+    dropped = int(np.count_nonzero(data.used) - np.count_nonzero(clean.used))
+    moments = np.asarray(start.parameters.locus.moments())
+    normal = KernelEstimate(moments, start.covariance, SCORE, source=frame.name, digest=frame.digest)
+    return SceneEstimate(clean, start.parameters, normal, optics, start.otf, doubt, found.fit, dropped)
+
+
+def search(
+    frame: Frame,
+    optics: Optics,
+    scene: str,
+    data: Data,
+    options: FitOptions,
+    warm: WarmStart | None = None,
+    *,
+    rough: bool = False,
+) -> tuple[SceneChoice | FitResult, Data]:
+    """Choose the scene of a frame, and return its data without pixels that no star can have made."""
+    find = partial(_choose, frame, optics, scene, options, warm)
+    return found_allowing(find, data, optics.nominal, options.model_error, rough=rough)
+
+
+def estimate(start: SceneEstimate, kernel: str = SCORE, *, hold: Collection[str] = ()) -> KernelEstimate:
+    """Estimate the blur of a frame whose stars are located.
+
+    Parameters
+    ----------
+    start : SceneEstimate
+        From :func:`locate`.
+    kernel : str
+        Name of the estimator, one of :data:`~jitterkit.estimators.ESTIMATORS`.
+    hold : collection of str
+        Parameters to keep at their values in ``start``.
+
+    Returns
+    -------
+    estimate : KernelEstimate
+    """
+    known = start.estimate
+    if kernel == SCORE and start.searched is None:
+        return known  # by which the frame was registered
+    found = estimator(kernel)(start.data, start.parameters, start.otf, hold=hold)
+    return replace(found, source=known.source, digest=known.digest)
+
+
+def fit(
+    start: SceneEstimate,
+    priors: Priors | None = None,
+    *,
+    locus: str = AUTO,
+    options: FitOptions | None = None,
+) -> FitResult:
+    """Fit scene, optics, jitter and background of a frame together.
+
+    Parameters
+    ----------
+    start : SceneEstimate
+        From :func:`locate`.
+    priors : Priors, optional
+        Beside those of the options.
+    locus : str
+        ``"auto"`` for the simplest that the frame supports, or a name in ``LOCI``.
+    options : FitOptions, optional
+
+    Returns
+    -------
+    result : FitResult
+        Its status is that of the fit alone; :func:`~jitterkit.batch.diagnose.diagnose` completes it.
+    """
+    options = options or FitOptions()
+    priors = options.priors if priors is None else options.priors.joined(priors)
+    options = replace(options, priors=priors)
+    where = (start.data, start.optics, start.parameters, start.estimate.moments, start.otf, options)
+    informed, sure = priors.terms or priors.if_free or priors.moments is not None, start.searched is None
+    if locus != AUTO:
+        result = fit_locus(locus, *where, sure=sure)
+    elif start.fit is not None and not informed:
+        result = start.fit
+    else:
+        result = fit_best_locus(*where, start.estimate.covariance, sure=sure)
+    return replace(result, estimate=start.estimate)
+
+
+def _choose(
+    frame: Frame,
+    optics: Optics,
+    scene: str,
+    options: FitOptions,
+    warm: WarmStart | None,
+    data: Data,
+    *,
+    rough: bool = False,
+) -> SceneChoice | FitResult:
+    """Choose the scene of cleaned data, or say why that cannot be done."""
+    if (refused := unusable(frame, data)) is not None:
+        return refused
+    expected = warm.scene if scene == AUTO and warm is not None else scene
+    seen = warm.choices.get(frame.digest) if rough and warm is not None else None
+    if seen is not None and (expected in (AUTO, seen.scene) or seen.evidence is None):
+        return seen  # it agrees with the others, or is in no doubt
+    start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
+    choice = None
+    # a frame of a run need not be as the run is
+    if start is not None and (expected == scene or start.describes(data)):
+        told = ("", False) if seen is None else (seen.readings, True)
+        choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *told)
+    elif scene == AUTO:
+        choice = choose_scene(data, optics, options, rough=rough)
+    if choice is None:
+        return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
+    return choice

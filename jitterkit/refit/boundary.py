@@ -1,0 +1,64 @@
+"""Where a locus leaves a likelihood without a regular maximum: no slope, or a kink at zero length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jitterkit.loci import Locus, PartialShm, Path, Product, Shaped, Streak
+
+__all__ = ["at_zero_length", "regularizing_priors"]
+
+_SIGMAS = 3.0
+"""Standard errors from zero below which a streak's length cannot be told from zero."""
+
+
+def at_zero_length(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> set[str]:
+    """Return the names of the coordinates of streaks whose length cannot be told from zero.
+
+    Parameters
+    ----------
+    locus : Locus
+        A streak, or a product with streaks among its parts.
+    names : tuple of str
+        Of the free parameters.
+    covariance : (p, p) array
+        Of the free parameters.
+    """
+    variance = dict(zip(names, np.diag(covariance), strict=True))
+    tips: set[str] = set()
+    for part in _streaks(locus):
+        square, spread = sum(c**2 for c in part.values()), max(variance.get(name, 0.0) for name in part)
+        tips |= set(part) if square < _SIGMAS**2 * spread else set()
+    return tips
+
+
+def _streaks(locus: Locus) -> list[dict[str, float]]:
+    """The coordinates of every streak in a locus, by name."""
+    parts, names = locus.factors() if isinstance(locus, Product) else (locus,), iter(locus.names)
+    every = [(part, {next(names): float(c) for c in part.coords}) for part in parts]
+    return [coords for part, coords in every if isinstance(part, Streak)]
+
+
+def regularizing_priors(locus: Locus) -> dict[str, tuple[float, float]]:
+    """Return weak priors, mean and sigma by name, on what a small blur does not show of a locus.
+
+    Without them a fit would run off along a direction in which the image does not change.
+
+    Parameters
+    ----------
+    locus : Locus
+        Where the fit starts.
+
+    Returns
+    -------
+    priors : dict
+        For a partial vibration the square of its cycles, 1 ± 2, and its even share, 0 ± 0.6; for a shaped
+        blur its kurtosis, 0 ± 2; for a path its steps, 0 ± 1.5 times the rms of the whole.  Empty for all
+        other loci.
+    """
+    if isinstance(locus, Path):
+        sxx, _, syy = np.asarray(locus.moments())
+        return dict.fromkeys(locus.names, (0.0, 1.5 * float(np.sqrt(sxx + syy))))
+    if isinstance(locus, PartialShm):
+        return dict(zip(locus.names[2:], ((1.0, 2.0), (0.0, 0.6)), strict=True))
+    return {locus.names[3]: (0.0, 2.0)} if isinstance(locus, Shaped) else {}

@@ -1,0 +1,52 @@
+"""The five steps of a frame, one by one."""
+
+import numpy as np
+import pytest
+
+from jitterkit.batch import steps
+from jitterkit.frames import RawFrame
+from jitterkit.loci import Mvn
+from jitterkit.refit import FitResult, Priors
+from jitterkit.scene import Binary
+from jitterkit.simulate import simulate_frame
+
+SCENE, LOCUS = Binary(5.0, 30.0, 0.7, -0.4, 2e5, 2.5), Mvn.of(0.3, 0.15, 20.0)
+
+
+@pytest.fixture(scope="module")
+def located(telescope):
+    """A frame, and where its fits start."""
+    raw = simulate_frame(telescope, SCENE, LOCUS, rng=np.random.default_rng(3)).raw
+    frame = steps.calibrate(raw, telescope)
+    optics = telescope.system(shape=frame.shape, plate_scale=frame.plate_scale)
+    return frame, steps.locate(frame, optics)
+
+
+@pytest.mark.parametrize("kernel", ["score", "mtf"])
+def test_a_located_frame_yields_an_estimate_of_its_blur(located, kernel):
+    frame, start = located
+    found = steps.estimate(start, kernel)
+    off = found.moments - np.asarray(LOCUS.moments())
+    assert off @ np.linalg.solve(found.covariance, off) < 3 + 4 * np.sqrt(6)  # chi-squared of three
+    assert (found.method, found.source, found.digest) == (kernel, frame.name, frame.digest)
+
+
+def test_a_fit_and_its_diagnosis_yield_the_pair_and_a_prior_narrows_it(telescope, located):
+    frame, start = located
+    free = steps.diagnose(frame, start, steps.fit(start, locus="mvn"), telescope.plate_scale)
+    assert free.status.usable, free.message
+    assert abs(free.of_scene("separation") - 5.0) < 4 * free.error("separation")
+    sigma = free.error("separation")
+    known = steps.fit(start, Priors({"separation": (5.0, sigma)}), locus="mvn")
+    # two equal weights; further parameters are the less bound for it
+    assert known.error("separation") == pytest.approx(sigma / np.sqrt(2), rel=1e-3)
+
+
+def test_a_frame_without_a_star_has_a_status_in_place_of_a_start(telescope, rng):
+    raw = RawFrame.from_array(
+        rng.normal(100.0, 3.0, telescope.shape), gain=1.0, read_noise=3.0, bias=100.0, exposure=1.0
+    )
+    frame = steps.calibrate(raw, telescope, {"plate_scale": telescope.plate_scale})
+    start = steps.locate(frame, telescope.system(shape=frame.shape), "star")
+    assert isinstance(start, FitResult)
+    assert start.status.name == "NO_STAR"
