@@ -37,5 +37,5 @@ def systematics_table(errors: Sequence[SystematicError], night: int) -> QTable:
 
 
 def _cells(one: SystematicError, night: int) -> list[str | float]:
-    told = [one.cost, one.sigmas, one.frames, one.shown_by(night), one.needed]
-    return [one.name, one.size, one.unit, one.fitted, 1e6 * one.bias, *told]
+    shown: list[str | float] = [one.sigmas, one.frames, one.shown_by(night), one.needed]
+    return [one.name, one.size, one.unit, one.fitted, 1e6 * one.bias, one.cost, *shown]
