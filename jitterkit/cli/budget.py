@@ -59,13 +59,14 @@ def budget(
     from jitterkit.report.systematics_table import systematics_table
     from jitterkit.report.words import angle_size
     from jitterkit.scene import Binary
-    from jitterkit.simulate import check_scene
+    from jitterkit.simulate import check_inside, check_scene
 
     telescope = load_instrument(instrument)
     if jitter.locus == "mvn":
         own = {"sigma_major": _USUAL * telescope.plate_scale} | own
     scene, locus = Binary(**pair.parameters(telescope)), build_locus(jitter.locus, own)
     check_scene(scene, locus)
+    check_inside(scene, telescope.shape, telescope.plate_scale)
     known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
     error, errors = systematic_errors(
         telescope,

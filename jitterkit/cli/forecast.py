@@ -114,7 +114,7 @@ class _Setup:
         from jitterkit.forward import Parameters
         from jitterkit.loci import Stable
         from jitterkit.scene import Binary, Star
-        from jitterkit.simulate import check_reach, check_scene
+        from jitterkit.simulate import check_inside, check_reach, check_scene
 
         scene = {name: changes.pop(name, value) for name, value in self.scene.items()}
         state = np.array([changes.pop(name, 0.0) for name in self.telescope.aberrations])
@@ -125,6 +125,7 @@ class _Setup:
         parameters, otf = Parameters(stars, jitter, state), self.otf(state)
         check_scene(stars, jitter)
         check_reach(stars, jitter, otf)
+        check_inside(stars, self.telescope.shape, self.telescope.plate_scale)
         exposure = self.telescope.exposure or 0.0
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         known, shown = np.all(np.isfinite(found.covariance)), [f"{n} {value:g}" for n, value in scene.items()]

@@ -79,7 +79,7 @@ class FitsFile(FrameFile):
         number = bisect.bisect_right(self._starts, index) - 1
         frame = self._image(number).read(index - self._starts[number])
         self.metadata = self._image(0).metadata
-        return frame
+        return frame.told(after=index - self._starts[number])
 
     def _stacking(self) -> str:
         shared = any(group.image.planes > 1 and group.coordinates is None for group in self._groups)

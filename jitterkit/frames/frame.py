@@ -54,6 +54,8 @@ class RawFrame(Placed):
     quality : (ny, nx) array of int, optional
         Bits of each pixel; ``metadata.bad_bits`` says which of them mask it.  Kept as int64, -1 where a pixel
         is masked for another reason.
+    after : int, optional
+        How many frames before it share its time; by default ``index``.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class RawFrame(Placed):
     variance: np.ndarray | None = None
     variance_source: str = "argument variance"
     quality: np.ndarray | None = None
+    after: int | None = None
 
     def __post_init__(self) -> None:
         data = image_of("data", self.data)

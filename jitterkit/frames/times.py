@@ -49,14 +49,13 @@ def resolve_time(cards: Cards) -> Known | None:
     time : Known or None
         Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.
     """
-    return (
-        _date(cards, "DATE-BEG")
-        or _date(cards, "DATE-OBS")
-        or _mjd(cards, "MJD-BEG")
-        or _mjd(cards, "MJD-OBS")
-        or _date(cards, "DATE-AVG")
-        or _mjd(cards, "MJD-AVG")
-    )
+    day = None
+    for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG"):
+        known = (_date if key.startswith("DATE") else _mjd)(cards, key)
+        if known is not None and "T" in known.value and (day is None or known.value[:10] == day.value[:10]):
+            return known
+        day = day or known  # without a time of day, unless another keyword has one on it
+    return day
 
 
 def _date(cards: Cards, key: str) -> Known | None:

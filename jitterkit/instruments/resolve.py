@@ -19,6 +19,8 @@ _SOLVED = (
     "stars; give --plate-scale"
 )
 
+_MAYBE = "the plate scale is the WCS's, which holds it if it was solved with stars; else give --plate-scale"
+
 
 def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
     """Complete what is known about a frame.
@@ -79,25 +81,32 @@ def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -
     if sky is not None:
         solved = scale.source.startswith("header WCS")
         if sky.needs_time and math.isnan(when):
-            metadata = metadata.warn("there is no time: the corrections of [sky] that depend on it are empty")
+            metadata = metadata.warn(
+                "there is no time of day: corrections of [sky] that depend on it are empty"
+            )
         factor = sky.va_factor(when) if metadata.va_factor is None else None
         if solved and factor is not None:
             metadata, factor = metadata.warn(_SOLVED), None
         metadata = metadata.fill(source, va_factor=factor, orbit_change=sky.orbit_change(when))
     known = metadata.va_factor
-    if known is None or known.value == 1 or not scale.source.endswith(VA_INCLUDED):
+    if known is None or known.value == 1:
         return metadata
+    if not scale.source.endswith(VA_INCLUDED):
+        solved = scale.source.startswith("header WCS") and known.source.startswith("header")
+        return metadata.warn(f"{known.source} is applied, but {_MAYBE}") if solved else metadata
     included = f"{known.source} = {known.value:.9g}, which the WCS's scale includes"
     return metadata.override(included, va_factor=1.0)
 
 
 def _middle(raw: RawFrame, metadata: Metadata) -> float:
-    """Middle of the exposure, seconds since 1970; NaN where no time is known.
+    """Return the middle of the exposure, seconds since 1970; NaN where no time of day is known.
 
-    Frames of one file share its time and follow each other without a pause.
+    Frames that share a time follow each other without a pause.  A mean time of several is that of none.
     """
     known, exposure = metadata.time, metadata.value("exposure", 0.0)
-    if known is None:
+    average = known is not None and "-AVG" in known.source
+    if known is None or "T" not in known.value or (average and raw.several):
         return math.nan
-    before = raw.index * raw.several + 0.5 * ("-AVG" not in known.source)
+    place = raw.index if raw.after is None else raw.after
+    before = place * raw.several + 0.5 * (not average)
     return epoch_seconds(known.value) + before * exposure

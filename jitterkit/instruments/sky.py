@@ -74,8 +74,9 @@ class Sky:
             self._refuse("target", "give right ascension, 0 to 360, and declination, -90 to 90, in deg")
         if isinstance(self.velocity, str) and self.velocity != "earth":
             self._refuse("velocity", 'give "earth", or three numbers in km/s')
-        if isinstance(self.velocity, tuple) and not math.hypot(*self.velocity) < 1e-3 * c / 1e3:
-            self._refuse("velocity", "give less than 300 km/s")
+        numbers = () if isinstance(self.velocity, str) else self.velocity
+        if numbers and not (len(numbers) == 3 and math.hypot(*numbers) < 1e-3 * c / 1e3):
+            self._refuse("velocity", "give three numbers of less than 300 km/s together")
         if self.orbit_rate is not None and not abs(self.orbit_rate) < 100:
             self._refuse("orbit_rate", "give less than 100 arcsec a year")
         if self.orbit_epoch is not None and math.isnan(epoch_seconds(self.orbit_epoch)):

@@ -188,10 +188,12 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
 
 
 def _mean_correction(kept: list[Any]) -> float:
-    """By how much corrections change the separation, on average over frames [arcsec]; NaN if one has none."""
+    """Return by how much corrections change the separation [arcsec]: the mean of frames that have them."""
     separations, errors = np.array([(f.separation, f.separation_err) for f in kept]).T
     _, *corrections = np.array([f.record.stated for f in kept]).T
-    return float(np.average(corrected(separations, *corrections) - separations, weights=errors**-2))
+    changes = corrected(separations, *corrections) - separations
+    known = np.isfinite(changes)
+    return float(np.average(changes[known], weights=errors[known] ** -2)) if known.any() else math.nan
 
 
 def _folded(name: str, value: float) -> float:

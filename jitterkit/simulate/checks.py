@@ -38,6 +38,23 @@ def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
+def check_inside(scene: Scene, shape: tuple[int, int], plate_scale: float) -> None:
+    """Refuse stars outside of a frame (ny, nx): what it would tell of them is next to nothing.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    x, y, _ = np.abs(np.array(scene.sources()))
+    for axis, places, n in (("x", x, shape[1]), ("y", y, shape[0])):
+        if np.max(places) > n / 2 * plate_scale:
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"A star {np.max(places):g} arcsec from the centre along {axis} is outside of the frame, "
+                f"which reaches {n / 2 * plate_scale:g} arcsec; change --separation, --x or --y.",
+            )
+
+
 def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
     """Refuse stars so far out, or a blur so wide, that the image would not be exact.
 

@@ -34,3 +34,7 @@ def test_a_size_that_is_none_is_refused(told):
     told(runner.invoke(app, [*SMALL, "--effect", "flat"]), ErrorCode.MALFORMED, "flat")
     told(runner.invoke(app, [*SMALL, "--effect", "flat=0"]), ErrorCode.OUT_OF_RANGE, "flat=0")
     told(runner.invoke(app, [*SMALL, "--effect", "seeing=1"]), ErrorCode.UNKNOWN_NAME, "seeing")
+
+
+def test_a_pair_outside_of_the_frame_is_refused(told):
+    told(runner.invoke(app, ["budget", "-i", "plain", "--separation", "60"]), ErrorCode.OUT_OF_RANGE, "30")

@@ -137,7 +137,11 @@ def test_an_observatorys_header_is_understood():
 
 def test_an_old_header_with_odd_cards_is_understood():
     metadata = only("stars/image.fits").metadata
-    assert (metadata.time.value, metadata.unit.value, metadata.exposure.value) == ("1992-10-26", "adu", 1200)
+    assert (metadata.time.value, metadata.unit.value, metadata.exposure.value) == (
+        "1992-10-26T15:04:07.968",
+        "adu",
+        1200,
+    )
     assert metadata.saturation is None
     assert any("DATAMAX" in text for text in metadata.warnings)
 

@@ -122,6 +122,36 @@ def test_the_frames_of_a_file_follow_each_other(bed, tmp_path):
     assert np.diff(changes) == pytest.approx(2 * [0.5 * 600 / (365.25 * 86400)], rel=1e-6)
 
 
+def test_images_with_times_of_their_own_do_not_follow_each_other(bed, tmp_path):
+    images = [fits.ImageHDU(np.zeros((4, 4)), name="SCI", ver=k + 1) for k in range(3)]
+    for hour, image in enumerate(images):
+        image.header["DATE-OBS"], image.header["EXPTIME"] = f"2026-07-02T{hour:02}:00:00", 3600.0
+    fits.HDUList([fits.PrimaryHDU(), *images]).writeto(tmp_path / "three.fits")
+    changes = [
+        resolve(raw, bed).metadata.value("orbit_change") for raw in read_frames(tmp_path / "three.fits")
+    ]
+    assert np.diff(changes) == pytest.approx(2 * [0.5 * 3600 / (365.25 * 86400)], rel=1e-6)
+
+
+def test_a_day_without_a_time_of_day_is_no_time(bed, frame):
+    day = resolve(frame({"DATE-OBS": "2026-07-02", "EXPTIME": 100.0}), bed).metadata
+    assert day.va_factor is day.orbit_change is None
+    assert any("time of day" in text for text in day.warnings)
+    beside = resolve(frame({"DATE-OBS": "2026-07-02", "MJD-OBS": 61223.5, "EXPTIME": 0.0}), bed).metadata
+    assert beside.value("orbit_change") == pytest.approx(0.5 * 182.5 / 365.25, rel=1e-9)
+
+
+def test_a_factor_in_a_header_whose_scale_stars_may_have_told_is_remarked_on(bed, frame):
+    assert any("--plate-scale" in text for text in resolve(frame(HST), bed).metadata.warnings)
+
+
+def test_a_velocity_of_two_numbers_is_refused():
+    with refused(ErrorCode.OUT_OF_RANGE, "velocity"):
+        Sky(target=(10.0, 20.0), velocity=[1.0, 2.0])
+    with refused(ErrorCode.OUT_OF_RANGE, "velocity"):
+        Sky(target=(10.0, 20.0), velocity=[1e6, 2.0, 3.0])
+
+
 def test_an_instrument_is_described_with_its_sky(bed):
     rows = {row[0]: row[1:] for row in describe_instrument(bed)}
     source = "instrument file bed.toml [sky]"
@@ -148,7 +178,12 @@ def test_a_header_knows_the_orbit_of_its_telescope_better_than_the_earth_s(bed, 
     [
         ({}, {}, 1.00007),  # as the telescope sent it: the nominal scale
         ({"UPWCSVER": "1.7.2"}, {}, 1.0),  # updatewcs has multiplied the CD matrix
-        ({"S_WCS": "COMPLETE"}, {}, 1.0),
+        ({"S_WCS": "COMPLETE", "S_RESAMP": "COMPLETE"}, {}, 1.0),
+        (
+            {"S_WCS": "COMPLETE"},
+            {},
+            1.00007,
+        ),  # without a fit of SIP, keywords stay as they were
         ({"UPWCSVER": "1.7.2"}, {"plate_scale": 0.036}, 1.00007),  # a scale that has not been multiplied
     ],
 )
