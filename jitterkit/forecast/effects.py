@@ -68,8 +68,8 @@ class Effect(NamedTuple):
 class _Kind(NamedTuple):
     """A kind of effect: usual size, and what makes its changes; None of what cannot be.
 
-    What is ``curved`` may show by the square of its size alone, as even modes do about a pupil that is its
-    own mirror image.
+    What is ``curved`` may show by the square of its size, as even modes do about a pupil that is its own
+    mirror image, and a wavelength whose first order a fit takes up.
     """
 
     size: float
@@ -234,14 +234,19 @@ def _separation(change: Callable[[float, float], float], model: Modelled, size: 
     pair = model.parameters.binary
     values = {name: getattr(pair, name) for name in pair.own}
     values["separation"] = change(float(pair.separation), size)
+    if not values["separation"] > 0:
+        problem = f"a change of the separation by {size:g} leaves none; give a smaller size"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"Velocity aberration or orbit: {problem}.")
     other = Binary(**values, indices=pair.indices)
     return [model.of_scene(other) - model.of_scene(pair)]
 
 
 KINDS_OF_EFFECT: dict[str, _Kind] = {
     "plate_scale": _Kind(1e-5, "", _plate_scale),
-    "wavelength": _Kind(1e-4, "", partial(_spectrum, lambda nm, by: nm * (1 + by)), hold=(WAVELENGTH,)),
-    "band": _Kind(1.0, "nm", partial(_spectrum, lambda nm, by: nm + by)),
+    "wavelength": _Kind(
+        1e-4, "", partial(_spectrum, lambda nm, by: nm * (1 + by)), hold=(WAVELENGTH,), curved=True
+    ),
+    "band": _Kind(1.0, "nm", partial(_spectrum, lambda nm, by: nm + by), curved=True),
     "index_a": _Kind(0.1, "", partial(_index, 0), hold=Binary.colours),
     "index_b": _Kind(0.1, "", partial(_index, 1), hold=Binary.colours),
     "coma_b": _Kind(1.0, "nm", partial(_of_b, (7, 8)), curved=True),

@@ -203,8 +203,7 @@ def _plate_scale(cards: Cards, wcs: Any) -> Known | None:
         return _scale_without_sky(cards, said)
     if said is not None and abs(said.value / scale - 1) > 0.01:
         cards.warnings.append(f"{said.source} = {said.value:g} differs from the WCS's {scale:g} arcsec/pixel")
-    # HST's updatewcs and JWST's assign_wcs multiply the scale by VAFACTOR and VA_SCALE: JWST in keywords
-    # only where it fits a SIP distortion to its own model, or where the image was resampled
+    # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
     fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
     corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
     source = f"header WCS (HDU {cards.layers[0][1]})"

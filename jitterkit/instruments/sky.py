@@ -72,10 +72,10 @@ class Sky:
                 raise ConfigurationError(ErrorCode.MISSING_VALUE, f"[sky] has {one} but no {other}; give it.")
         if self.target is not None and not (0 <= self.target[0] < 360 and abs(self.target[1]) <= 90):
             self._refuse("target", "give right ascension, 0 to 360, and declination, -90 to 90, in deg")
-        if isinstance(self.velocity, str) and self.velocity != "earth":
-            self._refuse("velocity", 'give "earth", or three numbers in km/s')
-        numbers = () if isinstance(self.velocity, str) else self.velocity
-        if numbers and not (len(numbers) == 3 and math.hypot(*numbers) < 1e-3 * c / 1e3):
+        if isinstance(self.velocity, str):
+            if self.velocity != "earth":
+                self._refuse("velocity", 'give "earth", or three numbers in km/s')
+        elif self.velocity is not None and not _believable(self.velocity):
             self._refuse("velocity", "give three numbers of less than 300 km/s together")
         if self.orbit_rate is not None and not abs(self.orbit_rate) < 100:
             self._refuse("orbit_rate", "give less than 100 arcsec a year")
@@ -115,6 +115,11 @@ class Sky:
         if self.orbit_rate is None or self.orbit_epoch is None or math.isnan(when):
             return None
         return self.orbit_rate * (when - epoch_seconds(self.orbit_epoch)) / _YEAR
+
+
+def _believable(velocity: Any) -> bool:
+    """Return whether a velocity [km/s] is one in space, below a thousandth of that of light."""
+    return len(velocity) == 3 and math.hypot(*velocity) < 1e-3 * c / 1e3
 
 
 def velocity_aberration(direction: Any, velocity: Any) -> float:

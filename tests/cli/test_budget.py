@@ -36,5 +36,9 @@ def test_a_size_that_is_none_is_refused(told):
     told(runner.invoke(app, [*SMALL, "--effect", "seeing=1"]), ErrorCode.UNKNOWN_NAME, "seeing")
 
 
+def test_a_change_that_leaves_no_separation_is_refused(told):
+    told(runner.invoke(app, [*SMALL, "--effect", "velocity_aberration=2"]), ErrorCode.OUT_OF_RANGE, "2")
+
+
 def test_a_pair_outside_of_the_frame_is_refused(told):
     told(runner.invoke(app, ["budget", "-i", "plain", "--separation", "60"]), ErrorCode.OUT_OF_RANGE, "30")
