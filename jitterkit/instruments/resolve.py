@@ -14,12 +14,14 @@ from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
 
-_SOLVED = (
+_NOT_COMPUTED = (
     "velocity aberration is not computed: the plate scale is the WCS's, which holds it if it was solved with "
     "stars; give --plate-scale"
 )
 
-_MAYBE = "the plate scale is the WCS's, which holds it if it was solved with stars; else give --plate-scale"
+_MAY_BE_HELD = (
+    "the plate scale is the WCS's, which holds it if it was solved with stars; else give --plate-scale"
+)
 
 
 def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
@@ -86,14 +88,14 @@ def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -
             )
         factor = sky.va_factor(when) if metadata.va_factor is None else None
         if solved and factor is not None:
-            metadata, factor = metadata.warn(_SOLVED), None
+            metadata, factor = metadata.warn(_NOT_COMPUTED), None
         metadata = metadata.fill(source, va_factor=factor, orbit_change=sky.orbit_change(when))
     known = metadata.va_factor
     if known is None or known.value == 1:
         return metadata
     if not scale.source.endswith(VA_INCLUDED):
         solved = scale.source.startswith("header WCS") and known.source.startswith("header")
-        return metadata.warn(f"{known.source} is applied, but {_MAYBE}") if solved else metadata
+        return metadata.warn(f"{known.source} is applied, but {_MAY_BE_HELD}") if solved else metadata
     included = f"{known.source} = {known.value:.9g}, which the WCS's scale includes"
     return metadata.override(included, va_factor=1.0)
 
