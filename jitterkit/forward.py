@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
+from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import real
 from jitterkit.scene import Binary, Scene
@@ -88,11 +89,12 @@ class Parameters(eqx.Module):
         )
 
     def completed(self, otf: OTF) -> Parameters:
-        """The same with what the optics know beforehand and these lack: colours, and the wavelength."""
+        """The same with what the optics know beforehand and these lack: colours, and what is no mode."""
         coloured = eqx.tree_at(lambda p: p.scene, self, otf.with_colours(self.scene))
-        if not otf.shifts or len(self.aberrations) != len(otf.names) - 1:
+        if not otf.further or len(self.aberrations) != len(otf.names) - len(otf.further):
             return coloured
-        return eqx.tree_at(lambda p: p.aberrations, coloured, jnp.append(self.aberrations, 0.0))
+        every = jnp.concatenate([self.aberrations, jnp.zeros(len(otf.further))])
+        return eqx.tree_at(lambda p: p.aberrations, coloured, every)
 
     @property
     def binary(self) -> Binary:
@@ -127,14 +129,15 @@ def free_parameters(
     free : tuple of int
         Their positions in :func:`to_vector`.  An aberration that the image does not show to first
         order is not among them: defocus or astigmatism about perfect focus, for a pupil that is its
-        own mirror image, where both signs look the same.
+        own mirror image, where both signs look the same.  Nor is what B has more of a mode than A, where
+        there is no B.
 
     Raises
     ------
     ConfigurationError
         If a name to hold names nothing, or the optics have other aberrations than the parameters.
     """
-    if len(otf.names) - len(parameters.aberrations) not in (0, int(otf.shifts)):
+    if len(otf.names) - len(parameters.aberrations) not in (0, len(otf.further)):
         raise ConfigurationError(
             ErrorCode.WRONG_SHAPE,
             f"The parameters hold {len(parameters.aberrations)} aberrations but the optics {len(otf.names)}; "
@@ -149,7 +152,8 @@ def free_parameters(
         )
     colours = parameters.scene.colours
     known = colours if otf.chromatic is None or otf.colours is None else otf.colours.held(colours)
-    held = {*hold, *known, *otf.blind()}
+    nothing = set(otf.names) - set(otf.varied(parameters.scene))
+    held = {*hold, *known, *otf.blind(), *nothing}
     free = tuple(i for i, name in enumerate(every) if name not in held)
     return tuple(every[i] for i in free), free
 
@@ -194,8 +198,9 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     Notes
     -----
     Assumes one transfer function over the frame (isoplanatic), linear in the spectral index of a source.
-    Aberrations away from ``otf.state`` enter to first order.  Fails softly when the padding is
-    smaller than the jitter: light then wraps around.
+    Aberrations away from ``otf.state`` enter to first order, and so does what differs between B and A beside
+    its colour; a plate scale shifts places and stars' images, not the jitter.  Fails softly when the padding
+    is smaller than the jitter: light then wraps around.
     """
     blur, optics, stars = _factors(parameters, otf)
     spectrum = blur * _light(optics, stars)
@@ -205,15 +210,15 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
 def _factors(parameters: Parameters, otf: OTF):
     """The factors of the spectrum: jitter and pixel; the optics; and the stars that each of these images."""
     blur = parameters.locus.transfer(*_fx_fy(otf)) * _pixel(otf, parameters.diffusion)
-    stars = _point_sources(parameters.scene, otf)
-    value = otf.at(parameters.aberrations)
-    optics = (value,) if len(stars) == 1 else (value, otf.chromatic_at(parameters.aberrations))
-    return blur, optics, stars
+    state = parameters.aberrations
+    optics = otf.at(state), otf.chromatic_at(state), otf.difference_at(state)
+    return blur, optics, _point_sources(parameters.scene, otf, otf.plate_scale_shift(state))
 
 
 def _light(optics, stars):
-    """Sum over the parts of the optics: that of the instrument's spectrum, and that by the spectral index."""
-    return sum(part * sources for part, sources in zip(optics, stars, strict=True))
+    """Sum over the parts of the optics: by the instrument's spectrum; by the spectral index; of B alone."""
+    pairs = zip(optics, stars, strict=True)
+    return sum(part * sources for part, sources in pairs if part is not None and sources is not None)
 
 
 def _fx_fy(otf: OTF):
@@ -251,17 +256,23 @@ def _to_pixels(spectrum, grid, shutter):
     return jax.lax.scan(add, dark, windows)[0]
 
 
-def _point_sources(scene: Scene, otf: OTF):
-    """Spectrum of the stars, about the first fine sample; where colours matter, that of their indices too."""
+def _point_sources(scene: Scene, otf: OTF, scale):
+    """Spectra of the stars, about the first fine sample, that the parts of the optics image.
+
+    That of all stars; where colours matter, of all by their indices; and where its wavefront differs, of B.
+    Places in arcsec shrink where the plate scale is larger by a share.
+    """
     fy, fx = otf.grid.frequencies
     cy, cx = otf.grid.centre
     x, y, flux = scene.sources()
+    x, y = (x, y) if scale is None else (x / (1 + scale), y / (1 + scale))
     indices = None if otf.chromatic is None else scene.source_indices()
     fy, fx = fy.astype(x.dtype), fx.astype(x.dtype)
     along_x = jnp.exp(-2j * jnp.pi * fx[0] * (x + cx)[:, None])
     along_y = flux[:, None] * jnp.exp(-2j * jnp.pi * fy[:, 0] * (y + cy)[:, None])
-    stars = along_y.T @ along_x
-    return (stars,) if indices is None else (stars, (indices[:, None] * along_y).T @ along_x)
+    tinted = None if indices is None else (indices[:, None] * along_y).T @ along_x
+    differs = otf.difference is not None and isinstance(scene, Binary)
+    return along_y.T @ along_x, tinted, jnp.outer(along_y[1], along_x[1]) if differs else None
 
 
 @eqx.filter_jit
@@ -283,17 +294,15 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     """
     blur, optics, stars = _factors(parameters, otf)
     vector, unravel = jax.flatten_util.ravel_pytree(parameters.scene)
-    scene = _pushforward(vector, lambda v: _point_sources(unravel(v), otf))
+    scale = otf.plate_scale_shift(parameters.aberrations)
+    scene = _pushforward(vector, lambda v: _point_sources(unravel(v), otf, scale))
     coords = parameters.locus.coords
     locus = _pushforward(coords, lambda c: parameters.locus.at(c).transfer(*_fx_fy(otf)))
     light, pixel = _light(optics, stars), _pixel(otf, parameters.diffusion)
     blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
         (scene, lambda parts: blur * _light(optics, parts)),
         (locus, lambda part: light * pixel * part),
-        (
-            lambda rows: _aberration_slopes(parameters, otf, rows),
-            lambda parts: blur * _light(parts[: len(stars)], stars),
-        ),
+        (lambda rows: _aberration_slopes(parameters, otf, optics, stars, rows), lambda part: blur * part),
     ]
     sizes = [len(vector), len(coords), len(parameters.aberrations)]
     jacobian, first, shutter = [], 0, parameters.shutter
@@ -312,13 +321,20 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     return image + parameters.background, jnp.concatenate(jacobian)
 
 
-def _aberration_slopes(parameters: Parameters, otf: OTF, rows: np.ndarray):
-    """Derivatives of the parts of the optics by chosen aberrations."""
+def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np.ndarray):
+    """Derivatives of the light by chosen aberrations, ascending."""
+    common, beside = rows[rows < len(otf.jacobian)], rows[rows >= len(otf.jacobian)] - len(otf.names)
     if not otf.names:
-        none = jnp.zeros((len(parameters.aberrations), *otf.value.shape))
-        return none[rows], none[rows]
-    chromatic = () if otf.chromatic is None else (otf.chromatic[1:][rows],)
-    return otf.jacobian[rows], *chromatic
+        return jnp.zeros((len(rows), *otf.value.shape))
+    chromatic = None if otf.chromatic is None else otf.chromatic[1:][common]
+    slopes = [_light((otf.jacobian[common], chromatic, None), stars)]
+    if beside.size:
+        slopes.append(_light((None, None, otf.jacobian[np.array(otf.of_b)[beside]]), stars))
+    if PLATE_SCALE in otf.names and (slot := otf.names.index(PLATE_SCALE)) in rows:
+        at = jnp.asarray(otf.plate_scale_shift(parameters.aberrations))
+        moved = _pushforward(at[None], lambda s: _point_sources(parameters.scene, otf, s[0]))(np.array([0]))
+        slopes[0] = slopes[0].at[common.tolist().index(slot)].add(_light(optics, moved)[0])
+    return jnp.concatenate(slopes)
 
 
 def _pushforward(vector, function):

@@ -28,6 +28,7 @@ NUMBERS: Mapping[str, Quantity] = {
     "dark_current": Quantity("e-/s", 0.0, 1e9),
     "flat": Quantity("shares of the mean response", 0.0, 1e9),
     "coupling": Quantity("of a pixel's charge", 0.0, LIMIT * (1 - 1e-6)),
+    "brighter_fatter": Quantity("pixel per electron", 0.0, 1e-3),
     "diffusion": Quantity("pixel", 0.0, 10.0),
     "line_time": QUANTITIES["line_time"],
     "cosmic_rays": Quantity("hits per pixel and second", 0.0, 1.0),
@@ -53,6 +54,12 @@ def check_detector(values: Mapping[str, Any]) -> None:
     _check_bits(values["bits"], values["bias"])
     _check_flat(values["flat"])
     _check_nonlinearity(values["nonlinearity"], values["full_well"])
+    if (values["brighter_fatter"] or 0.0) * (values["full_well"] or 0.0) >= LIMIT:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"brighter_fatter = {values['brighter_fatter']:g} moves the border of a pixel that holds "
+            f"{values['full_well']:g} e-, a full well, by an eighth of a pixel or more; give a smaller one.",
+        )
 
 
 def _check_shapes(values: Mapping[str, Any]) -> None:
@@ -175,6 +182,9 @@ class Characteristics:
     coupling : float, optional
         Share of a pixel's charge with which each of its four neighbours is read; see
         :mod:`jitterkit.detectors.response`.
+    brighter_fatter : float, optional
+        Pixels by which the border of two pixels moves per electron that one of them holds more; see
+        :mod:`jitterkit.detectors.response`.
     diffusion : float, optional
         One sigma of the charge's diffusion before it is collected, pixels; the forward model blurs by it.
     line_time : float, optional
@@ -204,6 +214,7 @@ class Characteristics:
     flat: np.ndarray | None = None
     nonlinearity: tuple[float, ...] | None = None
     coupling: float | None = None
+    brighter_fatter: float | None = None
     diffusion: float | None = None
     line_time: float | None = None
     cosmic_rays: float | None = None

@@ -1,8 +1,8 @@
 """From electrons to the numbers of a file, in the order in which nature does it.
 
-Photons arrive by the flat and dark current joins them; all are counted (Poisson); cosmic rays hit; the
-well clips; the read-out couples neighbours, is not linear, adds noise; the converter divides by the
-gain, adds the bias, rounds and clips.
+Photons arrive by the flat and dark current joins them; all are counted (Poisson); cosmic rays hit; charge
+repels charge; the well clips; the read-out couples neighbours, is not linear, adds noise; the converter
+divides by the gain, adds the bias, rounds and clips.
 
 :func:`cosmic_rays` draws straight tracks of charge at a given rate.  Nothing here finds or removes them: a
 filter of the image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.outliers`
@@ -16,7 +16,7 @@ import numpy as np
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.detectors.maps import piece
-from jitterkit.detectors.response import couple, measured
+from jitterkit.detectors.response import broaden, couple, measured
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 DEPTH = 1.0
@@ -120,6 +120,8 @@ def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
     charge = expected if rng is None else rng.poisson(expected).astype(float)
     if rng is not None and detector.cosmic_rays:
         charge = charge + cosmic_rays(charge.shape, detector.cosmic_rays, exposure, rng)
+    if detector.brighter_fatter:
+        charge = broaden(charge, detector.brighter_fatter)
     return charge if detector.full_well is None else np.minimum(charge, detector.full_well)
 
 

@@ -21,7 +21,7 @@ from jitterkit.detectors.file_variance import (
 )
 from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
 from jitterkit.detectors.maps import piece
-from jitterkit.detectors.response import beside, collected, decouple, decoupled_variance, slope
+from jitterkit.detectors.response import beside, collected, decouple, decoupled_variance, narrow, slope
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Metadata
 
@@ -92,21 +92,26 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
         variance = raw.variance / np.square(steepness)
     clipped = raw.data >= clips
     unknown = np.zeros(raw.shape, dtype=bool)
-    if detector.coupling:
-        # the share that a pixel without a reading has given to its neighbours is not known
+    if detector.coupling or detector.brighter_fatter:
+        # what a pixel without a reading has given to its neighbours, or taken, is not known
         missing = raw.mask | clipped
         unknown = beside(missing) & ~missing
+    if detector.coupling:
         charge = decouple(charge, detector.coupling)
         variance = decoupled_variance(variance, detector.coupling)
     current = 0.0 if detector.dark_current is None else _piece(detector, "dark_current", raw)
     dark = current * metadata.value("exposure", 0.0)  # where nobody knows the exposure, a flag says so
     brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
     top = np.minimum(brim, _linear(detector, np.asarray((clips - bias) * gain))[0])
+    full = clipped | (charge >= brim * (1 - _ROUNDING))
+    if detector.brighter_fatter:
+        unknown |= beside(full) & ~full
+        charge = narrow(np.minimum(charge, well), detector.brighter_fatter)
     return _Counts(
         electrons=charge - dark,
         variance=variance + dark,
         ceiling=top - dark,
-        full=clipped | (charge >= brim * (1 - _ROUNDING)),
+        full=full,
         unknown=unknown | (dark >= top),  # a pixel that is full in the dark
     )
 

@@ -8,6 +8,7 @@ more mode beside their aberrations, and the one forward model does the rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -55,11 +56,18 @@ def with_mode(otf: OTF, name: str, value: float, slope) -> OTF:
         Derivative of the transfer function by it.
     """
     jacobian = jnp.concatenate([otf.jacobian, jnp.asarray(slope, complex)[None]])
-    state = jnp.append(otf.state, value)
+    rows, shifts = len(otf.jacobian), len(otf.sigmas) - len(otf.of_b)
     chromatic = otf.chromatic
     if chromatic is not None:
         chromatic = jnp.concatenate([chromatic, jnp.zeros_like(chromatic[:1])])
-    return replace(otf, jacobian=jacobian, state=state, names=(*otf.names, name), chromatic=chromatic)
+    return replace(
+        otf,
+        jacobian=jacobian,
+        state=jnp.insert(otf.state, rows, value),
+        names=(*otf.names[:rows], name, *otf.names[rows:]),
+        chromatic=chromatic,
+        sigmas=(*otf.sigmas[:shifts], math.inf, *otf.sigmas[shifts:]),
+    )
 
 
 def seeing_power(fwhm: float) -> float:

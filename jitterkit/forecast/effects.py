@@ -19,9 +19,10 @@ from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.forecast.modelled import Modelled, of_sources
 from jitterkit.forward import expected_image
-from jitterkit.loci import principal_axes
+from jitterkit.loci import Skewed, principal_axes
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
+from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.optics.zernike import noll_to_nm, zernike
@@ -242,23 +243,23 @@ def _separation(change: Callable[[float, float], float], model: Modelled, size: 
 
 
 KINDS_OF_EFFECT: dict[str, _Kind] = {
-    "plate_scale": _Kind(1e-5, "", _plate_scale),
+    "plate_scale": _Kind(1e-5, "", _plate_scale, hold=(PLATE_SCALE,)),
     "wavelength": _Kind(
         1e-4, "", partial(_spectrum, lambda nm, by: nm * (1 + by)), hold=(WAVELENGTH,), curved=True
     ),
     "band": _Kind(1.0, "nm", partial(_spectrum, lambda nm, by: nm + by), curved=True),
     "index_a": _Kind(0.1, "", partial(_index, 0), hold=Binary.colours),
     "index_b": _Kind(0.1, "", partial(_index, 1), hold=Binary.colours),
-    "coma_b": _Kind(1.0, "nm", partial(_of_b, (7, 8)), curved=True),
-    "astigmatism_b": _Kind(1.0, "nm", partial(_of_b, (5, 6)), curved=True),
+    "coma_b": _Kind(1.0, "nm", partial(_of_b, (7, 8)), hold=("noll7_b", "noll8_b"), curved=True),
+    "astigmatism_b": _Kind(1.0, "nm", partial(_of_b, (5, 6)), hold=("noll5_b", "noll6_b"), curved=True),
     "focus_change": _Kind(5.0, "nm", _focus_change, curved=True),
-    "amplitude": _Kind(0.01, "", _amplitude),
+    "amplitude": _Kind(0.01, "", _amplitude, hold=("transmission_x", "transmission_y")),
     "background": _Kind(1.0, "electron", _background, hold=("background",)),
     "gradient": _Kind(1.0, "electron", _gradient),
     "third_star": _Kind(10 ** (-0.4 * 8), "", _third_star, together=False),
     "flat": _Kind(1e-3, "", _flat, per_pixel=True),
     "pixel_grid": _Kind(1e-3, "pix", _pixel_grid, per_pixel=True),
-    "skewness": _Kind(0.2, "", _skewness),
+    "skewness": _Kind(0.2, "", _skewness, hold=Skewed.names[3:]),
     "velocity_aberration": _Kind(1e-4, "", partial(_separation, lambda now, by: now * (1 - by))),
     "orbit": _Kind(57e-6, "arcsec", partial(_separation, lambda now, by: now + by)),
 }

@@ -23,7 +23,16 @@ _UNITS = {
     "bits": "bit",
     "nonlinearity": "1/e-, 1/e-², ...",
 }
-_NO_MODEL = {"flat", "nonlinearity", "coupling", "diffusion", "cosmic_rays", "dark_current", "bad_pixels"}
+_NO_MODEL = {
+    "flat",
+    "nonlinearity",
+    "coupling",
+    "brighter_fatter",
+    "diffusion",
+    "cosmic_rays",
+    "dark_current",
+    "bad_pixels",
+}
 
 
 def describe_instrument(instrument: Instrument) -> list[Row]:
@@ -44,6 +53,13 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
     for name in ("plate_scale_err", "aberration_sigma"):
         if (value := getattr(instrument, name)) is not None:
             rows.append(_row(name, value, instrument.source(name)))
+    fitted = {
+        "the plate scale is fitted": ("yes",) * instrument.plate_scale_free,
+        "fitted modes of the transmission": instrument.transmission,
+        "fitted modes of B alone": instrument.modes_of_b,
+    }
+    source = instrument.source("name")
+    rows += [(what, ", ".join(names), "", source) for what, names in fitted.items() if names]
     for name, unit in SKY_KEYS.items():
         if (value := getattr(instrument.sky, name, None)) is not None:
             text = value if isinstance(value, str) else _text(name, value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -51,7 +52,14 @@ class Instrument:
         Pixels of padding of the model on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if
         omitted.
     plate_scale_err : float, optional
-        Relative standard error of the plate scale, which fits hold.
+        Relative standard error of the plate scale: a prior where it is fitted.
+    plate_scale_free : bool
+        Whether the plate scale is fitted, which makes a separation's error some times as large.
+    transmission : tuple of str
+        Modes of the pupil's transmission that are fitted, ``"x"``, ``"y"`` or ``"r"``: see
+        :meth:`jitterkit.optics.Pupil.with_shading`.
+    modes_of_b : tuple of str
+        Aberrations in which the wavefronts of B and A may differ.
     aberration_sigma : float, optional
         nm, how well each aberration is known beforehand, 1 sigma about none: fits of single frames have it as
         a prior.  What it pulls is the same in every frame, and does not average out.
@@ -83,6 +91,9 @@ class Instrument:
     flux: float | None = None
     pad: int | None = None
     plate_scale_err: float | None = None
+    plate_scale_free: bool = False
+    transmission: tuple[str, ...] = ()
+    modes_of_b: tuple[str, ...] = ()
     aberration_sigma: float | None = None
     colours: Colours | None = field(default_factory=Colours)
     sky: Sky | None = None
@@ -113,6 +124,12 @@ class Instrument:
                 f"diffusion = {self.detector.diffusion:g} in [detector] stands beside a PSF, which is taken "
                 f"to hold the detector's diffusion; leave it out of the instrument {self.name!r}.",
             )
+        for name in ("plate_scale_free", "transmission", "modes_of_b"):
+            if getattr(self, name) and self.pupil_from is None:
+                message = (
+                    f"{name} asks for a pupil, and the instrument {self.name!r} has a PSF; leave it out."
+                )
+                raise ConfigurationError(ErrorCode.CONFLICT, message)
         if self.pupil_from is not None and self.spectrum is None:
             message = f"The instrument {self.name!r} has a pupil but no spectrum; give its band."
             raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
@@ -124,7 +141,8 @@ class Instrument:
     @cached_property
     def pupil(self) -> Pupil | None:
         """The pupil, made on first use; None where a PSF stands for it."""
-        return self.pupil_from() if callable(self.pupil_from) else self.pupil_from
+        pupil = self.pupil_from() if callable(self.pupil_from) else self.pupil_from
+        return pupil.with_shading(self.transmission) if pupil is not None and self.transmission else pupil
 
     @cached_property
     def psf(self) -> np.ndarray | None:
@@ -133,8 +151,8 @@ class Instrument:
 
     @property
     def aberrations(self) -> tuple[str, ...]:
-        """Names of the aberrations that may vary, such as ``noll4``."""
-        return () if self.pupil is None else self.pupil.names
+        """Names of the aberrations of the wavefront that may vary, such as ``noll4``."""
+        return () if self.pupil is None else self.pupil.names[: len(self.pupil.basis)]
 
     def system(
         self,
@@ -177,7 +195,17 @@ class Instrument:
         diffusion = (self.detector.diffusion or 0.0) * scale
         colours = self.colours if self.spectrum.has_colour else None
         spectrum = self.spectrum if colours is None else colours.seen(self.spectrum)
-        return system.OpticalSystem(self.pupil, spectrum, samples, diffusion, colours)
+        unknown = [name for name in self.modes_of_b if name not in self.aberrations]
+        if unknown:
+            raise ConfigurationError(
+                ErrorCode.UNKNOWN_NAME,
+                f"modes_of_b names {unknown[0]!r}, which is no aberration of the instrument {self.name!r}; "
+                f"there are {', '.join(self.aberrations)}.",
+            )
+        known = (self.plate_scale_err or math.inf) if self.plate_scale_free else 0.0
+        return system.OpticalSystem(
+            self.pupil, spectrum, samples, diffusion, colours, known, tuple(self.modes_of_b)
+        )
 
     def optics(self, aberrations=None, *, pad: int | None = None, derivatives: bool = True) -> OTF:
         """The transfer function on the instrument's own frame, as :meth:`system` has it.

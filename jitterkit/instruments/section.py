@@ -87,6 +87,21 @@ class Section:
             self.refuse(ErrorCode.WRONG_TYPE, key, "give a text in quotation marks")
         return value
 
+    def truth(self, key: str) -> bool | None:
+        """Return true or false, or None."""
+        value = self.values.get(key)
+        if key in self.values and not isinstance(value, bool):
+            self.refuse(ErrorCode.WRONG_TYPE, key, "give true or false")
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...] | None:
+        """Return different texts of a list, or None."""
+        value = self.values.get(key)
+        is_list = isinstance(value, list) and all(isinstance(v, str) for v in value)
+        if key in self.values and not (is_list and len(set(value)) == len(value)):  # type: ignore[arg-type]
+            self.refuse(_of_list(is_list), key, "give a list of different texts in quotation marks")
+        return tuple(value) if value is not None else None
+
     def numbers(self, key: str, count: int | None = None) -> list[float]:
         """Return a list of numbers, of a given length if there is one."""
         value = self.values[key]

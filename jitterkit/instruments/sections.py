@@ -18,6 +18,7 @@ files.
     bits = 12
     nonlinearity = [-1e-6]      # c1, c2, ...: q e- are measured as q (1 + c1 q + c2 q² + ...)
     coupling = 0.002            # share of a pixel's charge with which each neighbour is read
+    brighter_fatter = 1e-6      # pixels that a border moves per electron of difference
     diffusion = 0.2             # pixel, one sigma
     line_time = 15e-6           # s, from one row of the file to the next; 0 for a global shutter
     cosmic_rays = 1e-6          # hits per pixel and second, for simulations
@@ -58,6 +59,7 @@ DETECTOR_KEYS: Mapping[str, str] = {
     "bits": "",
     "nonlinearity": "1/e-, 1/e-², ...",
     "coupling": "share of a pixel's charge",
+    "brighter_fatter": "pixel per electron",
     "diffusion": "pixel",
     "line_time": "s",
     "cosmic_rays": "hits per pixel and second",

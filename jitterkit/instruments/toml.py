@@ -6,7 +6,10 @@
     name = "testbed"
     base = "toliman"            # optional: a preset that fills what is not said here
     plate_scale = 0.375         # arcsec/pixel
-    plate_scale_err = 1e-5      # relative, optional: a fit holds the plate scale
+    plate_scale_err = 1e-5      # relative, optional
+    # plate_scale_free = true   # fit the plate scale, with that error as a prior
+    # transmission = ["x", "y", "r"]    # fit gradients of the pupil's transmission, and one along the radius
+    # modes_of_b = ["noll7", "noll8"]   # fit what the wavefront of B has more of these than that of A
     shape = [128, 128]          # rows, columns
     exposure = 0.1              # s
     flux = 1e5                  # photons per frame, for simulations
@@ -72,6 +75,9 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {
         "base": "",
         "plate_scale": "arcsec/pixel",
         "plate_scale_err": "",
+        "plate_scale_free": "",
+        "transmission": "",
+        "modes_of_b": "",
         "shape": "pixel",
         "exposure": "s",
         "flux": "photons per frame",
@@ -193,6 +199,9 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
         "exposure": section.number("exposure"),
         "flux": section.number("flux"),
         "aberration_sigma": section.number("aberration_sigma"),
+        "plate_scale_free": section.truth("plate_scale_free"),
+        "transmission": section.texts("transmission"),
+        "modes_of_b": section.texts("modes_of_b"),
         "shape": section.whole_numbers("shape", 2, "[rows, columns]") if "shape" in section else None,
     }
     fields = {name: value for name, value in fields.items() if value is not None}

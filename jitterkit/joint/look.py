@@ -206,7 +206,7 @@ class Looker:
     ) -> Message | None:
         """What a fitted frame says about the shared parameters; None where it was not fitted.
 
-        The first of a sequence says what is known of colours and wavelength too, which counts once.
+        The first of a sequence says what is known of colours and shifts too, which counts once.
         """
         if fit.parameters is None or not fit.status.usable or not np.all(np.isfinite(fit.covariance)):
             return None
@@ -215,8 +215,9 @@ class Looker:
         own = [names.index(name) for name in fit.names]
         where = fit.parameters, fit.image, otf, self.model_error
         data = allow_for_model(self._data(frame), *where).clear(fit.image)
-        if not first and otf.colours is not None:
-            otf = replace(otf, colours=Colours(sigma=math.inf), wavelength_sigma=math.inf)
+        if not first:
+            colours = None if otf.colours is None else Colours(sigma=math.inf)
+            otf = replace(otf, colours=colours, sigmas=(math.inf,) * len(otf.sigmas))
         equations = normal_equations(fit.parameters, otf, data, free, exact=False)
         score, information = np.array(equations.score), equations.information
         score[own] = 0.0  # its own stand at the top of their posterior, priors included

@@ -29,7 +29,6 @@ from jitterkit.joint.records import STATED, FrameRecord, Records
 from jitterkit.joint.result import SequenceFit
 from jitterkit.joint.shutters import Shutters
 from jitterkit.joint.wander import loose_laws, settle_laws
-from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.outliers import Fitted, fit_without_outliers
@@ -131,7 +130,8 @@ class _Run:
         self.left_out: dict[int, np.ndarray] = {}  # by the frame's place, flat: pixels that do not belong
         self.shutters = Shutters(looker.optics.nominal.grid, options.rolling, options.telemetry)
         common = options.laws.get("aberrations")
-        laws = dict.fromkeys(looker.optics.nominal.names, common) | {WAVELENGTH: Constant()}
+        nominal = looker.optics.nominal
+        laws = dict.fromkeys(nominal.names, common) | dict.fromkeys(nominal.further, Constant())
         laws |= dict(options.laws)
         self.given = {name: laws.get(name, Constant()) for name in looker.shared}
         unknown = [name for name in options.laws if name not in (*looker.shared, "aberrations")]

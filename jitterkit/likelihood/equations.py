@@ -13,7 +13,6 @@ from jaxtyping import Array, Float
 
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
 from jitterkit.likelihood.data import Data, ceiling_distance, mean_counts, relative_residual, telling
-from jitterkit.optics.colours import WAVELENGTH
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
 
@@ -149,18 +148,19 @@ def deviance(parameters: Parameters, otf: OTF, data: Data) -> Float[Array, ""]:
 
 
 def _known_cost(parameters: Parameters, otf: OTF):
-    """Twice the log-likelihood lost by indices and a wavelength that differ from what is known of them."""
+    """Twice the log-likelihood lost by indices and shifts that differ from what is known of them."""
     indices, known, cost = parameters.scene.indices, otf.colours, jnp.zeros((), parameters.background.dtype)
-    if otf.shifts and len(parameters.aberrations) == len(otf.names):
-        cost = (parameters.aberrations[-1] / otf.wavelength_sigma) ** 2
+    if otf.further and len(parameters.aberrations) == len(otf.names):
+        shifts = parameters.aberrations[-len(otf.further) :]
+        cost = jnp.sum(shifts**2 * np.array(otf.sigmas, shifts.dtype) ** -2)
     if indices is None or known is None or otf.chromatic is None:
         return cost
     return cost + known.precision * jnp.sum((indices - np.array(known.of(len(indices)))) ** 2)
 
 
 def known_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
-    """What is known of indices and wavelength beforehand, as information (p, p) on free parameters."""
-    scene, known = parameters.scene, {WAVELENGTH: otf.wavelength_sigma**-2}
+    """What is known of indices and shifts beforehand, as information (p, p) on free parameters."""
+    scene, known = parameters.scene, {name: s**-2 for name, s in zip(otf.further, otf.sigmas, strict=True)}
     if scene.indices is not None and otf.colours is not None and otf.chromatic is not None:
         known |= dict.fromkeys(scene.colours, otf.colours.precision)
     names = parameter_names(parameters, otf.names)

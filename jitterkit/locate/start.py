@@ -97,7 +97,7 @@ def with_best_signs(
     deviance, which chi-squared did not show.
     """
     value = start.parameters.aberrations
-    known = [name for name in start.otf.names if name in start.names]
+    known = [name for name in start.otf.modes if name in start.names]
     if not known:
         return start
     sizes = np.sqrt(np.diag(start.covariance_of(known)))

@@ -13,6 +13,7 @@ from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product
 from jitterkit.loci.shaped import Shaped
 from jitterkit.loci.shm import Shm
+from jitterkit.loci.skewed import Skewed
 from jitterkit.loci.smear import Smear
 from jitterkit.loci.stable import Stable
 from jitterkit.loci.streak import Streak
@@ -31,6 +32,7 @@ __all__ = [
     "Product",
     "Shaped",
     "Shm",
+    "Skewed",
     "Smear",
     "Stable",
     "Streak",
@@ -60,6 +62,7 @@ LOCI: dict[str, type[Locus]] = {
     "partial": PartialShm,
     "smear": Smear,
     "shaped": Shaped,
+    "skewed": Skewed,
     "path": Path,
 }
 """Every locus by name; a trace and a product are built, not named."""

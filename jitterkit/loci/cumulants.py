@@ -49,6 +49,13 @@ def form_cumulants(moments, power: int) -> tuple[np.ndarray, np.ndarray]:
     return np.convolve(lower, form) / ways, slope / ways[:, None]
 
 
+def cumulant_exponent(order: int, cumulants, fx, fy):
+    """What cumulants ``x^n, x^(n-1) y, ...`` of one order add to the logarithm of a transfer function."""
+    x, y = 2 * jnp.pi * fx, 2 * jnp.pi * fy
+    form = sum(math.comb(order, k) * cumulants[k] * x ** (order - k) * y**k for k in range(order + 1))
+    return (1, -1j, -1, 1j)[order % 4] / math.factorial(order) * form
+
+
 class WithCumulants(Locus):
     """A locus whose cumulants of some orders are off by its last coordinates.
 
@@ -86,11 +93,10 @@ class WithCumulants(Locus):
         raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
-        x, y, exponent, left = 2 * jnp.pi * fx, 2 * jnp.pi * fy, 0.0, self.coords[-len(self._own) :]
+        exponent, left = 0.0, self.coords[-len(self._own) :]
         for order in self.orders:
-            own, left = left[: order + 1], left[order + 1 :]
-            form = sum(math.comb(order, k) * own[k] * x ** (order - k) * y**k for k in range(order + 1))
-            exponent = exponent + (1, -1j, -1, 1j)[order % 4] / math.factorial(order) * form
+            exponent = exponent + cumulant_exponent(order, left[: order + 1], fx, fy)
+            left = left[order + 1 :]
         return self.inner.transfer(fx, fy) * jnp.exp(exponent)
 
     def moments(self):

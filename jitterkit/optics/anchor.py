@@ -18,9 +18,10 @@ from jaxtyping import Array, Float
 
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.colours import Colours
-from jitterkit.optics.expansion import centring, derivatives_at, wavelength_slopes
+from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes
+from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, with_shift
+from jitterkit.optics.otf import OTF, with_further
 from jitterkit.optics.system import OpticalSystem
 
 __all__ = ["Anchor", "AnchoredOptics"]
@@ -54,14 +55,15 @@ class Anchor(eqx.Module):
     chromatic : (1 + k + k (k + 1)/2, m) array or None
         Derivatives of all of these by the spectral index of a source, in 32 bits; None where its colour does
         not matter.
-    shift : (1 + k, m) array or None
-        Derivatives of value and slopes by a shift of the wavelength, per nm; None where it does not vary.
+    shifts : (s, 1 + k, m) array
+        Derivatives of value and slopes by the shifts of the wavelength and of the plate scale, those there
+        are.
     grid : Grid
     names : tuple of str
         Of the aberrations.
     colours : Colours or None
-    mean : float
-        Mean wavelength, nm.
+    further : Further
+        What may vary beside them.
     """
 
     value: Float[Array, " m"]
@@ -69,26 +71,24 @@ class Anchor(eqx.Module):
     curvature: Float[Array, "p m"]
     state: Float[Array, " k"]
     chromatic: Float[Array, "q m"] | None
-    shift: Float[Array, "k1 m"] | None
+    shifts: Float[Array, "s k1 m"]
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     colours: Colours | None = eqx.field(static=True)
-    mean: float = eqx.field(static=True)
+    further: Further = eqx.field(static=True)
 
     @classmethod
     def at(cls, system: OpticalSystem, state) -> Anchor:
         """Expand a system about a state [nm]."""
         grid, names = system.grid, system.pupil.names
-        state, k = jnp.asarray(state, float)[: len(names)], len(names)
+        state, k = jnp.asarray(system.further.split(state, len(names))[0]), len(names)
         tinted = system.colours is not None
         spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2, chromatic=tinted)
-        shift = None
-        if system.colours is not None and system.colours.wavelength_err > 0:
-            shift = wavelength_slopes(system.pupil, system.spectrum, grid, state, order=1)
+        shifts = shift_slopes(system.pupil, system.spectrum, grid, state, system.further, order=1)
         if system.diffusion:
             fy, fx = grid.frequencies
             blur = Mvn.of(system.diffusion).transfer(fx, fy)
-            spectra, shift = spectra * blur, None if shift is None else shift * blur
+            spectra, shifts = spectra * blur, shifts * blur
         parts = _real(spectra)
         return cls(
             parts[0, 0],
@@ -96,11 +96,11 @@ class Anchor(eqx.Module):
             parts[0, k + 1 :].astype(jnp.float32),
             state,
             parts[1].astype(jnp.float32) if tinted else None,
-            None if shift is None else _real(shift),
+            _real(shifts),
             grid,
             names,
             system.colours,
-            system.spectrum.mean,
+            system.further,
         )
 
     @property
@@ -113,7 +113,7 @@ class Anchor(eqx.Module):
 
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
         """
-        return _renewed(self, jnp.asarray(aberrations, float)[: len(self.names)])
+        return _renewed(self, *self.further.split(aberrations, len(self.names)))
 
     def within(self, grid: Grid) -> Anchor:
         """The same on a smaller grid of the same pixels, whose fine sides are even or odd as these are.
@@ -132,50 +132,66 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
         halves = jnp.reshape(parts, (len(parts), 2, ny, nx // 2 + 1))
         spectra = jax.lax.complex(halves[:, 0], halves[:, 1]) / centring(anchor.grid)
         psf = jnp.fft.irfft2(spectra, s=(ny, nx))[:, first[0] : first[0] + my, first[1] : first[1] + mx]
-        flat = jnp.reshape(jnp.fft.rfft2(psf) * centring(grid), (len(parts), -1))
+        flat = jnp.reshape(jnp.fft.rfft2(psf) * centring(grid), (len(parts), my * (mx // 2 + 1)))
         return jnp.concatenate([flat.real, flat.imag], axis=1).astype(parts.dtype)
 
     value, slopes, curvature = (cut(part) for part in (anchor.value[None], anchor.slopes, anchor.curvature))
-    chromatic, shift = (None if part is None else cut(part) for part in (anchor.chromatic, anchor.shift))
-    known = anchor.names, anchor.colours, anchor.mean
-    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, shift, grid, *known)
+    chromatic = None if anchor.chromatic is None else cut(anchor.chromatic)
+    count, rows, size = anchor.shifts.shape
+    shifts = cut(jnp.reshape(anchor.shifts, (count * rows, size)))
+    shifts = jnp.reshape(shifts, (count, rows, shifts.shape[1]))
+    known = anchor.names, anchor.colours, anchor.further
+    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, shifts, grid, *known)
 
 
 @eqx.filter_jit
-def _renewed(anchor: Anchor, aberrations) -> OTF:
-    change, k = aberrations - anchor.state, len(anchor.state)
+def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
+    change, k, further = aberrations - anchor.state, len(anchor.state), anchor.further
     i, j = np.triu_indices(k)
     pair = np.arange(len(i))
-    turns = jnp.zeros((k, len(i))).at[i, pair].set(change[j]).at[j, pair].set(change[i])
-    rows = jnp.concatenate([turns, (change @ turns / 2)[None]]).astype(anchor.curvature.dtype)
+
+    def turned(change):
+        """What takes the curvature to the change of each slope."""
+        return jnp.zeros((k, len(i))).at[i, pair].set(change[j]).at[j, pair].set(change[i])
+
+    turns = turned(change)
+    own = jnp.stack([change, change.at[_places(anchor)].add(beside)]) if further.of_b else change[None]
+    halves = jnp.stack([one @ turned(one) / 2 for one in own])
+    rows = jnp.concatenate([turns, halves]).astype(anchor.curvature.dtype)
     bends = jnp.matmul(rows, anchor.curvature, precision="highest")  # a GPU would take half the digits
-    value = anchor.value + change @ anchor.slopes + bends[-1]
-    spectra = _complex(jnp.concatenate([value[None], anchor.slopes + bends[:-1]]), anchor.grid)
+    values = anchor.value + own @ anchor.slopes + bends[k:]
+    spectra = _complex(jnp.concatenate([anchor.slopes + bends[:k], values]), anchor.grid)
     chromatic = None
     if anchor.chromatic is not None:
         # all rows in one product: a part of them would be copied first, which takes longer
-        weights = jnp.concatenate([jnp.ones(1, rows.dtype), change.astype(rows.dtype), rows[-1]])
+        weights = jnp.concatenate([jnp.ones(1, rows.dtype), change.astype(rows.dtype), rows[k]])
         tint = jnp.matmul(weights, anchor.chromatic, precision="highest")
-        tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(value.dtype)
+        tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(values.dtype)
         chromatic = _complex(tints, anchor.grid)
     otf = OTF(
-        spectra[0],
-        spectra[1:],
+        spectra[k],
+        spectra[:k],
         aberrations,
         anchor.grid,
         anchor.names,
         chromatic=chromatic,
         colours=anchor.colours,
+        sigmas=further.sigmas[: further.shadings],
     )
-    if anchor.shift is None:
+    if not further.names:
         return otf
-    shift = anchor.shift[:1] + (change @ anchor.shift[1:])[None]
-    return with_shift(otf, _complex(shift, anchor.grid)[0], anchor.mean)
+    shifts = _complex(anchor.shifts[:, 0] + jnp.tensordot(change, anchor.shifts[:, 1:], (0, 1)), anchor.grid)
+    return with_further(otf, further, shifts, beside, spectra[k + 1] if further.of_b else None)
+
+
+def _places(anchor: Anchor) -> np.ndarray:
+    """Places of the modes in which B may differ."""
+    return np.array([anchor.names.index(name) for name in anchor.further.of_b], int)
 
 
 def _real(spectra):
     """Real and then imaginary parts (..., m) of spectra (..., My, Mx//2 + 1)."""
-    flat = jnp.reshape(spectra, (*spectra.shape[:-2], -1))
+    flat = jnp.reshape(spectra, (*spectra.shape[:-2], spectra.shape[-2] * spectra.shape[-1]))
     return jnp.concatenate([flat.real, flat.imag], axis=-1)
 
 
@@ -232,8 +248,9 @@ class AnchoredOptics:
 
     def _distance(self, aberrations) -> float:
         """Rms phase [rad] from the anchor."""
-        state = np.asarray(self.anchor.state)
-        return self.phase(np.asarray(aberrations)[: len(state)] - state)
+        modes = len(self.anchor.state)
+        state, beside = self.anchor.further.split(aberrations, modes)
+        return self.system.phase_of(state - np.asarray(self.anchor.state), beside)
 
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Likewise; derivatives cost nothing here."""

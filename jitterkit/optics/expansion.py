@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,12 +14,13 @@ from jitterkit.conventions import ARCSEC
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.colours import Colours, wavenumber_offsets
 from jitterkit.optics.focal import focal_field
+from jitterkit.optics.further import Further
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF, with_shift
+from jitterkit.optics.otf import OTF, with_further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["centring", "derivatives_at", "expand", "grid_for", "wavelength_slopes"]
+__all__ = ["centring", "derivatives_at", "expand", "grid_for", "shift_slopes"]
 
 
 def grid_for(
@@ -81,6 +84,7 @@ def expand(
     *,
     derivatives: bool = True,
     colours: Colours | None = None,
+    further: Further | None = None,
 ) -> OTF:
     """Compute a transfer function and its derivatives about a state of the aberrations.
 
@@ -91,25 +95,23 @@ def expand(
     grid : Grid
         From :func:`grid_for`.
     aberrations : (k,) array, optional
-        nm; zero if omitted.  What follows them, a shift of the wavelength, counts for nothing: about it an
-        image is always expanded at zero.
+        nm; zero if omitted.  What follows the modes of the pupil may be left out.  Shifts of wavelength and
+        plate scale count for nothing: about them an image is always expanded at zero.
     derivatives : bool
         Whether to compute them; without, the aberrations stay as given.
     colours : Colours, optional
         What is known of the sources' spectra; without, all have the instrument's.
+    further : Further, optional
+        What else may vary.
 
     Returns
     -------
     otf : OTF
         Exact at ``aberrations``: its PSF equals the Fraunhofer integral at every fine sample.
     """
-    state = jnp.zeros(len(pupil.names)) if aberrations is None else jnp.asarray(aberrations, float)
-    shifts = colours is not None and colours.wavelength_err > 0
-    state = state[: len(pupil.names)] if shifts else state
-    if state.shape != (len(pupil.names),):
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE, f"Expected {len(pupil.names)} aberrations, got shape {state.shape}."
-        )
+    further = further or Further(len(pupil.shading))
+    every = np.zeros(len(pupil.basis)) if aberrations is None else aberrations
+    state, beside = map(jnp.asarray, further.split(every, len(pupil.names)))
     order, tinted = 1 if derivatives else 0, colours is not None
     spectra = derivatives_at(pupil, spectrum, grid, state, order=order, chromatic=tinted)
     otf = OTF(
@@ -120,30 +122,44 @@ def expand(
         pupil.names if derivatives else (),
         chromatic=spectra[1] if tinted else None,
         colours=colours,
+        sigmas=further.sigmas[: further.shadings] if derivatives else (),
     )
-    if not (shifts and derivatives):
+    if not further.names:
         return otf
-    return with_shift(otf, wavelength_slopes(pupil, spectrum, grid, state, order=0)[0], spectrum.mean)
+    of_b = None
+    if further.of_b:
+        there = state.at[np.array([pupil.names.index(name) for name in further.of_b])].add(beside)
+        of_b = derivatives_at(pupil, spectrum, grid, there, order=0)[0, 0]
+    if not derivatives:
+        return otf if of_b is None else replace(otf, difference=of_b - otf.value)
+    slopes = shift_slopes(pupil, spectrum, grid, state, further, order=0)[:, 0]
+    return with_further(otf, further, slopes, beside, of_b)
 
 
-def wavelength_slopes(
-    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, *, order: int
-) -> Complex[Array, "p my mx"]:
-    """Derivatives by a shift of the mean wavelength, per nm, of what :func:`derivatives_at` has to an order.
+def shift_slopes(
+    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, further: Further, *, order: int
+) -> Complex[Array, "s p my mx"]:
+    """Derivatives of what :func:`derivatives_at` has to an order, by shifts of wavelength and plate scale.
 
     Parameters
     ----------
     pupil, spectrum, grid, state
         As for :func:`derivatives_at`.
+    further : Further
+        Which of the two there are.
     order : int
         0 or 1.
     """
     wavelengths, weights = jnp.asarray(spectrum.wavelengths), jnp.asarray([spectrum.weights])
+    directions = further.directions(spectrum.mean)
 
-    def stretched(by):
-        return _derivatives(pupil, wavelengths * (1 + by), weights, state, grid, order)[0]
+    def changed(longer, wider):
+        return _derivatives(pupil, wavelengths * (1 + longer), weights, state, grid, order, 1 + wider)[0]
 
-    return jax.jvp(stretched, (0.0,), (1 / spectrum.mean,))[1]
+    slopes = [jax.jvp(changed, (0.0, 0.0), direction)[1] for direction in directions]
+    rows = 1 + len(state) if order else 1
+    empty = jnp.zeros((0, rows, grid.fine_shape[0], grid.fine_shape[1] // 2 + 1), complex)
+    return jnp.stack(slopes) if slopes else empty
 
 
 def derivatives_at(
@@ -163,24 +179,26 @@ def derivatives_at(
 
 
 @eqx.filter_jit
-def _derivatives(pupil, wavelengths, weights, state, grid, order):
-    opd = pupil.opd + jnp.tensordot(state, pupil.basis, 1)
+def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
+    count = len(pupil.basis)
+    opd = pupil.opd + jnp.tensordot(state[:count], pupil.basis, 1)
+    light = pupil.transmission * jnp.exp(jnp.tensordot(state[count:], pupil.shading, 1))
     phases = (2 * jnp.pi / wavelengths)[:, None, None] * opd
     # Outside the loop, or the compiler evaluates sine and cosine anew for every derivative.
-    fields = pupil.transmission * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)
-    basis = pupil.basis if order else pupil.basis[:0]
-    pairs = np.triu_indices(len(basis)) if order > 1 else np.triu_indices(0)
+    fields = light * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)
+    modes = len(state) if order else 0
+    pairs = np.triu_indices(modes) if order > 1 else np.triu_indices(0)
 
     def add(total, line):
         wavelength, weight, field = line
-        parts = _monochromatic(field, basis, pairs, pupil.pitch, grid, wavelength)
+        parts = _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch)
         weight = weight[:, None, None, None]
         return [
             light + (weight * part).astype(light.dtype) for light, part in zip(total, parts, strict=True)
         ], None
 
     start = [
-        jnp.zeros((len(weights), 1 + len(basis), *grid.fine_shape), opd.dtype),
+        jnp.zeros((len(weights), 1 + modes, *grid.fine_shape), opd.dtype),
         jnp.zeros((len(weights), len(pairs[0]), *grid.fine_shape), jnp.float32),
     ]
     lines = wavelengths, weights.T, fields
@@ -195,36 +213,42 @@ def centring(grid: Grid) -> np.ndarray:
     return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)
 
 
-def _monochromatic(field, basis, pairs, pupil_pitch, grid, wavelength):
-    """PSF of a pupil field (2, n, n) at one wavelength [nm] and its derivatives per nm: (1 + k + p, My, Mx).
+def _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch):
+    """PSF of a pupil field (2, n, n) at a wavelength [nm] and its derivatives by modes: (1 + k + p, My, Mx).
 
-    The first ones are by a basis (k, n, n) of modes, the second ones by p pairs of these.  A whole plane sums
-    to the light in the pupil.
+    The first ones are by the first of the modes, the second ones by p pairs of these.  A whole plane sums to
+    the light in the pupil.  The pitch of the grid is stretched by a factor.
     """
     wavenumber = 2 * np.pi / wavelength
-    real, imaginary = field
-    slope = wavenumber * basis  # the derivative of a field is the field times i slope
-    fields = jnp.stack(
-        [
-            jnp.concatenate([real[None], -slope * imaginary]),
-            jnp.concatenate([imaginary[None], slope * real]),
-        ]
-    )
-    phase_step = wavenumber * 1e9 * pupil_pitch * grid.pitch * ARCSEC
+    slopes = _logarithmic(pupil, wavenumber)[:, :modes]
+    fields = jnp.concatenate([field[:, None], _times(slopes, field[:, None])], axis=1)
+    phase_step = wavenumber * 1e9 * pupil.pitch * grid.pitch * ARCSEC * stretch
     focal = focal_field(fields, phase_step, grid.fine_shape)
     overlap = focal[0, :1] * focal[0] + focal[1, :1] * focal[1]
     scale = (phase_step / (2 * np.pi)) ** 2
     psf = scale * jnp.concatenate([overlap[:1], 2 * overlap[1:]])
-    return psf, scale * _curvature(field, slope, pairs, focal, phase_step, grid)
+    return psf, scale * _curvature(field, slopes, pairs, focal, phase_step, grid)
 
 
-def _curvature(field, slope, pairs, focal, phase_step, grid):
+def _logarithmic(pupil, wavenumber):
+    """Derivatives of the logarithm of the field by every mode, real and imaginary parts: (2, k, n, n)."""
+    real = jnp.concatenate([jnp.zeros_like(pupil.basis), pupil.shading])
+    return jnp.stack([real, jnp.concatenate([wavenumber * pupil.basis, jnp.zeros_like(pupil.shading)])])
+
+
+def _times(one, other):
+    """Product of complex numbers whose real and imaginary parts stand along the first axis."""
+    return jnp.stack([one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]])
+
+
+def _curvature(field, slopes, pairs, focal, phase_step, grid):
     """Second derivatives of the light ``|E|²`` by pairs of modes: ``2 Re(E* E_ij + E_i* E_j)``.
 
     In 32 bits: they count by the square of a change, a thousandth.
     """
     i, j = pairs
-    slope, field, focal = (array.astype(jnp.float32) for array in (slope, field, focal))
-    twice = focal_field(-slope[i] * slope[j] * field[:, None], phase_step, grid.fine_shape)
+    slopes, field, focal = (array.astype(jnp.float32) for array in (slopes, field, focal))
+    twice = _times(_times(slopes[:, i], slopes[:, j]), field[:, None])
+    twice = focal_field(twice, phase_step, grid.fine_shape)
     together = sum(focal[c, :1] * twice[c] + focal[c, 1 + i] * focal[c, 1 + j] for c in (0, 1))
     return 2 * together

@@ -20,13 +20,14 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jitterkit.loci.mvn import Mvn
-from jitterkit.optics.colours import WAVELENGTH, Colours
+from jitterkit.optics.colours import Colours
+from jitterkit.optics.further import PLATE_SCALE, Further
 from jitterkit.optics.grid import Grid
 
 if TYPE_CHECKING:
     from jitterkit.scene import Scene
 
-__all__ = ["OTF", "with_shift"]
+__all__ = ["OTF", "with_further"]
 
 
 _BLIND = 1e-9
@@ -42,13 +43,15 @@ class OTF(eqx.Module):
         Transfer function about the optical axis; at zero frequency, the share of the light that
         falls inside the padded grid.
     jacobian : (k, My, Mx//2 + 1) complex array
-        Derivative with respect to each aberration, per nm.
+        Derivative with respect to each aberration, per nm; with respect to a mode of the amplitude, per unit.
     state : (k,) array
         The aberrations it was computed at, nm.
     grid : Grid
         Sampling.
     names : tuple of str
-        Names of the aberrations; then that of the shift of the wavelength, if it may vary.
+        Names of the aberrations, each with a row of the jacobian: the modes of the pupil, then a shift of the
+        wavelength and one of the plate scale, if they may vary.  Last, without rows, what the wavefront of B
+        has more of a mode than that of A, nm.
     pixel_included : bool
         True for an empirical PSF, which has already been integrated over the pixels.
     chromatic : (1 + k, My, Mx//2 + 1) complex array or None
@@ -56,8 +59,13 @@ class OTF(eqx.Module):
         aberrations; None where the colour of a source does not matter.
     colours : Colours or None
         What is known of the indices.
-    wavelength_sigma : float
-        Standard deviation of the shift of the wavelength, nm.
+    sigmas : tuple of float
+        Standard deviations, about zero, of those of the names that are no modes of the wavefront.  A frame's
+        parameters may lack them all.
+    of_b : tuple of int
+        Places of the modes in which the wavefronts of B and A may differ.
+    difference : (My, Mx//2 + 1) complex array or None
+        Transfer function of B at the state, less that of A; None where they are the same.
     """
 
     value: Complex[Array, "my mx"]
@@ -68,12 +76,29 @@ class OTF(eqx.Module):
     pixel_included: bool = eqx.field(static=True, default=False)
     chromatic: Complex[Array, "k1 my mx"] | None = None
     colours: Colours | None = eqx.field(static=True, default=None)
-    wavelength_sigma: float = eqx.field(static=True, default=np.inf)
+    sigmas: tuple[float, ...] = eqx.field(static=True, default=())
+    of_b: tuple[int, ...] = eqx.field(static=True, default=())
+    difference: Complex[Array, "my mx"] | None = None
 
     @property
-    def shifts(self) -> bool:
-        """Whether the wavelength may vary: the last of the names, which a frame's parameters may lack."""
-        return self.names[-1:] == (WAVELENGTH,)
+    def modes(self) -> tuple[str, ...]:
+        """Those of the names that are modes of the wavefront."""
+        return self.names[: len(self.names) - len(self.sigmas)]
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Those of the names that are no modes of the wavefront."""
+        return self.names[len(self.names) - len(self.sigmas) :]
+
+    def varied(self, scene: Scene) -> tuple[str, ...]:
+        """Those of the names that mean something for a scene: without B there is nothing that it has more."""
+        return self.names if len(scene.colours) > 1 else self.names[: len(self.names) - len(self.of_b)]
+
+    def plate_scale_shift(self, aberrations: Float[Array, " k"]) -> Float[Array, ""] | None:
+        """Relative shift of the plate scale among some aberrations; None where there is none."""
+        if PLATE_SCALE not in self.names or len(aberrations) < len(self.names):
+            return None
+        return aberrations[self.names.index(PLATE_SCALE)]
 
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
         """Transfer function at nearby aberrations [nm], to first order about ``state``.
@@ -82,16 +107,29 @@ class OTF(eqx.Module):
         """
         if not self.names:
             return self.value
-        n = len(aberrations)
-        return self.value + jnp.tensordot(aberrations - self.state[:n], self.jacobian[:n], 1)
+        change = self._change(aberrations)
+        return self.value + jnp.tensordot(change, self.jacobian[: len(change)], 1)
 
-    def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
-        """Derivative by the spectral index at nearby aberrations [nm], to first order about ``state``."""
-        assert self.chromatic is not None
+    def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
+        """Derivative by the spectral index at nearby aberrations [nm], if it matters; to first order."""
+        if self.chromatic is None:
+            return None
         if not self.names:
             return self.chromatic[0]
-        n = len(aberrations)
-        return self.chromatic[0] + jnp.tensordot(aberrations - self.state[:n], self.chromatic[1 : 1 + n], 1)
+        change = self._change(aberrations)
+        return self.chromatic[0] + jnp.tensordot(change, self.chromatic[1 : 1 + len(change)], 1)
+
+    def _change(self, aberrations: Float[Array, " k"]) -> Float[Array, " r"]:
+        """How far those that have a row of the jacobian are from their state."""
+        rows = min(len(aberrations), len(self.jacobian))
+        return aberrations[:rows] - self.state[:rows]
+
+    def difference_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
+        """Transfer function of B less that of A at nearby aberrations [nm]; None where they are the same."""
+        if self.difference is None or not self.names or len(aberrations) < len(self.names):
+            return self.difference
+        change = (aberrations - self.state)[-len(self.of_b) :]
+        return self.difference + jnp.tensordot(change, self.jacobian[np.array(self.of_b)], 1)
 
     def with_colours(self, scene: Scene) -> Scene:
         """Return a scene with the indices that are known beforehand, where colour matters and it has none."""
@@ -102,7 +140,9 @@ class OTF(eqx.Module):
     def multiplied(self, factor) -> OTF:
         """The same with another factor (My, Mx//2 + 1) in the transfer function of every source."""
         chromatic = None if self.chromatic is None else self.chromatic * factor
-        return replace(self, value=self.value * factor, jacobian=self.jacobian * factor, chromatic=chromatic)
+        difference = None if self.difference is None else self.difference * factor
+        value, jacobian = self.value * factor, self.jacobian * factor
+        return replace(self, value=value, jacobian=jacobian, chromatic=chromatic, difference=difference)
 
     def diffused(self, sigma: float) -> OTF:
         """The same with charge diffused in the detector: a round normal, ``sigma`` arcsec along each axis."""
@@ -115,7 +155,7 @@ class OTF(eqx.Module):
         if np.all(np.abs(slopes[:, :2]).max(axis=(1, 2), initial=0.0) > _BLIND):  # most show in any row
             return ()
         largest = np.abs(slopes).max(axis=(1, 2), initial=0.0)
-        return tuple(name for name, slope in zip(self.names, largest, strict=True) if slope < _BLIND)
+        return tuple(name for name, slope in zip(self.names, largest, strict=False) if slope < _BLIND)
 
     def psf(self) -> Float[Array, "my mx"]:
         """Point spread function at the state, on the fine grid, centred as the frame is."""
@@ -126,24 +166,32 @@ class OTF(eqx.Module):
         )
 
 
-def with_shift(otf: OTF, slope: Complex[Array, "my mx"], mean: float) -> OTF:
-    """The same optics whose wavelength may vary.
+def with_further(otf: OTF, further: Further, slopes: Complex[Array, "s my mx"], beside, of_b) -> OTF:
+    """The same optics with what else may vary of an instrument.
 
     Parameters
     ----------
     otf : OTF
-    slope : (My, Mx//2 + 1) array
-        Derivative by a shift of the wavelength, per nm.
-    mean : float
-        Mean wavelength, nm.
+        With the modes of the pupil.
+    further : Further
+    slopes : (s, My, Mx//2 + 1) array
+        Derivatives by the shifts of the wavelength and of the plate scale, those there are.
+    beside : (d,) array
+        By how much the modes of B differ, nm.
+    of_b : (My, Mx//2 + 1) array or None
+        Transfer function of B.
     """
-    assert otf.colours is not None
-    assert otf.chromatic is not None
+    more = len(slopes)
+    chromatic = otf.chromatic
+    if chromatic is not None:
+        chromatic = jnp.concatenate([chromatic, jnp.zeros_like(slopes)])
     return replace(
         otf,
-        jacobian=jnp.concatenate([otf.jacobian, slope[None]]),
-        state=jnp.append(otf.state, 0.0),
-        names=(*otf.names, WAVELENGTH),
-        chromatic=jnp.concatenate([otf.chromatic, jnp.zeros_like(slope)[None]]),
-        wavelength_sigma=otf.colours.wavelength_err * mean,
+        jacobian=jnp.concatenate([otf.jacobian, slopes]),
+        state=jnp.concatenate([otf.state, jnp.zeros(more), beside]),
+        names=(*otf.names, *further.names),
+        chromatic=chromatic,
+        sigmas=further.sigmas,
+        of_b=tuple(otf.names.index(mode) for mode in further.of_b),
+        difference=None if of_b is None else of_b - otf.value,
     )

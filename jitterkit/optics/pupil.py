@@ -14,6 +14,9 @@ from jitterkit.optics.zernike import zernike
 
 __all__ = ["Pupil", "obstructed_circle"]
 
+_SHADINGS = {"x": lambda x, y: x, "y": lambda x, y: y, "r": lambda x, y: x**2 + y**2}
+"""Modes of the transmission over a grid from -1 to 1, before they are made free of light and of unit rms."""
+
 
 class Pupil(eqx.Module):
     """Amplitude, static wavefront error and the aberrations that may vary, on one square grid.
@@ -27,9 +30,11 @@ class Pupil(eqx.Module):
     basis : (k, n, n) array
         Aberration modes; a coefficient of one is one nm of the mode.
     names : tuple of str
-        One a mode, such as ``noll4``; they become parameter names.
+        One a mode, such as ``noll4``, those of the transmission last; they become parameter names.
     diameter : float
         Width of the grid, m (n samples of diameter/n, symmetric about the axis).
+    shading : (a, n, n) array
+        Modes of the logarithm of the transmission; a coefficient of 0.01 is 1 % of the mode.
     """
 
     transmission: Float[Array, "n n"]
@@ -37,6 +42,7 @@ class Pupil(eqx.Module):
     basis: Float[Array, "k n n"]
     names: tuple[str, ...] = eqx.field(static=True)
     diameter: float = eqx.field(static=True)
+    shading: Float[Array, "a n n"]
 
     def __init__(
         self,
@@ -45,8 +51,9 @@ class Pupil(eqx.Module):
         opd=None,
         basis=None,
         names: Sequence[str] | None = None,
+        shading=None,
     ) -> None:
-        """Check shapes; ``opd`` and ``basis`` default to none.
+        """Check shapes; ``opd``, ``basis`` and ``shading`` default to none.
 
         Raises
         ------
@@ -56,17 +63,20 @@ class Pupil(eqx.Module):
         transmission = np.asarray(transmission, dtype=float)
         opd = np.zeros_like(transmission) if opd is None else np.asarray(opd, dtype=float)
         basis = np.zeros((0, *transmission.shape)) if basis is None else np.asarray(basis, dtype=float)
+        none = np.zeros((0, *transmission.shape))
+        shading = none if shading is None else np.asarray(shading, dtype=float)
         if transmission.ndim != 2 or transmission.shape[0] != transmission.shape[1]:
             raise ConfigurationError(
                 ErrorCode.WRONG_SHAPE, f"A pupil must be square, got a transmission of {transmission.shape}."
             )
-        if opd.shape != transmission.shape or basis.ndim != 3 or basis.shape[1:] != transmission.shape:
+        modes = [planes.shape for planes in (basis, shading)]
+        if opd.shape != transmission.shape or any(shape[1:] != opd.shape for shape in modes):
             raise ConfigurationError(
                 ErrorCode.WRONG_SHAPE,
                 f"The pupil's arrays differ in shape: transmission {transmission.shape}, opd {opd.shape}, "
-                f"basis {basis.shape}; expected (n, n), (n, n) and (k, n, n).",
+                f"basis {modes[0]}, shading {modes[1]}; expected (n, n), (n, n), (k, n, n), (a, n, n).",
             )
-        missing = sum(np.count_nonzero(~np.isfinite(a)) for a in (transmission, opd, basis))
+        missing = sum(np.count_nonzero(~np.isfinite(a)) for a in (transmission, opd, basis, shading))
         if missing:
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,
@@ -82,13 +92,14 @@ class Pupil(eqx.Module):
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE, f"The pupil's diameter must be positive, in m; got {diameter}."
             )
-        names = tuple(f"mode{k}" for k in range(len(basis))) if names is None else tuple(names)
-        if len(names) != len(basis):
+        count = len(basis) + len(shading)
+        names = tuple(f"mode{k}" for k in range(count)) if names is None else tuple(names)
+        if len(names) != count:
             raise ConfigurationError(
                 ErrorCode.WRONG_SHAPE,
-                f"The pupil has {len(basis)} modes but {len(names)} names; give each mode one.",
+                f"The pupil has {count} modes but {len(names)} names; give each mode one.",
             )
-        self.transmission, self.opd, self.basis = transmission, opd, basis
+        self.transmission, self.opd, self.basis, self.shading = transmission, opd, basis, shading
         self.names, self.diameter = names, float(diameter)
 
     @property
@@ -126,8 +137,39 @@ class Pupil(eqx.Module):
             blocks = np.reshape(planes, (*np.shape(planes)[:-2], n // factor, factor, n // factor, factor))
             return blocks.mean(axis=(-3, -1))
 
-        opd, basis = coarser(self.opd), coarser(self.basis)
-        return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names)
+        opd, basis, shading = map(coarser, (self.opd, self.basis, self.shading))
+        return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names, shading)
+
+    def with_shading(self, kinds: Sequence[str]) -> Pupil:
+        """The same with modes of the transmission that may vary, of unit rms over the lit pupil.
+
+        Parameters
+        ----------
+        kinds : sequence of str
+            ``"x"``, ``"y"`` for gradients, ``"r"`` for a change from the middle to the edge, by the square of
+            the radius.  Their names are ``transmission_x`` and so on.
+
+        Raises
+        ------
+        ConfigurationError
+            If a kind is none of these, or given twice.
+        """
+        wrong = [kind for kind in kinds if kind not in _SHADINGS or list(kinds).count(kind) > 1]
+        if wrong:
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE,
+                f"{wrong[0]!r} is no mode of the transmission, or stands twice; give some of "
+                f"{', '.join(_SHADINGS)}.",
+            )
+        axis, light = offsets(len(self.opd), 2.0 / len(self.opd)), np.asarray(self.transmission) ** 2
+        planes = []
+        for kind in kinds:
+            plane = _SHADINGS[kind](*np.meshgrid(axis, axis))
+            plane = plane - np.average(plane, weights=light)  # the light in the pupil stays, to first order
+            planes.append(plane / np.sqrt(np.average(plane**2, weights=light)))
+        names = (*self.names, *(f"transmission_{kind}" for kind in kinds))
+        shading = np.concatenate([self.shading, np.array(planes).reshape(-1, *self.opd.shape)])
+        return Pupil(self.transmission, self.diameter, self.opd, self.basis, names, shading)
 
 
 def obstructed_circle(

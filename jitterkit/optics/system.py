@@ -8,9 +8,11 @@ from typing import Protocol
 
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import expand
+from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil
@@ -53,6 +55,10 @@ class OpticalSystem:
         How far charge wanders before it is collected: 1 sigma along each axis, arcsec.
     colours : Colours, optional
         What is known of the spectra of the stars; without, every source has the spectrum given.
+    plate_scale_sigma : float
+        Relative standard deviation of the plate scale, where it may vary; infinite where nothing is known.
+    of_b : tuple of str
+        Modes in which the wavefronts of B and A may differ.
     """
 
     pupil: Pupil
@@ -60,6 +66,14 @@ class OpticalSystem:
     grid: Grid
     diffusion: float = 0.0
     colours: Colours | None = None
+    plate_scale_sigma: float = 0.0
+    of_b: tuple[str, ...] = ()
+
+    @property
+    def further(self) -> Further:
+        """What may vary beside the modes of the pupil."""
+        wavelength = 0.0 if self.colours is None else self.colours.wavelength_err * self.spectrum.mean
+        return Further(len(self.pupil.shading), wavelength, self.plate_scale_sigma, self.of_b)
 
     @cached_property
     def nominal(self) -> OTF:
@@ -68,15 +82,26 @@ class OpticalSystem:
 
     @cached_property
     def _gram(self) -> np.ndarray:
-        """Mean products (k, k) of the aberration modes over the lit pupil."""
-        light = np.asarray(self.pupil.transmission)
-        basis = np.asarray(self.pupil.basis)
-        return np.einsum("iyx,jyx,yx->ij", basis, basis, light, optimize=True) / light.sum()
+        """Mean products (k, k) of the modes over the lit pupil: phases, and relative changes of the light."""
+        light, wavenumber = np.asarray(self.pupil.transmission), 2 * np.pi / min(self.spectrum.wavelengths)
+        parts = wavenumber * np.asarray(self.pupil.basis), 2 * np.asarray(self.pupil.shading)
+        blocks = [np.einsum("iyx,jyx,yx->ij", part, part, light, optimize=True) for part in parts]
+        return scipy.linalg.block_diag(*blocks) / light.sum()
 
     def phase(self, aberrations) -> float:
-        """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""
-        change = np.asarray(aberrations)[: len(self.pupil.names)]
-        return float(2 * np.pi / min(self.spectrum.wavelengths) * np.sqrt(change @ self._gram @ change))
+        """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength.
+
+        Modes of the transmission count by the share of the light that they change.  Where the wavefronts of
+        two stars differ, the larger of the two.
+        """
+        return self.phase_of(*self.further.split(aberrations, len(self.pupil.names)))
+
+    def phase_of(self, change: np.ndarray, beside: np.ndarray) -> float:
+        """The same of changes of the pupil's modes, and of what B has more of some."""
+        modes = self.pupil.names
+        of_b = change.copy()
+        of_b[[modes.index(name) for name in self.of_b]] += beside
+        return float(np.sqrt(max(one @ self._gram @ one for one in (change, of_b))))
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted."""
@@ -87,6 +112,7 @@ class OpticalSystem:
             aberrations,
             derivatives=derivatives,
             colours=self.colours,
+            further=self.further,
         )
         return otf.diffused(self.diffusion) if self.diffusion else otf
 
@@ -99,9 +125,15 @@ class OpticalSystem:
         exact, chromatic = self.otf(aberrations, derivatives=False), slopes.chromatic
         if chromatic is not None and exact.chromatic is not None:
             chromatic = chromatic.at[0].set(exact.chromatic[0])
-        state = jnp.asarray(aberrations, float)
-        state = state.at[-1].set(0.0) if slopes.shifts else state
-        return replace(slopes, value=exact.value, state=state, chromatic=chromatic)
+        state = np.array(aberrations, float)
+        state[len(self.pupil.names) : len(slopes.jacobian)] = 0.0  # the shifts
+        return replace(
+            slopes,
+            value=exact.value,
+            state=jnp.asarray(state),
+            chromatic=chromatic,
+            difference=exact.difference,
+        )
 
 
 @dataclass(frozen=True)

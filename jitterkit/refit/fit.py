@@ -249,7 +249,8 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     flags = [] if abs(excess) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
     flags += ["jitter_undetected"] if arrived and tips and isinstance(locus, Streak) else []
-    flags += ["aberrations_held"] if not set(otf.names) <= set(names) else []
+    aberrations = otf.varied(end.parameters.scene)
+    flags += ["aberrations_held"] if not set(aberrations) <= set(names) else []
     chi2_dof = misfit.chi2 / dof if dof > 0 else np.nan
     status, message = _verdict(arrived, chi2_dof, sound)
     return FitResult(
@@ -258,6 +259,7 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
         tuple(flags),
         parameters=end.parameters,
         names=names,
+        aberrations=aberrations,
         covariance=covariance,
         crlb=np.sqrt(np.diag(crlb)),
         chi2=misfit.chi2,

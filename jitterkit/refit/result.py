@@ -99,6 +99,8 @@ class FitResult:
     parameters : Parameters or None
     names : tuple of str
         Names of the free parameters, in the order of ``covariance``.
+    aberrations : tuple of str
+        Names of ``parameters.aberrations``.
     covariance : (p, p) array
         Of the free parameters: inverse of the expected Fisher information, plus that of the priors.
     crlb : (p,) array
@@ -138,6 +140,7 @@ class FitResult:
     locus: str = ""
     parameters: Parameters | None = None
     names: tuple[str, ...] = ()
+    aberrations: tuple[str, ...] = ()
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     crlb: np.ndarray = field(default_factory=lambda: np.zeros(0))
     chi2: float = float("nan")
@@ -277,6 +280,8 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
     locus : Locus
     names : tuple of str
         Of the free parameters, those of the locus among them.
+    aberrations : tuple of str
+        Names of ``parameters.aberrations``.
     covariance : (p, p) array
         Of the free parameters.
 

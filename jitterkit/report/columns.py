@@ -137,6 +137,7 @@ COLUMNS: tuple[Column, ...] = (
     *measured("spectral_index_a", "slope of the spectrum of A, or of the star, over the instrument's"),
     *measured("spectral_index_b", "slope of the spectrum of B over the instrument's"),
     *measured("wavelength_shift", "mean wavelength less the instrument's", "nm"),
+    *measured("plate_scale_shift", "plate scale over the one stated, less one"),
     *measured("sxx", "second moment of the pointing", "arcsec2"),
     *measured("sxy", "second moment of the pointing", "arcsec2"),
     *measured("syy", "second moment of the pointing", "arcsec2"),
@@ -163,6 +164,9 @@ COLUMNS: tuple[Column, ...] = (
 )
 """In the order of the table; the aberrations, whose names the telescope gives, follow ``shape_err``."""
 
+SHIFTS = ("wavelength_shift", "plate_scale_shift")
+"""Columns that are parameters of the optics too, as :mod:`jitterkit.optics.further` has them."""
+
 _NAMES = frozenset(column.name for column in COLUMNS)
 
 _SIZES = {
@@ -186,24 +190,26 @@ def named(*names: str) -> list[Column]:
 
 
 def aberration_column(name: str) -> str:
-    """Return the column of an aberration: its own name, unless a column has that already.
+    """Return the column of an aberration: its own name, unless a column of another meaning has that already.
 
-    >>> aberration_column("noll4"), aberration_column("flux")
-    ('noll4', 'aberration_flux')
+    >>> aberration_column("noll4"), aberration_column("flux"), aberration_column("wavelength_shift")
+    ('noll4', 'aberration_flux', 'wavelength_shift')
     """
-    return f"aberration_{name}" if {name, f"{name}_err"} & _NAMES else name
+    taken = {name, f"{name}_err"} & _NAMES and name not in SHIFTS
+    return f"aberration_{name}" if taken else name
 
 
 def aberration_columns(name: str) -> list[Column]:
     """Return both columns of an aberration."""
-    return measured(name, "coefficient of the aberration", "nm")
+    unit = "" if name.startswith("transmission_") else "nm"
+    return measured(name, "coefficient of the aberration", unit)
 
 
 def unit_of(name: str) -> str:
     """Return the unit of a column, parameter, size or setting, as astropy reads it; empty for a pure number.
 
-    >>> unit_of("noll4"), unit_of("mvn_xx"), unit_of("contrast"), unit_of("theta")
-    ('nm', 'arcsec2', '', 'deg')
+    >>> unit_of("noll4"), unit_of("mvn_xx"), unit_of("skewed_xxy"), unit_of("contrast")
+    ('nm', 'arcsec2', 'arcsec3', '')
     """
     if name in _UNITS:
         return _UNITS[name]
@@ -211,4 +217,6 @@ def unit_of(name: str) -> str:
         return "nm"
     if name.startswith("path"):
         return "arcsec"
+    if name.endswith(("_xxx", "_xxy", "_xyy", "_yyy")):
+        return "arcsec3"
     return "arcsec2" if name.endswith(("_xx", "_xy", "_yy", "_c", "_s")) else ""

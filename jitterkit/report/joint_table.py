@@ -20,6 +20,7 @@ from jitterkit.errors import printable
 from jitterkit.joint import Law, SequenceFit
 from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
+from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.refit import Status
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
@@ -101,7 +102,7 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
         frame.kept,
         frame.separation,
         frame.separation_err,
-        frame.separation * scale,
+        math.nan if PLATE_SCALE in names else frame.separation * scale,
         *corrections,
         float(corrected(frame.separation, *corrections)),
         *chain.from_iterable(zip(record.values, record.errors, strict=True)),
@@ -165,7 +166,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
             "corrected": mean + _mean_correction(kept),
-            "scale_error": mean * float(np.median([f.record.stated[0] for f in kept])),
+            "scale_error": math.nan if PLATE_SCALE in fit.combined.names else mean * _scale_err(kept),
             "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
         "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},
@@ -185,6 +186,11 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "moved": fit.moves[-1],
         "seconds": fit.seconds,
     }
+
+
+def _scale_err(kept: list[Any]) -> float:
+    """Return the stated relative error of the plate scale: that of most frames."""
+    return float(np.median([frame.record.stated[0] for frame in kept]))
 
 
 def _mean_correction(kept: list[Any]) -> float:

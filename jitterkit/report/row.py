@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from jitterkit.forward import Parameters
     from jitterkit.refit.result import Candidate, FitResult
 
-WAVELENGTH = "wavelength_shift"
-"""Name of the parameter, as :mod:`jitterkit.optics.colours` has it, which loads more."""
-
 Row = dict[str, Any]
 """Column name to text, integer or float."""
 
@@ -46,7 +43,6 @@ def make_row(
     flags: Iterable[str] = (),
     pixel: tuple[float, float] = (math.nan, math.nan),
     pa: float = math.nan,
-    aberrations: Sequence[str] | None = None,
     digest: str = "",
 ) -> Row:
     """Make the row of one frame.
@@ -67,9 +63,6 @@ def make_row(
         Place of the star, or midpoint of the pair, ``(x, y)``, 0-based pixels of the original frame.
     pa : float
         Position angle of the pair on the sky, north through east [deg], where a WCS gives it.
-    aberrations : sequence of str, optional
-        Names of all aberrations, ``otf.names``; by default those that were free, which is enough
-        unless only some were.
     digest : str
         ``RawFrame.digest``, by which duplicates are recognised.
 
@@ -106,20 +99,21 @@ def make_row(
     }
     if result.parameters is not None:
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
-            row |= _fitted(result, result.parameters, aberrations)
+            row |= _fitted(result, result.parameters)
         row |= {"x_pixel": float(pixel[0]), "y_pixel": float(pixel[1])}
-        row |= _stated(row["separation"], metadata or Metadata())
+        row |= _stated(row, metadata or Metadata())
         row |= {"pa": float(pa), "pa_err": row["theta_err"] if math.isfinite(pa) else math.nan}
     return row
 
 
-def _stated(separation: float, metadata: Metadata) -> Row:
-    """Columns of what is known of a separation beside its fit."""
+def _stated(row: Row, metadata: Metadata) -> Row:
+    """Columns of what is known of a separation beside its fit; a plate scale that was fitted adds nothing."""
+    separation, fitted = row["separation"], math.isfinite(row["plate_scale_shift_err"])
     scale, factor, change = (
         metadata.value(name, math.nan) for name in ("plate_scale_err", "va_factor", "orbit_change")
     )
     return {
-        "separation_scale_err": separation * scale,
+        "separation_scale_err": math.nan if fitted else separation * scale,
         "va_factor": factor,
         "orbit_change": change,
         "separation_corrected": float(corrected(separation, factor, change)),
@@ -132,7 +126,7 @@ def _message(result: FitResult, words: Iterable[str]) -> str:
     return f"{text} ({', '.join(strange)})" if strange else text
 
 
-def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str] | None) -> Row:
+def _fitted(result: FitResult, parameters: Parameters) -> Row:
     """Columns of what was fitted."""
     row: Row = {}
     for name in SCENE:
@@ -142,11 +136,8 @@ def _fitted(result: FitResult, parameters: Parameters, aberrations: Sequence[str
     row |= {"separation_model_err": result.model_part("separation"), "model_error": result.model_error}
     row |= _with_error("shape", result.shape, result.shape_err)
     row |= _with_error("background", parameters.background, result.error("background"))
-    names = _names(result, parameters, aberrations)
-    for name, value in zip(names, parameters.aberrations, strict=False):
+    for name, value in zip(result.aberrations, parameters.aberrations, strict=False):
         row |= _with_error(aberration_column(name), value, result.error(name))
-    if 0 < len(names) < len(parameters.aberrations) or WAVELENGTH in result.names:
-        row |= _with_error(WAVELENGTH, parameters.aberrations[-1], result.error(WAVELENGTH))
     return row | _jitter(result, parameters)
 
 
@@ -157,13 +148,6 @@ def _with_error(column: str, value: Any, error: float) -> Row:
 def _crlb(result: FitResult, name: str) -> float:
     known = name in result.names and len(result.crlb) == len(result.names)
     return float(result.crlb[result.names.index(name)]) if known else math.nan
-
-
-def _names(result: FitResult, parameters: Parameters, aberrations: Sequence[str] | None) -> Sequence[str]:
-    """Names of the aberrations, one for each value or none at all."""
-    known = {*parameters.scene.names, *parameters.locus.names, "background", WAVELENGTH}
-    names = [name for name in result.names if name not in known] if aberrations is None else aberrations
-    return names if len(parameters.aberrations) - len(names) in (0, 1) else ()
 
 
 def _jitter(result: FitResult, parameters: Parameters) -> Row:

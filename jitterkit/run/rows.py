@@ -53,17 +53,15 @@ def recorder(
     ranks : sequence of Rank
         Of the frames that are kept for pictures: of better ones nothing is kept.  May change meanwhile.
     """
-    return partial(_record, processor.instrument.aberrations, ranks)
+    return partial(_record, ranks)
 
 
-def _record(
-    aberrations: Sequence[str], ranks: Sequence[Rank], batch: Batch, outcomes: Sequence[Outcome]
-) -> Record:
+def _record(ranks: Sequence[Rank], batch: Batch, outcomes: Sequence[Outcome]) -> Record:
     frames = [
         one.result if isinstance(one.result, ProcessedFrame) else ProcessedFrame(None, one.result)
         for one in outcomes
     ]
-    rows = [_row(aberrations, one, done) for one, done in zip(outcomes, frames, strict=True)]
+    rows = [_row(one, done) for one, done in zip(outcomes, frames, strict=True)]
     drawable = {place: rows[place] for place, done in enumerate(frames) if done.frame is not None}
     pictures = {}
     for place in wanted(ranks, batch.number, drawable, batch.start):
@@ -73,7 +71,7 @@ def _record(
     return Record(batch, rows, pictures)
 
 
-def _row(aberrations: Sequence[str], one: Outcome, done: ProcessedFrame) -> Row:
+def _row(one: Outcome, done: ProcessedFrame) -> Row:
     return make_row(
         done.result,
         one.path,
@@ -82,7 +80,6 @@ def _row(aberrations: Sequence[str], one: Outcome, done: ProcessedFrame) -> Row:
         flags=() if done.frame is None else done.frame.flags,
         pixel=done.pixel,
         pa=done.pa,
-        aberrations=aberrations,
         digest=one.digest,
     )
 

@@ -25,6 +25,7 @@ SIZES = {
     "partial": {"length": 0.6, "angle": 30.0, "cycles": 0.7, "phase": 30.0},
     "smear": {"length": 0.5, "angle": 30.0, "sigma_major": 0.1, "sigma_minor": 0.05, "sigma_angle": 80.0},
     "shaped": {"sigma_major": 0.2, "sigma_minor": 0.1, "angle": 30.0, "kurtosis": -1.0},
+    "skewed": {"sigma_major": 0.2, "sigma_minor": 0.1, "angle": 30.0, "cumulant_xxx": 2e-3},
     "path": {"knots": "0:0,0.2:0.1,0.3:0.3"},
 }
 

@@ -27,6 +27,7 @@ def camera(seed=1):
         flat=flat / flat[flat > 0].mean(),
         nonlinearity=[-4e-6, -2e-11],
         coupling=0.006,
+        brighter_fatter=2e-6,
         bad_pixels=rng.random(SHAPE) < 1e-3,
     )
 
@@ -51,7 +52,9 @@ def test_what_a_whole_camera_reads_is_calibrated_without_bias_and_with_the_right
         assert some.var() == pytest.approx(1.0, abs=4 * np.sqrt(2.05 / some.size))
 
 
-@pytest.mark.parametrize("left_out", ["bias", "dark_current", "flat", "nonlinearity", "coupling"])
+@pytest.mark.parametrize(
+    "left_out", ["bias", "dark_current", "flat", "nonlinearity", "coupling", "brighter_fatter"]
+)
 def test_every_part_of_the_calibration_is_needed(left_out):
     from dataclasses import replace
 

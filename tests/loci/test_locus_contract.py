@@ -24,6 +24,7 @@ from jitterkit.loci import (
     Product,
     Shaped,
     Shm,
+    Skewed,
     Smear,
     Stable,
     Tones,
@@ -54,6 +55,14 @@ def turned_lissajous(size, turn):
     return Lissajous.near(size**2 * moments[[0, 0, 1], [0, 1, 1]])
 
 
+def skewed(size, turn):
+    """A skewness of 0.4 along the major axis, 0.2 by 0.1 arcsec at 65 degrees."""
+    c, s = np.cos(np.radians(65.0 + turn)), np.sin(np.radians(65.0 + turn))
+    third = 0.4 * (0.2 * size) ** 3 * np.array([c**3, c * c * s, c * s * s, s**3])
+    names = ("cumulant_xxx", "cumulant_xxy", "cumulant_xyy", "cumulant_yyy")
+    return Skewed.of(0.2 * size, 0.1 * size, 65.0 + turn, **dict(zip(names, third, strict=True)))
+
+
 def from_moments(kind):
     """Builds a locus of any kind, as EXAMPLES do; by default 0.2 by 0.1 arcsec at 65 degrees."""
     moments = matrix(Mvn.of(0.2, 0.1, 65.0).moments())
@@ -78,6 +87,7 @@ EXAMPLES = {
         0.5 * size, 30.0 + turn, 0.1 * size, 0.05 * size, 70.0 + turn
     ),
     "shaped": lambda size=1.0, turn=0.0: Shaped.of(0.2 * size, 0.1 * size, 65.0 + turn, 1.0),
+    "skewed": lambda size=1.0, turn=0.0: skewed(size, turn),
     "path": lambda size=1.0, turn=0.0: Path.of(size * KNOTS @ rotation(turn).T),
     "shaped, light": lambda size=1.0, turn=0.0: Shaped.of(0.2 * size, 0.1 * size, 65.0 + turn, -1.2),
     "product": lambda size=1.0, turn=0.0: Product(
@@ -88,7 +98,7 @@ EXAMPLES = {
 OTHERS = tuple(name for name in LOCI if name not in EXAMPLES)
 """New loci, without an example above: built from moments and held to the tolerances of random ones."""
 EXAMPLES |= {name: from_moments(LOCI[name]) for name in OTHERS}
-GRIDS = ("mvn", "smear", "product", *OTHERS)  # their points are a grid of quantiles
+GRIDS = ("mvn", "smear", "skewed", "product", *OTHERS)  # their points are a grid of quantiles
 RANDOM = (*GRIDS, "shaped", "shaped, light")
 ALONG_X, ALONG_Y = np.linspace(-1.2, 1.2, 13), np.linspace(-1.1, 1.1, 12)
 FX, FY = (f.ravel() for f in np.meshgrid(ALONG_X, ALONG_Y))

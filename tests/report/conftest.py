@@ -55,6 +55,7 @@ class Maker:
             locus=locus,
             parameters=truth,
             names=names,
+            aberrations=self.otf.names,
             covariance=np.diag(errors**2),
             crlb=0.98 * errors,
             chi2=float(np.nansum(residual**2)),
