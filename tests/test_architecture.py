@@ -21,6 +21,7 @@ FLOORS = [
     {"frames", "motion"},
     {"optics", "detectors", "shutter"},
     {"forward", "instruments", "photons", "calibration"},
+    {"known_light"},
     {"likelihood", "simulate"},
     {"scoring", "kernel_estimate"},
     {"linearisation"},

@@ -25,6 +25,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_
 from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.instruments import Instrument
+from jitterkit.known_light import KnownLight
 from jitterkit.likelihood import Data
 from jitterkit.loci import locus_class
 from jitterkit.optics import Optics
@@ -144,7 +145,9 @@ class FrameProcessor:
         """
         began, model_error = time.perf_counter(), self.options.model_error
         try:
-            whole, fit = fit_without_outliers(frame, self._fit, rays=self.rays, model_error=model_error)
+            whole, fit = fit_without_outliers(
+                frame, self._fit, known_light=self.known_light, rays=self.rays, model_error=model_error
+            )
             result, p = fit.result, fit.result.parameters
             if result.status.usable and p and (left := fit.residual(whole, model_error)):
                 result = replace(result, further_limit=left.hidden(p.scene))
@@ -244,6 +247,11 @@ class FrameProcessor:
     def grid(self, frame: Frame) -> GridKey:
         """Return what frames have in common that share their optics: shape, and plate scale to 9 digits."""
         return frame.shape, float(f"{frame.plate_scale or self.plate_scale:.9g}")
+
+    @functools.cached_property
+    def known_light(self) -> KnownLight | None:
+        """Return what of a frame is known beside the model."""
+        return KnownLight.of(self.instrument)
 
     @property
     def priors(self) -> Priors:

@@ -97,6 +97,7 @@ def sequence(
         censored=censored,
         scene=scene,
         model_error=error,
+        known_light=processor.known_light,
     )
     with progress_bar(len(exposures.files), "files") as advance:
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))

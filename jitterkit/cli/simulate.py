@@ -31,6 +31,7 @@ def simulate(
     aberrations: Annotated[float, typer.Option(min=0)] = 0.0,
     background: float = 0.0,
     scatter: bool = False,
+    dither: Annotated[float, typer.Option(min=0)] = 0.0,
     frames: Annotated[int, typer.Option(min=1)] = 1,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     noise: bool = True,
@@ -56,6 +57,8 @@ def simulate(
         Sky background, electrons per pixel.
     scatter
         Draw theta, and x and y within 5 arcsec, for each frame.
+    dither
+        Draw x and y within so many arcsec, for each frame.
     frames
         Number of frames.
     seed
@@ -83,10 +86,12 @@ def simulate(
     drawn: dict[str, Any] = {}
     if pointing.positions is not None:
         drawn = {"x": pair.x + pointing.positions[:, 0], "y": pair.y + pointing.positions[:, 1]}
-    if scatter:
-        drawn = ({"theta": generator.uniform(0, 360, frames)} if scene == "binary" else {}) | {
-            "x": drawn.get("x", pair.x) + generator.uniform(-5, 5, frames),
-            "y": drawn.get("y", pair.y) + generator.uniform(-5, 5, frames),
+    if scatter and scene == "binary":
+        drawn["theta"] = generator.uniform(0, 360, frames)
+    if (reach := 5.0 if scatter else dither) > 0:
+        drawn |= {
+            axis: drawn.get(axis, getattr(pair, axis)) + generator.uniform(-reach, reach, frames)
+            for axis in "xy"
         }
     sequence = simulate_sequence(
         telescope,

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.detectors.maps import MAPS, as_map, nominal
+from jitterkit.detectors.maps import FLOATS, MAPS, ONLY_MAPS, as_map, nominal
 from jitterkit.detectors.response import LIMIT, turning_point
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES, Quantity
@@ -30,6 +30,8 @@ NUMBERS: Mapping[str, Quantity] = {
     "coupling": Quantity("of a pixel's charge", 0.0, LIMIT * (1 - 1e-6)),
     "brighter_fatter": Quantity("pixel per electron", 0.0, 1e-3),
     "diffusion": Quantity("pixel", 0.0, 10.0),
+    "pixel_shift_x": Quantity("pixel", -0.1, 0.1),
+    "pixel_shift_y": Quantity("pixel", -0.1, 0.1),
     "line_time": QUANTITIES["line_time"],
     "cosmic_rays": Quantity("hits per pixel and second", 0.0, 1.0),
     "bad_bits": QUANTITIES["bad_bits"],
@@ -68,8 +70,8 @@ def _check_shapes(values: Mapping[str, Any]) -> None:
         if name == "bad_pixels" and len(shape) != 2:
             problem = f"bad_pixels has shape {shape}; give a map (ny, nx), True where a pixel is bad."
             raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
-        if len(shape) not in (0, 2) or (name == "flat" and not shape):
-            also = "" if name == "flat" else "one number or "
+        if len(shape) not in (0, 2) or (name in ONLY_MAPS and not shape):
+            also = "" if name in ONLY_MAPS else "one number or "
             problem = f"{name} has shape {shape}; give {also}a map (ny, nx)."
             raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     maps = {name: shape for name, shape in shapes.items() if shape}
@@ -185,6 +187,9 @@ class Characteristics:
     brighter_fatter : float, optional
         Pixels by which the border of two pixels moves per electron that one of them holds more; see
         :mod:`jitterkit.detectors.response`.
+    pixel_shift_x, pixel_shift_y : map, optional
+        Where the light of a pixel is collected, from where an even grid has the pixel, in pixels along x
+        (columns) and y (rows).
     diffusion : float, optional
         One sigma of the charge's diffusion before it is collected, pixels; the forward model blurs by it.
     line_time : float, optional
@@ -215,6 +220,8 @@ class Characteristics:
     nonlinearity: tuple[float, ...] | None = None
     coupling: float | None = None
     brighter_fatter: float | None = None
+    pixel_shift_x: np.ndarray | None = None
+    pixel_shift_y: np.ndarray | None = None
     diffusion: float | None = None
     line_time: float | None = None
     cosmic_rays: float | None = None
@@ -222,7 +229,7 @@ class Characteristics:
 
     def __post_init__(self) -> None:
         check_detector(vars(self))
-        for name in ("bias", "read_noise", "dark_current", "flat"):
+        for name in FLOATS:
             object.__setattr__(self, name, as_map(getattr(self, name)))
         object.__setattr__(self, "bad_pixels", self._unusable())
         if self.nonlinearity is not None:
@@ -231,7 +238,7 @@ class Characteristics:
     def _unusable(self) -> np.ndarray | None:
         """The bad pixels, and those for which a map has no number; such a number is made a harmless one."""
         bad = None if self.bad_pixels is None else np.asarray(self.bad_pixels, dtype=bool)
-        for name in ("bias", "read_noise", "dark_current", "flat"):
+        for name in FLOATS:
             values = getattr(self, name)
             if np.ndim(values) and not np.isfinite(values).all():
                 missing = ~np.isfinite(values)

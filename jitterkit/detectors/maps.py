@@ -13,8 +13,14 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
 
-MAPS = ("bias", "read_noise", "dark_current", "flat", "bad_pixels")
+FLOATS = ("bias", "read_noise", "dark_current", "flat", "pixel_shift_x", "pixel_shift_y")
+"""What of a detector may be a map of numbers."""
+
+MAPS = (*FLOATS, "bad_pixels")
 """What of a detector may be a map."""
+
+ONLY_MAPS = ("flat", "pixel_shift_x", "pixel_shift_y")
+"""Of these, what must not be one number."""
 
 
 def as_map(values: Any) -> Any:

@@ -11,6 +11,7 @@ from jitterkit.detectors import Detector
 from jitterkit.detectors.characteristics import NUMBERS
 from jitterkit.detectors.maps import nominal
 from jitterkit.frames.metadata import QUANTITIES
+from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.sky import SKY_KEYS
 
@@ -29,6 +30,8 @@ _NO_MODEL = {
     "coupling",
     "brighter_fatter",
     "diffusion",
+    "pixel_shift_x",
+    "pixel_shift_y",
     "cosmic_rays",
     "dark_current",
     "bad_pixels",
@@ -62,6 +65,8 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
     rows += [(what, ", ".join(names), "", source) for what, names in fitted.items() if names]
     for name, unit in SKY_KEYS.items():
         if (value := getattr(instrument.sky, name, None)) is not None:
+            if isinstance(value, BackgroundStars):
+                value = f"{len(value.separation)} in a catalogue"
             text = value if isinstance(value, str) else _text(name, value)
             rows.append((name, text, unit, instrument.source("sky")))
     return rows + describe_detector(instrument.detector)

@@ -19,6 +19,8 @@ files.
     nonlinearity = [-1e-6]      # c1, c2, ...: q e- are measured as q (1 + c1 q + c2 q² + ...)
     coupling = 0.002            # share of a pixel's charge with which each neighbour is read
     brighter_fatter = 1e-6      # pixels that a border moves per electron of difference
+    pixel_shift_x = "x.fits"    # pixels from where an even grid has each one to where it is, along columns
+    pixel_shift_y = "y.fits"    # and along rows
     diffusion = 0.2             # pixel, one sigma
     line_time = 15e-6           # s, from one row of the file to the next; 0 for a global shutter
     cosmic_rays = 1e-6          # hits per pixel and second, for simulations
@@ -39,6 +41,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors import Detector, detector_preset
+from jitterkit.detectors.maps import ONLY_MAPS
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames
 from jitterkit.instruments.section import Section
@@ -60,6 +63,8 @@ DETECTOR_KEYS: Mapping[str, str] = {
     "nonlinearity": "1/e-, 1/e-², ...",
     "coupling": "share of a pixel's charge",
     "brighter_fatter": "pixel per electron",
+    "pixel_shift_x": "",
+    "pixel_shift_y": "",
     "diffusion": "pixel",
     "line_time": "s",
     "cosmic_rays": "hits per pixel and second",
@@ -116,7 +121,7 @@ _READERS: Mapping[str, Any] = {
     **dict.fromkeys(("read_noise", "bias", "dark_current"), _number_or_map),
     **dict.fromkeys(("bits", "bad_bits"), Section.integer),
     "nonlinearity": Section.numbers,
-    "flat": lambda section, key: _map(section.path(key)),
+    **dict.fromkeys(ONLY_MAPS, lambda section, key: _map(section.path(key))),
     "bad_pixels": lambda section, key: ~(_map(section.path(key)) == 0),
 }
 

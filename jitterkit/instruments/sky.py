@@ -7,6 +7,9 @@
     velocity = "earth"                 # or [vx, vy, vz], km/s, barycentric, along the axes of ICRS
     orbit_rate = 0.5                   # arcsec a year (365.25 days), positive where the separation grows
     orbit_epoch = "2026-01-01"         # to which separations are reduced, UTC
+    stars = "stars.csv"                # separation and position_angle from A, delta_mag: to be left out
+    pair_angle = 12.3                  # deg, position angle of B, for stars in frames without a WCS
+    mirrored = false                   # whether east is clockwise from north in these
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from scipy.constants import c
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.times import epoch_seconds
+from jitterkit.instruments.background_stars import BackgroundStars, read_background_stars
 from jitterkit.instruments.section import Section
 
 SKY_KEYS: Mapping[str, str] = {
@@ -28,6 +32,9 @@ SKY_KEYS: Mapping[str, str] = {
     "velocity": "km/s",
     "orbit_rate": "arcsec/yr",
     "orbit_epoch": "",
+    "stars": "",
+    "pair_angle": "deg",
+    "mirrored": "",
 }
 """Keys of the table, with their units."""
 
@@ -53,6 +60,7 @@ class Sky:
         Change of the separation, arcsec a year.
     orbit_epoch : str, optional
         ISO 8601, UTC.
+    stars : BackgroundStars, optional
 
     Raises
     ------
@@ -64,6 +72,7 @@ class Sky:
     velocity: tuple[float, float, float] | str | None = None
     orbit_rate: float | None = None
     orbit_epoch: str | None = None
+    stars: BackgroundStars | None = None
 
     def __post_init__(self) -> None:
         pairs = (("velocity", "target"), ("orbit_rate", "orbit_epoch"), ("orbit_epoch", "orbit_rate"))
@@ -166,11 +175,18 @@ def read_sky(section: Section) -> dict[str, Any]:
     velocity = section.values.get("velocity")
     if velocity is not None and not isinstance(velocity, str):
         velocity = tuple(section.numbers("velocity", 3))
+    pair_angle, mirrored = section.number("pair_angle"), section.truth("mirrored")
+    for key in ("pair_angle", "mirrored"):
+        if key in section and "stars" not in section:
+            section.refuse(ErrorCode.MISSING_VALUE, key, "give the table of stars too, or leave it out")
     return {
         "sky": Sky(
             tuple(section.numbers("target", 2)) if "target" in section else None,  # type: ignore[arg-type]
             velocity,
             section.number("orbit_rate"),
             section.text("orbit_epoch"),
+            read_background_stars(section.path("stars"), pair_angle, bool(mirrored))
+            if "stars" in section
+            else None,
         )
     }

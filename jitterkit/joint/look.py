@@ -20,6 +20,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, free_parameters, parameter_names, to_vector
 from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
+from jitterkit.known_light import KnownLight
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.linearisation import SETTLED, linearisation_error
 from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
@@ -92,6 +93,8 @@ class Looker:
         ``"auto"`` to refuse frames that show no pair, or ``"binary"``.
     model_error : float or "auto"
         Of :class:`~jitterkit.refit.FitOptions`.
+    known_light : KnownLight or None
+        What to take out of the frames.
 
     Raises
     ------
@@ -107,6 +110,7 @@ class Looker:
     censored: bool = False
     scene: str = "auto"
     model_error: ModelError = 0.0
+    known_light: KnownLight | None = None
 
     def __post_init__(self) -> None:
         locus_class(self.locus)

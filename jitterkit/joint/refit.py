@@ -241,9 +241,13 @@ class _Run:
     ) -> tuple[Frame, FitResult, OTF]:
         """A frame without pixels that do not belong to it, in this pass or one before, and its fit."""
         known = np.isin(np.arange(whole.mask.size), self.left_out.get(place, [])).reshape(whole.shape)
-        error = self.looker.model_error
+        looker = self.looker
         frame, fitted = fit_without_outliers(
-            whole, lambda frame: Fitted(*look(frame)), known=known, model_error=error
+            whole,
+            lambda frame: Fitted(*look(frame)),
+            known=known,
+            known_light=looker.known_light,
+            model_error=looker.model_error,
         )
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
             self.left_out[place] = found

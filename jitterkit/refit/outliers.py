@@ -14,7 +14,9 @@ import numpy as np
 from scipy import ndimage
 
 from jitterkit.frames import Frame
+from jitterkit.known_light import KnownLight, without_light
 from jitterkit.likelihood import Data
+from jitterkit.linearisation import SETTLED
 from jitterkit.locate import ModelError, Residual, allow_for_model, most_outliers
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.result import FitResult
@@ -25,7 +27,7 @@ OUTLIERS = "outliers_left_out"
 """Flag of a frame of which single pixels were left out."""
 
 _ROUNDS = 3
-"""Times that a frame is fitted again without what does not belong: the first fit is bent by it."""
+"""Times that a frame is fitted again without what is no part of its model: the first fit is bent by it."""
 
 _SEED, _TRACK = 8.0, 3.0
 """Sigmas from which a pixel starts a track (one in 1e15 of normal noise does), and continues one."""
@@ -76,6 +78,7 @@ def fit_without_outliers(
     fit: Fit,
     *,
     known: np.ndarray | None = None,
+    known_light: KnownLight | None = None,
     rays: bool = False,
     model_error: ModelError = 0.0,
 ) -> tuple[Frame, Fitted]:
@@ -88,6 +91,8 @@ def fit_without_outliers(
         From a frame to its fit.
     known : (ny, nx) bool array, optional
         Pixels that were left out already.
+    known_light : KnownLight, optional
+        What to take out of the frame, by its first fit.
     rays : bool
         Whether to leave out the tracks of cosmic rays too (:func:`find_rays`), which
         are not counted among the few.
@@ -105,6 +110,8 @@ def fit_without_outliers(
     if known is not None:
         frame, outliers = _masked(frame, known, OUTLIERS), int(np.count_nonzero(known & ~frame.mask))
     fitted = fit(frame)
+    if known_light is not None:
+        frame, fitted = _without_known_light(frame, fitted, fit, known_light)
     for _ in range(_ROUNDS):
         residual = fitted.residual(frame, model_error)
         if residual is None:
@@ -122,6 +129,22 @@ def fit_without_outliers(
         fitted = fit(frame)
     told = fitted.result.remarked(left_out(outliers + fitted.left_out), OUTLIERS)
     return frame, replace(fitted, result=told)
+
+
+def _without_known_light(whole: Frame, fitted: Fitted, fit: Fit, known: KnownLight) -> tuple[Frame, Fitted]:
+    """Take known light out of a frame and fit it again, until the new fit knows of the same light."""
+    frame, removed = whole, np.zeros(whole.shape)
+    for _ in range(_ROUNDS):
+        p, image = fitted.result.parameters, fitted.result.image
+        if p is None or image is None:
+            break
+        light = known.of_frame(whole, p, fitted.otf)
+        noise = np.maximum(image, 0.0) + whole.read_variance
+        if np.sum((light - removed) ** 2 / np.maximum(noise, 1.0), where=~whole.mask) < SETTLED**2:
+            break
+        frame, removed = without_light(whole, light), light
+        fitted = fit(frame)
+    return frame, fitted
 
 
 def _masked(frame: Frame, pixels: np.ndarray, flag: str) -> Frame:

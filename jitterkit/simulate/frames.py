@@ -19,6 +19,7 @@ from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 from jitterkit.instruments.instrument import Instrument
+from jitterkit.known_light import KnownLight
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Scene
@@ -122,6 +123,8 @@ def simulate_frame(
     truth = Parameters(otf.with_colours(scene), locus, state, background, shutter=shutter)
     # an OTF without derivatives is exact at its own state, whatever the parameters say
     expected = np.asarray(expected_image(truth, otf), dtype=float)
+    if (known_light := KnownLight.of(instrument)) is not None:
+        expected = expected + known_light.image(truth, otf)
     known = _known(instrument, shutter, row_order)
     read_out = _read_out if detector else _counted
     raw = read_out(instrument, expected, rng, known)
