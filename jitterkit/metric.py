@@ -8,10 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-__all__ = ["LEAST_DAMPING", "Metric", "invert_information"]
+__all__ = ["LARGE_FACTOR", "LEAST_DAMPING", "Metric", "error_factor", "invert_information"]
 
 LEAST_DAMPING = 1e-9
 """Damping of a step that is hardly damped: it keeps one along a direction without information finite."""
+
+LARGE_FACTOR = 2.0
+"""Factor of an error, by a parameter that is hard to tell from another, from which it is worth saying."""
 
 
 class Metric(NamedTuple):
@@ -73,3 +76,17 @@ def invert_information(information) -> tuple[np.ndarray, bool]:
     if not sound or not len(scale):
         return np.full_like(information, np.nan), sound
     return (vectors / values) @ vectors.T / np.outer(scale, scale), True
+
+
+def error_factor(covariance: np.ndarray, slot: int, other: int) -> float:
+    """Return how many times as large a parameter's error is as it would be if another were known.
+
+    Parameters
+    ----------
+    covariance : (p, p) array
+    slot, other : int
+        Places of the two parameters.
+    """
+    variance = covariance[slot, slot]
+    known = variance - covariance[slot, other] ** 2 / covariance[other, other]
+    return float(np.sqrt(variance / known)) if known > 0 else np.inf

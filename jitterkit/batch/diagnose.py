@@ -19,7 +19,9 @@ from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
+from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF
+from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
 from jitterkit.refit.over_field import say_if_blur_varies
 from jitterkit.scene import Stars
@@ -133,6 +135,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = _flag_varying_blur(found, result)
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
+    result = _flag_plate_scale(result)
     return result.remarked(found.doubt, "maybe_pair") if result.status.usable else result
 
 
@@ -217,6 +220,17 @@ def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
     data = found.data.without(~np.isfinite(result.residual))
     said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
     return result.remarked(said or "", "blur_varies")
+
+
+def _flag_plate_scale(result: FitResult) -> FitResult:
+    """Add a remark to a result whose separation and plate scale can hardly be told apart."""
+    if not {"separation", PLATE_SCALE} <= set(result.names):
+        return result
+    factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
+    if not (result.status.usable and factor > LARGE_FACTOR):
+        return result
+    said = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
+    return result.remarked(said, "scale_degenerate")
 
 
 def _why_unusable(frame: Frame) -> str:

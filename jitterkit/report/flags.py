@@ -34,6 +34,7 @@ FLAGS: dict[str, str] = {
     "faint_companion": "the companion is faint and close enough to be an error of the optics",
     "further_stars": "stars beside those of the scene were found and fitted",
     "model_error": "errors of the optics were allowed for: errors are larger than by noise alone",
+    "scale_degenerate": "the fitted plate scale makes the error of the separation more than twice as large",
 }
 
 

@@ -18,8 +18,10 @@ from astropy.table import QTable
 from jitterkit.conventions import direction_angle
 from jitterkit.errors import printable
 from jitterkit.joint import Law, SequenceFit
+from jitterkit.joint.combine import Combined
 from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
+from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.refit import Status
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
@@ -139,7 +141,8 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, and
         how many of them are ``with_model_error``, and the ``scale_error`` that the plate scale adds, which
         is that of one frame, and it ``corrected`` for velocity aberration and orbital motion, by the mean of
-        what they are in the frames; ``shared``, value, error and law of each shared parameter
+        what they are in the frames, and the ``scale_factor`` by which a fitted plate scale makes its error
+        larger than a known one; ``shared``, value, error and law of each shared parameter
         (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its averages
         [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation changes per
         arcsec/s of drift [s], and ``unknown``, the error of that drift [arcsec/s]; ``passes``, and by how
@@ -167,6 +170,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
             "corrected": mean + _mean_correction(kept),
             "scale_error": math.nan if PLATE_SCALE in fit.combined.names else mean * _scale_err(kept),
+            "scale_factor": _scale_factor(fit.combined),
             "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
         "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},
@@ -186,6 +190,13 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "moved": fit.moves[-1],
         "seconds": fit.seconds,
     }
+
+
+def _scale_factor(combined: Combined) -> float:
+    """Return by how much a fitted plate scale enlarges the separation's error; NaN where it is not fitted."""
+    if PLATE_SCALE not in combined.names:
+        return math.nan
+    return error_factor(combined.covariance, *map(combined.names.index, ("separation", PLATE_SCALE)))
 
 
 def _scale_err(kept: list[Any]) -> float:
@@ -244,6 +255,11 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
             f"Errors of the model were allowed for in {separation['with_model_error']} frames. They are "
             "alike in all of them and do not average out: the separation may be off by up to the error of "
             f"one frame, {angle_size(separation['error_of_a_frame'], 2)}."
+        )
+    if separation["scale_factor"] > LARGE_FACTOR:
+        told.append(
+            f"The error of the separation is {number(separation['scale_factor'], 2)} times as large as with "
+            "a known plate scale: state its plate_scale_err if you know it better."
         )
     slope = summary["slope"]
     if slope["chi2"] > _CERTAIN:

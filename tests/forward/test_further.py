@@ -9,8 +9,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from jitterkit.batch import FrameProcessor
 from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
+from jitterkit.frames import RawFrame
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.optics import Anchor, Colours
@@ -133,6 +135,20 @@ def test_a_plate_scale_that_is_free_moves_the_separation_to_the_truth(free, tele
     told = replace(known, plate_scale_free=True, plate_scale_err=1e-6)
     error = fit_frame(Data(image), told.system(), start).error("separation")
     assert error == pytest.approx(np.hypot(held.error("separation"), 4e-6), rel=1e-3)
+
+
+@pytest.mark.parametrize(("stated", "told"), [(None, True), (1e-6, False)])
+def test_a_plate_scale_that_can_hardly_be_told_is_reported(telescope, image_of, stated, told):
+    """Held by what is known to 1e-6, the separation has an error close to that with a known scale."""
+    errors, raw = {}, RawFrame.from_array(image_of(), unit="electron", read_noise=1.0)
+    for name, more in {"held": {}, "free": {"plate_scale_free": True, "plate_scale_err": stated}}.items():
+        processor = FrameProcessor(replace(telescope, **more), locus="mvn", scene="binary")
+        result = processor.process(raw).result
+        errors[name] = result.error("separation")
+    factor = errors["free"] / errors["held"]
+    assert (factor > 2) == told
+    assert ("scale_degenerate" in result.flags) == told
+    assert (f"{factor:.3g} times" in result.message) == told
 
 
 def test_a_star_has_no_wavefront_of_b(free):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -146,3 +147,15 @@ def test_the_page_has_four_pictures(rng, odd):
     ]  # fmt: skip
     labels = [text.get_text() for text in axes[3].get_legend().get_texts()]
     assert labels == (["counted", "not counted"] if odd else ["counted"])
+
+
+@pytest.mark.parametrize(("correlation", "factor"), [(0.5, 2 / np.sqrt(3)), (0.98, 5.0252)])
+def test_a_plate_scale_that_can_hardly_be_told_is_said(rng, correlation, factor):
+    fit = made(rng)
+    known = np.outer([1e-5, 1e-6], [1e-5, 1e-6]) * [[1, correlation], [correlation, 1]]
+    names = ("separation", "plate_scale_shift")
+    combined = replace(fit.combined, names=names, values=np.zeros(2), covariance=known)
+    laws = dict.fromkeys(names, Constant())
+    summary = joint_summary(replace(fit, combined=combined, laws=laws))
+    assert summary["separation"]["scale_factor"] == pytest.approx(factor, rel=1e-4)
+    assert any(f"{factor:.1f} times" in told for told in say_joint(summary)) == (factor > 2)
