@@ -58,7 +58,7 @@ def test_a_ledger_of_another_format_is_refused(filled):
     other = sqlite3.connect(filled)
     other.execute("PRAGMA user_version = 99")
     other.close()
-    with refused(ErrorCode.UNSUPPORTED, filled, "99, not 3"):
+    with refused(ErrorCode.UNSUPPORTED, filled, "99, not 4"):
         Store.resume(filled.parent, CONFIGURATION)
 
 
