@@ -25,7 +25,7 @@ from jitterkit.report.clock import Clock, fitted, separation_series
 from jitterkit.report.ellipse_plots import draw_jitter, jittered
 from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
-from jitterkit.report.residual_stack import FEWEST, ResidualStack, count_copies
+from jitterkit.report.residual_stack import ResidualStack, count_copies
 from jitterkit.report.separation_plots import draw_run
 from jitterkit.report.series_plots import plot_pulls
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
@@ -102,7 +102,7 @@ def run_pictures(
         *(_averages(table, summary, clock) if pairs.sum() >= 2 else []),
         *(_jitter(table, summary, clock) if jittered(table).sum() >= _RUNNING else []),
         *(_fits(table, usable) if usable.sum() >= _MANY else []),
-        *([] if stack is None or stack.frames < FEWEST else [_stacked(stack, table, summary["fit"])]),
+        *([] if stack is None else _stacked(stack, table, summary["fit"])),
     ]
 
 
@@ -234,12 +234,12 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
         )  # fmt: skip
 
 
-def _stacked(stack: ResidualStack, table: QTable, fit: dict[str, Any]) -> RunPicture:
-    frames, significance = fit["stack_frames"], number(fit["structure_sigmas"], 2)
-    title = f"stacked residual of {frames:,} frames"
-    ax = plot_residual(stack.sigmas(count_copies(table)), stack.plate_scale, title=title)
-    caption = f"What {frames:,} frames leave, about their stars. Its structure has {significance} sigmas."
-    return _drawn("fit", ax, "Sum of the residuals of frames, about their stars", caption)
+def _stacked(stack: ResidualStack, table: QTable, fit: dict[str, Any]) -> Iterator[RunPicture]:
+    significance, title = fit["structure_sigmas"], f"stacked residual of {fit['stack_frames']:,} frames"
+    if np.isfinite(significance):
+        ax = plot_residual(stack.sigmas(count_copies(table)), stack.plate_scale, title=title)
+        caption = f"Significance of what the frames have in common: {number(significance, 2)} sigmas."
+        yield _drawn("fit", ax, "Sum of the residuals of frames, about their stars", caption)
 
 
 def _say_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
