@@ -1,9 +1,10 @@
 """What a run has done so far, kept so that nothing is lost or done twice.
 
 Reach for :meth:`Store.create` to begin a run and :meth:`Store.resume` to go on with one.  The rows of a
-batch or a part of one, what its pictures are drawn from and the fact that it was done enter ``ledger.sqlite``
-together or not at all; once :meth:`Store.add` returns they survive a kill and the loss of power.  Table,
-summary and report are made from the store, in the order of the plan, whoever did which batch and when.
+batch or a part of one, what its pictures are drawn from, sums over frames and the fact that it was done enter
+``ledger.sqlite`` together or not at all; once :meth:`Store.add` returns they survive a kill and the loss of
+power.  Table, summary and report are made from the store, in the order of the plan, whoever did which batch
+and when.
 
 In the ``sqlite3`` shell, when no run has it open, the tables ``frames`` and ``run`` are for reading.
 """
@@ -210,7 +211,12 @@ class Store:
         self._file.close()
 
     def add(
-        self, batch: int, rows: Sequence[Row], pictures: Mapping[int, bytes] | None = None, start: int = 0
+        self,
+        batch: int,
+        rows: Sequence[Row],
+        pictures: Mapping[int, bytes] | None = None,
+        start: int = 0,
+        stacks: Mapping[str, bytes] | None = None,
     ) -> None:
         """Enter a batch that is done, or a part of one.
 
@@ -225,6 +231,8 @@ class Store:
             the worst of the run are kept, some tens.
         start : int
             Position of the first row in the batch.
+        stacks : mapping from str to bytes, optional
+            By name, sums over all that has been entered, this included; they replace those of these names.
 
         Raises
         ------
@@ -247,6 +255,8 @@ class Store:
             for place, data in (pictures or {}).items():
                 usable, order, *position = rank(rows[place], batch, start + place)
                 execute("INSERT INTO pictures VALUES (?, ?, ?, ?, ?)", (*position, usable, -order, data))
+            for name, data in (stacks or {}).items():
+                execute("INSERT OR REPLACE INTO stacks VALUES (?, ?)", (name, zlib.compress(data, 1)))
             ranks = self.ranks() if pictures else []
             for _, _, *position in set(ranks) - set(top(ranks)):
                 execute("DELETE FROM pictures WHERE batch = ? AND place = ?", position)
@@ -288,6 +298,12 @@ class Store:
             WHERE place >= start AND place < start + count ORDER BY batch, place"""
         found = self._file.read(query)
         return [(self._rows_of(batch, start)[place - start], data) for batch, start, place, data in found]
+
+    def stacks(self) -> dict[str, bytes]:
+        """Return the latest sums of each name."""
+        with translate_errors(self.path):
+            found = self._file.read("SELECT name, data FROM stacks")
+            return {name: zlib.decompress(packed) for name, packed in found}
 
     def check_files(self, files: Sequence[Path], count: Callable[[Path], int], size: int) -> None:
         """Look whether files are still those that were counted, before a run goes on.
@@ -350,7 +366,7 @@ class Store:
     def _begin(self, configuration: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
         self.configuration, self.notes = _as_json(configuration), _as_json(notes)
         with self._file.transaction() as execute:
-            for table in ("run", "files", "batches", "frames", "pictures"):
+            for table in ("run", "files", "batches", "frames", "pictures", "stacks"):
                 execute(f"DELETE FROM {table}")
             for name, value in (("configuration", self.configuration), ("notes", self.notes)):
                 execute("INSERT INTO run VALUES (?, ?)", (name, json.dumps(value, indent=1)))

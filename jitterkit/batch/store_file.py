@@ -24,7 +24,7 @@ __all__ = ["StoreFile", "translate_errors", "unwritable"]
 _APPLICATION = 0x4A544B4C
 """Marks the file as ours in its header: JTKL."""
 
-_FORMAT = 3
+_FORMAT = 4
 """Of the tables below; to be raised when they change."""
 
 _TABLES = """
@@ -40,6 +40,7 @@ _TABLES = """
     CREATE TABLE pictures (
         batch INTEGER, place INTEGER, usable INTEGER, misfit REAL, data BLOB, PRIMARY KEY (batch, place)
     );
+    CREATE TABLE stacks (name TEXT PRIMARY KEY, data BLOB NOT NULL) WITHOUT ROWID;
 """
 
 _WAITS = (0.05, 0.1, 0.2, 0.4)

@@ -91,7 +91,7 @@ def _echo_result(run) -> None:
     if loci := say_loci(run.summary["loci"]):
         log(loci)
     if misfit := describe_run_fit(run.summary["fit"]):
-        log(misfit)
+        typer.echo(misfit)
     log(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")
 
 

@@ -26,6 +26,7 @@ from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_pictures
+from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.row import FailureKind, Row, group_failures
 from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.sequence import describe_run_fit, say_loci
@@ -51,6 +52,7 @@ def write_report(
     entries: Iterable[FrameReport],
     table: QTable,
     summary: dict[str, Any],
+    stack: ResidualStack | None = None,
     *,
     max_pictures: int = MOST_PICTURES,
     title: str = "jitterkit report",
@@ -67,6 +69,8 @@ def write_report(
         All frames.
     summary : dict
         From :func:`~jitterkit.report.summary.summarise`.
+    stack : ResidualStack, optional
+        Of the residuals of all frames.
     max_pictures : int
         At most so many frames are shown: those that failed and those that fit worst.  Every
         failure's sentence is given all the same.
@@ -87,7 +91,7 @@ def write_report(
         style=Markup(_resource("report.css")),
         table=_Listing(table),
         summary=summary,
-        plots=run_pictures(table, summary),
+        plots=run_pictures(table, summary, stack),
         pictures=shown,
         provenance=_flattened({k: v for k, v in table.meta.items() if k != "flags"}),
     )

@@ -23,8 +23,9 @@ from jitterkit.report.averaging_plots import (
 )
 from jitterkit.report.clock import Clock, fitted, separation_series
 from jitterkit.report.ellipse_plots import draw_jitter, jittered
-from jitterkit.report.plots import png
+from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
+from jitterkit.report.residual_stack import ResidualStack, count_copies
 from jitterkit.report.separation_plots import draw_run
 from jitterkit.report.series_plots import plot_pulls
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
@@ -76,7 +77,9 @@ class RunPicture:
     png: bytes = field(repr=False)
 
 
-def run_pictures(table: QTable, summary: dict[str, Any]) -> list[RunPicture]:
+def run_pictures(
+    table: QTable, summary: dict[str, Any], stack: ResidualStack | None = None
+) -> list[RunPicture]:
     """Draw what a run of this length can show.
 
     Parameters
@@ -84,6 +87,8 @@ def run_pictures(table: QTable, summary: dict[str, Any]) -> list[RunPicture]:
     table : QTable
     summary : dict
         From :func:`~jitterkit.report.summary.summarise`.
+    stack : ResidualStack, optional
+        Of the residuals of all frames.
 
     Returns
     -------
@@ -97,6 +102,7 @@ def run_pictures(table: QTable, summary: dict[str, Any]) -> list[RunPicture]:
         *(_averages(table, summary, clock) if pairs.sum() >= 2 else []),
         *(_jitter(table, summary, clock) if jittered(table).sum() >= _RUNNING else []),
         *(_fits(table, usable) if usable.sum() >= _MANY else []),
+        *([] if stack is None else _stacked(stack, table, summary["fit"])),
     ]
 
 
@@ -226,6 +232,14 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
             "fit", plot_chi2(chi2_dof[known], dof[known]), "Histogram of chi-squared per degree of freedom",
             _say_tail(chi2_dof[known], dof[known]),
         )  # fmt: skip
+
+
+def _stacked(stack: ResidualStack, table: QTable, fit: dict[str, Any]) -> Iterator[RunPicture]:
+    significance, title = fit["structure_sigmas"], f"stacked residual of {fit['stack_frames']:,} frames"
+    if np.isfinite(significance):
+        ax = plot_residual(stack.sigmas(count_copies(table)), stack.plate_scale, title=title)
+        caption = f"Significance of what the frames have in common: {number(significance, 2)} sigmas."
+        yield _drawn("fit", ax, "Sum of the residuals of frames, about their stars", caption)
 
 
 def _say_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.report.means import weighted_mean
+from jitterkit.report.residual_stack import FEWEST, ResidualStack, Structure
 from jitterkit.report.words import angle_size, number
 
 _NEARLY_ALL = 0.95
@@ -135,9 +136,6 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-_FEWEST = 8
-"""Frames from which their scatter tells the error of their mean."""
-
 _SURE = 5.0
 """Errors of the mean chi-squared from which the model lacks something."""
 
@@ -146,8 +144,14 @@ _HIDDEN = 0.2
 added: at most, of those of ``scripts/systematics`` that added any.  A wrong plate scale adds none."""
 
 
-def assess_run_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.ndarray) -> dict[str, Any]:
-    """Test the chi-squared of all frames of a run together.
+def assess_run_fit(
+    chi2_dof: np.ndarray,
+    dof: np.ndarray,
+    separation_err: np.ndarray,
+    stack: ResidualStack | None = None,
+    copies: float = 1.0,
+) -> dict[str, Any]:
+    """Test the chi-squared of all frames of a run together, and whether their residuals have structure.
 
     Parameters
     ----------
@@ -155,13 +159,19 @@ def assess_run_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.nda
         Of frames that were fitted.
     separation_err : (n,) array
         arcsec; NaN without a separation.
+    stack : ResidualStack, optional
+        Of their residuals.
+    copies : float
+        How often a frame is in the stack, from :func:`~jitterkit.report.residual_stack.count_copies`.
 
     Returns
     -------
     fit : dict
         ``frames``; ``chi2_dof``, the mean, and its ``error``, by the scatter of the frames or by the law of
-        chi-squared, whichever is larger; ``sigmas``, by how many it is above one; ``may_hide`` [arcsec], the
-        bias of the separation that effects with as large a misfit had, NaN where there is no misfit.
+        chi-squared, whichever is larger; ``sigmas``, by how many it is above one; ``stack_frames``, those in
+        the stack; ``stack_chi2_dof``, chi-squared of the stack over that of a frame; ``structure_sigmas``,
+        the significance of structure in it; ``may_hide`` [arcsec], the bias of the separation that effects
+        with as large a misfit had, the larger of the two: NaN where neither shows one.
 
     Notes
     -----
@@ -169,27 +179,50 @@ def assess_run_fit(chi2_dof: np.ndarray, dof: np.ndarray, separation_err: np.nda
     """
     known = np.isfinite(chi2_dof) & (np.asarray(dof) > 0)
     values, dof = np.asarray(chi2_dof, float)[known], np.asarray(dof, float)[known]
-    fit: dict[str, Any] = {"frames": len(values)}
-    if len(values) < _FEWEST:
-        return fit | dict.fromkeys(("chi2_dof", "error", "sigmas", "may_hide"), math.nan)
+    mean, error, sigmas = _mean_chi2(values, dof)
+    common = Structure.unknown() if stack is None else stack.structure(copies)
+    added = [max(mean - 1, 0.0) * float(dof.mean())] if sigmas > _SURE else []
+    added += [common.excess] if common.sigmas > _SURE else []
+    errors = np.asarray(separation_err, float)
+    errors = errors[np.isfinite(errors)]
+    typical = float(np.median(errors)) if len(errors) else math.nan
+    return {
+        "frames": len(values),
+        "chi2_dof": mean,
+        "error": error,
+        "sigmas": sigmas,
+        "stack_frames": 0 if stack is None else round(stack.frames / copies),
+        "stack_chi2_dof": common.chi2_dof,
+        "structure_sigmas": common.sigmas,
+        "may_hide": _HIDDEN * math.sqrt(max(added)) * typical if added else math.nan,
+    }
+
+
+def _mean_chi2(values: np.ndarray, dof: np.ndarray) -> tuple[float, float, float]:
+    """Return the mean chi-squared per degree of freedom, its error, and by how many it is above one."""
+    if len(values) < FEWEST:
+        return math.nan, math.nan, math.nan
     mean, scatter = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(len(values))
     error = max(scatter, math.sqrt(2 / dof.sum()))
-    sigmas = (mean - 1) / error
-    errors = np.asarray(separation_err, float)[known]
-    typical = float(np.median(errors[np.isfinite(errors)])) if np.isfinite(errors).any() else math.nan
-    added = max(mean - 1, 0.0) * float(dof.mean())
-    hidden = _HIDDEN * math.sqrt(added) * typical if sigmas > _SURE else math.nan
-    return fit | {"chi2_dof": mean, "error": error, "sigmas": sigmas, "may_hide": hidden}
+    return mean, error, (mean - 1) / error
 
 
 def describe_run_fit(fit: dict[str, Any]) -> str:
-    """Return in a sentence that a run's frames do not fit as well as noise allows; nothing where they do."""
-    if not fit["sigmas"] > _SURE:
+    """Return in two sentences what shows that a run's model lacks something; nothing where nothing does."""
+    shown = []
+    if fit["sigmas"] > _SURE:
+        shown.append(
+            f"the mean chi-squared per degree of freedom of {fit['frames']:,} frames is "
+            f"{number(fit['chi2_dof'], 5)}, {number(fit['sigmas'], 2)} of its errors above one"
+        )
+    if fit["structure_sigmas"] > _SURE:
+        shown.append(
+            f"the stacked residual of {fit['stack_frames']:,} frames has structure of "
+            f"{number(fit['structure_sigmas'], 2)} sigmas"
+        )
+    if not shown:
         return ""
-    claim = (
-        f"The model lacks something: the mean chi-squared per degree of freedom of {fit['frames']:,} frames "
-        f"is {number(fit['chi2_dof'], 5)}, {number(fit['sigmas'], 2)} of its errors above one."
-    )
+    claim = f"The model lacks something: {', and '.join(shown)}."
     if not math.isfinite(fit["may_hide"]):
         return claim
     return (

@@ -17,16 +17,19 @@ from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
 from jitterkit.report.means import corrected, weighted_mean
+from jitterkit.report.residual_stack import ResidualStack, count_copies
 from jitterkit.report.sequence import assess_run_fit, compare_loci
 
 
-def summarise(table: QTable) -> dict[str, Any]:
+def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, Any]:
     """Combine the frames of a results table.
 
     Parameters
     ----------
     table : QTable
         From :func:`~jitterkit.report.table.make_table` or read back.
+    stack : ResidualStack, optional
+        Of its frames, duplicates included.
 
     Returns
     -------
@@ -70,7 +73,13 @@ def summarise(table: QTable) -> dict[str, Any]:
         "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
         "loci": compare_loci(candidates[place] for place in np.flatnonzero(counts)),
         "chi2_dof": _median(good["chi2_dof"]),
-        "fit": assess_run_fit(good["chi2_dof"], good["dof"], good["separation_err"].to_value("arcsec")),
+        "fit": assess_run_fit(
+            good["chi2_dof"],
+            good["dof"],
+            good["separation_err"].to_value("arcsec"),
+            stack,
+            count_copies(table),
+        ),
         "seconds": float(np.nansum(table["seconds"].to_value("s"))),
     }
 

@@ -24,6 +24,7 @@ from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
 from jitterkit.report.outputs import CONFIGURATION, REPORT, RUN, STARS, SUMMARY, TABLE, make_directory
 from jitterkit.report.pictures import choose_pictures, render_picture
+from jitterkit.report.residual_stack import ResidualStack, join_stacks, most_stacked
 from jitterkit.report.row import Row
 from jitterkit.report.star_table import star_table
 from jitterkit.report.summary import summarise, write_summary
@@ -173,10 +174,15 @@ def begin(
 
 
 def keep(store: Store, record: Record, ranks: list) -> None:
-    """Enter a record, and bring the ranks of the worst frames up to date."""
-    store.add(record.batch.number, record.rows, record.pictures, record.batch.start)
+    """Enter a record, and bring stacks and the ranks of the worst frames up to date."""
+    stacks = {name: one.pack() for name, one in join_stacks(_stacks(store), record.stacks).items()}
+    store.add(record.batch.number, record.rows, record.pictures, record.batch.start, stacks)
     if record.pictures:
         ranks[:] = store.ranks()
+
+
+def _stacks(store: Store) -> dict[str, ResidualStack]:
+    return {name: ResidualStack.unpack(packed) for name, packed in store.stacks().items()}
 
 
 def planned_before(directory: str | Path) -> Mapping[str, Any] | None:
@@ -197,7 +203,8 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     """Write table, summary and report of all that the store holds, and of rows that it is not to keep."""
     rows = map(duplicate_marker(), chain(store.rows(), more))
     table = make_table(rows, _provenance(processor, store.notes.get("command", "")))
-    summary = summarise(table)
+    stack = most_stacked(_stacks(store))
+    summary = summarise(table, stack)
     described = {name: value for name, value in store.configuration.items() if name != FILES}
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
         temporary.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
@@ -210,7 +217,7 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     shown = [one for one in store.pictures() if (one[0]["path"], one[0]["frame"]) not in names]
     chosen = choose_pictures([row for row, _ in shown])
     pictures = (render_picture(packed, row) for row, packed in (shown[place] for place in chosen))
-    write_report(directory / REPORT, pictures, table, summary, overwrite=True)
+    write_report(directory / REPORT, pictures, table, summary, stack, overwrite=True)
     return Run(table, summary, directory)
 
 

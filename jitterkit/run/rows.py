@@ -1,4 +1,4 @@
-"""From outcomes of frames to rows of the table, and what is kept for the pictures of the worst.
+"""From outcomes of frames to rows of the table, their stacked residual, and pictures of the worst.
 
 Reach for :func:`recorder`, which makes what an executor calls, and :func:`duplicate_marker`.
 """
@@ -6,7 +6,7 @@ Reach for :func:`recorder`, which makes what an executor calls, and :func:`dupli
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from jitterkit.batch import FrameProcessor, ProcessedFrame
@@ -16,6 +16,7 @@ from jitterkit.batch.store import Rank, wanted
 from jitterkit.frames.duplicates import Duplicates
 from jitterkit.refit import FitResult
 from jitterkit.report.pictures import pack_picture
+from jitterkit.report.residual_stack import ResidualStack, stack_residuals
 from jitterkit.report.row import Row, make_row
 
 __all__ = ["Record", "duplicate_marker", "recorder"]
@@ -35,11 +36,14 @@ class Record:
         One for each of its frames, in order; one that could not be read, or not be used, has one too.
     pictures : dict from int to bytes
         What pictures are drawn from, of the frames that were worth one, by their position in ``rows``.
+    stacks : dict from str to ResidualStack
+        Residuals of the fitted frames, from :func:`~jitterkit.report.residual_stack.stack_residuals`.
     """
 
     batch: Batch
     rows: list[Row]
     pictures: dict[int, bytes]
+    stacks: dict[str, ResidualStack] = field(default_factory=dict)
 
 
 def recorder(
@@ -53,10 +57,16 @@ def recorder(
     ranks : sequence of Rank
         Of the frames that are kept for pictures: of better ones nothing is kept.  May change meanwhile.
     """
-    return partial(_record, ranks)
+    return partial(_record, ranks, processor.instrument.shape, processor.plate_scale)
 
 
-def _record(ranks: Sequence[Rank], batch: Batch, outcomes: Sequence[Outcome]) -> Record:
+def _record(
+    ranks: Sequence[Rank],
+    shape: tuple[int, int],
+    plate_scale: float,
+    batch: Batch,
+    outcomes: Sequence[Outcome],
+) -> Record:
     frames = [
         one.result if isinstance(one.result, ProcessedFrame) else ProcessedFrame(None, one.result)
         for one in outcomes
@@ -68,7 +78,9 @@ def _record(ranks: Sequence[Rank], batch: Batch, outcomes: Sequence[Outcome]) ->
         frame, result = frames[place].frame, frames[place].result
         assert frame is not None  # else it cannot be drawn
         pictures[place] = pack_picture(frame, result)
-    return Record(batch, rows, pictures)
+    usable = ((one.frame, one.result) for one in frames if one.frame is not None)
+    fitted = ((result, frame.plate_scale or plate_scale) for frame, result in usable)
+    return Record(batch, rows, pictures, stack_residuals(fitted, shape))
 
 
 def _row(one: Outcome, done: ProcessedFrame) -> Row:

@@ -122,6 +122,13 @@ def test_pictures_come_back_with_the_rows(alone, spread):
     assert spread[0].pictures[name] == alone[0].pictures[name]
 
 
+@pytest.mark.slow
+def test_the_stack_of_a_batch_is_that_of_one_process_to_the_last_bit(alone, spread):
+    there, here = ({name: one.pack() for name, one in done[0].stacks.items()} for done in (spread, alone))
+    assert here
+    assert there == here
+
+
 def test_a_run_takes_what_workers_give_in_any_order(night, processor, alone, tmp_path, monkeypatch):
     def backwards(batches, processor, finish, *, hdu):
         return [alone[batch.number] for batch in reversed(list(batches))]
@@ -129,6 +136,7 @@ def test_a_run_takes_what_workers_give_in_any_order(night, processor, alone, tmp
     monkeypatch.setattr("jitterkit.run.process.batch_size", lambda shape: SIZE)
     run = process_files(night, tmp_path / "out", processor, executor=backwards)
     assert list(run.table["file"]) == [path.name for path in night]
+    assert run.summary["fit"]["stack_frames"] == run.summary["status"]["ok"]
 
 
 @pytest.mark.slow

@@ -162,3 +162,15 @@ def test_a_run_that_was_interrupted_before_it_began_is_begun(tmp_path):
         assert store.done() == {0}
         assert store.notes == {"date": "Monday"}
         assert store.configuration["--locus"] == "auto"
+
+
+def test_sums_over_frames_are_those_of_the_last_batch_and_are_forgotten_with_the_run(store, tmp_path):
+    store.add(0, [row()], stacks={"binary": b"1", "star": b"7"})
+    store.add(1, [row()], stacks={"binary": b"2"})
+    with pytest.raises(ValueError, match="before"):
+        store.add(1, [row()], stacks={"binary": b"3"})
+    store.close()
+    with Store.resume(tmp_path, CONFIGURATION) as again:
+        assert again.stacks() == {"binary": b"2", "star": b"7"}
+    with Store.create(tmp_path, CONFIGURATION, overwrite=True) as anew:
+        assert anew.stacks() == {}

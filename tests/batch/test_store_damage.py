@@ -10,6 +10,7 @@ from jitterkit.batch.store import STORE, Store
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 CONFIGURATION = {"size": 5}
+SUMS = np.random.default_rng(1).bytes(20_000)
 
 
 def rows_of(batch):
@@ -32,7 +33,7 @@ def filled(tmp_path):
     """A closed store of forty batches."""
     with Store.create(tmp_path, CONFIGURATION) as store:
         for batch in range(40):
-            store.add(batch, rows_of(batch))
+            store.add(batch, rows_of(batch), stacks={"binary": SUMS})
     return tmp_path / STORE
 
 
@@ -58,7 +59,7 @@ def test_a_ledger_of_another_format_is_refused(filled):
     other = sqlite3.connect(filled)
     other.execute("PRAGMA user_version = 99")
     other.close()
-    with refused(ErrorCode.UNSUPPORTED, filled, "99, not 3"):
+    with refused(ErrorCode.UNSUPPORTED, filled, "99, not 4"):
         Store.resume(filled.parent, CONFIGURATION)
 
 
@@ -77,6 +78,7 @@ def test_damage_anywhere_is_told_or_does_no_harm(filled):
         try:
             with Store.resume(filled.parent, CONFIGURATION) as store:
                 assert repr(list(store.rows())) == repr(rows)
+                assert store.stacks() == {"binary": SUMS}
         except ConfigurationError as error:
             assert error.code in (ErrorCode.DAMAGED, ErrorCode.CONFLICT)  # noqa: PT017
             assert str(filled.parent) in str(error)  # noqa: PT017

@@ -85,6 +85,7 @@ def test_a_file_that_is_never_finished_is_told_at_the_end_with_the_reason(watche
     run, rows, _ = watched
     assert (rows[-1]["status"], rows[-1]["reason"]) == ("unreadable", "truncated")
     assert run.summary["status"] == {"ok": 19, "unreadable": 1}
+    assert run.summary["fit"]["stack_frames"] == 19
 
 
 def test_a_watch_that_is_resumed_does_what_is_left_and_nothing_twice(watched, night, processor):

@@ -15,6 +15,7 @@ from jitterkit.report.clock import Clock, separation_series
 from jitterkit.report.ellipse_plots import draw_jitter
 from jitterkit.report.plots import plot_residual, png, small_png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
+from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.run_pictures import run_pictures
 from jitterkit.report.separation_plots import draw_run
 from jitterkit.report.summary import summarise
@@ -240,6 +241,16 @@ def test_one_wild_frame_among_copies_is_drawn_all_the_same():
     rows[7] |= {"separation": 9.0, "chi2_dof": 1.49}
     table = make_table(rows)
     assert "averaging" in {picture.part for picture in run_pictures(table, summarise(table))}
+
+
+@pytest.mark.parametrize(("frames", "drawn"), [(7, 0), (8, 1)])
+def test_the_stacked_residual_is_drawn_where_there_is_enough_to_test(frames, drawn, rng):
+    table = make_table(long_run(frames, rng, failing=0.0))
+    squares = np.array([480, 480 * 8.2]) * 256**2 * frames
+    total = (256 * np.sqrt(frames) * rng.normal(size=(20, 24))).astype(int)
+    stack = ResidualStack(0.375, frames, total, np.full((20, 24), frames), squares)
+    pictures = run_pictures(table, summarise(table, stack), stack)
+    assert [picture.part for picture in pictures].count("fit") == drawn
 
 
 def test_a_small_picture_keeps_its_colours(rng):

@@ -1,6 +1,9 @@
 """Batches processed as a run does it, a record for each."""
 
+from functools import reduce
+
 from jitterkit.batch.executor import execute
+from jitterkit.report.residual_stack import join_stacks
 from jitterkit.run.rows import Record, recorder
 
 
@@ -18,4 +21,5 @@ def process_batches(batches, processor, *, ranks=(), executor=execute, **options
             for start, part in zip(begun, parts, strict=True)
             for place, packed in part.pictures.items()
         }
-        yield Record(parts[0].batch, rows, pictures)
+        stacks = reduce(join_stacks, [part.stacks for part in parts])
+        yield Record(parts[0].batch, rows, pictures, stacks)
