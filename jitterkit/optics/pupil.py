@@ -99,6 +99,11 @@ class Pupil(eqx.Module):
                 ErrorCode.WRONG_SHAPE,
                 f"The pupil has {count} modes but {len(names)} names; give each mode one.",
             )
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ConfigurationError(
+                ErrorCode.DUPLICATE, f"Two modes of the pupil are called {twice[0]!r}; give each its own name."
+            )
         self.transmission, self.opd, self.basis, self.shading = transmission, opd, basis, shading
         self.names, self.diameter = names, float(diameter)
 
@@ -141,7 +146,9 @@ class Pupil(eqx.Module):
         return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names, shading)
 
     def with_shading(self, kinds: Sequence[str]) -> Pupil:
-        """The same with modes of the transmission that may vary, of unit rms over the lit pupil.
+        """The same with these modes of the transmission that may vary, and no others.
+
+        They have unit rms over the lit pupil.
 
         Parameters
         ----------
@@ -167,8 +174,8 @@ class Pupil(eqx.Module):
             plane = _SHADINGS[kind](*np.meshgrid(axis, axis))
             plane = plane - np.average(plane, weights=light)  # the light in the pupil stays, to first order
             planes.append(plane / np.sqrt(np.average(plane**2, weights=light)))
-        names = (*self.names, *(f"transmission_{kind}" for kind in kinds))
-        shading = np.concatenate([self.shading, np.array(planes).reshape(-1, *self.opd.shape)])
+        names = (*self.names[: len(self.basis)], *(f"transmission_{kind}" for kind in kinds))
+        shading = np.array(planes).reshape(-1, *self.opd.shape)
         return Pupil(self.transmission, self.diameter, self.opd, self.basis, names, shading)
 
 

@@ -15,7 +15,7 @@ from jitterkit.forward import Parameters, expected_image, image_and_jacobian, pa
 from jitterkit.frames import RawFrame
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
-from jitterkit.optics import Anchor, Colours
+from jitterkit.optics import Anchor, Colours, Pupil
 from jitterkit.refit import fit_frame
 from jitterkit.scene import Binary, Star
 
@@ -164,6 +164,18 @@ def test_an_image_without_derivatives_is_the_same(free):
     fixed = free.optics(otf.state, derivatives=False)
     image, again = (expected_image(Parameters(PAIR, Mvn.of(0.1), otf.state), one) for one in (otf, fixed))
     np.testing.assert_allclose(image, again, rtol=1e-12)
+
+
+def test_a_pupil_that_is_handed_on_keeps_its_modes(free):
+    """Settings of a run hand the pupil of one instrument to another."""
+    again = replace(free, pupil_from=free.pupil)
+    assert again.system().nominal.names == free.system().nominal.names
+
+
+def test_two_modes_of_one_name_are_refused(telescope):
+    pupil = telescope.pupil
+    with pytest.raises(ConfigurationError, match="called 'noll7'"):
+        Pupil(pupil.transmission, pupil.diameter, pupil.opd, pupil.basis, ["noll7", "noll7"])
 
 
 def test_modes_that_are_not_there_are_refused(telescope):
