@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.colours import Colours
-from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes
+from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
 from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, with_further
@@ -58,6 +58,10 @@ class Anchor(eqx.Module):
     shifts : (s, 1 + k, m) array
         Derivatives of value and slopes by the shifts of the wavelength and of the plate scale, those there
         are.
+    tinted_shifts : (s, m) array or None
+        Derivative of that of the value by the spectral index.
+    bend : (m,) array or None
+        Second derivative of the value by the shift of the wavelength, in 32 bits.
     grid : Grid
     names : tuple of str
         Of the aberrations.
@@ -72,6 +76,8 @@ class Anchor(eqx.Module):
     state: Float[Array, " k"]
     chromatic: Float[Array, "q m"] | None
     shifts: Float[Array, "s k1 m"]
+    tinted_shifts: Float[Array, "s m"] | None
+    bend: Float[Array, " m"] | None
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     colours: Colours | None = eqx.field(static=True)
@@ -84,11 +90,14 @@ class Anchor(eqx.Module):
         state, k = jnp.asarray(system.further.split(state, len(names))[0]), len(names)
         tinted = system.colours is not None
         spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2, chromatic=tinted)
-        shifts = shift_slopes(system.pupil, system.spectrum, grid, state, system.further, order=1)
+        where = system.pupil, system.spectrum, grid, state, system.further
+        shifts = shift_slopes(*where, order=1, chromatic=tinted)
+        bend = wavelength_curvature(*where[:-1]) if system.further.wavelength_sigma else None
         if system.diffusion:
             fy, fx = grid.frequencies
             blur = Mvn.of(system.diffusion).transfer(fx, fy)
             spectra, shifts = spectra * blur, shifts * blur
+            bend = None if bend is None else bend * blur
         parts = _real(spectra)
         return cls(
             parts[0, 0],
@@ -96,7 +105,9 @@ class Anchor(eqx.Module):
             parts[0, k + 1 :].astype(jnp.float32),
             state,
             parts[1].astype(jnp.float32) if tinted else None,
-            _real(shifts),
+            _real(shifts[0]),
+            _real(shifts[1, :, 0]) if tinted else None,
+            None if bend is None else _real(bend).astype(jnp.float32),
             grid,
             names,
             system.colours,
@@ -140,8 +151,10 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
     count, rows, size = anchor.shifts.shape
     shifts = cut(jnp.reshape(anchor.shifts, (count * rows, size)))
     shifts = jnp.reshape(shifts, (count, rows, shifts.shape[1]))
+    tinted = None if anchor.tinted_shifts is None else cut(anchor.tinted_shifts)
+    bend = None if anchor.bend is None else cut(anchor.bend[None])[0]
     known = anchor.names, anchor.colours, anchor.further
-    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, shifts, grid, *known)
+    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, shifts, tinted, bend, grid, *known)
 
 
 @eqx.filter_jit
@@ -180,8 +193,11 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     )
     if not further.names:
         return otf
-    shifts = _complex(anchor.shifts[:, 0] + jnp.tensordot(change, anchor.shifts[:, 1:], (0, 1)), anchor.grid)
-    return with_further(otf, further, shifts, beside, spectra[k + 1] if further.of_b else None)
+    shifts = [anchor.shifts[:, 0] + jnp.tensordot(change, anchor.shifts[:, 1:], (0, 1))]
+    shifts += [] if anchor.tinted_shifts is None else [anchor.tinted_shifts]
+    slopes = jnp.stack([_complex(parts, anchor.grid) for parts in shifts])
+    bend = None if anchor.bend is None else _complex(anchor.bend[None].astype(values.dtype), anchor.grid)[0]
+    return with_further(otf, further, slopes, bend, beside, spectra[k + 1] if further.of_b else None)
 
 
 def _places(anchor: Anchor) -> np.ndarray:

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 WAVELENGTH = "wavelength_shift"
-"""Name of the shift of the mean wavelength, nm, by which all wavelengths grow in proportion."""
+"""Name of the shift by which all wavelengths are longer, nm."""
 
 INDEX_ERROR = 2.0
 """Standard deviation of the index of a star: blackbodies of 3,000 and 30,000 K have indices of +4.2 and -2.7

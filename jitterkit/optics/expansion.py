@@ -20,7 +20,7 @@ from jitterkit.optics.otf import OTF, with_further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["centring", "derivatives_at", "expand", "grid_for", "shift_slopes"]
+__all__ = ["centring", "derivatives_at", "expand", "grid_for", "shift_slopes", "wavelength_curvature"]
 
 
 def grid_for(
@@ -132,34 +132,47 @@ def expand(
         of_b = derivatives_at(pupil, spectrum, grid, there, order=0)[0, 0]
     if not derivatives:
         return otf if of_b is None else replace(otf, difference=of_b - otf.value)
-    slopes = shift_slopes(pupil, spectrum, grid, state, further, order=0)[:, 0]
-    return with_further(otf, further, slopes, beside, of_b)
+    slopes = shift_slopes(pupil, spectrum, grid, state, further, order=0, chromatic=tinted)[:, :, 0]
+    bend = wavelength_curvature(pupil, spectrum, grid, state) if further.wavelength_sigma else None
+    return with_further(otf, further, slopes, bend, beside, of_b)
 
 
 def shift_slopes(
-    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, further: Further, *, order: int
-) -> Complex[Array, "s p my mx"]:
+    pupil: Pupil, spectrum: Spectrum, grid: Grid, state, further: Further, *, order: int, chromatic: bool
+) -> Complex[Array, "c s p my mx"]:
     """Derivatives of what :func:`derivatives_at` has to an order, by shifts of wavelength and plate scale.
 
     Parameters
     ----------
-    pupil, spectrum, grid, state
+    pupil, spectrum, grid, state, chromatic
         As for :func:`derivatives_at`.
     further : Further
         Which of the two there are.
     order : int
         0 or 1.
     """
-    wavelengths, weights = jnp.asarray(spectrum.wavelengths), jnp.asarray([spectrum.weights])
-    directions = further.directions(spectrum.mean)
+    wavelengths, weights = jnp.asarray(spectrum.wavelengths), _weights(spectrum, chromatic)
 
     def changed(longer, wider):
-        return _derivatives(pupil, wavelengths * (1 + longer), weights, state, grid, order, 1 + wider)[0]
+        return _derivatives(pupil, wavelengths + longer, weights, state, grid, order, 1 + wider)
 
-    slopes = [jax.jvp(changed, (0.0, 0.0), direction)[1] for direction in directions]
+    slopes = [jax.jvp(changed, (0.0, 0.0), direction)[1] for direction in further.directions]
     rows = 1 + len(state) if order else 1
-    empty = jnp.zeros((0, rows, grid.fine_shape[0], grid.fine_shape[1] // 2 + 1), complex)
-    return jnp.stack(slopes) if slopes else empty
+    empty = jnp.zeros((len(weights), 0, rows, grid.fine_shape[0], grid.fine_shape[1] // 2 + 1), complex)
+    return jnp.stack(slopes, axis=1) if slopes else empty
+
+
+def wavelength_curvature(pupil: Pupil, spectrum: Spectrum, grid: Grid, state) -> Complex[Array, "my mx"]:
+    """Second derivative of a transfer function by a shift of the wavelengths, per nm²."""
+    wavelengths, weights = jnp.asarray(spectrum.wavelengths), _weights(spectrum, chromatic=False)
+
+    def slope(longer):
+        return jax.jvp(value, (longer,), (1.0,))[1]
+
+    def value(longer):
+        return _derivatives(pupil, wavelengths + longer, weights, state, grid, 0)[0, 0]
+
+    return jax.jvp(slope, (0.0,), (1.0,))[1]
 
 
 def derivatives_at(
@@ -173,9 +186,14 @@ def derivatives_at(
         Value; first derivatives, per nm; second derivatives of the pairs (i, j >= i) in order, per nm²: as
         many as the order asks for.  Then, if it is chromatic, the derivatives of these by the spectral index.
     """
-    wavelengths, weights = np.asarray(spectrum.wavelengths), np.asarray(spectrum.weights)
-    rows = [weights, weights * wavenumber_offsets(spectrum)] if chromatic else [weights]
-    return _derivatives(pupil, jnp.asarray(wavelengths), jnp.asarray(rows), state, grid, order)
+    weights = _weights(spectrum, chromatic)
+    return _derivatives(pupil, jnp.asarray(spectrum.wavelengths), weights, state, grid, order)
+
+
+def _weights(spectrum: Spectrum, chromatic: bool) -> Array:
+    """Weights of the wavelengths, and their derivatives by a spectral index: (1 or 2, w)."""
+    weights = np.asarray(spectrum.weights)
+    return jnp.asarray([weights, weights * wavenumber_offsets(spectrum)] if chromatic else [weights])
 
 
 @eqx.filter_jit

@@ -26,7 +26,7 @@ class Further:
     shadings : int
         Modes of the pupil's transmission, the last ones of the pupil.
     wavelength_sigma : float
-        Standard deviation of the shift of the mean wavelength [nm]; zero where it does not vary.
+        Standard deviation of the shift of the wavelengths [nm]; zero where it does not vary.
     plate_scale_sigma : float
         Likewise of the relative shift of the plate scale.
     of_b : tuple of str
@@ -75,13 +75,8 @@ class Further:
             )
         return every[:modes], every[len(every) - len(self.of_b) :]
 
-    def directions(self, mean: float) -> list[tuple[float, float]]:
-        """Relative changes of all wavelengths and of the grid's pitch, for one unit of each shift.
-
-        Parameters
-        ----------
-        mean : float
-            Mean wavelength, nm.
-        """
-        wavelength = [(1 / mean, 0.0)] if self.wavelength_sigma else []
-        return wavelength + ([(0.0, 1.0)] if self.plate_scale_sigma else [])
+    @property
+    def directions(self) -> list[tuple[float, float]]:
+        """Changes of all wavelengths [nm] and of the grid's pitch, by a share, for one unit of each shift."""
+        shifts = ((1.0, 0.0), self.wavelength_sigma), ((0.0, 1.0), self.plate_scale_sigma)
+        return [direction for direction, sigma in shifts if sigma]

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jitterkit.loci.mvn import Mvn
-from jitterkit.optics.colours import Colours
+from jitterkit.optics.colours import WAVELENGTH, Colours
 from jitterkit.optics.further import PLATE_SCALE, Further
 from jitterkit.optics.grid import Grid
 
@@ -66,6 +66,8 @@ class OTF(eqx.Module):
         Places of the modes in which the wavefronts of B and A may differ.
     difference : (My, Mx//2 + 1) complex array or None
         Transfer function of B at the state, less that of A; None where they are the same.
+    bend : (My, Mx//2 + 1) complex array or None
+        Second derivative by the shift of the wavelength, per nm²; None where it does not vary.
     """
 
     value: Complex[Array, "my mx"]
@@ -79,6 +81,7 @@ class OTF(eqx.Module):
     sigmas: tuple[float, ...] = eqx.field(static=True, default=())
     of_b: tuple[int, ...] = eqx.field(static=True, default=())
     difference: Complex[Array, "my mx"] | None = None
+    bend: Complex[Array, "my mx"] | None = None
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -103,12 +106,16 @@ class OTF(eqx.Module):
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
         """Transfer function at nearby aberrations [nm], to first order about ``state``.
 
-        The error is second order: 5 nm from the state it shows in a bright frame, so expand anew.
+        A shift of the wavelength counts to second order, because nothing is expanded anew about it.  What is
+        left out shows in a bright frame 5 nm from the state, so expand anew.
         """
         if not self.names:
             return self.value
         change = self._change(aberrations)
-        return self.value + jnp.tensordot(change, self.jacobian[: len(change)], 1)
+        value = self.value + jnp.tensordot(change, self.jacobian[: len(change)], 1)
+        if self.bend is None or (slot := self.names.index(WAVELENGTH)) >= len(change):
+            return value
+        return value + change[slot] ** 2 / 2 * self.bend
 
     def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
         """Derivative by the spectral index at nearby aberrations [nm], if it matters; to first order."""
@@ -141,8 +148,15 @@ class OTF(eqx.Module):
         """The same with another factor (My, Mx//2 + 1) in the transfer function of every source."""
         chromatic = None if self.chromatic is None else self.chromatic * factor
         difference = None if self.difference is None else self.difference * factor
-        value, jacobian = self.value * factor, self.jacobian * factor
-        return replace(self, value=value, jacobian=jacobian, chromatic=chromatic, difference=difference)
+        bend = None if self.bend is None else self.bend * factor
+        return replace(
+            self,
+            value=self.value * factor,
+            jacobian=self.jacobian * factor,
+            chromatic=chromatic,
+            difference=difference,
+            bend=bend,
+        )
 
     def diffused(self, sigma: float) -> OTF:
         """The same with charge diffused in the detector: a round normal, ``sigma`` arcsec along each axis."""
@@ -166,7 +180,7 @@ class OTF(eqx.Module):
         )
 
 
-def with_further(otf: OTF, further: Further, slopes: Complex[Array, "s my mx"], beside, of_b) -> OTF:
+def with_further(otf: OTF, further: Further, slopes: Complex[Array, "c s my mx"], bend, beside, of_b) -> OTF:
     """The same optics with what else may vary of an instrument.
 
     Parameters
@@ -174,24 +188,27 @@ def with_further(otf: OTF, further: Further, slopes: Complex[Array, "s my mx"], 
     otf : OTF
         With the modes of the pupil.
     further : Further
-    slopes : (s, My, Mx//2 + 1) array
-        Derivatives by the shifts of the wavelength and of the plate scale, those there are.
+    slopes : (1 or 2, s, My, Mx//2 + 1) array
+        Derivatives by the shifts of the wavelength and of the plate scale, those there are; and then those of
+        the derivative by the spectral index, where there is one.
+    bend : (My, Mx//2 + 1) array or None
+        Second derivative by the shift of the wavelength, where there is one.
     beside : (d,) array
         By how much the modes of B differ, nm.
     of_b : (My, Mx//2 + 1) array or None
         Transfer function of B.
     """
-    more = len(slopes)
     chromatic = otf.chromatic
     if chromatic is not None:
-        chromatic = jnp.concatenate([chromatic, jnp.zeros_like(slopes)])
+        chromatic = jnp.concatenate([chromatic, slopes[1]])
     return replace(
         otf,
-        jacobian=jnp.concatenate([otf.jacobian, slopes]),
-        state=jnp.concatenate([otf.state, jnp.zeros(more), beside]),
+        jacobian=jnp.concatenate([otf.jacobian, slopes[0]]),
+        state=jnp.concatenate([otf.state, jnp.zeros(slopes.shape[1]), beside]),
         names=(*otf.names, *further.names),
         chromatic=chromatic,
         sigmas=further.sigmas,
+        bend=bend,
         of_b=tuple(otf.names.index(mode) for mode in further.of_b),
         difference=None if of_b is None else of_b - otf.value,
     )

@@ -102,7 +102,8 @@ class Pupil(eqx.Module):
         twice = [name for name in names if names.count(name) > 1]
         if twice:
             raise ConfigurationError(
-                ErrorCode.DUPLICATE, f"Two modes of the pupil are called {twice[0]!r}; give each its own name."
+                ErrorCode.DUPLICATE,
+                f"Two modes of the pupil are called {twice[0]!r}; give each its own name.",
             )
         self.transmission, self.opd, self.basis, self.shading = transmission, opd, basis, shading
         self.names, self.diameter = names, float(diameter)

@@ -136,7 +136,7 @@ COLUMNS: tuple[Column, ...] = (
     *measured("contrast", "flux of A over flux of B"),
     *measured("spectral_index_a", "slope of the spectrum of A, or of the star, over the instrument's"),
     *measured("spectral_index_b", "slope of the spectrum of B over the instrument's"),
-    *measured("wavelength_shift", "mean wavelength less the instrument's", "nm"),
+    *measured("wavelength_shift", "by which all wavelengths are longer than the instrument's", "nm"),
     *measured("plate_scale_shift", "plate scale over the one stated, less one"),
     *measured("sxx", "second moment of the pointing", "arcsec2"),
     *measured("sxy", "second moment of the pointing", "arcsec2"),

@@ -130,29 +130,50 @@ def test_impossible_colours_are_refused(make, code, values):
         make()
 
 
-def stretched(spectrum: Spectrum, nm: float) -> Spectrum:
-    """All wavelengths in proportion, so that their mean is so much longer."""
-    return Spectrum(tuple(w * (1 + nm / spectrum.mean) for w in spectrum.wavelengths), spectrum.weights)
+def at_longer(system, nm: float, index: float = 0.0):
+    """Optics of a star whose spectrum has an index, where all wavelengths are so much longer."""
+    red = tilted(system.spectrum, index)
+    return sum(
+        w * expand(system.pupil, lines(nm + line), system.grid, STATE, derivatives=False).value
+        for line, w in zip(red.wavelengths, red.weights, strict=True)
+    )
 
 
 def test_the_slope_by_the_wavelength_is_that_of_differences(system):
     step, otf = 0.01, system.otf(STATE)
-    up, down = (
-        expand(system.pupil, stretched(system.spectrum, sign * step), system.grid, STATE).value
-        for sign in (1, -1)
-    )
+    up, here, down = (at_longer(system, sign * step) for sign in (1, 0, -1))
     assert otf.names[-1] == "wavelength_shift"
     # central differences: their error is of third order in 2e-5 of the wavelength
     assert largest(otf.jacobian[-1] - (up - down) / (2 * step)) < 1e-6 * largest(otf.jacobian[-1])
+    tinted = (at_longer(system, step, 0.7) - up - at_longer(system, -step, 0.7) + down) / (2 * step) / 0.7
+    assert largest(otf.chromatic[-1] - tinted) < 1e-6 * largest(tinted)
+    bend = (up - 2 * here + down) / step**2
+    assert largest(otf.bend - bend) < 1e-4 * largest(bend)
 
 
-def test_optics_expand_at_no_shift_and_are_linear_in_it(system):
+@pytest.mark.parametrize("index", [0.0, 3.0])
+def test_a_shift_of_the_wavelength_is_right_to_second_order(system, index):
+    """Left out are its third order, and of a coloured star its second."""
+    otf = system.otf(STATE)
+
+    def error(nm):
+        shifted = np.array([*STATE, nm])
+        return largest(otf.at(shifted) + index * otf.chromatic_at(shifted) - at_longer(system, nm, index))
+
+    assert error(0.2) / error(0.1) == pytest.approx(8 if index == 0 else 4, rel=0.05)
+
+
+def test_optics_expand_at_no_shift_and_curve_with_it(system):
     shifted = np.array([*STATE, 0.3])
     otf, near = system.otf(shifted), system.near(shifted, system.otf(STATE))
     for one in (otf, near, Anchor.at(system, STATE).otf(shifted)):
         np.testing.assert_array_equal(one.state, [*STATE, 0.0])
-        linear = system.otf(STATE).value + 0.3 * one.jacobian[-1]
-        assert largest(one.at(shifted) - linear) < 1e-12
+        curved = system.otf(STATE).value + 0.3 * one.jacobian[-1] + 0.045 * one.bend
+        assert largest(one.at(shifted) - curved) < 1e-12
+        assert largest(one.bend - system.otf(STATE).bend) < 1e-6 * largest(one.bend)  # 32 bits
+        assert largest(one.chromatic[-1] - system.otf(STATE).chromatic[-1]) < 1e-6 * largest(
+            one.chromatic[-1]
+        )
     assert system.phase(shifted) == system.phase(STATE)
 
 
