@@ -23,6 +23,9 @@ from jitterkit.frames.wcs import celestial_wcs
 
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 _FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+_MOST_BAD = 0.5
+"""Share of masked pixels from which a mask may have the opposite meaning."""
+
 _NO_MOSAIC = ("", "NONE", "MONO", "MONOCHROME", "GRAY", "GREY", "L")
 
 
@@ -92,6 +95,10 @@ class FitsImage:
             pixels = self._parts["quality"]
             quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
             quality[mask] = -1
+            bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
+            if bad > _MOST_BAD:
+                told = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
+                self.metadata = self.metadata.warn(f"{told}: if 1 means good in it, give --bad-bits 0")
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
         if self._unverified:

@@ -120,10 +120,11 @@ def _of_optics(cards: Cards) -> Known | None:
     binned, unbinned = (
         _pixel_sides(cards, keys) for keys in (("XPIXSZ", "YPIXSZ"), ("PIXSIZE1", "PIXSIZE2"))
     )
-    if focal is None or focal.value <= 0 or not (binned or unbinned):
+    sides, key = binned or unbinned, "XPIXSZ" if binned else "PIXSIZE1*XBINNING"
+    if focal is None or focal.value <= 0 or sides is None:
         return None
-    (nx, ny), key = _binning(cards), "XPIXSZ" if binned else "PIXSIZE1*XBINNING"
-    x, y = binned or (unbinned[0] * nx, unbinned[1] * ny)
+    nx, ny = _binning(cards)
+    x, y = sides if binned else (sides[0] * nx, sides[1] * ny)
     if binned and nx > 1:
         cards.warnings.append(f"XPIXSZ = {x:g} is taken to include the binning of {nx:g}")
     scale = ARCSEC_PER_RADIAN * math.sqrt(x * y) * 1e-3 / focal.value
