@@ -9,6 +9,7 @@ from skimage.registration import phase_cross_correlation
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import drifts, register
+from jitterkit.extended.registration import align
 
 
 def shifted(scene, x, y, decibels=40.0, seed=0):
@@ -158,11 +159,20 @@ def with_pattern(pattern, x, y):
     return [pattern(starlight(a, b, seed, 3.5) + 100) for seed, a, b in ((1, 0, 0), (2, x, y))]
 
 
-@pytest.mark.parametrize("pattern", HOLDING)
 @pytest.mark.parametrize(("x", "y"), [(3.4, -2.2), (0.3, 0.2)])
+@pytest.mark.parametrize("pattern", [name for name in HOLDING if name != "flat field"])
 def test_a_pattern_that_would_hold_the_drift_is_refused(x, y, pattern):
     with refused(ErrorCode.MODEL_MISMATCH, error=UndeterminedError):
         register(*with_pattern(HOLDING[pattern], x, y))
+
+
+def test_what_a_weak_pattern_may_do_is_in_the_error():
+    """A flat field of 10 % moves the shift by 1 %, which is 5 errors of noise."""
+    frames = with_pattern(HOLDING["flat field"], 3.4, -2.2)
+    drift, (noise, bias) = register(*frames), align(*frames)
+    assert np.hypot(drift.x - 3.4, drift.y + 2.2) > 4 * noise.errors.max()
+    assert np.hypot(drift.x - 3.4, drift.y + 2.2) < 2 * drift.errors.max()
+    assert drift.errors[0] == pytest.approx(np.hypot(noise.errors[0], bias))
 
 
 @pytest.mark.parametrize("pattern", HARMLESS)
