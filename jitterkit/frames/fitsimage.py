@@ -23,6 +23,8 @@ from jitterkit.frames.wcs import celestial_wcs
 
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 _FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+_MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
+
 _MOST_BAD = 0.5
 """Share of masked pixels from which a mask may have the opposite meaning."""
 
@@ -65,7 +67,7 @@ class FitsImage:
         inherit = primary if number and header.get("INHERIT") is not False else None
         cards = Cards(header, number, inherit)
         odd = [] if self.hdu.role else self._pixels.lossy_warnings()
-        _refuse_colour(self.hdu, cards)
+        _refuse_colour(self.hdu, cards, odd)
         from_top = _rows_from_the_top(cards, odd)
         wcs, messages = celestial_wcs(header, tables)
         if wcs is not None and from_top:
@@ -145,11 +147,8 @@ def _text(cards: Cards, key: str) -> str:
     return value.strip().upper() if isinstance(value, str) else ""
 
 
-def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
-    """Raise FrameError for an image in colour, as for a TIFF.
-
-    *Fails when* nothing but three planes speaks for colours: they are taken for three frames.
-    """
+def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
+    """Raise FrameError for an image in colour, as for a TIFF; add a remark where only three planes say so."""
     for axis, side in enumerate(reversed(hdu.shape), 1):
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
@@ -161,13 +160,15 @@ def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
         raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
     if mosaic not in _NO_MOSAIC:
         raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
+    if hdu.planes == 3 and not hdu.words("CTYPE3"):
+        odd.append("three planes are taken for three frames: if they are colours, give one of them alone")
 
 
 def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:
     """Return whether the first stored row is the top one; add what is odd about the planes."""
-    order = _text(cards, "ROWORDER")
+    order = cards.text("ROWORDER").upper()
     if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
         odd.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
-    if any(_text(cards, key) not in _NO_MOSAIC for key in ("BAYERPAT", "COLORTYP")):
+    if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
         odd.append("the header says that its pixels lie behind a colour mosaic")
     return order in _FROM_TOP
