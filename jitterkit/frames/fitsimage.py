@@ -10,6 +10,7 @@ import numpy as np
 
 from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
+from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
@@ -148,7 +149,7 @@ def _text(cards: Cards, key: str) -> str:
 
 
 def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
-    """Raise FrameError for an image in colour, as for a TIFF; add a remark where only three planes say so."""
+    """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so."""
     for axis, side in enumerate(reversed(hdu.shape), 1):
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
@@ -160,8 +161,11 @@ def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
         raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
     if mosaic not in _NO_MOSAIC:
         raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
-    if hdu.planes == 3 and not hdu.words("CTYPE3"):
-        odd.append("three planes are taken for three frames: if they are colours, give one of them alone")
+    program = next(filter(is_capture_program, map(cards.text, SOFTWARE_KEYS)), None)
+    if hdu.planes == 3 and program is not None:
+        odd.append(
+            f"three planes by {program} are taken for three frames: if they are colours, give one alone"
+        )
 
 
 def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:

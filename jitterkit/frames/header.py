@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
-from jitterkit.frames.dialects import ALIASES, CAPTURE_SOFTWARE, OBSERVATORIES, SOFTWARE_KEYS
+from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
 from jitterkit.frames.metadata import Known, Metadata
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
@@ -29,6 +29,7 @@ _ADU = r"(?:adus?|dn|counts?|cts?|lsb|a/d(?: units?)?|data ?numbers?)\b"
 ELECTRONS_PER_ADU = re.compile(rf"(?:\be-?|\bel(?:ec)?|electrons?|photons?)\s*(?:/|per\b)\s*{_ADU}", re.I)
 ADU_PER_ELECTRON = re.compile(rf"\b{_ADU}\s*(?:/|per\b)\s*(?:e\b|e-|el(?:ec)?\b|(?:photo-?)?electron)", re.I)
 _INVERSE_POWER = re.compile(r"[ .*](adus?|dn|counts?|electrons?|e-?) ?(?:\*\*|\^)?\(?-1\b\)?", re.I)
+_SETTING = re.compile(r"\bsetting|\bpre-?amp|\biso\b|\bmode\b", re.I)
 _SOME_UNIT = re.compile(rf"\[[^]]*\w[^]]*\]|\b{_ADU}\s*(/|per\b)|(/|\bper)\s*{_ADU}", re.I)
 
 
@@ -61,13 +62,15 @@ def _objection(cards: Cards, card: Number) -> str | None:
         return f"is in ADU per electron by its comment {card.words!r}"
     if said:
         return None
+    if (setting := _SETTING.search(words)) is not None:
+        return f"is a camera setting by its comment ({setting[0]!r})"
     if _SOME_UNIT.search(words):
         return f"has a unit that is not read ({card.words})"
     if card.key != "GAIN":
         return None
     if cards.find("EGAIN") is not None:
         return "stands beside an EGAIN, so it is a camera setting"
-    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if _captures(s)), None)
+    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if is_capture_program(s)), None)
     if software is not None:
         return f"was written by {software}, so it is a camera setting"
     low, high = PLAUSIBLE_GAIN
@@ -84,12 +87,6 @@ def _objection(cards: Cards, card: Number) -> str | None:
 
 _NAMES = ("OBSERVAT", "OBSERVATORY", "TELESCOP", "INSTRUME", "ORIGIN")
 """Keywords that name an observatory."""
-
-
-def _captures(software: str) -> bool:
-    # whole words, so that "India" is not INDI
-    names = "|".join(map(re.escape, CAPTURE_SOFTWARE))
-    return re.search(rf"(?<![a-z])({names})(?![a-z])", software.lower()) is not None
 
 
 _UNSAID = ("none", "na", "n/a", "unknown", "undefined", "null", "raw", "unitless", "unspecified")

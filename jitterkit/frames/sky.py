@@ -37,7 +37,7 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
     matrix = np.asarray(wcs.pixel_scale_matrix, dtype=float) * 3600.0
     scale, warnings = math.sqrt(abs(np.linalg.det(matrix))), []
     sides = np.linalg.norm(matrix, axis=0)
-    local = local_pixels(wcs, shape) if shape is not None and scale > 0 else None
+    local = None if shape is None or not scale > 0 or _is_even(wcs, shape) else local_pixels(wcs, shape)
     if local is not None:
         scales = np.sqrt(np.abs(np.linalg.det(local)))
         sides = np.linalg.norm(local[0], axis=0)
@@ -49,6 +49,21 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
         told = f"pixels are {sides[0]:g} x {sides[1]:g} arcsec, not square"
         warnings.append(f"{told}; {scale:g} arcsec is used")
     return scale, warnings
+
+
+def _is_even(wcs: Any, shape: tuple[int, int]) -> bool:
+    """Return whether the scale of the reference pixel is that of the whole frame to one part in a million.
+
+    Then the farthest corner is as far from it on the sky as in the image.
+    """
+    reference = np.asarray(wcs.wcs.crpix) - 1
+    corner = np.where(reference > np.array(shape[::-1]) / 2, 0, shape[::-1])
+    far = math.radians(np.linalg.norm(np.asarray(wcs.pixel_scale_matrix) @ (corner - reference)))
+    if wcs.has_distortion or far**2 > _SAME:
+        return False
+    world = np.radians(wcs.pixel_to_world_values(*np.stack([reference, corner], axis=1)))
+    apart = np.diff([_unit_vector(*place) for place in world[[wcs.wcs.lng, wcs.wcs.lat]].T], axis=0)
+    return abs(float(np.linalg.norm(apart)) - far) <= _SAME * far
 
 
 def local_pixels(wcs: Any, shape: tuple[int, int]) -> np.ndarray | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 
 #: Units of pixel values that a detector converts; the exposure turns the rates into counts.
 COUNTS = ("adu", "electron")
@@ -122,8 +122,7 @@ _OTHER_NUMBER = re.compile(
 _OTHER_NUMBERS = {
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
     "plate_scale": r"\barea\b|\bzoom\b|\bfactor\b|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
-    "saturation": r"\babove (the )?bias|\bsaturated pixel",
-    "gain": r"\bsetting|\bpre-?amp|\biso\b|\bmode\b",
+    "saturation": r"\babove (the )?bias",
 }
 """The same for one quantity."""
 
@@ -131,6 +130,7 @@ _ELECTRICAL = re.compile(r"\b[mkuµn]?V\b|(?i:(?<![a-z])((micro|milli)?volts?|vo
 """Units of what is counted in ADU or electrons where the signal is a voltage."""
 
 
+@lru_cache(maxsize=256)
 def other_number(name: str, text: str) -> str | None:
     """Find what says in a comment that a number is not the quantity itself.
 
@@ -179,6 +179,7 @@ def factor(name: str, unit: str) -> float | str | None:
     return resolve_unit(word) if word else None
 
 
+@lru_cache(maxsize=256)
 def stated_unit(name: str, comment: str, default: float | str) -> str | None:
     """Find the unit that a comment states for its number.
 

@@ -312,9 +312,9 @@ def test_what_stands_beside_an_image_is_used_or_warned_of(tmp_path, hdus, masked
 
 PLANES = [  # sides of the data, cards, what a warning names
     ((4, 5), {"ROWORDER": 1}, "ROWORDER"), ((4, 5), {"ROWORDER": "TD"}, "ROWORDER"),
-    ((4, 5), {"BAYERPAT": "MONO"}, ""), ((4, 5), {"CFA": "RGGB"}, "mosaic"), ((4, 5), {"BAYRPAT": "RGGB"},
-    "mosaic"),
-    ((3, 4, 5), {}, "three frames"), ((3, 4, 5), {"CTYPE3": "TIME"}, ""), ((4, 4, 5), {}, ""),
+    ((4, 5), {"BAYERPAT": "MONO"}, ""), ((4, 5), {"CFA": "RGGB"}, "mosaic"),
+    ((4, 5), {"BAYRPAT": "RGGB"}, "mosaic"), ((3, 4, 5), {"PROGRAM": "Siril 1.2"}, "three frames"),
+    ((3, 4, 5), {}, ""), ((3, 4, 5), {"CTYPE3": "TIME"}, ""), ((4, 4, 5), {}, ""),
 ]  # fmt: skip
 
 
