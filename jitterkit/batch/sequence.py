@@ -121,13 +121,13 @@ def _natural(path: Path) -> list[tuple[str, int, str]]:
 
 
 def _begun(path: Path, hdu: int | None) -> float | None:
-    """Return the time in a file's header [s], NaN if it has none; None if the file cannot be read."""
+    """Return the time in a file's header [s], NaN if it has none or a day; None if it cannot be read."""
     try:
         with open_frames(path, hdu=hdu) as file:
             text = file.metadata.value("time", "")
     except JitterkitError:
         return None
-    return epoch_seconds(text)
+    return epoch_seconds(text) if "T" in text else math.nan  # all of a day would be taken at once
 
 
 class _Clock:

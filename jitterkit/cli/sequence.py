@@ -103,8 +103,8 @@ def sequence(
         fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:
         log(
-            "No header holds a time: the frames are used in the natural order of their names, without a "
-            "pause between them."
+            "No header holds a time of day: the frames are used in the natural order of their names, without "
+            "a pause between them."
         )
     _write_outputs(fit, output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended.registration import fill, register, standing_pixels
+from jitterkit.extended.registration import align, fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Mvn
 from jitterkit.loci.base import principal_axes
@@ -90,7 +90,7 @@ def estimate_from_reference(
     if kernel_side % 2 == 0:
         problem = f"A kernel has a middle pixel; its side must be odd, got {kernel_side}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
-    drift = register(sharp, blurred, mask=mask)
+    drift, _ = align(sharp, blurred, mask)  # a lopsided blur is no reason to refuse
     pair = [np.asarray(frame, float) for frame in (sharp, blurred)]
     bad = np.zeros(pair[0].shape, bool) if mask is None else np.asarray(mask, bool)
     bad = bad | standing_pixels(*(fill(frame, bad) for frame in pair))

@@ -115,6 +115,13 @@ _WINDOW_ERROR = 0.003
 _LEAST_CORRELATION = 0.3
 """Of the two frames once aligned: between different scenes, or noise, it stays below 0.1."""
 
+_ODD = 7.0
+"""Standard deviations of the correlation's asymmetry from which frames differ by more than a shift; between
+two images of a scene in white noise they stay below 6.5."""
+
+_MOST_BIAS, _MOST_SHARE = 0.1, 0.05
+"""Pixels, and share of the shift, up to which what frames do not share is an error of the shift."""
+
 _LEAST_OVERLAP = 16
 """Smallest side, in pixels, of the area that both frames must show."""
 
@@ -164,15 +171,38 @@ def register(
     ConfigurationError
         If the frames are not two images of one shape with finite values outside the mask.
     UndeterminedError
-        If the frames have no scene in common.
+        If the frames have no scene in common, or differ by more than a shift (code ``model_mismatch``): by a
+        pattern that stands still, such as a flat field, fringes or a ghost, or by a lopsided blur.
 
     Notes
     -----
     Pixels, columns and rows that stand out alike in both frames, more sharply than optics allow, do not
-    move with the scene and are treated as masked.
+    move with the scene and are treated as masked.  Of any other pattern that stands still the frames are not
+    freed: it makes their correlation asymmetric about the shift, and what that may do to the shift is part of
+    its covariance.
 
-    *Assumes* a pure shift of less than half the frame.  *Fails when* the frames are blurred differently and
-    the blur is lopsided: that moves the scene.
+    *Assumes* a pure shift of less than half the frame.  *Fails when* a pattern that stands still is much
+    stronger than the scene: then it is taken for it.
+    """
+    drift, bias = align(reference, image, mask)
+    if bias > min(_MOST_BIAS, _MOST_SHARE * np.hypot(drift.x, drift.y)):
+        problem = f"The frames differ by more than a shift, which may be off by {bias:.2g} pixels"
+        reasons = "a pattern stands still, or the blur is lopsided"
+        remedy = "divide by the flat field, mask the pattern, or give frames that are blurred alike"
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}: {reasons}; {remedy}.")
+    covariance = drift.covariance + np.eye(2) * bias**2
+    return Drift(drift.x * plate_scale, drift.y * plate_scale, covariance * plate_scale**2)
+
+
+def align(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None = None) -> tuple[Drift, float]:
+    """Measure a shift as :func:`register` does, of frames that may differ otherwise too.
+
+    Returns
+    -------
+    drift : Drift
+        In pixels; its covariance is that of noise.
+    bias : float
+        What the shift may be off by because the frames differ otherwise [pixels]; 0 where noise may be all.
     """
     pair = [np.asarray(frame, dtype=float) for frame in (reference, image)]
     if pair[0].shape != pair[1].shape or pair[0].ndim != 2:
@@ -196,14 +226,14 @@ def register(
             raise UndeterminedError(ErrorCode.NO_SIGNAL, problem)
     bad = bad | standing_pixels(*(fill(frame, bad) for frame in pair))
     one, two = (fill(frame, bad) for frame in pair)
-    (x, y), covariance = _shift(one, two)
+    (x, y), covariance, bias = _shift(one, two)
     for _ in range(_FILLINGS if bad.any() else 0):  # what one frame lacks the other shows
         one, two = (
             np.where(bad, ndimage.shift(other, move, order=3, mode="nearest"), frame)
             for frame, other, move in ((one, two, (-y, -x)), (two, one, (y, x)))
         )
-        (x, y), covariance = _shift(one, two)
-    return Drift(x * plate_scale, y * plate_scale, covariance * plate_scale**2)
+        (x, y), covariance, bias = _shift(one, two)
+    return Drift(x, y, covariance), bias
 
 
 def drifts(
@@ -214,14 +244,14 @@ def drifts(
     return [register(first, frame, mask=mask, plate_scale=plate_scale) for frame in others]
 
 
-def _shift(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray]:
-    """Shift (x, y) of the second frame [pixels], and its covariance."""
+def _shift(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray, float]:
+    """Shift (x, y) of the second frame [pixels], its covariance, and its bias as :func:`align` has it."""
     window = _window(one.shape)
     whole = -phase_cross_correlation(*(_windowed(f, window) for f in (one, two)), normalization=None)[
         0
     ].astype(int)
-    (y, x), covariance = _refine(*_overlap(one, two, whole))
-    return (float(x + whole[1]), float(y + whole[0])), covariance
+    (y, x), covariance, bias = _refine(*_overlap(one, two, whole))
+    return (float(x + whole[1]), float(y + whole[0])), covariance, bias
 
 
 def _windowed(frame: np.ndarray, window: np.ndarray) -> np.ndarray:
@@ -237,8 +267,8 @@ def _overlap(one: np.ndarray, two: np.ndarray, shift: np.ndarray) -> tuple[np.nd
     return one[tuple(cuts[0])], two[tuple(cuts[1])]
 
 
-def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray]:
-    """Sub-pixel shift (y, x) of the second, and the covariance of (x, y), pixels."""
+def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray, float]:
+    """Sub-pixel shift (y, x) of the second, the covariance of (x, y), and the bias [pixels]."""
     if min(one.shape) < _LEAST_OVERLAP:
         problem = f"The frames overlap by {min(one.shape)} pixels"
         raise UndeterminedError(ErrorCode.TOO_FEW, f"{problem}; registration needs {_LEAST_OVERLAP} or more.")
@@ -247,24 +277,56 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
     band = (np.hypot(fx, fy) < _BAND) & (np.hypot(fy * one.shape[0], fx * one.shape[1]) > _LEAST_ORDER)
     band &= (fx > 0) | (fy > 0)  # of a frequency and its negative, one
     a, b = (fft.rfft2(_windowed(frame, window))[band] for frame in (one, two))
-    axes, shift = 2 * np.pi * np.stack([fy[band], fx[band]]), np.zeros(2)
-    for _ in range(_STEPS):
-        cross = b * np.exp(1j * shift @ axes) * a.conj()
-        # the frames' noises are independent: the cross power is free of their bias
-        gain = np.linalg.inv((axes * cross.real) @ axes.T)
-        step = -gain @ axes @ cross.imag
-        shift += step
-        if np.all(np.abs(step) < 1e-6):
-            break
-    correlation = cross.real.sum() / np.sqrt((abs(a) ** 2).sum() * (abs(b) ** 2).sum())
+    axes, powers = 2 * np.pi * np.stack([fy[band], fx[band]]), (abs(a) ** 2, abs(b) ** 2)
+    shift, covariance, cross = _solve(a.conj() * b, axes, np.zeros(2))
+    correlation = cross.real.sum() / np.sqrt(powers[0].sum() * powers[1].sum())
     if not correlation > _LEAST_CORRELATION or np.abs(shift).max() > 2:
         found = f"correlation {correlation:.2f}; {_LEAST_CORRELATION:g} is needed"
         problem = f"The frames have too little in common to register them ({found})"
         raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; give frames of one scene.")
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
-    covariance = ties * gain @ ((axes * cross.imag**2) @ axes.T) @ gain
-    covariance += np.eye(2) * _WINDOW_ERROR**2
-    return (float(shift[0]), float(shift[1])), covariance[::-1, ::-1]
+    covariance = ties * covariance + np.eye(2) * _WINDOW_ERROR**2
+    bias = _bias(one.shape, band, cross, axes, np.sqrt(powers[0] * powers[1]))
+    return (float(shift[0]), float(shift[1])), covariance[::-1, ::-1], bias
+
+
+def _bias(
+    shape: tuple[int, ...], band: np.ndarray, cross: np.ndarray, axes: np.ndarray, power: np.ndarray
+) -> float:
+    """Bias [pixels] that goes with an asymmetry of the correlation about the shift; 0 where noise makes it.
+
+    A pattern that stands still adds its own peak, ``f`` times as high as the scene's.  Closer than the
+    scene's width ``w`` it moves the whole by ``f`` times the shift, and the odd part is 0.6 ``f`` times the
+    shift over ``w``.
+    """
+
+    def odd_part(weights: np.ndarray | float) -> np.ndarray:
+        odd = np.zeros(band.shape, complex)
+        odd[band] = 1j * cross.imag * weights
+        return np.abs(fft.irfft2(odd, shape))
+
+    # by roots of powers, as the noise of the cross power goes with them
+    odd = odd_part((power + np.median(power)) ** -0.5)
+    if odd.max() <= _ODD * np.sqrt(np.mean(odd**2)):
+        return 0.0
+    height, curvature = float(cross.real.sum()), float(np.sum(axes**2 * cross.real)) / 2
+    width = np.sqrt(height / curvature) if curvature > 0 else np.inf
+    return float(odd_part(1.0).max() * odd.size / (2 * height) * width / 0.6)
+
+
+def _solve(
+    pair: np.ndarray, axes: np.ndarray, shift: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shift (y, x) that makes a weighted cross spectrum real, its covariance, and that spectrum."""
+    for _ in range(_STEPS):
+        cross = pair * np.exp(1j * shift @ axes)
+        # the frames' noises are independent: the cross power is free of their bias
+        gain = np.linalg.inv((axes * cross.real) @ axes.T)
+        step = -gain @ axes @ cross.imag
+        shift = shift + step
+        if np.all(np.abs(step) < 1e-6):
+            break
+    return shift, gain @ ((axes * cross.imag**2) @ axes.T) @ gain, cross
 
 
 def _window(shape: tuple[int, ...]) -> np.ndarray:

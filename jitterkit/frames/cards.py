@@ -15,15 +15,18 @@ from typing import Any
 
 from jitterkit.frames.dialects import ALIASES, DIALECTS, Dialect, Keyword
 from jitterkit.frames.metadata import QUANTITIES, Known
-from jitterkit.frames.units import factor, stated_unit
+from jitterkit.frames.units import factor, other_number, stated_unit
 
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
 """What is counted, and the unit that is meant where none is stated."""
 
 _NO_DIALECT = Dialect("", "", "", {})
 
-_NO_TIME = re.compile(r"\b(number(?! of \w*sec)|no\.|index|identifier|id)", re.I)
-"""Comment of a keyword that numbers exposures."""
+_AGREEMENT: Mapping[str, float] = {"exposure": 0.1, "plate_scale": 0.01}
+"""Relative difference up to which two keywords agree; XPOSURE excludes the time that a shutter takes."""
+
+_BARE_WELL = re.compile(r"full.?well|capacity", re.I)
+"""Comment of a saturation that is usually in electrons, and does not say so."""
 
 _NUMBER = re.compile(
     r"(?P<sign>[-+]?)(?:(?P<over>[0-9]+\.?[0-9]*)\s?/\s?(?P<under>[0-9]+\.?[0-9]*)"
@@ -134,8 +137,11 @@ class Cards:
         if number is None:
             return None
         said = f"{key} = {number.value:g}"
-        if name == "exposure" and _NO_TIME.search(number.comment):
-            self.warnings.append(f"{said} is no time by its comment {number.comment!r} and is ignored")
+        other = other_number(name, number.words)
+        if other is not None:
+            self.warnings.append(
+                f"{said} means something else ({other!r} in {number.words!r}) and is ignored"
+            )
             return None
         meaning = self._meaning(name, number)
         if meaning is None:
@@ -166,6 +172,10 @@ class Cards:
         unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
         if unit is None and number.key == "XPOSURE":
             unit = self.text("TIMEUNIT")  # of the times that FITS 4.0 defines
+        if unit is None and name == "saturation" and _BARE_WELL.search(number.comment):
+            return None
+        if not unit and number.key == "SCALE":
+            self.warnings.append(f"SCALE = {number.value:g} has no unit and is taken as arcsec/pixel")
         return factor(name, unit) if unit else ""
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
@@ -184,9 +194,21 @@ class Cards:
         return replace(first, value=mean, source=first.source.replace(first.key, " and ".join(keys)))
 
     def first(self, name: str) -> Known | None:
-        """Return the first believable number of a quantity."""
+        """Return the first believable number of a quantity, with a warning if another keyword contradicts."""
         number = next(self.believed(name), None)
-        return None if number is None else Known(number.value, QUANTITIES[name].unit, number.source)
+        if number is None:
+            return None
+        if name in _AGREEMENT and number.key not in self.dialect.keywords.get(name, ()):
+            before = len(self.warnings)
+            others = [self.believable(name, key) for key in self.keywords(name) if key != number.key]
+            del self.warnings[before:]  # of numbers that are not used
+            for other in filter(None, others):
+                if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
+                    told = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
+                    self.warnings.append(
+                        f"{number.key} = {number.value:g} is used, and {told} contradicts it"
+                    )
+        return Known(number.value, QUANTITIES[name].unit, number.source)
 
 
 def parse_number(value: object) -> tuple[float, str] | None:

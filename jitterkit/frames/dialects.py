@@ -89,3 +89,9 @@ CAPTURE_SOFTWARE = (
     "toupcam", "touptek", "svbony", "atik", "altair", "canon", "nikon",
 )  # fmt: skip
 SOFTWARE_KEYS = ("SWCREATE", "SOFTWARE", "CREATOR", "PROGRAM", "SWMODIFY", "APPLICAT", "ORIGIN", "INSTRUME")
+
+
+def is_capture_program(text: str) -> bool:
+    """Return whether a text names one of :data:`CAPTURE_SOFTWARE`, as a whole word: "India" is not INDI."""
+    names = "|".join(map(re.escape, CAPTURE_SOFTWARE))
+    return re.search(rf"(?<![a-z])({names})(?![a-z])", text.lower()) is not None

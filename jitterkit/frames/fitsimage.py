@@ -10,6 +10,7 @@ import numpy as np
 
 from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
+from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
@@ -23,6 +24,11 @@ from jitterkit.frames.wcs import celestial_wcs
 
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 _FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+_MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
+
+_MOST_BAD = 0.5
+"""Share of masked pixels from which a mask may have the opposite meaning."""
+
 _NO_MOSAIC = ("", "NONE", "MONO", "MONOCHROME", "GRAY", "GREY", "L")
 
 
@@ -62,7 +68,7 @@ class FitsImage:
         inherit = primary if number and header.get("INHERIT") is not False else None
         cards = Cards(header, number, inherit)
         odd = [] if self.hdu.role else self._pixels.lossy_warnings()
-        _refuse_colour(self.hdu, cards)
+        _refuse_colour(self.hdu, cards, odd)
         from_top = _rows_from_the_top(cards, odd)
         wcs, messages = celestial_wcs(header, tables)
         if wcs is not None and from_top:
@@ -92,6 +98,10 @@ class FitsImage:
             pixels = self._parts["quality"]
             quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
             quality[mask] = -1
+            bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
+            if bad > _MOST_BAD:
+                told = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
+                self.metadata = self.metadata.warn(f"{told}: if 1 means good in it, give --bad-bits 0")
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
         if self._unverified:
@@ -138,11 +148,8 @@ def _text(cards: Cards, key: str) -> str:
     return value.strip().upper() if isinstance(value, str) else ""
 
 
-def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
-    """Raise FrameError for an image in colour, as for a TIFF.
-
-    *Fails when* nothing but three planes speaks for colours: they are taken for three frames.
-    """
+def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
+    """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so."""
     for axis, side in enumerate(reversed(hdu.shape), 1):
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
@@ -154,13 +161,18 @@ def _refuse_colour(hdu: Hdu, cards: Cards) -> None:
         raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
     if mosaic not in _NO_MOSAIC:
         raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
+    program = next(filter(is_capture_program, map(cards.text, SOFTWARE_KEYS)), None)
+    if hdu.planes == 3 and program is not None:
+        odd.append(
+            f"three planes by {program} are taken for three frames: if they are colours, give one alone"
+        )
 
 
 def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:
     """Return whether the first stored row is the top one; add what is odd about the planes."""
-    order = _text(cards, "ROWORDER")
+    order = cards.text("ROWORDER").upper()
     if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
         odd.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
-    if any(_text(cards, key) not in _NO_MOSAIC for key in ("BAYERPAT", "COLORTYP")):
+    if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
         odd.append("the header says that its pixels lie behind a colour mosaic")
     return order in _FROM_TOP

@@ -22,6 +22,9 @@ from jitterkit.frames.header import resolve_header
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching, require_positive
 
+NO_READING = 1e15
+"""No converter has 50 bits; programs write 1e30, or the largest number of all, where a pixel has no value."""
+
 
 @dataclass(frozen=True, eq=False)
 class RawFrame(Placed):
@@ -31,7 +34,7 @@ class RawFrame(Placed):
     ----------
     data : (ny, nx) float64 array
         Pixel values in ``metadata.unit`` (ADU where it is None); row index upwards.  Values that are not
-        finite are set to 0 and masked.
+        finite, or beyond :data:`NO_READING`, are set to 0 and masked.
     mask : (ny, nx) bool array, optional
         True where a pixel is unusable.
     metadata : Metadata
@@ -79,7 +82,7 @@ class RawFrame(Placed):
     def __post_init__(self) -> None:
         data = image_of("data", self.data)
         mask = matching("mask", self.mask, data.shape, bool)
-        bad = ~np.isfinite(data)
+        bad = ~(np.abs(data) < NO_READING)  # of NaN too
         if bad.any():
             data, mask = np.where(bad, 0.0, data), mask | bad
         if self.variance is not None:

@@ -31,18 +31,28 @@ _STRUCTURE = re.compile(
 _WHOLE = re.compile(r"[+-]?\d{1,25}")
 
 _ROLES: Mapping[str, tuple[str, ...]] = {
-    "quality": ("DQ", "MASK", "FLAGS", "FLAG", "FLG", "DQMASK", "BPM", "BADPIX", "BAD_PIXEL_MASK"),
+    "quality": ("DQ", "MASK", "FLAGS", "FLAG", "FLG", "DQMASK", "BPM", "BADPIX", "BAD_PIXEL_MASK", "QUALITY",
+        "QUAL"),
     "shot": ("VAR_POISSON",),
     "read": ("VAR_RNOISE",),
     "variance": ("VARIANCE", "VAR"),
     "sigma": ("ERR", "ERROR", "ERRORS", "UNCERT", "UNCERTAINTY", "STD", "STDDEV", "SIGMA", "RMS", "NOISE"),
     "weight": ("WHT", "WEIGHT", "WEIGHTS", "WGT", "IVAR", "INVVAR", "IVM"),
-    "none": ("CTX", "CON", "AREA", "SAMP", "TIME", "WAVELENGTH", "PSFIMAGE", "BKG", "BACKGROUND", "VAR_FLAT"),
-}
+    "none": (
+        "CTX", "CON", "AREA", "SAMP", "TIME", "WAVELENGTH", "PSFIMAGE", "BKG", "BACKGROUND", "VAR_FLAT",
+        "PSF", "SKY", "BIAS", "DARK", "FLAT", "MODEL", "RESIDUAL", "SEGM", "THUMBNAIL", "PREVIEW",
+        "WCSDVARR", "D2IMARR",
+    ),
+}  # fmt: skip
 """EXTNAME of what is said about the pixels of an image: quality bits, variance, its root, its inverse; and of
 images about other things."""
 
-_ROLE_OF = {name: role for role, names in _ROLES.items() for name in names}
+ROLE_OF = {name: role for role, names in _ROLES.items() for name in names}
+
+_DESCRIBES = re.compile(
+    r"MASK|BAD|GOOD|VALID|QUAL|FLAG|HOT|COSMIC|DQ|ERR|UNC|SIG|RMS|NOISE|STD|VAR|WH?T|WEIGHT|CONF|COV|EXP"
+)
+"""In names that are none of these, and may be of something that is said about pixels too."""
 
 _ASTROPY_UNCERTAINTY = {
     "stddevuncertainty": "sigma",
@@ -201,8 +211,19 @@ class Hdu:
         """Return what it says about an image; empty for an image itself, ``"none"`` for anything else."""
         if self.given or not self.is_image:
             return self.given or "none"
-        role = _ROLE_OF.get(self.name, "")
+        role = ROLE_OF.get(self.name, "")
         return _ASTROPY_UNCERTAINTY.get(self.words("UTYPE").lower(), role) if role == "sigma" else role
+
+    @property
+    def may_describe(self) -> bool:
+        """Return whether an image seems to say something about the pixels of another, and not what."""
+        return self.is_image and not self.role and (not self.name or bool(_DESCRIBES.search(self.name)))
+
+    @property
+    def constant(self) -> float:
+        """The value of all pixels of an array that HST leaves out, 0 where there is none."""
+        value = self.header.get("PIXVALUE", 0) if self.what == "empty" else 0
+        return float(value) if isinstance(value, int | float) else 0.0
 
     @property
     def columns(self) -> list[str]:

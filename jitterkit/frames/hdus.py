@@ -17,7 +17,7 @@ from typing import BinaryIO
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
 from jitterkit.frames.fitsio import CARD, header_of
-from jitterkit.frames.hdu import BLOCK, Hdu, product_of
+from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
 from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
@@ -25,6 +25,9 @@ _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 
 _CHIP_KEYS = ("CCDNUM", "CCDNAME", "DETSEC", "CHIPID", "DETECSEC")
 """Keywords of one detector among others of a camera."""
+
+_SCIENCE = re.compile(r"SCI(ENCE)?")
+"""EXTNAME of images that come before any other of a file."""
 
 
 @dataclass
@@ -65,6 +68,7 @@ class Group:
         fitting = {other.role: other for other in reversed([o for o in others if self._fits(o)])}
         noise = next((roles for roles in _NOISE if fitting.keys() >= set(roles)), ())
         self.parts = {role: fitting[role] for role in ("quality", *noise) if role in fitting}
+        self.warnings += filter(None, map(self._unused, others))
         tables = (other for other in others if "CD1_1" in other.columns)
         self.coordinates = next(tables, None) if self.image.planes > 1 else None
         self.weight_is_time = "weight" in noise and any(other.name == "CTX" for other in others)
@@ -76,13 +80,27 @@ class Group:
         if len(found) == 1 and not has and self._fits(found[0]):
             self.parts[role] = found[0]
 
+    def _unused(self, other: Hdu) -> str:
+        """Say why what seems to describe the pixels of the image is not used; empty of anything else."""
+        used = self.parts.get(other.role)
+        alike = other.is_image and other.shape[-2:] == self.image.shape[-2:]
+        if other.name in ROLE_OF and other.constant:
+            return f"{other.label} is {other.constant:g} in all pixels, without an array, and is not used"
+        if other is self.image or not alike or other.role in ("none", *(() if used else ("quality",))):
+            return ""
+        if other.may_describe:
+            return f"{other.label} may describe the pixels and is not used, as its name does not say how"
+        if used is not None and used is not other and other.role == "quality":
+            return f"{other.label} is not used beside {used.label}"
+        return ""
+
     def _fits(self, other: Hdu) -> bool:
         if other.role in ("", "none"):
             return False
         (*planes, ny, nx), (*own, height, width) = other.shape, self.image.shape
         alike = [n for n in planes if n > 1] in ([], [n for n in own if n > 1])
         units = [one.words("BUNIT") for one in (self.image, other)]
-        if other.role == "sigma" and all(units) and resolve_unit(units[0]) != resolve_unit(units[1]):
+        if other.role != "quality" and all(units) and not _agree(units[0], units[1], other.role):
             self.warnings.append(
                 f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
             )
@@ -104,6 +122,16 @@ class Group:
         return found
 
 
+def _agree(image: str, other: str, role: str) -> bool:
+    """Return whether the unit of a noise suits that of an image; pipelines may copy it, unsquared."""
+    base, unit = resolve_unit(image), other.strip().removeprefix("1/").removeprefix("1 /")
+    if role == "sigma" or other == image:
+        return base == resolve_unit(other)
+    unit = re.sub(r"(?<=e-)2|(\*\*|\^)?\(?\+?(?<!-)2(\.0)?\)?", "", unit)
+    unit = re.sub(r"(\*\*|\^)?\(?-2(\.0)?\)?", "" if role == "weight" else "-1", unit)
+    return base == resolve_unit(unit.strip(" ()[]"))
+
+
 def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     """Tell which HDUs are images to be read, and what belongs to each.
 
@@ -122,6 +150,7 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     """
     images = [one for one in hdus if one.is_image]
     science = [one for one in images if one.role == ""] or images
+    science.sort(key=lambda one: not _SCIENCE.fullmatch(one.name))
     first = next((one for one in (science if hdu is None else images) if hdu in (None, one.number)), None)
     if first is None:
         return []

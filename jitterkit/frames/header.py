@@ -4,8 +4,6 @@ Reach for :func:`resolve_header`.  It never raises for what a header says: a val
 malformed, negative or absurd is ignored with a warning that quotes it.  Keywords mean what the
 observatories and the amateur capture programs write (:mod:`~jitterkit.frames.dialects`):
 
-* ``XPIXSZ`` is the pixel *after* binning (SBFITSEXT and every program that follows it), ``PIXSIZE1``
-  before.
 * ``DATAMAX`` should be the highest trustworthy value, but many programs write the highest present.
 * ``EGAIN``, ``EPERADU``, Siril's ``CVF`` and ESO's ``CONAD`` are e-/ADU.  ``GAIN`` is e-/ADU at observatories
   and a setting of the camera in amateur capture programs, so that it needs a witness.
@@ -13,25 +11,26 @@ observatories and the amateur capture programs write (:mod:`~jitterkit.frames.di
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
-from jitterkit.frames.dialects import ALIASES, CAPTURE_SOFTWARE, OBSERVATORIES, SOFTWARE_KEYS
-from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
-from jitterkit.frames.sky import plate_scale
+from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
+from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
 from jitterkit.frames.units import RATES, resolve_unit
 
 #: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
 PLAUSIBLE_GAIN = (0.01, 30.0)
 
-_ADU = r"(?:adus?|dn|counts?|cts?|a/d(?: units?)?|data ?numbers?)\b"
-ELECTRONS_PER_ADU = re.compile(rf"(?:\be-?|\bel(?:ec)?|electrons?)\s*(?:/|per\b)\s*{_ADU}", re.I)
+_ADU = r"(?:adus?|dn|counts?|cts?|lsb|a/d(?: units?)?|data ?numbers?)\b"
+ELECTRONS_PER_ADU = re.compile(rf"(?:\be-?|\bel(?:ec)?|electrons?|photons?)\s*(?:/|per\b)\s*{_ADU}", re.I)
 ADU_PER_ELECTRON = re.compile(rf"\b{_ADU}\s*(?:/|per\b)\s*(?:e\b|e-|el(?:ec)?\b|(?:photo-?)?electron)", re.I)
-_DECIBEL = re.compile(r"(?<![a-z])(d|deci)b(el)?s?\b", re.I)
+_INVERSE_POWER = re.compile(r"[ .*](adus?|dn|counts?|electrons?|e-?) ?(?:\*\*|\^)?\(?-1\b\)?", re.I)
+_SETTING = re.compile(r"\bsetting|\bpre-?amp|\biso\b|\bmode\b", re.I)
+_SOME_UNIT = re.compile(rf"\[[^]]*\w[^]]*\]|\b{_ADU}\s*(/|per\b)|(/|\bper)\s*{_ADU}", re.I)
 
 
 def resolve_gain(cards: Cards) -> Known | None:
@@ -57,41 +56,38 @@ def resolve_gain(cards: Cards) -> Known | None:
 
 def _objection(cards: Cards, card: Number) -> str | None:
     """Say why a gain is not to be taken as e-/ADU, or None."""
-    said, inverse = ELECTRONS_PER_ADU.search(card.words), ADU_PER_ELECTRON.search(card.words)
-    if _DECIBEL.search(card.words):
-        return "is in dB, a camera setting"
+    words = _INVERSE_POWER.sub(r"/\1", card.words)
+    said, inverse = ELECTRONS_PER_ADU.search(words), ADU_PER_ELECTRON.search(words)
     if inverse and not (said and said.start() < inverse.start()):
         return f"is in ADU per electron by its comment {card.words!r}"
-    if said or card.key != "GAIN":
+    if said:
+        return None
+    if (setting := _SETTING.search(words)) is not None:
+        return f"is a camera setting by its comment ({setting[0]!r})"
+    if _SOME_UNIT.search(words):
+        return f"has a unit that is not read ({card.words})"
+    if card.key != "GAIN":
         return None
     if cards.find("EGAIN") is not None:
         return "stands beside an EGAIN, so it is a camera setting"
-    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if _captures(s)), None)
+    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if is_capture_program(s)), None)
     if software is not None:
         return f"was written by {software}, so it is a camera setting"
     low, high = PLAUSIBLE_GAIN
     if not low <= card.value <= high:
         return "is not plausible as e-/ADU, so it is a camera setting"
-    return None if _has_witness(cards) else "may be a camera setting, as nothing says that it is e-/ADU,"
+    if any(OBSERVATORIES.search(cards.text(key)) for key in _NAMES):
+        return None
+    noise = next((key for key in ALIASES["read_noise"] if isinstance(key, str) and cards.find(key)), None)
+    if noise is None:
+        return "may be a camera setting, as nothing says that it is e-/ADU,"
+    cards.warnings.append(f"GAIN = {card.value:g} is taken as e-/ADU, as {noise} stands beside it")
+    return None
 
 
-def _has_witness(cards: Cards) -> bool:
-    """Return whether an observatory wrote the header: by its name, or by the read noise beside the gain."""
-    names = map(cards.text, ("OBSERVAT", "OBSERVATORY", "TELESCOP", "INSTRUME", "ORIGIN"))
-    measured = any(isinstance(key, str) and cards.find(key) for key in ALIASES["read_noise"])
-    return measured or any(map(OBSERVATORIES.search, names))
+_NAMES = ("OBSERVAT", "OBSERVATORY", "TELESCOP", "INSTRUME", "ORIGIN")
+"""Keywords that name an observatory."""
 
-
-def _captures(software: str) -> bool:
-    # whole words, so that "India" is not INDI
-    names = "|".join(map(re.escape, CAPTURE_SOFTWARE))
-    return re.search(rf"(?<![a-z])({names})(?![a-z])", software.lower()) is not None
-
-
-ARCSEC_PER_RADIAN = 206264.80624709636
-
-VA_INCLUDED = ", velocity aberration included"
-"""How the source of a scale ends that a pipeline has multiplied by the factor of velocity aberration."""
 
 _UNSAID = ("none", "na", "n/a", "unknown", "undefined", "null", "raw", "unitless", "unspecified")
 """Texts of ``BUNIT`` that say nothing, in lower case."""
@@ -145,13 +141,13 @@ def resolve(cards: Cards, wcs: Any = None) -> Metadata:
         read_noise=next(filter(None, noises), None),
         saturation=_saturation(cards, gain, bias, "adu" if unit is None else unit.value),
         bias=bias,
-        plate_scale=_plate_scale(cards, wcs),
+        plate_scale=resolve_scale(cards, wcs),
         va_factor=cards.first("va_factor"),
         line_time=_line_time(cards),
         time=resolve_time(cards),
         unit=unit,
         wcs=wcs,
-    ).warn(*cards.warnings)
+    ).warn(*cards.warnings, *_combined(cards))
 
 
 def _in(number: Number, unit: str, gain: Known | None, bias: Known | None, cards: Cards) -> Known | None:
@@ -191,67 +187,19 @@ def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str)
     return known
 
 
-def _plate_scale(cards: Cards, wcs: Any) -> Known | None:
-    said = cards.first("plate_scale") or _scale_from_area(cards)
-    if wcs is None:
-        return _scale_without_sky(cards, said)
-    scale, warning = plate_scale(wcs)
-    cards.warnings += [] if warning is None else [warning]
-    problem = QUANTITIES["plate_scale"].problem(scale)
-    if problem is not None:
-        cards.warnings.append(f"the WCS's scale = {scale:g} {problem} and is ignored")
-        return _scale_without_sky(cards, said)
-    if said is not None and abs(said.value / scale - 1) > 0.01:
-        cards.warnings.append(f"{said.source} = {said.value:g} differs from the WCS's {scale:g} arcsec/pixel")
-    # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
-    fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
-    corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
-    source = f"header WCS (HDU {cards.layers[0][1]})"
-    return Known(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
+_COMBINED = (
+    "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
+)  # fmt: skip
+"""Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT."""
 
 
-def _scale_without_sky(cards: Cards, said: Known | None) -> Known | None:
-    optics = _scale_from_optics(cards)
-    if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
-        told = f"{optics.source} = {optics.value:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} differs from {told} arcsec/pixel")
-    elif said is not None and optics is None and _binning(cards) > 1:
-        told = f"the binning of {_binning(cards):g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {told}")
-    return said or optics
-
-
-def _scale_from_area(cards: Cards) -> Known | None:
-    """The side of a pixel whose area on the sky JWST writes, in arcsec²."""
-    area = cards.number("PIXAR_A2")
-    if area is None or not area.positive:
-        return None
-    return Known(math.sqrt(area.value), "arcsec/pixel", area.source)
-
-
-def _scale_from_optics(cards: Cards) -> Known | None:
-    focal = cards.quantity("focal_length", "FOCALLEN")
-    pixel, unbinned = (cards.quantity("pixel_size", key) for key in ("XPIXSZ", "PIXSIZE1"))
-    if focal is None or focal.value <= 0 or (pixel is None and unbinned is None):
-        return None
-    factor = _binning(cards)
-    if pixel is not None:
-        size, key = pixel.value, "XPIXSZ"
-        if factor > 1:
-            cards.warnings.append(f"XPIXSZ = {size:g} is taken to include the binning of {factor:g}")
-    else:
-        size, key = unbinned.value * factor, "PIXSIZE1*XBINNING"  # type: ignore[union-attr]
-    scale = ARCSEC_PER_RADIAN * size * 1e-3 / focal.value
-    problem = QUANTITIES["plate_scale"].problem(scale)
-    if problem is not None:
-        cards.warnings.append(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
-        return None
-    return Known(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
-
-
-def _binning(cards: Cards) -> float:
-    bins = cards.number("XBINNING")
-    return 1.0 if bins is None else max(bins.value, 1.0)
+def _combined(cards: Cards) -> list[str]:
+    """Warn of an image that is the sum or the mean of several exposures."""
+    for number in filter(None, map(cards.number, _COMBINED)):
+        if number.value > 1:
+            told = f"{number.key} = {number.value:g} exposures are combined in the image"
+            return [f"{told}: exposure, gain, read noise and saturation may be those of one"]
+    return []
 
 
 def _line_time(cards: Cards) -> Known | None:

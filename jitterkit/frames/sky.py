@@ -11,28 +11,93 @@ from typing import Any
 
 import numpy as np
 
+_SAME, _VARIES = 1e-6, 1e-3
+"""Relative differences: below the one the scale of the matrix is that of the middle; beyond the other the
+scale changes over the frame."""
 
-def plate_scale(wcs: Any) -> tuple[float, str | None]:
-    """Return the side of a pixel, and a warning where pixels are not square on the sky.
+
+def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, list[str]]:
+    """Return the side of a pixel, and warnings where pixels are not square or not alike on the sky.
 
     Parameters
     ----------
     wcs : astropy.wcs.WCS
         Celestial, two axes.
+    shape : (int, int), optional
+        ``(ny, nx)`` of the frame; without one, the scale is that of the reference pixel.
 
     Returns
     -------
     scale : float
-        Square root of the pixel's area [arcsec/pixel].
-    warning : str or None
-        Says the two sides where they differ by more than 1 %.
+        Square root of the pixel's area in the middle of the frame, distortion included [arcsec/pixel].
+    warnings : list of str
+        Name the two sides where they differ by more than 1 %, and the scales over the frame where these do by
+        more than 0.1 %.
     """
     matrix = np.asarray(wcs.pixel_scale_matrix, dtype=float) * 3600.0
-    scale = math.sqrt(abs(np.linalg.det(matrix)))
-    across, up = np.linalg.norm(matrix, axis=0)
-    if abs(across - up) <= 0.01 * scale:
-        return scale, None
-    return scale, f"pixels are {across:g} x {up:g} arcsec, not square; {scale:g} arcsec is used"
+    scale, warnings = math.sqrt(abs(np.linalg.det(matrix))), []
+    sides = np.linalg.norm(matrix, axis=0)
+    local = None if shape is None or not scale > 0 or _is_even(wcs, shape) else local_pixels(wcs, shape)
+    if local is not None:
+        scales = np.sqrt(np.abs(np.linalg.det(local)))
+        sides = np.linalg.norm(local[0], axis=0)
+        scale = float(scales[0]) if abs(scales[0] / scale - 1) > _SAME else scale
+        if np.ptp(scales) > _VARIES * scale:
+            told = f"the scale runs from {scales.min():.5g} to {scales.max():.5g} arcsec/pixel over the frame"
+            warnings.append(f"{told}; that of its middle is used: give --plate-scale for another place")
+    if abs(sides[0] - sides[1]) > 0.01 * scale:
+        told = f"pixels are {sides[0]:g} x {sides[1]:g} arcsec, not square"
+        warnings.append(f"{told}; {scale:g} arcsec is used")
+    return scale, warnings
+
+
+def _is_even(wcs: Any, shape: tuple[int, int]) -> bool:
+    """Return whether the scale of the reference pixel is that of the whole frame to one part in a million.
+
+    Then the farthest corner is as far from it on the sky as in the image.
+    """
+    reference = np.asarray(wcs.wcs.crpix) - 1
+    corner = np.where(reference > np.array(shape[::-1]) / 2, 0, shape[::-1])
+    far = math.radians(np.linalg.norm(np.asarray(wcs.pixel_scale_matrix) @ (corner - reference)))
+    if wcs.has_distortion or far**2 > _SAME:
+        return False
+    world = np.radians(wcs.pixel_to_world_values(*np.stack([reference, corner], axis=1)))
+    apart = np.diff([_unit_vector(*place) for place in world[[wcs.wcs.lng, wcs.wcs.lat]].T], axis=0)
+    return abs(float(np.linalg.norm(apart)) - far) <= _SAME * far
+
+
+def local_pixels(wcs: Any, shape: tuple[int, int]) -> np.ndarray | None:
+    """Measure the pixels in the middle, in the corners and half-way along the edges of a frame.
+
+    Parameters
+    ----------
+    wcs : astropy.wcs.WCS
+    shape : (int, int)
+        ``(ny, nx)``.
+
+    Returns
+    -------
+    pixels : (9, 2, 2) array or None
+        Of each pixel, the middle's first, its sides along x and y on the sky as columns [arcsec].  None where
+        one is off the sky.
+
+    Notes
+    -----
+    By steps of a pixel, with the reference moved to the origin of the sky: coordinates near zero have no
+    rounding to speak of, and every pointing has the same scale.
+    """
+    moved = wcs.deepcopy()
+    moved.wcs.crval = [0.0, 0.0]
+    grid = np.array([(0, 0), (-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)])
+    places = (grid + 1) * ((np.array(shape) - 1) / 2)
+    steps = np.array([(0.0, -0.5), (0.0, 0.5), (-0.5, 0.0), (0.5, 0.0)])
+    y, x = (places[:, None] + steps).reshape(-1, 2).T
+    with np.errstate(invalid="ignore"):
+        world = moved.pixel_to_world_values(x, y)
+    lon, lat = (np.reshape(world[axis], (9, 2, 2)) for axis in (wcs.wcs.lng, wcs.wcs.lat))
+    across = ((np.diff(lon, axis=2) + 180) % 360 - 180) * np.cos(np.radians(lat.mean(axis=2, keepdims=True)))
+    pixels = 3600.0 * np.concatenate([across, np.diff(lat, axis=2)], axis=2).transpose(0, 2, 1)
+    return pixels if np.all(np.abs(np.linalg.det(pixels)) > 0) else None
 
 
 def sky_position_angle(wcs: Any, x: float, y: float, theta_deg: float) -> float:

@@ -14,8 +14,11 @@ from typing import Any
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Known
 
-TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART")
+TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART", "UTSHUT", "UTC", "UT-STR")
 MJD_EPOCH = datetime(1858, 11, 17)
+
+_FIRST_MJD = 10000
+"""Below, in 1886, are days counted from elsewhere."""
 
 _DATE = re.compile(
     r"(?P<date>\d{4}([-/.])\d{1,2}\2\d{1,2})"
@@ -31,6 +34,9 @@ _OTHERS = {
     r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)$": r"\1-\2-\3T\4:\5:\6",
 }
 """Dates of the years 1900 to 1999, and ISO 8601 without separators, with what they are replaced by."""
+
+_FIRST_DETECTOR = 1970
+"""Before, there were plates; the standard of two digits for the year means years from 1900 on."""
 
 _SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB": "tcb", "TCG": "tcg"}
 """Time scales of ``TIMESYS`` that are converted to UTC."""
@@ -70,6 +76,13 @@ def _date(cards: Cards, key: str) -> Known | None:
         return None
     if not isinstance(when, datetime):
         when, source = _with_time(cards, when, source)
+    elif when == datetime(when.year, when.month, when.day):  # midnight may stand for no time of day
+        when, source = _with_time(cards, when.date(), source)
+        when = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
+    if when.year < _FIRST_DETECTOR:
+        cards.warnings.append(f"{key} = {text!r} is read as a date of {when.year}")
+    if re.search(r"\blocal\b", card[1], re.I):
+        cards.warnings.append(f"{key} is local time by its comment {card[1]!r}; it is left as written")
     return _in_utc(cards, when, source)
 
 
@@ -104,7 +117,7 @@ def _with_time(cards: Cards, day: Any, source: str) -> tuple[Any, str]:
     """Add the time of day where a keyword of its own has it; otherwise the date stands alone."""
     for key in TIME_KEYS:
         text = cards.text(key)
-        whole = _parse(f"{day.isoformat()}T{text}") if text else None
+        whole = _parse(f"{day.isoformat()}T{text.removeprefix(f'{day.isoformat()}T')}") if text else None
         if whole is not None:
             return whole, source.replace(" (HDU", f" and {key} (HDU")
         if text:
@@ -116,7 +129,7 @@ def _mjd(cards: Cards, key: str) -> Known | None:
     card = cards.number(key)
     if card is None:
         return None
-    if not 0 < card.value < 200000:
+    if not _FIRST_MJD < card.value < 200000:
         cards.warnings.append(f"{key} = {card.value:g} is not a date and is ignored")
         return None
     return _in_utc(cards, MJD_EPOCH + timedelta(days=card.value), card.source, "milliseconds")

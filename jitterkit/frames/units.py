@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 
 #: Units of pixel values that a detector converts; the exposure turns the rates into counts.
 COUNTS = ("adu", "electron")
@@ -98,11 +98,58 @@ _FACTORS = {
     "focal_length": _MILLIMETRES,
     "pixel_size": {word: 1e3 * value for word, value in _MILLIMETRES.items()},
     "plate_scale": {word + pixel: value for word, value in _ARCSECONDS.items() for pixel in _PIXELS},
+    "va_factor": dict.fromkeys(("none", "unitless", "dimensionless", "ratio", "factor", "1", "-"), 1.0),
 }
 """Factors to the unit of a quantity, by the spelling of the unit; mm of a focal length, um of a pixel."""
 
 _CLAUSE_ONLY = ("min", "h", "d", "in", "m")
 """Units that are words or letters of other meaning where prose goes on behind them: "min exposure"."""
+
+_APART = re.compile(r"\b(milli|micro|nano|arc)[- ](?=s(ec)?|arc|min)", re.I)
+"""A unit that is written in two words: "milli-arcsec"."""
+
+_PREFIXES = ("milli", "micro", "mikro", "nano", "kilo", "mega")
+
+_OTHER_NUMBER = re.compile(
+    r"\b(log(10)?|ln|no\.|counter|index|identifier|id|flag)(?!\w)"
+    r"|(?<!data )(?<!digital )\bnumber\b(?! of (\w*sec|electron|e-|count|adu))"
+    r"|#(?=\s*(of\b|$))|(^\W*|\b(in|as) )(%|percent)"
+    r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b",
+    re.I,
+)
+"""What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten."""
+
+_OTHER_NUMBERS = {
+    "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
+    "plate_scale": r"\barea\b|\bzoom\b|\bfactor\b|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
+    "saturation": r"\babove (the )?bias",
+}
+"""The same for one quantity."""
+
+_ELECTRICAL = re.compile(r"\b[mkuµn]?V\b|(?i:(?<![a-z])((micro|milli)?volts?|voltage|db|decibels?)\b)")
+"""Units of what is counted in ADU or electrons where the signal is a voltage."""
+
+
+@lru_cache(maxsize=256)
+def other_number(name: str, text: str) -> str | None:
+    """Find what says in a comment that a number is not the quantity itself.
+
+    Parameters
+    ----------
+    name : str
+        The quantity.
+    text : str
+        The comment, and what stands behind the number.
+
+    Returns
+    -------
+    words : str or None
+        ``"log"``, ``"number"``, ``"x 1000"``; None where the number is what its keyword says.
+    """
+    found = _OTHER_NUMBER.search(text) or re.search(_OTHER_NUMBERS.get(name, "(?!)"), text, re.I)
+    if found is None and name in ("gain", "read_noise", "saturation", "bias"):
+        found = _ELECTRICAL.search(text)
+    return None if found is None else found[0].strip()
 
 
 @cache
@@ -122,13 +169,17 @@ def factor(name: str, unit: str) -> float | str | None:
         The factor to the unit of the quantity; for what is counted ``"adu"`` or ``"electron"``; None of a
         unit that is unknown or has another dimension.
     """
+    if unit.strip(" []().,;:") == "Ms":  # of some milliseconds, of others megaseconds
+        return None
     word = re.sub(r"\s+per\s+|\s*/\s*", "/", unit.strip(" []().,;:").lower())
+    word = _APART.sub(r"\1", word)
     word = re.sub(r"^in\s+|\s+rms$", "", word)
     if name in _FACTORS:
         return _FACTORS[name].get(word)
     return resolve_unit(word) if word else None
 
 
+@lru_cache(maxsize=256)
 def stated_unit(name: str, comment: str, default: float | str) -> str | None:
     """Find the unit that a comment states for its number.
 
@@ -152,8 +203,9 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         return factor(name, text) is not None
 
     comment = re.sub(r"\s+per\s+", "/", " ".join(comment.split()), flags=re.I)
+    comment = _APART.sub(r"\1", comment)
     square = [text for text in re.findall(r"\[([^]]*)\]", comment) if text.strip()]
-    found = next(filter(known, (*square, *re.findall(r"\(([^)]*)\)", comment))), None)
+    found = next(filter(known, (*square, *re.findall(r"[({<|]([^)}>|]*)[)}>|]", comment))), None)
     if found is not None or square:
         return found or square[0]
     start = re.match(r"(?:in |units?:? ?)?([^\s,;:()]+?)(\.?(?=$|[,;:(])|(?= ))", comment, re.I)
@@ -162,9 +214,10 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         return comment if clause else start[1]
     if start and known(start[1].partition("/")[0]):
         return start[1]
-    end = re.search(r"(?:\bin |, ?|= ?)([^\s,;:()]+?)\.?$", comment, re.I)
-    if end and known(end[1]):
-        return end[1]
+    for ending in (r"(?:\bin |, ?|= ?)([^\s,;:()]+?)\.?$", r"/([^\s,;:()/]+?)\.?$"):
+        end = re.search(ending, comment, re.I)
+        if end and known(end[1]):
+            return end[1]
     return _only_other_units(comment, lambda text: factor(name, text), default)
 
 
@@ -172,6 +225,14 @@ def _only_other_units(
     comment: str, meaning: Callable[[str], float | str | None], default: float | str
 ) -> str | None:
     """The comment where it mentions units, and not the one that is meant by default."""
-    words = (word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1)
+    words = [word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1]
     mentioned = {meaning(word) for word in words} - {None}
-    return comment if mentioned and default not in mentioned else None
+    foreign = any(word.lower().startswith(_PREFIXES) or _names_other_unit(word) for word in words)
+    return comment if (mentioned or foreign) and default not in mentioned else None
+
+
+def _names_other_unit(word: str) -> bool:
+    """Return whether a word is a unit of any quantity, and no word of other meaning."""
+    unit = word.lower()
+    lengths = any(unit in table for table in (_SECONDS, _ARCSECONDS, _MILLIMETRES) if len(unit) > 2)
+    return unit not in _CLAUSE_ONLY and (lengths or resolve_unit(unit) is not None)

@@ -27,6 +27,9 @@ _KEYWORDS = re.compile(
     r"[AB]P?_|[CD][PQ]|D2IM|AXISCORR|WAT\d|PROJP|RESTF|RESTW|SPECSYS|VELREF|LTV|LTM)"
 )
 
+_CD, _PC = re.compile(r"\bCD\d_\d *="), re.compile(r"\bPC\d_\d *=")
+_PV2, _TAN = re.compile(r"PV2_\d+ *="), re.compile(r"(CTYPE[12] *= *'(?:RA|DEC|GLON|GLAT)-+)TAN( *')")
+
 #: ``WCS`` opens the file of that name if its text is one; no name begins with 320 blanks.
 _NO_PATH = " " * 320
 
@@ -71,8 +74,10 @@ def celestial_wcs(
 @lru_cache(maxsize=8)
 def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     """The WCS of some cards where it is celestial, and what was said of it."""
+    # a tangent plane has no parameters in latitude: these are polynomials, as older SCAMP writes them
+    scamp = _TAN.sub(r"\1TPV\2", cards) if _PV2.search(cards) else cards
     with overheard(log) as said, collected() as caught:  # of distortions astropy tells the screen
-        whole = WCS(_NO_PATH + cards, tables)
+        whole = WCS(_NO_PATH + scamp, tables)
         celestial = whole.celestial if whole.has_celestial else None
     said += map(one_line, caught)
     if celestial is None:
@@ -82,8 +87,12 @@ def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     matrix = celestial.pixel_scale_matrix
     if not 0 < abs(np.linalg.det(matrix)) < np.inf:
         return None, ("the WCS cannot be inverted and is ignored",)
-    if np.array_equal(np.abs(matrix), np.eye(2)):
+    if np.any(np.linalg.norm(matrix, axis=0) == 1):
         return None, ("the WCS has the default scale of 1 degree a pixel, so it says none and is ignored",)
+    if _CD.search(cards) and _PC.search(cards):
+        said.append("the WCS has a CD and a PC matrix, which FITS forbids; PC with CDELT is used")
+    if scamp != cards:
+        said.append("the WCS is TAN with PV of SCAMP and is read as TPV")
     if celestial_frame(celestial) is None:
         said.append(f"the WCS's frame ({_frame_of(celestial)}) is not converted: no position angle is given")
     return celestial, tuple(dict.fromkeys(said))

@@ -9,8 +9,8 @@ from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.header import VA_INCLUDED
 from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
+from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
 

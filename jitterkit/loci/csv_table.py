@@ -50,6 +50,30 @@ def heading(cell: str) -> tuple[str, str]:
     return name.strip().lower(), unit.strip()
 
 
+_IN_PROSE = re.compile(
+    r"(?<![\w/])(mas|milli-?arcsec\w*|[uµ]as|deg(rees?)?|[mµu]?rad(ians?)?|pix(els?)?|ms|milliseconds?|[uµ]s|minutes?"
+    r"|hours?|kHz|√|sqrt|rt ?Hz|dB|log(10)?|(?i:asd|amplitude spectral|rms|peak[- ]to[- ]peak|p-?p))(?!\w)"
+)
+"""Units, and kinds of amplitude, that are not those of columns without a unit."""
+
+
+def refuse_unit_in_comment(path: Path, header: Sequence[str]) -> None:
+    """Raise ConfigurationError where a comment names a unit, and no column of the header has one."""
+    if any(unit for _, unit in map(heading, header)):
+        return
+    with path.open(encoding="utf-8-sig") as handle:
+        comments = [
+            (n, found)
+            for n, line in enumerate(handle, 1)
+            if line[0] == "#" and (found := _IN_PROSE.search(line))
+        ]
+    if comments:
+        number, found = comments[0]
+        problem = f"the comment in line {number} says {found[0]!r}, and the columns have no unit"
+        remedy = f"write one behind each name, as in {header[1]} [mas], or leave the word out"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; {remedy}.")
+
+
 def unit_factor(column: str, unit: str, *wanted: str) -> tuple[float, str]:
     """Find what a unit is, and the factor to it.
 

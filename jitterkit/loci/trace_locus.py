@@ -18,7 +18,7 @@ from scipy.integrate import cumulative_simpson
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes
-from jitterkit.loci.csv_table import csv_rows, heading, row_numbers, unit_factor
+from jitterkit.loci.csv_table import csv_rows, heading, refuse_unit_in_comment, row_numbers, unit_factor
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
 _NODES, _IN_ALL = 3, 64
@@ -209,9 +209,13 @@ def read_trace(
     cells = csv_rows(path, "give a CSV of t,x,y")
     try:
         factors, integrate = _columns(cells[0][1] if cells else [], rates)
+        if not rates:
+            refuse_unit_in_comment(path, cells[0][1])
         table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
         t, x, y = (table * factors).T
         _check(t, x, y)
+        if not integrate:
+            _refuse_wrapped(t, x, y)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
     if integrate:
@@ -219,6 +223,21 @@ def read_trace(
         if tell is not None:
             tell("The trace holds rates, which were integrated.")
     return t, x, y
+
+
+def _refuse_wrapped(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+    """Raise ConfigurationError for angles that go on at 0 behind 360 degrees."""
+    for name, values in (("x", x), ("y", y)):
+        jumps = np.flatnonzero(np.abs(np.diff(values)) > _HALF_TURN)
+        if jumps.size:
+            problem = f"{name} jumps by more than half a turn after {t[jumps[0]]:g} s"
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"{problem}; unwrap the angles, or check the unit."
+            )
+
+
+_HALF_TURN = 180 * 3600
+"""Arcsec."""
 
 
 def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:

@@ -14,7 +14,14 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import is_trace, read_trace
-from jitterkit.loci.csv_table import CsvRow, csv_rows, heading, row_numbers, unit_factor
+from jitterkit.loci.csv_table import (
+    CsvRow,
+    csv_rows,
+    heading,
+    refuse_unit_in_comment,
+    row_numbers,
+    unit_factor,
+)
 from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
@@ -86,6 +93,7 @@ def read_motion(
     if trace:
         return Record(*read_trace(path, rates, tell))
     try:
+        refuse_unit_in_comment(path, rows[0][1] if rows else ())
         densities, lines = _tables(rows)
         random = _random(densities, kind, _says_two_sided(path), tell)
     except ConfigurationError as error:
@@ -166,7 +174,7 @@ def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, tel
     if f[0] == 0:
         f, density = f[1:], density[1:]
         tell("The row at 0 Hz was left out: a constant offset is no motion.")
-    if len(f) == 1:
+    if len(f) < 2:
         line = int(rows[-1]["line"])
         raise ConfigurationError(ErrorCode.TOO_FEW, f"line {line} is the only density; give two or more.")
     curve = PowerSpectrum(f, density)  # refuses what is no spectrum
@@ -196,7 +204,8 @@ def _says_two_sided(path: Path) -> bool:
     """Return whether a comment says that densities are two-sided."""
     with path.open(encoding="utf-8-sig") as handle:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
-    found = {kind for kind in ("one", "two") if re.search(rf"\b{kind}[- ]?sided", comments)}
+    said = re.findall(r"\b(not |non-?)?(one|single|1|two|double|2)[- ]?sided", comments)
+    found = {"one" if bool(no) != (kind in ("one", "single", "1")) else "two" for no, kind in said}
     if len(found) > 1:
         problem = "the comments say one-sided and two-sided; leave one of the words out."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)

@@ -49,6 +49,27 @@ def gone_over(directory, **options):
     return exposures, first
 
 
+@pytest.mark.parametrize("day", ["2027-03-01", "01/03/97"])
+def test_days_without_a_time_are_no_times(day, write, tmp_path):
+    for n in (1, 2, 10):
+        write(f"f{n}.fits", **{"DATE-OBS": day})
+    exposures, frames = gone_over(tmp_path)
+    assert not exposures.timed
+    assert [e.name for e in frames] == ["f1.fits", "f2.fits", "f10.fits"]
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 0.75, 1.25])
+
+
+def test_times_in_different_scales_and_keywords_are_one_clock(write, tmp_path):
+    """TT is 69.184 s, TAI 37 s ahead of UTC; MJD 61465.125 is 3 h on 2027-03-01."""
+    write("a.fits", **{"DATE-OBS": "2027-03-01T03:01:12.184", "TIMESYS": "TT"})
+    write("b.fits", **{"MJD-OBS": 61465.125})
+    write("c.fits", **{"DATE-OBS": "2027-03-01T03:00:38.5", "TIMESYS": "TAI"})
+    write("d.fits", **{"DATE-OBS": "2027-03-01", "UT": "03:00:02"})
+    _, frames = gone_over(tmp_path)
+    assert [e.name for e in frames] == ["b.fits", "c.fits", "d.fits", "a.fits"]
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 1.75, 2.25, 3.25], atol=2e-3)
+
+
 def test_frames_come_in_the_order_of_their_times(write, tmp_path):
     times = {"f1.fits": 7.0, "f2.fits": 1.0, "f10.fits": 2.5, "z.fits": 1.5}
     for name, seconds in times.items():

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from refusals import refused
 from scipy import fft
+from scipy.ndimage import gaussian_filter
 from skimage.registration import phase_cross_correlation
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import drifts, register
+from jitterkit.extended.registration import align
 
 
 def shifted(scene, x, y, decibels=40.0, seed=0):
@@ -125,6 +127,59 @@ def test_what_stands_still_does_not_hold_the_drift(x, y, pattern, fwhm):
     drift = register(*frames)
     # a FWHM of 1.5 pixels aliases: 0.01 without a pattern
     assert np.hypot(drift.x - x, drift.y - y) < 0.03
+
+
+def _uneven(shape=(200, 200)):
+    return np.random.default_rng(3).standard_normal(shape)
+
+
+ROWS, COLUMNS = np.mgrid[:200, :200]
+HOLDING = {
+    "flat field": lambda image: image * (1 + 0.1 * _uneven()),
+    "dark current": lambda image: image + 30 * _uneven(),
+    "smooth structure": lambda image: image + 40 * gaussian_filter(_uneven(), 2) / 0.14,
+    "rows": lambda image: image + 30 * _uneven((200, 1)),
+    "columns": lambda image: image + 30 * _uneven((1, 200)),
+    "amplifiers": lambda image: image + np.where(COLUMNS < 100, 0, 200),
+    "fringes": lambda image: image + 100 * np.sin(2 * np.pi * (COLUMNS + 0.3 * ROWS) / 12),
+    "ghost": lambda image: image + 800 * np.exp(-((COLUMNS - 80) ** 2 + (ROWS - 70) ** 2) / 72),
+}
+"""Patterns that stand still and would hold the drift by 0.05 to 4 pixels."""
+HARMLESS = {
+    "vignetting": lambda image: image * (1 - 0.25 * np.hypot(COLUMNS - 100, ROWS - 100) ** 2 / 100**2),
+    "gradient": lambda image: image + 2.0 * COLUMNS,
+    "mosaic": lambda image: image * (1 + 0.3 * ((COLUMNS + ROWS) % 2)),
+    "glow": lambda image: image + 2000 * np.exp(-np.hypot(COLUMNS, ROWS) / 40),
+}
+"""Patterns as smooth as the window, or finer than the band."""
+
+
+def with_pattern(pattern, x, y):
+    """A scene of 100 more a pixel, so that a flat field counts, and the same moved by (x, y)."""
+    return [pattern(starlight(a, b, seed, 3.5) + 100) for seed, a, b in ((1, 0, 0), (2, x, y))]
+
+
+@pytest.mark.parametrize(("x", "y"), [(3.4, -2.2), (0.3, 0.2)])
+@pytest.mark.parametrize("pattern", [name for name in HOLDING if name != "flat field"])
+def test_a_pattern_that_would_hold_the_drift_is_refused(x, y, pattern):
+    with refused(ErrorCode.MODEL_MISMATCH, error=UndeterminedError):
+        register(*with_pattern(HOLDING[pattern], x, y))
+
+
+def test_what_a_weak_pattern_may_do_is_in_the_error():
+    """A flat field of 10 % moves the shift by 1 %, which is 5 errors of noise."""
+    frames = with_pattern(HOLDING["flat field"], 3.4, -2.2)
+    drift, (noise, bias) = register(*frames), align(*frames)
+    assert np.hypot(drift.x - 3.4, drift.y + 2.2) > 4 * noise.errors.max()
+    assert np.hypot(drift.x - 3.4, drift.y + 2.2) < 2 * drift.errors.max()
+    assert drift.errors[0] == pytest.approx(np.hypot(noise.errors[0], bias))
+
+
+@pytest.mark.parametrize("pattern", HARMLESS)
+@pytest.mark.parametrize(("x", "y"), [(3.4, -2.2), (0.3, 0.2)])
+def test_a_pattern_that_does_not_hold_the_drift_is_no_reason_to_refuse(x, y, pattern):
+    drift = register(*with_pattern(HARMLESS[pattern], x, y))
+    assert np.hypot(drift.x - x, drift.y - y) < 5 * drift.errors.max()
 
 
 def test_sharp_stars_that_stand_still_are_no_hot_pixels():

@@ -59,6 +59,18 @@ def test_hst_s_frequencies_are_read():
         ("f,x,y\n1,1,1\n2,1,1\nf,x,y,xy\n", ErrorCode.DUPLICATE, ["line 4"]),
         ("frequency,amplitude,angle\n-1,1,0\n", ErrorCode.OUT_OF_RANGE, ["line 2", "frequency", -1]),
         ("t,x,y\n0,0,0\n0,0,0\n", ErrorCode.MALFORMED, ["sample 1", "0 s"]),
+        ("f,x,y\n0,1,1\n", ErrorCode.TOO_FEW, ["line 2"]),
+        ("# PSD in mas^2/Hz\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'mas'", "x [mas]"]),
+        ("# f in rad/s\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'rad'"]),
+        ("# ASD of the tip\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'ASD'"]),
+        ("#\n# rms\nfrequency,amplitude,angle\n1,1,0\n", ErrorCode.CONFLICT, ["line 2", "'rms'"]),
+        ("# t in ms\nt,x,y\n0,0,0\n1,1,0\n", ErrorCode.CONFLICT, ["line 1", "'ms'"]),
+        ("t;x;y\n0,0;0,0;0,0\n", ErrorCode.MALFORMED, ["line 1"]),
+        ('t,x,y\n0,0,0\n"1,5",1,0\n', ErrorCode.MALFORMED, ["line 3", "'1,5'"]),
+        ("t,x [px],y [px]\n0,0,0\n1,1,0\n", ErrorCode.UNKNOWN_UNIT, ["'px'"]),
+        ("f [rad/s],x,y\n1,1,1\n2,1,1\n", ErrorCode.UNKNOWN_UNIT, ["'rad/s'"]),
+        ("f,x [dB],y [dB]\n1,1,1\n2,1,1\n", ErrorCode.UNKNOWN_UNIT, ["'dB'"]),
+        ("t,x [deg],y [deg]\n0,359.999,0\n1,0.001,0\n", ErrorCode.OUT_OF_RANGE, ["half a turn", "0 s"]),
     ],
 )
 def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, table):
@@ -70,3 +82,27 @@ def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, ta
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with refused(ErrorCode.NOT_FOUND, tmp_path / "none.csv", "f,x,y"):
         read_motion(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    ("words", "factor"),
+    [
+        ("two-sided", 2),
+        ("twosided", 2),
+        ("double-sided", 2),
+        ("2-sided", 2),
+        ("not one-sided", 2),
+        ("one-sided", 1),
+        ("single-sided", 1),
+        ("not two-sided", 1),
+        ("of the tip", 1),
+    ],
+)
+def test_densities_of_two_sides_are_doubled_where_a_comment_says_so(words, factor, table):
+    spectrum = read_motion(table(f"# densities, {words}\nf,x,y\n1,2,3\n10,0.2,0.3\n"))
+    np.testing.assert_allclose(spectrum.density[:, 0], [2 * factor, 0.2 * factor])
+
+
+def test_a_comment_may_name_units_where_the_header_does(table):
+    record = read_motion(table("# from degrees, in mas\nt [ms],x [mas],y [mas]\n0,1,2\n500,3,4\n"))
+    np.testing.assert_allclose(record, [[0, 0.5], [1e-3, 3e-3], [2e-3, 4e-3]])

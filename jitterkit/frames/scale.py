@@ -1,0 +1,167 @@
+"""The plate scale that a header states: its WCS, its keywords, or its optics.
+
+Reach for :func:`resolve_scale`.  ``XPIXSZ`` is the pixel *after* binning (SBFITSEXT and every program that
+follows it), ``PIXSIZE1`` before.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+from jitterkit.frames.cards import Cards
+from jitterkit.frames.metadata import QUANTITIES, Known
+from jitterkit.frames.sky import plate_scale
+
+ARCSEC_PER_RADIAN = 206264.80624709636
+
+VA_INCLUDED = ", velocity aberration included"
+"""How the source of a scale ends that a pipeline has multiplied by the factor of velocity aberration."""
+
+_USUAL = (0.001, 600.0)
+"""Arcsec/pixel of telescopes and lenses, from interferometers to cameras of the whole sky."""
+
+_PIXEL, _LEAST_RATIO = (0.3, 300.0), 0.3
+"""Sides of pixels [um] that detectors have, and a focal ratio that no optics have."""
+
+_BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DET WIN1 BINX")
+"""Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
+
+
+def resolve_scale(cards: Cards, wcs: Any) -> Known | None:
+    """Find the plate scale; a contradiction, or a number that is not used, adds a warning to the cards.
+
+    Parameters
+    ----------
+    cards : Cards
+    wcs : astropy.wcs.WCS or None
+
+    Returns
+    -------
+    scale : Known or None
+        Arcsec/pixel: of the WCS in the middle of the frame, else of ``PIXSCALE`` and its like, else of
+        ``FOCALLEN`` with ``XPIXSZ``.
+    """
+    known = _of_sky(cards, wcs)
+    low, high = _USUAL
+    if known is not None and not low <= known.value <= high:
+        cards.warnings.append(f"{known.source} = {known.value:.4g} arcsec/pixel is unusual: check its unit")
+    return known
+
+
+def _of_sky(cards: Cards, wcs: Any) -> Known | None:
+    said = cards.first("plate_scale") or _of_area(cards)
+    if said is not None:
+        _along_y(cards, said)
+    optics = _of_optics(cards)
+    if wcs is None:
+        return _without_sky(cards, said, optics)
+    scale, warnings = plate_scale(wcs, _shape(cards))
+    cards.warnings += warnings
+    problem = QUANTITIES["plate_scale"].problem(scale)
+    if problem is not None:
+        cards.warnings.append(f"the WCS's scale = {scale:g} {problem} and is ignored")
+        return _without_sky(cards, said, optics)
+    for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
+        if other is not None and abs(other.value / scale - 1) > agreement:
+            told = f"{other.source} = {other.value:g}"
+            cards.warnings.append(f"{told} differs from the WCS's {scale:g} arcsec/pixel")
+    # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
+    fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
+    corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
+    source = f"header WCS (HDU {cards.layers[0][1]})"
+    return Known(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
+
+
+def _shape(cards: Cards) -> tuple[int, int] | None:
+    """``(ny, nx)``, of a tile-compressed image that of its pixels."""
+    for stem in ("ZNAXIS", "NAXIS"):
+        sides = [card[0] for card in map(cards.find, (f"{stem}2", f"{stem}1")) if card is not None]
+        if len(sides) == 2 and all(isinstance(side, int) and side > 0 for side in sides):
+            return sides[0], sides[1]
+    return None
+
+
+def _without_sky(cards: Cards, said: Known | None, optics: Known | None) -> Known | None:
+    if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
+        told = f"{optics.source} = {optics.value:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} differs from {told} arcsec/pixel")
+    elif said is not None and optics is None and _binning(cards)[0] > 1:
+        told = f"the binning of {_binning(cards)[0]:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {told}")
+    return said or optics
+
+
+def _along_y(cards: Cards, said: Known) -> None:
+    """Warn of a second axis with another scale."""
+    key = said.source.removeprefix("header ").partition(" (")[0]
+    before = len(cards.warnings)
+    other = cards.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
+    del cards.warnings[before:]
+    if other is not None and abs(other.value / said.value - 1) > 0.01:
+        told = f"{other.key} = {other.value:g} arcsec/pixel"
+        cards.warnings.append(f"{key} = {said.value:g} is used, and {told}: pixels are not square")
+
+
+def _of_area(cards: Cards) -> Known | None:
+    """The side of a pixel whose area on the sky JWST writes, in arcsec²."""
+    area = cards.number("PIXAR_A2")
+    if area is None or not area.positive:
+        return None
+    if re.search(r"\b(sr|ster\w*|deg\w*|rad\w*|arcmin\w*)(?![a-z])", area.words, re.I):
+        cards.warnings.append(f"PIXAR_A2 = {area.value:g} is not in arcsec² ({area.words}) and is ignored")
+        return None
+    return Known(math.sqrt(area.value), "arcsec/pixel", area.source)
+
+
+def _of_optics(cards: Cards) -> Known | None:
+    focal = cards.quantity("focal_length", "FOCALLEN")
+    binned, unbinned = (
+        _pixel_sides(cards, keys) for keys in (("XPIXSZ", "YPIXSZ"), ("PIXSIZE1", "PIXSIZE2"))
+    )
+    sides, key = binned or unbinned, "XPIXSZ" if binned else "PIXSIZE1*XBINNING"
+    if focal is None or focal.value <= 0 or sides is None:
+        return None
+    nx, ny = _binning(cards)
+    x, y = sides if binned else (sides[0] * nx, sides[1] * ny)
+    if binned and nx > 1:
+        cards.warnings.append(f"XPIXSZ = {x:g} is taken to include the binning of {nx:g}")
+    scale = ARCSEC_PER_RADIAN * math.sqrt(x * y) * 1e-3 / focal.value
+    aperture = cards.quantity("focal_length", "APTDIA")
+    problem = QUANTITIES["plate_scale"].problem(scale)
+    if problem is None and aperture is not None and focal.value < _LEAST_RATIO * aperture.value:
+        problem = f"has a focal length of {focal.value:g} mm behind an aperture of {aperture.value:g} mm"
+    if problem is not None:
+        cards.warnings.append(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
+        return None
+    if abs(y / x - 1) > 0.01:
+        cards.warnings.append(f"pixels are {x:g} x {y:g} um, not square; {scale:g} arcsec/pixel is used")
+    return Known(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
+
+
+def _pixel_sides(cards: Cards, keys: tuple[str, str]) -> tuple[float, float] | None:
+    """Sides of a pixel along x and y [um]."""
+    x, y = (cards.quantity("pixel_size", key) for key in keys)
+    for side in filter(None, (x, y)):
+        if not _PIXEL[0] <= side.value <= _PIXEL[1]:
+            cards.warnings.append(f"{side.key} = {side.value:g} um is no pixel of a detector and is ignored")
+            return None
+    return None if x is None else (x.value, (y or x).value)
+
+
+def _binning(cards: Cards) -> tuple[int, int]:
+    """Pixels of the detector along x and y in one of the image; 1 where no keyword says it."""
+    for key in _BINNINGS:
+        text = cards.text(key)
+        found = re.fullmatch(r"0*([1-9]\d{0,2})(?:\.0*)?(?:\s*[xX ,:]\s*0*([1-9]\d{0,2}))?", text)
+        if found:
+            along_y = re.fullmatch(r"([1-9]\d{0,2})(\.0*)?", cards.text(re.sub("X(?!.*X)", "Y", key)))
+            return int(found[1]), int(found[2] or (along_y and along_y[1]) or found[1])
+        if text:
+            _warn_once(cards, f"{key} = {text!r} is no binning and is ignored")
+    return 1, 1
+
+
+def _warn_once(cards: Cards, text: str) -> None:
+    cards.warnings += [text] * (text not in cards.warnings)
