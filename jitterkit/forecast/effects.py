@@ -247,7 +247,7 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "wavelength": _Kind(
         1e-4, "", partial(_spectrum, lambda nm, by: nm * (1 + by)), hold=(WAVELENGTH,), curved=True
     ),
-    "band": _Kind(1.0, "nm", partial(_spectrum, lambda nm, by: nm + by), curved=True),
+    "band": _Kind(1.0, "nm", partial(_spectrum, lambda nm, by: nm + by), hold=(WAVELENGTH,), curved=True),
     "index_a": _Kind(0.1, "", partial(_index, 0), hold=Binary.colours),
     "index_b": _Kind(0.1, "", partial(_index, 1), hold=Binary.colours),
     "coma_b": _Kind(1.0, "nm", partial(_of_b, (7, 8)), hold=("noll7_b", "noll8_b"), curved=True),
