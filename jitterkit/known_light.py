@@ -136,11 +136,10 @@ def _placed(stars: BackgroundStars, p: Parameters, grid: Grid, origin: tuple[int
     else:
         angle = None
     if angle is None or math.isnan(angle):
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            "the stars of the catalogue cannot be placed: the frame has no WCS; give the pair_angle of B in "
-            "[sky], for frames of a pair.",
-        )
+        pair = isinstance(p.scene, Binary)
+        remedy = "give the pair_angle of B in [sky]" if pair else "a frame that shows no pair needs one"
+        problem = "the stars of [sky] cannot be placed, because the frame has no WCS of the stars"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
     dx, dy = stars.offsets(theta, angle, mirrored)
     light = flux * 10 ** (-0.4 * stars.delta_mag)
     reach = [(n / 2 + grid.pad) * grid.plate_scale for n in grid.shape[::-1]]

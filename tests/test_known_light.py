@@ -168,6 +168,20 @@ def test_the_light_of_known_stars_is_left_out(telescope, otf, parity, says):
     assert abs(bias(result)) < 2e-3
 
 
+def test_a_reference_frame_does_not_count_known_stars_as_its_own(telescope, otf):
+    """Else frames that are registered to it would look for stars whose light has been left out."""
+    stars = with_stars(telescope, pair_angle=0.0)
+    truth = Parameters(PAIR, BLUR, NONE, 3.0)
+    image = np.asarray(expected_image(truth, otf)) + KnownLight.of(stars).image(truth, otf)
+    raw = RawFrame.from_array(image, unit="electron", read_noise=1.0)
+    found = []
+    for instrument in (telescope, stars):
+        processor = FrameProcessor(instrument, locus="mvn", scene="binary")
+        found.append(processor.choose_scene(processor.calibrate(raw)).start.parameters.scene.others)
+    assert len(found[0].x) == 2
+    assert found[1] is None
+
+
 def test_the_photon_noise_of_what_is_left_out_stays(telescope, otf):
     """Counts and variance grow by the same, so that the likelihood is that of the counts."""
     stars = with_stars(telescope, pair_angle=0.0)
@@ -187,7 +201,7 @@ def test_stars_that_cannot_be_placed_are_refused(telescope, otf):
     result = processed(with_stars(telescope), image)
     assert not result.status.usable
     assert "pair_angle" in result.message
-    with refused(ErrorCode.MISSING_VALUE, "WCS", "pair_angle"):
+    with refused(ErrorCode.MISSING_VALUE, "WCS", "no pair"):
         star = Parameters(Star(0.0, 0.0, 1e5), BLUR, NONE, 0.0)
         KnownLight.of(with_stars(telescope, pair_angle=3.0)).image(star, otf)
 
@@ -200,7 +214,12 @@ def test_an_instrument_file_names_its_catalogue(tmp_path):
     np.testing.assert_array_equal(stars.separation, [3.5, 9.0])
     assert (stars.pair_angle, stars.mirrored) == (12.5, True)
     rows = describe_instrument(read_instrument(tmp_path / "bed.toml"))
-    assert ("stars", "2 in a catalogue", "", "instrument file bed.toml [sky]") in rows
+    assert (
+        "stars",
+        "2 in a catalogue, pair_angle 12.5 deg, mirrored",
+        "",
+        "instrument file bed.toml [sky]",
+    ) in rows
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_
 from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.instruments import Instrument
-from jitterkit.known_light import KnownLight
+from jitterkit.known_light import KnownLight, without_light
 from jitterkit.likelihood import Data
 from jitterkit.loci import locus_class
 from jitterkit.optics import Optics
@@ -214,10 +214,17 @@ class FrameProcessor:
 
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """Return what scene a frame shows at first sight; None if it shows none."""
-        data, warm = Data.of(frame, censored=self.censored), self.known.get(self.grid(frame))
+        optics, warm = self.optics(frame), self.known.get(self.grid(frame))
+
+        def search(frame: Frame) -> SceneChoice | FitResult:
+            data = Data.of(frame, censored=self.censored)
+            return steps.search(frame, optics, self.scene, data, self.options, warm, rough=True)[0]
+
         try:
-            where = self.optics(frame), self.scene, data, self.options, warm
-            found, _ = steps.search(frame, *where, rough=True)
+            found = search(frame)
+            if self.known_light is not None and not isinstance(found, FitResult):
+                light = self.known_light.of_frame(frame, found.start.parameters, optics.nominal)
+                found = search(without_light(frame, light))
         except Exception as error:
             if out_of_memory(error):
                 raise

@@ -22,6 +22,9 @@ from jitterkit.frames.metadata import QUANTITIES, Quantity
 FULL_WELL = Quantity("e-", 0.0, 1e9, zero_allowed=False)
 BITS = range(1, 33)
 
+_FARTHEST = 0.1 * (1 + 1e-6)
+"""Pixels, rounded to 32 bits: what second order leaves out of a change is 0.1 of it there."""
+
 NUMBERS: Mapping[str, Quantity] = {
     **{name: QUANTITIES[name] for name in ("gain", "read_noise", "bias", "saturation")},
     "full_well": FULL_WELL,
@@ -30,8 +33,8 @@ NUMBERS: Mapping[str, Quantity] = {
     "coupling": Quantity("of a pixel's charge", 0.0, LIMIT * (1 - 1e-6)),
     "brighter_fatter": Quantity("pixel per electron", 0.0, 1e-3),
     "diffusion": Quantity("pixel", 0.0, 10.0),
-    "pixel_shift_x": Quantity("pixel", -0.1, 0.1),
-    "pixel_shift_y": Quantity("pixel", -0.1, 0.1),
+    "pixel_shift_x": Quantity("pixel", -_FARTHEST, _FARTHEST),
+    "pixel_shift_y": Quantity("pixel", -_FARTHEST, _FARTHEST),
     "line_time": QUANTITIES["line_time"],
     "cosmic_rays": Quantity("hits per pixel and second", 0.0, 1.0),
     "bad_bits": QUANTITIES["bad_bits"],

@@ -138,7 +138,7 @@ class Cards:
             return None
         said = f"{key} = {number.value:g}"
         other = other_number(name, number.words)
-        if other is not None:
+        if other is not None and parse_number(other) != (number.value, ""):  # else the comment repeats it
             self.warnings.append(
                 f"{said} means something else ({other!r} in {number.words!r}) and is ignored"
             )

@@ -59,9 +59,24 @@ def resolve_time(cards: Cards) -> Known | None:
     for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG"):
         known = (_date if key.startswith("DATE") else _mjd)(cards, key)
         if known is not None and "T" in known.value and (day is None or known.value[:10] == day.value[:10]):
-            return known
+            return _agreeing(cards, key, known)
         day = day or known  # without a time of day, unless another keyword has one on it
     return day
+
+
+def _agreeing(cards: Cards, key: str, known: Known) -> Known:
+    """Return a time, with a warning if another keyword says a day or more from it."""
+    before = len(cards.warnings)
+    for other in ("DATE-OBS", "MJD-OBS"):
+        said = None if other == key else (_date if other.startswith("DATE") else _mjd)(cards, other)
+        del cards.warnings[before:]  # of times that are not used
+        if said is None or "T" not in said.value:
+            continue
+        apart = datetime.fromisoformat(said.value) - datetime.fromisoformat(known.value)
+        if abs(apart) >= timedelta(days=1):
+            cards.warnings.append(f"{key} = {known.value} is used, and {other} contradicts it ({said.value})")
+            break
+    return known
 
 
 def _date(cards: Cards, key: str) -> Known | None:

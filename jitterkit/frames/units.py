@@ -114,10 +114,15 @@ _OTHER_NUMBER = re.compile(
     r"\b(log(10)?|ln|no\.|counter|index|identifier|id|flag)(?!\w)"
     r"|(?<!data )(?<!digital )\bnumber\b(?! of (\w*sec|electron|e-|count|adu))"
     r"|#(?=\s*(of\b|$))|(^\W*|\b(in|as) )(%|percent)"
-    r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b",
+    r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b"
+    r"|\b(tenths?|hundredths?|thousandths?|tens|hundreds|thousands|millions) of\b"
+    r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows)\b|\bk(adu|dn|e-|electrons?)(?!\w)",
     re.I,
 )
 """What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten."""
+
+_SCALED = re.compile(r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])", re.I)
+"""A part of a unit, in the comment: "in 0.01 s"."""
 
 _OTHER_NUMBERS = {
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
@@ -146,7 +151,8 @@ def other_number(name: str, text: str) -> str | None:
     words : str or None
         ``"log"``, ``"number"``, ``"x 1000"``; None where the number is what its keyword says.
     """
-    found = _OTHER_NUMBER.search(text) or re.search(_OTHER_NUMBERS.get(name, "(?!)"), text, re.I)
+    own = re.compile(_OTHER_NUMBERS.get(name, "(?!)"), re.I)
+    found = _OTHER_NUMBER.search(text) or _SCALED.search(text) or own.search(text)
     if found is None and name in ("gain", "read_noise", "saturation", "bias"):
         found = _ELECTRICAL.search(text)
     return None if found is None else found[0].strip()

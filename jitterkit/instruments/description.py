@@ -57,16 +57,17 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
         if (value := getattr(instrument, name)) is not None:
             rows.append(_row(name, value, instrument.source(name)))
     fitted = {
-        "the plate scale is fitted": ("yes",) * instrument.plate_scale_free,
-        "fitted modes of the transmission": instrument.transmission,
-        "fitted modes of B alone": instrument.modes_of_b,
+        "plate_scale_free": ("yes",) * instrument.plate_scale_free,
+        "transmission": instrument.transmission,
+        "modes_of_b": instrument.modes_of_b,
     }
-    source = instrument.source("name")
-    rows += [(what, ", ".join(names), "", source) for what, names in fitted.items() if names]
+    rows += [(key, ", ".join(names), "", instrument.source(key)) for key, names in fitted.items() if names]
     for name, unit in SKY_KEYS.items():
         if (value := getattr(instrument.sky, name, None)) is not None:
             if isinstance(value, BackgroundStars):
-                value = f"{len(value.separation)} in a catalogue"
+                turned = "" if value.pair_angle is None else f", pair_angle {value.pair_angle:g} deg"
+                turned += ", mirrored" * value.mirrored
+                value = f"{len(value.separation)} in a catalogue{turned}"
             text = value if isinstance(value, str) else _text(name, value)
             rows.append((name, text, unit, instrument.source("sky")))
     return rows + describe_detector(instrument.detector)

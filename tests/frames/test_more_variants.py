@@ -79,6 +79,12 @@ NUMBERS = [
     (*time(2.0, "exposure #"), None, "#"), (*time(2.0, "exposure counter"), None, "counter"),
     (*time(2.0, "frame count"), None, "EXPTIME = 2"), (*time(2.0, "log10 of the exposure"), None, "log10"),
     (*time(2.0, "% of full scale"), None, "%"), (*time(2.0, "[s] x 10"), None, "x 10"),
+    (*time(2.0, "exposure in 0.01 s"), None, "0.01"), (*time(2.0, "exposure (1e-3 s)"), None, "1e-3"),
+    (*time(2.0, "exposure time in tenths of a second"), None, "tenths of"),
+    (*time(2.0, "in clock ticks"), None, "clock ticks"), (*time(2.0, "in lines"), None, "in lines"),
+    (*time(0.01, "exposure of 0.01 s"), 0.01, ""), (*time(2.0, "[s] of 0.01 s steps"), None, "0.01"),
+    (*level("kADU"), None, "kADU"), (*level("in thousands of ADU"), None, "thousands of"),
+    (*gain("gain, 0.1 e-/ADU", "EGAIN"), None, "0.1"), (*gain("gain in 0.1 dB", "EGAIN"), None, "0.1"),
     (*time(2.0, "Integration time, 1/1000 s"), None, "1/1000"), (*time(2.0, "[s-1]"), None, "s-1"),
     (*time(2.0, "Total exposure time (30 x 60 s)"), 2.0, ""), (*time(2.0, "[s] dead time 10 ms"), 2.0, ""),
     (*noise("variance [e-]"), None, "variance"), (*noise("variance in e-**2"), None, "variance"),
@@ -175,6 +181,8 @@ TIMES = [  # cards, time in UTC, what a warning names
     ({"DATE-OBS": "2023-130"}, None, "2023-130"), ({"DATE-OBS": 1683745248.5}, None, "1683745248.5"),
     ({"DATE-OBS": "2023-02-29T00:00:00"}, None, "2023-02-29"), ({"MJD-OBS": 2460075.29}, None, "MJD-OBS"),
     ({"MJD-OBS": (74.79, "MJD-60000")}, None, "MJD-OBS = 74.79"),
+    ({"DATE-OBS": "2026-11-27T03:00:00", "MJD-OBS": 61000.0}, "2026-11-27T03:00:00", "MJD-OBS contradicts"),
+    ({"DATE-OBS": "2026-11-27T03:00:00", "MJD-OBS": 61371.125}, "2026-11-27T03:00:00", ""),
     # 51544.5 in TT is the epoch J2000, 64.184 s earlier in UTC
     ({"MJD-OBS": 51544.5, "TIMESYS": "TT"}, "2000-01-01T11:58:55.816", ""),
 ]  # fmt: skip
