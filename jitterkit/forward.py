@@ -229,7 +229,8 @@ def displacement_effect(parameters: Parameters, otf: OTF, dx, dy) -> Float[Array
     spectrum = blur * _light(optics, stars)
     x, y = (2j * np.pi * frequencies for frequencies in _fx_fy(otf))
     moves = [(x, dx), (y, dy), (x * x, dx * dx / 2), (x * y, dx * dy), (y * y, dy * dy / 2)]
-    slopes = _to_pixels(spectrum * jnp.stack(jnp.broadcast_arrays(*(f for f, _ in moves))), otf.grid, None)
+    factors = jnp.stack(jnp.broadcast_arrays(*(factor for factor, _ in moves)))
+    slopes = _to_pixels(spectrum * factors, otf.grid, parameters.shutter)
     return jnp.sum(slopes * jnp.stack([by for _, by in moves]), axis=0)
 
 

@@ -24,7 +24,11 @@ from jitterkit.known_light import KnownLight, without_light
 from jitterkit.loci import Mvn
 from jitterkit.refit import Status
 from jitterkit.scene import Binary, FurtherStars, Star
+from jitterkit.shutter import Drifting
 from jitterkit.simulate import simulate_frame
+from jitterkit.trade import TradeScene
+from jitterkit.trade.ladder import without_noise
+from jitterkit.trade.methods import separations
 
 PAIR = Binary(5.0, 30.0, 0.3, -0.2, 4e6, 2.5)
 BLUR = Mvn.of(0.1)
@@ -43,12 +47,12 @@ def shifts(telescope):
 def displaced(telescope, otf, shifts):
     """Return what makes an image of a scene whose pixels are each taken from a scene moved the other way."""
 
-    def image(scene):
+    def image(scene, shutter=None):
         found = np.zeros(telescope.shape)
         for dx in np.unique(shifts[0]):
             for dy in np.unique(shifts[1]):
                 by = np.array([dx, dy]) * telescope.plate_scale
-                moved = Parameters(scene.shifted(*-by), BLUR, NONE, 3.0)
+                moved = Parameters(scene.shifted(*-by), BLUR, NONE, 3.0, shutter=shutter)
                 here = (shifts[0] == dx) & (shifts[1] == dy)
                 found[here] = np.asarray(expected_image(moved, otf))[here]
         return found
@@ -74,6 +78,18 @@ def test_a_displaced_pixel_sees_the_light_of_where_it_is(otf, shifts, displaced,
     found = np.asarray(displacement_effect(truth, otf, dx, dy))
     assert np.abs(change).max() > 0.01 * np.asarray(expected_image(truth, otf)).max()
     np.testing.assert_allclose(found, change, atol=1e-3 * np.abs(change).max())  # third order
+
+
+def test_a_displaced_pixel_of_a_rolling_shutter_sees_its_own_row(otf, shifts, displaced, telescope):
+    """The image drifts by three pixels from the first row to the last."""
+    shutter = Drifting(0.006, np.array([0.0, 4.0]))
+    truth = Parameters(PAIR, BLUR, NONE, 3.0, shutter=shutter)
+    dx, dy = (part * telescope.plate_scale for part in shifts)
+    change = displaced(PAIR, shutter) - np.asarray(expected_image(truth, otf))
+    found = np.asarray(displacement_effect(truth, otf, dx, dy))
+    np.testing.assert_allclose(found, change, atol=1e-3 * np.abs(change).max())
+    still = np.asarray(displacement_effect(Parameters(PAIR, BLUR, NONE, 3.0), otf, dx, dy))
+    assert np.abs(still - change).max() > 0.1 * np.abs(change).max()
 
 
 def test_a_simulated_frame_has_its_pixels_where_they_are(telescope, shifts, displaced):
@@ -123,6 +139,17 @@ def test_the_frames_of_a_sequence_are_freed_of_it_too(telescope, optics, shifts,
     (blind, _), (found, error) = values
     assert abs(blind - 5.0) > 0.3 * error
     assert abs(found - 5.0) < 2e-3 * error
+
+
+def test_a_trade_off_tries_settings_on_frames_that_show_it(telescope, shifts):
+    """Else what its fits take out was never there, a bias of 1.7 errors."""
+    detector = Detector(gain=1.0, read_noise=1.0, bits=32, pixel_shift_x=shifts[0], pixel_shift_y=shifts[1])
+    known = replace(telescope, detector=detector)
+    scene = TradeScene.of(known, PAIR, BLUR, 1, np.random.default_rng(5))
+    processor = FrameProcessor(known, locus="mvn", scene="binary")
+    frame = without_noise(processor.calibrate(scene.plain[0]), scene.images[0])
+    ((found, error),) = separations("refit", processor, [frame])
+    assert abs(found - float(scene.truths[0].binary.separation)) < 0.1 * error
 
 
 def turned(degrees, parity):

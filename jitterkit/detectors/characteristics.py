@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors.maps import FLOATS, MAPS, ONLY_MAPS, as_map, nominal
-from jitterkit.detectors.response import LIMIT, turning_point
+from jitterkit.detectors.response import BORDER, LIMIT, turning_point
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES, Quantity
 
@@ -23,7 +23,8 @@ FULL_WELL = Quantity("e-", 0.0, 1e9, zero_allowed=False)
 BITS = range(1, 33)
 
 _FARTHEST = 0.1 * (1 + 1e-6)
-"""Pixels, rounded to 32 bits: what second order leaves out of a change is 0.1 of it there."""
+"""Pixels, rounded to 32 bits.  The second order of :func:`jitterkit.forward.displacement_effect` leaves out a
+sixtieth of the change there, at the Nyquist frequency."""
 
 NUMBERS: Mapping[str, Quantity] = {
     **{name: QUANTITIES[name] for name in ("gain", "read_noise", "bias", "saturation")},
@@ -59,11 +60,11 @@ def check_detector(values: Mapping[str, Any]) -> None:
     _check_bits(values["bits"], values["bias"])
     _check_flat(values["flat"])
     _check_nonlinearity(values["nonlinearity"], values["full_well"])
-    if (values["brighter_fatter"] or 0.0) * (values["full_well"] or 0.0) >= LIMIT:
+    if (values["brighter_fatter"] or 0.0) * (values["full_well"] or 0.0) >= BORDER:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
             f"brighter_fatter = {values['brighter_fatter']:g} moves the border of a pixel that holds "
-            f"{values['full_well']:g} e-, a full well, by an eighth of a pixel or more; give a smaller one.",
+            f"{values['full_well']:g} e-, a full well, by {BORDER:g} pixel or more; give a smaller one.",
         )
 
 

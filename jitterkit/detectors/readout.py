@@ -16,7 +16,7 @@ import numpy as np
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.detectors.maps import piece
-from jitterkit.detectors.response import broaden, couple, measured
+from jitterkit.detectors.response import BORDER, broaden, couple, measured
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 DEPTH = 1.0
@@ -120,9 +120,17 @@ def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
     charge = expected if rng is None else rng.poisson(expected).astype(float)
     if rng is not None and detector.cosmic_rays:
         charge = charge + cosmic_rays(charge.shape, detector.cosmic_rays, exposure, rng)
-    if detector.brighter_fatter:
-        charge = broaden(charge, detector.brighter_fatter)
-    return charge if detector.full_well is None else np.minimum(charge, detector.full_well)
+    well = np.inf if detector.full_well is None else detector.full_well
+    held = np.minimum(charge, well)
+    if not detector.brighter_fatter:
+        return held
+    if held.max(initial=0.0) * detector.brighter_fatter >= BORDER:
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE,
+            f"brighter_fatter = {detector.brighter_fatter:g} is too large for a pixel of {held.max():g} e-; "
+            "give a smaller one, or a full_well.",
+        )
+    return np.where(held < well, np.minimum(broaden(held, detector.brighter_fatter), well), well)
 
 
 def _amplified(detector, charge, rng, origin) -> np.ndarray:

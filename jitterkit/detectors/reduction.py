@@ -21,7 +21,15 @@ from jitterkit.detectors.file_variance import (
 )
 from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
 from jitterkit.detectors.maps import piece
-from jitterkit.detectors.response import beside, collected, decouple, decoupled_variance, narrow, slope
+from jitterkit.detectors.response import (
+    BORDER,
+    beside,
+    collected,
+    decouple,
+    decoupled_variance,
+    narrow,
+    slope,
+)
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import Metadata
 
@@ -102,6 +110,9 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
     current = 0.0 if detector.dark_current is None else _piece(detector, "dark_current", raw)
     dark = current * metadata.value("exposure", 0.0)  # where nobody knows the exposure, a flag says so
     brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
+    if detector.brighter_fatter:
+        well = min(well, BORDER / detector.brighter_fatter)
+        brim = np.minimum(brim, well)
     top = np.minimum(brim, _linear(detector, np.asarray((clips - bias) * gain))[0])
     full = clipped | (charge >= brim * (1 - _ROUNDING))
     if detector.brighter_fatter:

@@ -37,6 +37,9 @@ from scipy.ndimage import convolve
 LIMIT = 0.125
 """Shares below this leave something of every frequency; ``1 - 8a`` is left of a chessboard."""
 
+BORDER = LIMIT / 2
+"""Pixels by which the brighter-fatter effect may move a border: each step of undoing it then halves the error."""
+
 _REACH = 3
 """Pixels from which a decoupled pixel still takes noise; beyond, less than a^8 of the variance."""
 
@@ -122,7 +125,7 @@ def broaden(charge: np.ndarray, coefficient: float) -> np.ndarray:
         That pixels of a fixed size would hold, e-.
     coefficient : float
         Pixels by which a border moves for each electron that one side holds more; with the full well, less
-        than an eighth.
+        than :data:`BORDER`.
 
     Returns
     -------

@@ -54,7 +54,7 @@ class Instrument:
     plate_scale_err : float, optional
         Relative standard error of the plate scale: a prior where it is fitted.
     plate_scale_free : bool
-        Whether the plate scale is fitted, which makes a separation's error some times as large.
+        Whether the plate scale is fitted, which may enlarge the separation's error; not if its error is zero.
     transmission : tuple of str
         Modes of the pupil's transmission that are fitted, ``"x"``, ``"y"`` or ``"r"``: see
         :meth:`jitterkit.optics.Pupil.with_shading`.
@@ -202,7 +202,8 @@ class Instrument:
                 f"modes_of_b names {unknown[0]!r}, which is no aberration of the instrument {self.name!r}; "
                 f"there are {', '.join(self.aberrations)}.",
             )
-        known = (self.plate_scale_err or math.inf) if self.plate_scale_free else 0.0
+        stated = math.inf if self.plate_scale_err is None else self.plate_scale_err
+        known = stated if self.plate_scale_free else 0.0
         return system.OpticalSystem(
             self.pupil, spectrum, samples, diffusion, colours, known, tuple(self.modes_of_b)
         )

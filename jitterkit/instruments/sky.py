@@ -61,6 +61,7 @@ class Sky:
     orbit_epoch : str, optional
         ISO 8601, UTC.
     stars : BackgroundStars, optional
+        Whose light is taken out of the frames.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """What may vary of an instrument beside its wavefront.
 
 Modes of the transmission and the wavefront of B are expanded at their own states, as the wavefront is.  The
-wavelength and the plate scale shift by so little that first order is enough.
+shifts of wavelength and plate scale are small, and expanded about zero: to second and to first order.
 """
 
 from __future__ import annotations

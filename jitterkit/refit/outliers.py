@@ -140,7 +140,8 @@ def _without_known_light(whole: Frame, fitted: Fitted, fit: Fit, known: KnownLig
             break
         light = known.of_frame(whole, p, fitted.otf)
         noise = np.maximum(image, 0.0) + whole.read_variance
-        if np.sum((light - removed) ** 2 / np.maximum(noise, 1.0), where=~whole.mask) < SETTLED**2:
+        seen = ~whole.mask & (noise > 0)
+        if np.sum((light - removed)[seen] ** 2 / noise[seen]) < SETTLED**2:
             break
         frame, removed = without_light(whole, light), light
         fitted = fit(frame)

@@ -280,8 +280,6 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
     locus : Locus
     names : tuple of str
         Of the free parameters, those of the locus among them.
-    aberrations : tuple of str
-        Names of ``parameters.aberrations``.
     covariance : (p, p) array
         Of the free parameters.
 

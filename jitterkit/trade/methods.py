@@ -110,7 +110,8 @@ def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     ]
     hold, optics = tuple(processor.options.hold), processor.optics(frames[0])
     locus = "mvn" if processor.locus == "auto" else processor.locus  # to which it comes where little is seen
-    looker = Looker(optics, locus, hold, processor.options.priors, censored=processor.censored)
+    priors, light = processor.options.priors, processor.known_light
+    looker = Looker(optics, locus, hold, priors, censored=processor.censored, known_light=light)
     fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
     together = int(fit.combined.kept.sum())
     if together < len(frames):

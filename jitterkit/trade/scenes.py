@@ -10,6 +10,7 @@ from jitterkit.errors import ConfigurationError
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import RawFrame
 from jitterkit.instruments import Instrument
+from jitterkit.known_light import KnownLight
 from jitterkit.loci import Locus
 from jitterkit.optics import Optics
 from jitterkit.scene import Binary
@@ -81,7 +82,7 @@ class TradeScene:
         system = truest(instrument)
         known = instrument.aberration_sigma
         state = rng.normal(0, _STATE if known is None else min(_STATE, known), len(instrument.aberrations))
-        truths, images = [], []
+        truths, images, known_light = [], [], KnownLight.of(instrument)
         for theta in [rng.uniform(0, 360)] * (frames + 1) + list(rng.uniform(0, 360, frames)):
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
             place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
@@ -89,7 +90,8 @@ class TradeScene:
             otf = system.otf(here, derivatives=False)
             truths.append(Parameters(place, locus, here).completed(otf))
             check_reach(place, locus, otf)
-            images.append(np.asarray(expected_image(truths[-1], otf), float))
+            image = np.asarray(expected_image(truths[-1], otf), float)
+            images.append(image if known_light is None else image + known_light.image(truths[-1], otf))
 
         def read(images: list[np.ndarray], rng: np.random.Generator | None) -> tuple[RawFrame, ...]:
             exposed = (

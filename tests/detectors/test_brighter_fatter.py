@@ -65,6 +65,34 @@ def test_neighbours_of_a_full_pixel_are_not_known():
     assert np.abs(frame.electrons[~frame.mask] - 2000).max() < 1.0  # rounding to an electron
 
 
+@pytest.mark.parametrize("size", [SIZE, 6e-6])  # with the well: 0.02 and 0.06 pixel
+@pytest.mark.parametrize("light", [1.1e4, 1e5, 1e7])
+def test_a_star_however_bright_is_full_and_spoils_its_neighbours_only(size, light):
+    known = {"gain": 1.0, "read_noise": 0.0, "bias": 100.0, "bits": 16}
+    detector = Detector(**known, full_well=10_000.0, brighter_fatter=size)
+    truth = np.full((9, 9), 2000.0)
+    truth[4, 4] = light
+    frame = detector.calibrate(RawFrame.from_array(detector.expose(truth)))
+    assert frame.mask.sum() == 5
+    assert frame.saturated == 1
+    # what the star's own charge was is not known, which reaches the second neighbours
+    assert np.abs(frame.electrons[~frame.mask] - 2000).max() < 0.1 * np.sqrt(2000)
+
+
+def test_readings_beyond_the_law_are_full_where_no_well_is_known():
+    """One hot pixel must not spoil the frame."""
+    detector = Detector(gain=1.0, read_noise=0.0, bias=0.0, brighter_fatter=SIZE)
+    readings = np.full((20, 20), 1000.0)
+    readings[10, 10] = 2e5
+    frame = detector.calibrate(RawFrame.from_array(readings))
+    assert frame.mask.sum() == 5
+    assert np.isfinite(frame.electrons).all()
+    # its neighbours are wrong by up to 1000, and those of two of them by twice size/2 times 1000²
+    np.testing.assert_allclose(frame.electrons[~frame.mask], 1000.0, atol=2.1)
+    with refused(ErrorCode.OUT_OF_RANGE, "brighter_fatter = 2e-06", "200000", "full_well"):
+        detector.expose(np.full((4, 4), 2e5))
+
+
 def test_an_effect_as_large_as_a_pixel_is_refused():
-    with refused(ErrorCode.OUT_OF_RANGE, "brighter_fatter = 1e-05", "15000"):
-        Detector(full_well=15000.0, brighter_fatter=1e-5)
+    with refused(ErrorCode.OUT_OF_RANGE, "brighter_fatter = 1e-05", "7500"):
+        Detector(full_well=7500.0, brighter_fatter=1e-5)

@@ -151,6 +151,11 @@ def test_a_plate_scale_that_can_hardly_be_told_is_reported(telescope, image_of, 
     assert (f"{factor:.3g} times" in result.message) == told
 
 
+def test_a_plate_scale_that_is_known_exactly_is_not_fitted(telescope):
+    exact = replace(telescope, plate_scale_free=True, plate_scale_err=0.0)
+    assert exact.optics().names == telescope.optics().names
+
+
 def test_a_star_has_no_wavefront_of_b(free):
     otf = free.optics()
     start = Parameters(Star(0.1, 0.2, 1e5), Mvn.of(0.1), np.zeros(2), 1.0).completed(otf)
