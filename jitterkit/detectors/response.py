@@ -38,7 +38,7 @@ LIMIT = 0.125
 """Shares below this leave something of every frequency; ``1 - 8a`` is left of a chessboard."""
 
 BORDER = LIMIT / 2
-"""Pixels by which the brighter-fatter effect may move a border: a step of undoing it halves the error then."""
+"""Pixels by which the brighter-fatter effect may move a border: each step back then halves the error."""
 
 _REACH = 3
 """Pixels from which a decoupled pixel still takes noise; beyond, less than a^8 of the variance."""
