@@ -214,16 +214,17 @@ class FrameProcessor:
 
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """Return what scene a frame shows at first sight; None if it shows none."""
-        optics, warm = self.optics(frame), self.known.get(self.grid(frame))
 
         def search(frame: Frame) -> SceneChoice | FitResult:
-            data = Data.of(frame, censored=self.censored)
-            return steps.search(frame, optics, self.scene, data, self.options, warm, rough=True)[0]
+            data, warm = Data.of(frame, censored=self.censored), self.known.get(self.grid(frame))
+            where = self.optics(frame), self.scene, data, self.options, warm
+            return steps.search(frame, *where, rough=True)[0]
 
         try:
             found = search(frame)
             if self.known_light is not None and not isinstance(found, FitResult):
-                light = self.known_light.of_frame(frame, found.start.parameters, optics.nominal)
+                start = found.start
+                light = self.known_light.of_frame(frame, start.parameters, start.otf)
                 found = search(without_light(frame, light))
         except Exception as error:
             if out_of_memory(error):
