@@ -11,6 +11,7 @@ such images row by row: :mod:`jitterkit.shutter`.  One formula serves fitting, f
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -19,17 +20,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.optics.further import PLATE_SCALE
+from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import real
 from jitterkit.scene import Binary, Scene
 from jitterkit.shutter import Shutter
 
 __all__ = [
+    "GRADIENT",
     "Parameters",
+    "background_of",
     "displacement_effect",
     "expected_image",
     "free_parameters",
@@ -37,6 +42,10 @@ __all__ = [
     "parameter_names",
     "to_vector",
 ]
+
+
+GRADIENT = ("background_x", "background_y")
+"""Names of the gradient of the background along each axis."""
 
 
 class Parameters(eqx.Module):
@@ -49,7 +58,9 @@ class Parameters(eqx.Module):
     aberrations : (k,) array
         nm, in the order of the OTF's names.
     background : float
-        Electrons per pixel.
+        Electrons per pixel, at the centre of the frame.
+    gradient : (2,) array
+        Of the background along x and y, electrons per pixel per arcsec.
     diffusion : float, optional
         Variance per axis, arcsec², of the charge's diffusion beyond what the OTF holds; signed, because the
         OTF may hold too much.  None if there is no such parameter.
@@ -61,6 +72,7 @@ class Parameters(eqx.Module):
     locus: Locus
     aberrations: Float[Array, " k"]
     background: Float[Array, ""]
+    gradient: Float[Array, "2"]
     diffusion: Float[Array, ""] | None
     shutter: Shutter | None
 
@@ -71,23 +83,17 @@ class Parameters(eqx.Module):
         aberrations=(),
         background=0.0,
         *,
+        gradient=(0.0, 0.0),
         diffusion=None,
         shutter: Shutter | None = None,
     ) -> None:
         self.scene, self.locus, self.shutter = scene, locus, shutter
-        self.aberrations, self.background = real(aberrations), real(background)
+        self.aberrations, self.background, self.gradient = map(real, (aberrations, background, gradient))
         self.diffusion = None if diffusion is None else real(diffusion)
 
     def with_locus(self, locus: Locus) -> Parameters:
         """The same with another locus."""
-        return Parameters(
-            self.scene,
-            locus,
-            self.aberrations,
-            self.background,
-            diffusion=self.diffusion,
-            shutter=self.shutter,
-        )
+        return replace(self, locus=locus)
 
     def completed(self, otf: OTF) -> Parameters:
         """The same with what the optics know beforehand and these lack: colours, and what is no mode."""
@@ -107,7 +113,7 @@ class Parameters(eqx.Module):
 
 def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tuple[str, ...]:
     """Name of each element of :func:`to_vector`."""
-    last = ("background",) if parameters.diffusion is None else ("background", "diffusion")
+    last = ("background", *GRADIENT, *["diffusion"] * (parameters.diffusion is not None))
     aberrations = aberrations[: len(parameters.aberrations)]
     return (*parameters.scene.names, *parameters.locus.names, *aberrations, *last)
 
@@ -131,7 +137,7 @@ def free_parameters(
         Their positions in :func:`to_vector`.  An aberration that the image does not show to first
         order is not among them: defocus or astigmatism about perfect focus, for a pupil that is its
         own mirror image, where both signs look the same.  Nor is what B has more of a mode than A, where
-        there is no B.
+        there is no B, nor the gradient of a background that is held.
 
     Raises
     ------
@@ -154,7 +160,7 @@ def free_parameters(
     colours = parameters.scene.colours
     known = colours if otf.chromatic is None or otf.colours is None else otf.colours.held(colours)
     nothing = set(otf.names) - set(otf.varied(parameters.scene))
-    held = {*hold, *known, *otf.blind(), *nothing}
+    held = {*hold, *known, *otf.blind(), *nothing, *GRADIENT * ("background" in hold)}
     free = tuple(i for i, name in enumerate(every) if name not in held)
     return tuple(every[i] for i in free), free
 
@@ -170,13 +176,22 @@ def to_vector(parameters: Parameters):
         Keeps what a locus holds beside its coordinates, a measured trace say, and the shutter.
     """
     locus = parameters.locus
-    last = (parameters.background, parameters.diffusion)
+    last = (parameters.background, parameters.gradient, parameters.diffusion)
     varied = (parameters.scene, locus.coords, parameters.aberrations, *last)
     vector, unravel = jax.flatten_util.ravel_pytree(varied)
 
     def rebuild(values) -> Parameters:
         scene, coords, *rest, diffusion = unravel(values)
-        return Parameters(scene, locus.at(coords), *rest, diffusion=diffusion, shutter=parameters.shutter)
+        aberrations, background, gradient = rest
+        return Parameters(
+            scene,
+            locus.at(coords),
+            aberrations,
+            background,
+            gradient=gradient,
+            diffusion=diffusion,
+            shutter=parameters.shutter,
+        )
 
     return vector, rebuild
 
@@ -205,7 +220,7 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     """
     blur, optics, stars = _factors(parameters, otf)
     spectrum = blur * _light(optics, stars)
-    return _to_pixels(spectrum, otf.grid, parameters.shutter) + parameters.background
+    return _to_pixels(spectrum, otf.grid, parameters.shutter) + background_of(parameters, otf.grid)
 
 
 @eqx.filter_jit
@@ -259,6 +274,20 @@ def _pixel(otf: OTF, diffusion):
     p = otf.grid.plate_scale
     pixel = 1.0 if otf.pixel_included else np.sinc(p * fx) * np.sinc(p * fy)
     return pixel if diffusion is None else pixel * _round(diffusion).transfer(fx, fy)
+
+
+def background_of(parameters: Parameters, grid: Grid) -> Float[Array, "ny nx"]:
+    """Electrons per pixel that are not the light of stars."""
+    y, x = _axes(parameters, grid)
+    along_x, along_y = parameters.gradient
+    return parameters.background + along_x * x + along_y * y
+
+
+def _axes(parameters: Parameters, grid: Grid):
+    """Offsets ``y, x`` of the pixels from the centre, arcsec."""
+    ny, nx = grid.shape
+    y, x = (offsets(n, grid.plate_scale).astype(parameters.background.dtype) for n in (ny, nx))
+    return y[:, None], x
 
 
 def _round(variance):
@@ -340,12 +369,14 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
         first += size
     spectrum = blur * light
     image = _to_pixels(spectrum, otf.grid, shutter)
-    if first in free:
-        jacobian.append(jnp.ones((1, *image.shape), image.dtype))
-    if first + 1 in free:  # diffusion: the logarithm of its factor is linear in it
+    planes = (1.0, *_axes(parameters, otf.grid)[::-1])  # of the background
+    flat = [jnp.broadcast_to(plane, image.shape) for i, plane in enumerate(planes) if first + i in free]
+    if flat:
+        jacobian.append(jnp.stack(flat).astype(image.dtype))
+    if first + len(planes) in free:  # diffusion: the logarithm of its factor is linear in it
         fx, fy = _fx_fy(otf)
         jacobian.append(_to_pixels(-2 * np.pi**2 * (fx**2 + fy**2) * spectrum, otf.grid, shutter)[None])
-    return image + parameters.background, jnp.concatenate(jacobian)
+    return image + background_of(parameters, otf.grid), jnp.concatenate(jacobian)
 
 
 def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np.ndarray):

@@ -124,7 +124,7 @@ def _placed(stars: BackgroundStars, p: Parameters, grid: Grid, origin: tuple[int
     """Return the stars of a catalogue as a scene; None where none of them is on the modelled field."""
     x, y, flux = (float(part[0]) for part in p.scene.stars())
     theta, angle, mirrored = 0.0, stars.pair_angle, stars.mirrored
-    if wcs is not None:
+    if wcs is not None and not stars.in_frame:
         column, row = (
             first + (n - 1) / 2 + offset / grid.plate_scale
             for first, n, offset in zip(origin, grid.shape[::-1], (x, y), strict=True)

@@ -51,8 +51,8 @@ SceneName = Annotated[
 Background = Annotated[
     bool,
     typer.Option(
-        help="Fit a constant background. If it is held at zero, a sky of 1 e-/pixel biases a separation by "
-        "43 µas."
+        help="Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a "
+        "separation by 43 µas."
     ),
 ]
 ModelError = Annotated[

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jitterkit.estimators.shape import CumulantStep, ShapedBlur, fit_shape
-from jitterkit.forward import Parameters
+from jitterkit.forward import GRADIENT, Parameters
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, Mvn, Shaped
 from jitterkit.loci.base import moments_and_slope
@@ -74,6 +74,7 @@ class CompressedFit(NamedTuple):
             self.locus,
             np.asarray(normal.aberrations) + [by.get(name, 0.0) for name in aberrations],
             normal.background + by.get("background", 0.0),
+            gradient=normal.gradient + np.array([by.get(name, 0.0) for name in GRADIENT]),
             diffusion=None if normal.diffusion is None else normal.diffusion + by.get("diffusion", 0.0),
             shutter=normal.shutter,
         )

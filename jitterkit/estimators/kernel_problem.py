@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.optimize
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.forward import Parameters, expected_image
+from jitterkit.forward import Parameters, background_of, expected_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.loci import Stable
@@ -119,7 +119,7 @@ def solve_kernel(
         if min(otf.grid.shape) <= 4 * reach:
             break
         nodes = _place(template, otf, per_pixel, reach)
-        problem, best = _problem(data, nodes, float(template.background))
+        problem, best = _problem(data, nodes, np.asarray(background_of(template, otf.grid)))
         if best.sum() > 0 and _border(best) < _BORDER:
             return _summary(solver(problem), _response(problem, best), nodes, method)
     raise UndeterminedError(
@@ -161,12 +161,11 @@ def _trimmed(image: np.ndarray, margin: int) -> np.ndarray:
     return image[margin : image.shape[0] - margin, margin : image.shape[1] - margin]
 
 
-def _problem(data: Data, nodes: _Nodes, background: float) -> tuple[KernelProblem, np.ndarray]:
+def _problem(data: Data, nodes: _Nodes, background: np.ndarray) -> tuple[KernelProblem, np.ndarray]:
     """The problem with the weights of its own solution, from a first one without blur; and that solution."""
     weights = np.broadcast_to(data.weight, data.used.shape)
-    counts, offset, used, weight = (
-        nodes.trim(a).ravel() for a in (data.electrons - background, data.offset, data.used, weights)
-    )
+    parts = data.electrons - background, data.offset, data.used, weights, background
+    counts, offset, used, weight, background = (nodes.trim(part).ravel() for part in parts)
     if not used.any():
         problem = "No usable pixel is left for a kernel; mask less of the frame."
         raise UndeterminedError(ErrorCode.NO_DATA, problem)

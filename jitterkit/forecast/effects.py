@@ -18,7 +18,7 @@ import numpy as np
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.forecast.modelled import Modelled, of_sources
-from jitterkit.forward import expected_image
+from jitterkit.forward import GRADIENT, expected_image
 from jitterkit.loci import Skewed, principal_axes
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
@@ -254,8 +254,8 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "astigmatism_b": _Kind(1.0, "nm", partial(_of_b, (5, 6)), hold=("noll5_b", "noll6_b"), curved=True),
     "focus_change": _Kind(5.0, "nm", _focus_change, curved=True),
     "amplitude": _Kind(0.01, "", _amplitude, hold=("transmission_x", "transmission_y")),
-    "background": _Kind(1.0, "electron", _background, hold=("background",)),
-    "gradient": _Kind(1.0, "electron", _gradient),
+    "background": _Kind(1.0, "electron", _background, hold=("background", *GRADIENT)),
+    "gradient": _Kind(1.0, "electron", _gradient, hold=GRADIENT),
     "third_star": _Kind(10 ** (-0.4 * 8), "", _third_star, together=False),
     "flat": _Kind(1e-3, "", _flat, per_pixel=True),
     "pixel_grid": _Kind(1e-3, "pix", _pixel_grid, per_pixel=True),

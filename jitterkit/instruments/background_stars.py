@@ -17,6 +17,7 @@ from astropy.units import Quantity, UnitConversionError
 from jitterkit.errors import ErrorCode, FrameError
 
 _COLUMNS = {"separation": "arcsec", "position_angle": "deg", "delta_mag": "mag"}
+_IN_FRAME = {"separation": "arcsec", "angle_from_b": "deg", "delta_mag": "mag"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,9 @@ class BackgroundStars:
         Position angle of B at A, degrees: it says how a frame of the pair is turned, where no WCS does.
     mirrored : bool
         Whether east is clockwise from north in such a frame.
+    in_frame : bool
+        Whether ``position_angle`` is no angle on the sky, but counter-clockwise in the frame from the
+        direction of B; then nothing else has to say how the frame is turned.
     """
 
     separation: np.ndarray
@@ -42,6 +46,7 @@ class BackgroundStars:
     delta_mag: np.ndarray
     pair_angle: float | None = None
     mirrored: bool = False
+    in_frame: bool = False
 
     def offsets(self, theta: float, position_angle: float, mirrored: bool) -> np.ndarray:
         """Return the offsets (2, n) from A along x and y [arcsec], in the frame's own axes.
@@ -66,7 +71,8 @@ def read_background_stars(path: Path, pair_angle: float | None, mirrored: bool) 
     Parameters
     ----------
     path : Path
-        ECSV or CSV with the columns ``separation`` (arcsec), ``position_angle`` (deg) and ``delta_mag``.
+        ECSV or CSV with the columns ``separation`` (arcsec), ``position_angle`` (deg) and ``delta_mag``; or
+        with ``angle_from_b`` (deg), counter-clockwise in the frame, in place of the second.
     pair_angle, mirrored
         As for :class:`BackgroundStars`.
 
@@ -75,10 +81,14 @@ def read_background_stars(path: Path, pair_angle: float | None, mirrored: bool) 
     FrameError
         If the file cannot be read as such a table, or holds what no star can have.
     """
-    separation, angle, delta_mag = read_star_table(path, _COLUMNS)
+    table = _read(path, _COLUMNS)
+    in_frame = "angle_from_b" in table.colnames
+    separation, angle, delta_mag = _columns(path, table, _IN_FRAME if in_frame else _COLUMNS)
     if np.any(separation < 0):
         problem = "holds a negative separation"
         raise FrameError(ErrorCode.OUT_OF_RANGE, path, problem, "turn its position angle by 180 deg")
+    if in_frame:
+        return BackgroundStars(separation, angle, delta_mag, 0.0, in_frame=True)
     return BackgroundStars(separation, angle, delta_mag, pair_angle, mirrored)
 
 
@@ -102,17 +112,27 @@ def read_star_table(path: str | Path, units: Mapping[str, str]) -> list[np.ndarr
     FrameError
         If the file cannot be read as such a table, or holds no star, or one without a number.
     """
-    remedy = f"give ECSV or CSV with the columns {', '.join(units)}"
+    return _columns(path, _read(path, units), units)
+
+
+def _remedy(units: Mapping[str, str]) -> str:
+    return f"give ECSV or CSV with the columns {', '.join(units)}"
+
+
+def _read(path: str | Path, units: Mapping[str, str]) -> QTable:
     try:
-        table = QTable.read(path, format="ascii.ecsv" if str(path).endswith(".ecsv") else "ascii.csv")
+        return QTable.read(path, format="ascii.ecsv" if str(path).endswith(".ecsv") else "ascii.csv")
     except FileNotFoundError:
         raise FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the path") from None
     except Exception as error:
         said = f"cannot be read as a table of stars ({error})"
-        raise FrameError(ErrorCode.MALFORMED, path, said, remedy) from None
+        raise FrameError(ErrorCode.MALFORMED, path, said, _remedy(units)) from None
+
+
+def _columns(path: str | Path, table: QTable, units: Mapping[str, str]) -> list[np.ndarray]:
     missing = [name for name in units if name not in table.colnames]
     if missing:
-        raise FrameError(ErrorCode.MISSING_VALUE, path, f"has no column {missing[0]!r}", remedy)
+        raise FrameError(ErrorCode.MISSING_VALUE, path, f"has no column {missing[0]!r}", _remedy(units))
     try:
         columns = [np.asarray(Quantity(table[name], unit, dtype=float).value) for name, unit in units.items()]
     except (ValueError, TypeError, UnitConversionError) as error:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.forward import Parameters, free_parameters, parameter_names, to_vector
+from jitterkit.forward import GRADIENT, Parameters, free_parameters, parameter_names, to_vector
 from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.known_light import KnownLight
@@ -146,7 +146,7 @@ class Looker:
     @cached_property
     def own(self) -> tuple[str, ...]:
         """Names of what each frame has of its own."""
-        every = ("x", "y", "flux", *locus_class(self.locus).names, "background")
+        every = ("x", "y", "flux", *locus_class(self.locus).names, "background", *GRADIENT)
         return tuple(name for name in every if name not in self.hold)
 
     def first(
@@ -170,7 +170,7 @@ class Looker:
                 told = "it shows a field of stars; --scene binary fits the brightest two as a pair."
             return FitResult(Status.NO_PAIR, told), nominal
         start, p = choice.start, choice.start.parameters
-        begin = Parameters(p.scene, p.locus, p.aberrations, p.background, shutter=shutter)
+        begin = replace(p, shutter=shutter)
         options = FitOptions(hold=self.hold, priors=self.priors, model_error=self.model_error)
         fit, otf, _ = fit_and_allow(data, self.optics, begin, start.otf, options)
         if self.diffusion and fit.parameters is not None:
@@ -237,10 +237,7 @@ class Looker:
         light = values.get("flux", float(scene.flux)) / float(scene.flux)
         parameters = eqx.tree_at(lambda p: p.scene, parameters, scene.shifted(dx, dy).brightened(light))
         if self.diffusion and parameters.diffusion is None:
-            p = parameters
-            parameters = Parameters(
-                p.scene, p.locus, p.aberrations, p.background, diffusion=0.0, shutter=p.shutter
-            )
+            parameters = replace(parameters, diffusion=jnp.zeros(()))
         vector, unravel = to_vector(parameters)
         names = parameter_names(parameters, self.optics.nominal.names)
         numbers = np.array(vector)

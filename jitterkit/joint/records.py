@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jitterkit.forward import GRADIENT
 from jitterkit.joint.spool import Spool
 from jitterkit.refit.result import FitResult, Status, moments_of
 
@@ -73,6 +74,7 @@ class FrameRecord:
         known = {n: float(getattr(scene, n)) for n in ("x", "y", "flux")}
         known |= dict(zip(locus.names, np.asarray(locus.coords), strict=True))
         known["background"] = float(fit.parameters.background)
+        known |= dict(zip(GRADIENT, map(float, fit.parameters.gradient), strict=True))
         moments, covariance = moments_of(locus, fit.names, fit.covariance)
         with np.errstate(invalid="ignore"):
             return cls(

@@ -312,4 +312,4 @@ def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) ->
 
 
 def _shuttered(p: Parameters, shutter: Shutter | None) -> Parameters:
-    return Parameters(p.scene, p.locus, p.aberrations, p.background, diffusion=p.diffusion, shutter=shutter)
+    return replace(p, shutter=shutter)

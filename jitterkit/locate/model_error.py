@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import nnls
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.forward import Parameters
+from jitterkit.forward import Parameters, background_of
 from jitterkit.likelihood import Data
 from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.residual import Residual
@@ -71,7 +71,7 @@ def check_model_error(error: ModelError) -> None:
     )
 
 
-def relative_error(data: Data, image, background: float) -> float:
+def relative_error(data: Data, image, background) -> float:
     """Return the model error that data allow for: rms share of the light, weighted by its square.
 
     Parameters
@@ -79,8 +79,8 @@ def relative_error(data: Data, image, background: float) -> float:
     data : Data
     image : (ny, nx) array
         Expected electrons.
-    background : float
-        Electrons a pixel of these that are not the stars'.
+    background : (ny, nx) array
+        Those of these that are not the stars'.
     """
     if data.model_variance is None:
         return 0.0
@@ -123,7 +123,7 @@ def allow_for_model(data: Data, parameters: Parameters, image, otf: OTF, error: 
     data, image = data if data.model_variance is None else data.allowing(None), np.asarray(image)
     if error == 0 or not np.any(data.used):
         return data
-    light, pixels = _light(image, float(parameters.background)), resolution(otf) / otf.grid.plate_scale
+    light, pixels = _light(image, background_of(parameters, otf.grid)), resolution(otf) / otf.grid.plate_scale
     most, shot = max(pixels**2, 1.0), np.square(data.weight)
     if error != AUTO:
         return data.allowing((float(error) * light) ** 2 * shot, most)
@@ -140,8 +140,8 @@ def allow_for_model(data: Data, parameters: Parameters, image, otf: OTF, error: 
     return data.allowing(variance * shot, _alike(np.where(used, left, 0.0), noise, variance, width, most))
 
 
-def _light(image, background: float) -> np.ndarray:
-    return np.maximum(np.asarray(image) - background, 0.0)
+def _light(image, background) -> np.ndarray:
+    return np.maximum(np.asarray(image) - np.asarray(background), 0.0)
 
 
 def _without_missing_stars(residual: Residual) -> np.ndarray:

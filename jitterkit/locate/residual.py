@@ -187,13 +187,13 @@ class Residual:
         dark = np.where(errors**2 > self._of_pixels, -errors, 0.0)
         return bool(dark.max() <= max(SURE, _DARK * errors.max()))
 
-    def outliers(self, background: float, *, surely: bool = False) -> np.ndarray:
+    def outliers(self, background, *, surely: bool = False) -> np.ndarray:
         """Find single pixels that do not belong to the image: cosmic rays, hot and dead pixels.
 
         Parameters
         ----------
-        background : float
-            Electrons a pixel of the image that are not the stars' light.
+        background : (ny, nx) array or float
+            Electrons of the image that are not the stars' light.
         surely : bool
             Whether the image may lack stars, whose blur is not known: a star must explain less than half of
             an outlier, which must be bright.
@@ -209,7 +209,7 @@ class Residual:
             return none
         around = ndimage.uniform_filter(used.astype(float), size=3, mode="constant")
         seeds = used & (around > _SEEN) & (self._chance < chance)
-        light = ndimage.maximum_filter(self.image - background, size=3)
+        light = ndimage.maximum_filter(self.image - np.asarray(background), size=3)
         seeds &= np.abs(np.asarray(self.data.electrons) - self.image) > _OF_LIGHT * light
         # a star there explains as much of a pixel's chi-squared as it has in that one pixel
         step = self.otf.grid.refine

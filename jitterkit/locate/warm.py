@@ -270,8 +270,9 @@ def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
 
 
 def _moved(parameters: Parameters, by) -> Parameters:
-    """Move the stars by ``(y, x)`` [arcsec]."""
-    return eqx.tree_at(lambda p: p.scene, parameters, parameters.scene.shifted(by[1], by[0]))
+    """Move the stars by ``(y, x)`` [arcsec], and the background with them."""
+    shifted, level = parameters.scene.shifted(by[1], by[0]), parameters.gradient @ np.array([by[1], by[0]])
+    return replace(parameters, scene=shifted, background=parameters.background - level)
 
 
 def _cleared(data: Data, image: np.ndarray) -> Data:

@@ -254,4 +254,4 @@ def _split(parameters: Parameters, moments: np.ndarray) -> Parameters:
     separation = math.sqrt(major - max(minor, 0.0)) * (1 + contrast) / math.sqrt(contrast)
     pair = Binary(separation, angle, scene.x, scene.y, scene.flux, contrast)
     round_blur = Mvn.near(max(minor, 0.0) * np.array([1.0, 0.0, 1.0]))
-    return Parameters(pair, round_blur, parameters.aberrations, parameters.background)
+    return replace(parameters, scene=pair, locus=round_blur)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jitterkit.forward import background_of
 from jitterkit.likelihood import Data, slope_products
 from jitterkit.locate import relative_error
 from jitterkit.optics.otf import OTF
@@ -43,7 +44,7 @@ def with_model_error(result: FitResult, data: Data, otf: OTF, free: tuple[int, .
     """
     assert data.alike_variance is not None
     assert result.parameters is not None
-    error = relative_error(data, result.image, float(result.parameters.background))
+    error = relative_error(data, result.image, background_of(result.parameters, otf.grid))
     mean = np.asarray(result.image) + data.offset
     weight = np.zeros_like(mean)
     np.divide(data.alike_variance, mean**2, out=weight, where=data.used & (mean > 0))

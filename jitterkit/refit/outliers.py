@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from jitterkit.forward import background_of
 from jitterkit.frames import Frame
 from jitterkit.known_light import KnownLight, without_light
 from jitterkit.likelihood import Data
@@ -121,7 +122,7 @@ def fit_without_outliers(
             frame = _masked(frame, hit, "rays_masked")
         else:
             assert fitted.result.parameters is not None
-            hit = residual.outliers(float(fitted.result.parameters.background))
+            hit = residual.outliers(background_of(fitted.result.parameters, residual.otf.grid))
             found = outliers + int(hit.sum())
             if found == outliers or found + fitted.left_out > most:
                 break

@@ -12,10 +12,11 @@ from pathlib import Path
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-RUN = "results.ecsv", "summary.json", "report.html", "configuration.json", "stars.ecsv"
-"""What a run leaves behind: its settings and versions before the stars of frames that show more than two."""
+RUN = "results.ecsv", "summary.json", "report.html", "configuration.json", "stars.ecsv", "further_stars.ecsv"
+"""What a run leaves behind: its settings and versions before the stars of frames that show more than two, and
+those that all frames of a pair show together."""
 
-TABLE, SUMMARY, REPORT, CONFIGURATION, STARS = RUN
+TABLE, SUMMARY, REPORT, CONFIGURATION, STARS, FURTHER_STARS = RUN
 
 ENDS = (".png", ".kernel.fits", ".deblurred.fits")
 """Of the names of an estimate's picture, kernel and deblurred image."""

@@ -128,6 +128,8 @@ def _message(result: FitResult, words: Iterable[str]) -> str:
 
 def _fitted(result: FitResult, parameters: Parameters) -> Row:
     """Columns of what was fitted."""
+    from jitterkit.forward import GRADIENT  # JAX: loaded already by whoever holds a FitResult
+
     row: Row = {}
     for name in SCENE:
         row |= _with_error(name, result.of_scene(name), result.error(name))
@@ -135,7 +137,9 @@ def _fitted(result: FitResult, parameters: Parameters) -> Row:
     row |= {"separation_crlb": _crlb(result, "separation"), "separation_spread": result.separation_spread}
     row |= {"separation_model_err": result.model_part("separation"), "model_error": result.model_error}
     row |= _with_error("shape", result.shape, result.shape_err)
-    row |= _with_error("background", parameters.background, result.error("background"))
+    background = dict(zip(GRADIENT, parameters.gradient, strict=True), background=parameters.background)
+    for name, value in background.items():
+        row |= _with_error(name, value, result.error(name))
     for name, value in zip(result.aberrations, parameters.aberrations, strict=False):
         row |= _with_error(aberration_column(name), value, result.error(name))
     return row | _jitter(result, parameters)
@@ -152,7 +156,7 @@ def _crlb(result: FitResult, name: str) -> float:
 
 def _jitter(result: FitResult, parameters: Parameters) -> Row:
     """Second moments, principal axes and the locus's own size."""
-    from jitterkit.loci.base import principal_axes  # JAX: loaded already by whoever holds a FitResult
+    from jitterkit.loci.base import principal_axes  # likewise
 
     moments, covariance = result.moments()
     free = set(parameters.locus.names) & set(result.names)

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from jitterkit.report.means import weighted_mean
+from jitterkit.report.outputs import FURTHER_STARS
 from jitterkit.report.residual_stack import FEWEST, ResidualStack, Structure
-from jitterkit.report.words import angle_size, number
+from jitterkit.report.words import angle_size, number, with_error
 
 _NEARLY_ALL = 0.95
 """Share of the frames that a locus must have been fitted to."""
@@ -208,7 +209,28 @@ def _mean_chi2(values: np.ndarray, dof: np.ndarray) -> tuple[float, float, float
 
 
 def describe_run_fit(fit: dict[str, Any]) -> str:
-    """Return in two sentences what shows that a run's model lacks something; nothing where nothing does."""
+    """Return in a few sentences what shows that a run's model lacks something; nothing where nothing does."""
+    return " ".join(filter(None, (_describe_misfit(fit), _describe_stars(fit.get("further_stars", [])))))
+
+
+def _describe_stars(stars: list[dict[str, float]]) -> str:
+    """Return what stars the frames show together, and what to do."""
+    if not stars:
+        return ""
+    each = [
+        f"{with_error(star['delta_mag'], star['delta_mag_err'])} mag fainter than A, "
+        f"{angle_size(star['separation'], 3)} from it ({number(star['sigmas'], 2)} sigmas)"
+        for star in stars
+    ]
+    what = f"a star {each[0]}" if len(each) == 1 else f"{len(each)} stars: {'; '.join(each)}"
+    them = "it" if len(each) == 1 else "them"
+    return (
+        f"Together the frames show {what}, which the fits lack. Give {FURTHER_STARS} as stars in [sky] of "
+        f"the instrument file and process the frames again to leave {them} out."
+    )
+
+
+def _describe_misfit(fit: dict[str, Any]) -> str:
     shown = []
     if fit["sigmas"] > _SURE:
         shown.append(

@@ -22,7 +22,16 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import find_files
 from jitterkit.frames.whole import replacing
 from jitterkit.report.html import write_report
-from jitterkit.report.outputs import CONFIGURATION, REPORT, RUN, STARS, SUMMARY, TABLE, make_directory
+from jitterkit.report.outputs import (
+    CONFIGURATION,
+    FURTHER_STARS,
+    REPORT,
+    RUN,
+    STARS,
+    SUMMARY,
+    TABLE,
+    make_directory,
+)
 from jitterkit.report.pictures import choose_pictures, render_picture
 from jitterkit.report.residual_stack import ResidualStack, join_stacks, most_stacked
 from jitterkit.report.row import Row
@@ -30,6 +39,7 @@ from jitterkit.report.star_table import star_table
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, write_table
 from jitterkit.run.rows import Record, duplicate_marker, recorder
+from jitterkit.run.stacked_stars import find_stacked_stars
 
 __all__ = ["Run", "begin", "planned_before", "process_files", "write_outputs"]
 
@@ -211,6 +221,13 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     write_table(directory / TABLE, table, overwrite=True)
     if (stars := star_table(table)) is not None:
         write_table(directory / STARS, stars, overwrite=True)
+    further = None if stack is None else find_stacked_stars(stack, table, processor)
+    if further is not None:
+        write_table(directory / FURTHER_STARS, further, overwrite=True)
+        cells = (further[name].value.tolist() for name in further.colnames)
+        summary["fit"]["further_stars"] = [
+            dict(zip(further.colnames, star, strict=True)) for star in zip(*cells, strict=True)
+        ]
     write_summary(directory / SUMMARY, summary, overwrite=True)
     duplicates = table[np.asarray(table["status"]) == "duplicate"]
     names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))

@@ -2,21 +2,29 @@
 
 import json
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from astropy.table import QTable
 
 from jitterkit.batch.executor import execute
 from jitterkit.batch.store import Store
 from jitterkit.cli.run import finalize
+from jitterkit.forward import expected_image
 from jitterkit.frames import write_fits
+from jitterkit.instruments import read_instrument
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.run import process_files
+from jitterkit.scene import Star
 from jitterkit.simulate import fits_header
 
 FRAMES, FLAT = 48, 0.007
 """In a night, and the rms error of a pixel's sensitivity."""
+
+THIRD, ANGLE, FAINTER = 6.0, np.radians(130.0), 9.9
+"""Of a star beside the pair: from A [arcsec], its direction, and magnitudes that it is fainter."""
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +45,10 @@ def nights(drawn, telescope, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def process(processor):
-    def process(night, out, executor=None, **options):
+    def process(night, out, executor=None, by=processor, **options):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("jitterkit.run.process.batch_size", lambda shape: 16)
-            return process_files([night], out, processor, executor=executor, **options)
+            return process_files([night], out, by, executor=executor, **options)
 
     return process
 
@@ -48,6 +56,48 @@ def process(processor):
 @pytest.fixture(scope="module")
 def flat(nights, process, tmp_path_factory):
     return process(nights / "flat", tmp_path_factory.mktemp("flat") / "out", threads=1)
+
+
+@pytest.fixture(scope="module")
+def faint(drawn, telescope, tmp_path_factory):
+    """Frames, each at a place of its own, of a pair with a star of four standard errors in one of them."""
+    rng, where = np.random.default_rng(9), tmp_path_factory.mktemp("faint")
+    for number in range(24):
+        at = {"x": 1.0 + rng.uniform(-0.4, 0.4), "y": -2.0 + rng.uniform(-0.4, 0.4)}
+        frame = drawn(rng, flux=1e6, **at)
+        pair, star = frame.truth, THIRD * np.array([np.cos(ANGLE), np.sin(ANGLE)])
+        x, y, flux = (float(part[0]) for part in pair.scene.stars())
+        alone = Star(x + star[0], y + star[1], flux * 10 ** (-0.4 * FAINTER))
+        light = expected_image(
+            replace(pair, scene=alone, background=0.0), telescope.system().otf(pair.aberrations)
+        )
+        counts = telescope.detector.expose(frame.expected + np.asarray(light), rng).astype(np.uint16)
+        write_fits(where / f"{number:02d}.fits", counts, header=fits_header(frame, telescope))
+    return where
+
+
+def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, processor, tmp_path, capsys):
+    telescope = processor.instrument
+    run = process(faint, tmp_path / "one", threads=2)
+    assert run.summary["status"] == {"ok": 24}
+    assert not any(run.table["stars"])
+    table = QTable.read(run.directory / "further_stars.ecsv")
+    (star,) = run.summary["fit"]["further_stars"]
+    truth = {"separation": THIRD, "angle_from_b": np.degrees(ANGLE) - 30.0, "delta_mag": FAINTER}
+    for name, value in truth.items():
+        assert star[name] == table[name][0].value
+        assert abs(star[name] - value) < 3.5 * star[f"{name}_err"], name
+    assert star["sigmas"] > 10
+    finalize(run, telescope)
+    assert "further_stars.ecsv as stars in [sky]" in capsys.readouterr().out
+    (tmp_path / "again.toml").write_text(
+        f'[instrument]\nbase = "smallsat"\n[sky]\nstars = "{run.directory / "further_stars.ecsv"}"\n'
+    )
+    known = replace(telescope, sky=read_instrument(tmp_path / "again.toml").sky)
+    run = process(faint, tmp_path / "two", threads=2, by=replace(processor, instrument=known))
+    assert run.summary["status"] == {"ok": 24}
+    assert "further_stars" not in run.summary["fit"]
+    assert not (run.directory / "further_stars.ecsv").exists()
 
 
 def stacks(run):

@@ -70,5 +70,5 @@ def test_a_measured_star_holds_the_diffusion_already():
 
 def test_without_it_there_is_no_such_parameter():
     parameters = Parameters(Star(0.0, 0.0, 1.0), Stable.of())
-    assert parameter_names(parameters, ())[-1] == "background"
+    assert parameter_names(parameters, ())[-1] == "background_y"
     assert parameters.diffusion is None

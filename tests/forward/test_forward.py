@@ -92,6 +92,10 @@ def test_a_background_is_added_to_every_pixel(otf):
     dark = expected_image(Parameters(scene(), LOCI["linear"], otf.state), otf)
     lit = expected_image(Parameters(scene(), LOCI["linear"], otf.state, 5.0), otf)
     assert np.asarray(lit - dark) == pytest.approx(np.full((36, 30), 5.0), abs=1e-10)
+    p = Parameters(scene(), LOCI["linear"], otf.state, 5.0, gradient=(0.5, -2.0))
+    y, x = np.mgrid[:36, :30] * otf.grid.plate_scale
+    plane = 0.5 * (x - x.mean()) - 2.0 * (y - y.mean())
+    assert np.asarray(expected_image(p, otf) - lit) == pytest.approx(plane, abs=1e-10)
 
 
 @pytest.mark.parametrize("name", ["linear", "shm", "mvn"])
@@ -142,7 +146,7 @@ def test_parameters_are_named_in_the_order_of_the_vector(otf):
     p = parameters(otf, LOCI["mvn"])
     vector, unravel = to_vector(p)
     names = parameter_names(p, otf.names)
-    assert len(names) == vector.size == 6 + 3 + 3 + 1
+    assert len(names) == vector.size == 6 + 3 + 3 + 3
     values = dict(zip(names, vector.tolist(), strict=True))
     assert (values["separation"], values["contrast"], values["background"]) == (4.0, 3.37, 2.0)
     assert values["mvn_xy"] == pytest.approx(float(LOCI["mvn"].coords[1]))
@@ -153,7 +157,7 @@ def test_parameters_are_named_in_the_order_of_the_vector(otf):
 # Central differences: steps that change the image by about 1e-3 of itself leave 1e-6 of truncation.
 STEPS = {
     "separation": 1e-3, "theta": 1e-2, "x": 1e-3, "y": 1e-3,
-    "flux": 1e3, "contrast": 1e-3, "background": 1e-3,
+    "flux": 1e3, "contrast": 1e-3, "background": 1e-3, "background_x": 1e-3, "background_y": 1e-3,
     "noll4": 0.05, "noll5": 0.05, "noll7": 0.05,
     "linear_c": 1e-3, "linear_s": 1e-3, "shm_c": 1e-3, "shm_s": 1e-3,
     "mvn_xx": 1e-4, "mvn_xy": 1e-4, "mvn_yy": 1e-4,

@@ -8,7 +8,7 @@ from refusals import refused
 from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode
-from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
+from jitterkit.forward import GRADIENT, Parameters, expected_image, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance, deviance_and_score, normal_equations
 from jitterkit.loci import Linear, Mvn, PartialShm, Stable
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
@@ -30,7 +30,7 @@ def data(truth, otf):
 
 
 def free_of(parameters, otf):
-    return free_parameters(parameters, otf)[1]
+    return free_parameters(parameters, otf, GRADIENT)[1]
 
 
 def test_it_ends_at_the_maximum_that_another_optimiser_finds(truth, otf, data):

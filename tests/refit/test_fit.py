@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
-from jitterkit.forward import Parameters, expected_image
+from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.linearisation import linearisation_error
 from jitterkit.loci import Linear, Mvn, Shm, Stable
@@ -26,6 +26,7 @@ def test_pulls_of_every_parameter_are_standard(bench, optics, rng):
         "noll7": 4.0,
         "noll8": -3.0,
         "background": 0.0,
+        **dict.fromkeys(GRADIENT, 0.0),
     }
     pulls = []
     for _ in range(60):
@@ -34,9 +35,22 @@ def test_pulls_of_every_parameter_are_standard(bench, optics, rng):
         assert "background" in result.names
         fitted = dict(zip(result.names, _values(result), strict=True))
         pulls.append([(fitted[n] - expected[n]) / result.error(n) for n in result.names])
-    # means of 60 unit normals scatter by 0.13, standard deviations by 0.09; four times that, 12 parameters
+    # means of 60 unit normals scatter by 0.13, standard deviations by 0.09; four times that, 14 parameters
     np.testing.assert_allclose(np.mean(pulls, axis=0), 0, atol=0.52)
     np.testing.assert_allclose(np.std(pulls, axis=0, ddof=1), 1, atol=0.37)
+
+
+def test_the_gradient_of_a_sky_is_fitted_and_moves_nothing(bench, optics):
+    """The sky is added to the image, pixel by pixel."""
+    truth, shape = bench.truth(Mvn.of(0.12, 0.06, 30.0)), optics.nominal.grid.shape
+    up, along = np.meshgrid(*(np.arange(n) * optics.nominal.grid.plate_scale for n in shape), indexing="ij")
+    sky = 40.0 + 0.8 * (along - along.mean()) - 0.5 * (up - up.mean())
+    results = [fit_frame(Data(bench.image(truth) + level, 4.0), optics, truth) for level in (40.0, sky)]
+    flat, sloping = ({n: result.error(n) for n in result.names} for result in results)
+    for name, value, other in zip(results[1].names, *map(_values, results), strict=True):
+        slope = {"background_x": 0.8, "background_y": -0.5}.get(name, 0.0)
+        assert other - value == pytest.approx(slope, abs=2e-3 * sloping[name]), name
+    assert sloping["separation"] == pytest.approx(flat["separation"], rel=0.01)
 
 
 def _values(result):
@@ -44,7 +58,7 @@ def _values(result):
     values = {n: float(getattr(p.scene, n)) for n in ("separation", "theta", "x", "y", "flux", "contrast")}
     values |= dict(zip(p.locus.names, np.asarray(p.locus.coords), strict=True))
     values |= {"noll7": float(p.aberrations[0]), "noll8": float(p.aberrations[1])}
-    values |= {"background": float(p.background)}
+    values |= {"background": float(p.background), **dict(zip(GRADIENT, map(float, p.gradient), strict=True))}
     return [values[n] for n in result.names]
 
 

@@ -44,7 +44,7 @@ class Maker:
         electrons = rng.poisson(image).astype(float)
         mask = np.zeros(image.shape, bool)
         mask[10, 20:25] = True
-        names = parameter_names(truth, self.otf.names)[:-1]  # the background is held
+        names = parameter_names(truth, self.otf.names)[:-3]  # the background is held
         errors = np.array([ERRORS.get(n, 1e-5 if n in truth.locus.names else 0.05) for n in names])
         residual = np.where(mask, np.nan, (electrons - image) / np.sqrt(image))
         tried = (Candidate("stable", 9.1e6, 0.0, 8.3), Candidate(locus, 4080.5, 0.96, separation))

@@ -1,0 +1,111 @@
+"""Faint stars that no frame of a run shows, in the residuals of all: each biases every frame's separation."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from astropy.table import QTable
+
+from jitterkit.batch import FrameProcessor
+from jitterkit.forward import Parameters, expected_image
+from jitterkit.likelihood import Data
+from jitterkit.locate import Residual, polished, with_further_stars
+from jitterkit.loci import Mvn
+from jitterkit.report.columns import Column, aberration_column, bind_rows, measured
+from jitterkit.report.residual_stack import FEWEST, ResidualStack, count_copies
+from jitterkit.scene import Binary
+
+_COLUMNS = (
+    *measured("separation", "from A", "arcsec"),
+    *measured("angle_from_b", "at A, from the direction of B, counter-clockwise in the frame", "deg"),
+    *measured("delta_mag", "magnitudes by which it is fainter than A", "mag"),
+    Column("sigmas", "flux over its standard error"),
+)
+
+_SEEN = 0.9
+"""Share of the frames that must use a pixel of the stack for it to count."""
+
+
+def find_stacked_stars(stack: ResidualStack, table: QTable, processor: FrameProcessor) -> QTable | None:
+    """Find stars beside a pair in the residuals of a run.
+
+    Parameters
+    ----------
+    stack : ResidualStack
+        Of frames with one plate scale that show a pair.
+    table : QTable
+        Results of these frames.
+    processor : FrameProcessor
+        That fitted them.
+
+    Returns
+    -------
+    stars : QTable or None
+        As ``[sky] stars`` of an instrument file takes it, with errors and significance; None for none.
+
+    Notes
+    -----
+    The stack is to its noise what the residual of one exposure is that lasted as long as all frames together:
+    that exposure of the frames' median parameters is made, with the stack in it, and searched as a frame is.
+    It is fitted with a pair and the stars, because the fit of each frame has explained a part of them.
+    *Fails when* frames are turned against each other by as much as a star is wide.
+    """
+    pairs = table[(np.asarray(table["status"]) == "ok") & (np.asarray(table["scene"]) == Binary.name)]
+    copies = count_copies(table)
+    frames = stack.frames / copies
+    if min(frames, len(pairs)) < FEWEST:
+        return None
+    system = processor.instrument.system(shape=stack.total.shape, plate_scale=stack.plate_scale)
+    exposure = _exposure(pairs, frames, stack.plate_scale, system.nominal.names)
+    otf = system.otf(exposure.aberrations)
+    exposure = exposure.completed(otf)
+    used = stack.counts > _SEEN * stack.frames
+    read_noise = processor.instrument.detector.read_noise or 0.0
+    image, variance = np.asarray(expected_image(exposure, otf)), frames * read_noise**2
+    sigma = np.sqrt(np.maximum(image, 0.0) + variance)
+    data = Data(image + np.nan_to_num(stack.sigmas(copies)) * sigma, variance, used)
+    if Residual(data, image, otf, exposure.locus).further_stars(exposure.scene) is None:
+        return None
+    hold = processor.options.hold
+    pair = polished(data, system, otf, exposure.scene, exposure.locus, hold)
+    found = with_further_stars(pair, data, system, hold)
+    scene = found.parameters.scene
+    if scene.others is None:
+        return None
+    names = [name for name in scene.names if name in found.names]
+    places = [scene.names.index(name) for name in names]
+    values = np.array(list(scene.values.values()))
+
+    def relative(values):
+        x, y, flux = scene.at(values).sources()
+        dx, dy = x[1:] - x[0], y[1:] - y[0]
+        angle = jnp.degrees(jnp.arctan2(dy, dx))
+        magnitude = -2.5 * jnp.log10(flux[1:] / flux[0])
+        return jnp.stack([jnp.hypot(dx, dy)[1:], (angle[1:] - angle[0]) % 360, magnitude[1:]])
+
+    slopes = np.asarray(jax.jacfwd(relative)(values))[..., places]
+    errors = np.sqrt(np.einsum("ijk,kl,ijl->ij", slopes, found.covariance_of(names), slopes))
+    sigmas = 2.5 / np.log(10) / errors[2]
+    columns = zip(*np.stack([np.asarray(relative(values)), errors], 1).reshape(6, -1), sigmas, strict=True)
+    return bind_rows(_COLUMNS, columns)
+
+
+def _exposure(pairs: QTable, frames: float, plate_scale: float, aberrations: tuple[str, ...]) -> Parameters:
+    """Return what an exposure as long as all frames shows, with medians of their parameters."""
+
+    def median(name: str) -> float:
+        column = pairs[name] if name in pairs.colnames else np.zeros(1)
+        values = np.asarray(getattr(column, "value", column))
+        known = values[np.isfinite(values)]
+        return float(np.median(known)) if len(known) else 0.0
+
+    theta = pairs["theta"].to_value("deg")
+    turned = float(np.median((theta - theta[0] + 180) % 360 - 180)) + theta[0]
+    pixels = [pairs[axis].to_value("arcsec") / plate_scale for axis in "xy"]
+    x, y = (float(np.mean(place - np.rint(place))) * plate_scale for place in pixels)
+    flux, level = (frames * median(name) for name in ("flux", "background"))
+    pair = Binary(median("separation"), turned, x, y, flux, median("contrast"))
+    moments = np.array([median(name) for name in ("sxx", "sxy", "syy")])
+    state = [median(aberration_column(name)) for name in aberrations]
+    return Parameters(pair, Mvn.near(moments), state, level)
