@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft, ndimage, special
 
 from jitterkit.conventions import offsets
-from jitterkit.likelihood import Data
+from jitterkit.likelihood.data import Data, mean_counts
 from jitterkit.locate.matched_filter import (
     correlate,
     embed,
@@ -231,7 +231,7 @@ class Residual:
 
     @cached_property
     def _counts(self) -> np.ndarray:
-        return np.maximum(np.maximum(self.image, 0.0) + np.asarray(self.data.offset), np.finfo(float).tiny)
+        return np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
 
     @cached_property
     def _weight(self) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode, JitterkitError
-from jitterkit.forward import Parameters, expected_image
+from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.frames import Frame
 from jitterkit.frames.metadata import Metadata
 from jitterkit.joint import (
@@ -309,7 +309,7 @@ def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
 
 
 def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
-    # 7 shared and 3 x 7 own parameters, slopes by central differences of images: no elimination, no filter
+    # 7 shared and 3 x 9 own parameters, slopes by central differences of images: no elimination, no filter
     optics = replace(optics, colours=Colours(wavelength_err=0.0))
     loci = [Mvn.of(0.15, 0.05, angle) for angle in (10.0, 70.0, 130.0)]
     scenes = {"x": np.array([0.1, -0.3, 0.2]), "y": np.array([0.0, 0.2, -0.2])}
@@ -317,8 +317,8 @@ def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
     shared = {"separation": 1e-4, "theta": 1e-3, "contrast": 1e-4, "noll7": 0.01, "noll8": 0.01}
     shared |= dict.fromkeys(Binary.colours, 0.1)
     own = {"x": 1e-4, "y": 1e-4, "flux": 10.0, "mvn_xx": 1e-5, "mvn_xy": 1e-5, "mvn_yy": 1e-5}
-    own |= {"background": 1e-3}
-    information = np.zeros((28, 28))
+    own |= dict.fromkeys(("background", *GRADIENT), 1e-3)
+    information = np.zeros((34, 34))
     information[[5, 6], [5, 6]] = optics.colours.sigma**-2
     for i, locus in enumerate(loci):
         scene = {name: float(getattr(SCENE, name)) for name in Binary.own}
@@ -326,7 +326,7 @@ def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
         known = (
             scene
             | dict(zip(locus.names, np.asarray(locus.coords), strict=True))
-            | {"noll7": 0.0, "noll8": 0.0, "background": 0.0, **dict.fromkeys(Binary.colours, 0.0)}
+            | dict.fromkeys(("noll7", "noll8", "background", *GRADIENT, *Binary.colours), 0.0)
         )
 
         def image(values):
@@ -334,11 +334,12 @@ def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
             state = np.array([values["noll7"], values["noll8"]])
             colours = [values[name] for name in Binary.colours]
             binary = Binary(**{name: values[name] for name in Binary.own}, indices=colours)
-            truth = Parameters(binary, Mvn(jnp.array(parts)), state, values["background"])
+            sky = {"background": values["background"], "gradient": [values[name] for name in GRADIENT]}
+            truth = Parameters(binary, Mvn(jnp.array(parts)), state, **sky)
             return np.asarray(expected_image(truth, optics.otf(state, derivatives=False)))
 
-        slopes = np.zeros((28, *optics.grid.shape))
-        slots = [*range(7), *range(7 + 7 * i, 14 + 7 * i)]
+        slopes = np.zeros((34, *optics.grid.shape))
+        slots = [*range(7), *range(7 + 9 * i, 16 + 9 * i)]
         for slot, (name, step) in zip(slots, (shared | own).items(), strict=True):
             ends = [image({**known, name: known[name] + sign * step}) for sign in (1, -1)]
             slopes[slot] = (ends[0] - ends[1]) / (2 * step)

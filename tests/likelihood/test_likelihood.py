@@ -43,6 +43,18 @@ def test_read_noise_that_dominates_makes_the_likelihood_normal(truth, otf, rng):
     )
 
 
+def test_the_deviance_is_exact_where_counts_are_large_beside_their_residuals(truth, otf, rng):
+    """As errors of the model make them; numbers of 80 bits have nothing of the rounding of 64."""
+    image = np.asarray(expected_image(truth, otf), np.longdouble)
+    variance = 1e10
+    counts = (image + rng.normal(0, 1e5, image.shape)).astype(float)
+    mean, count = image + variance, counts.astype(np.longdouble) + variance
+    exact = 2 * np.sum(mean - count + count * np.log(count / mean))
+    assert float(deviance(truth, otf, Data(counts, variance))) == pytest.approx(
+        float(exact), rel=1e-10
+    )  # counts of 1e10 are rounded by 2e-6, 2e-11 of their scatter
+
+
 def test_the_score_is_the_slope_of_the_deviance(truth, otf, free, rng):
     image = np.asarray(expected_image(truth, otf))
     data = Data(rng.poisson(image) + rng.normal(0, 3, image.shape), 9.0)
