@@ -83,7 +83,8 @@ class FitsFile(FrameFile):
 
     def _stacking(self) -> str:
         shared = any(group.image.planes > 1 and group.coordinates is None for group in self._groups)
-        return "planes of one header" if shared else ""
+        labelled = [group.image.label for group in self._groups if group.image.layers]
+        return ", ".join(labelled) or "planes of one header" * shared
 
     def _contents(self) -> list[tuple[str, str, str, str]]:
         if len(self._hdus) == 1:

@@ -117,7 +117,7 @@ class FitsImage:
     def _of_plane(self, index: int) -> Metadata:
         """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""
         table, metadata = self.group.coordinates, self.metadata
-        if table is None or index == 0:
+        if table is None or (*self.hdu.layers, *range(index + 1))[index] == 0:
             return metadata
         scale = metadata.plate_scale
         by_wcs = scale is not None and scale.source.startswith("header WCS")

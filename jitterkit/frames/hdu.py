@@ -80,6 +80,8 @@ class Hdu:
     header : PlainHeader
     given : str
         Its role, where it is known otherwise than by its name.
+    layers : tuple of int
+        The only planes that count, from 0; all of them where it is empty.
     """
 
     path: Path
@@ -89,6 +91,7 @@ class Hdu:
     data: int
     header: PlainHeader
     given: str = ""
+    layers: tuple[int, ...] = ()
 
     @cached_property
     def structure(self) -> dict[str, str]:
@@ -136,8 +139,8 @@ class Hdu:
 
     @property
     def planes(self) -> int:
-        """Number of planes of an image."""
-        return math.prod(self.shape[:-2])
+        """Number of planes of an image, of those that count."""
+        return len(self.layers) or math.prod(self.shape[:-2])
 
     @cached_property
     def is_image(self) -> bool:
@@ -238,8 +241,15 @@ class Hdu:
     @property
     def label(self) -> str:
         """``"ERR (HDU 2)"``."""
-        where = f"HDU {self.number} of {self.path.name}" if self.given else f"HDU {self.number}"
-        return f"{self.name or self.given or 'image'} ({where})"
+        name, where = self.name or self.given or "image", f"HDU {self.number}"
+        if self.layers:
+            name, where = (
+                self.given or "image",
+                f"plane {', '.join(str(n + 1) for n in self.layers)} of {where}",
+            )
+        elif self.given:
+            where = f"{where} of {self.path.name}"
+        return f"{name} ({where})"
 
 
 def product_of(sides: tuple[int, ...]) -> str:

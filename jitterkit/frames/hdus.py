@@ -18,6 +18,7 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
 from jitterkit.frames.fitsio import CARD, header_of
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
+from jitterkit.frames.planes import split_planes
 from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
@@ -63,8 +64,11 @@ class Group:
         """Return where the variance comes from."""
         return " + ".join(part.label for part in self.noise.values())
 
-    def add(self, others: Sequence[Hdu]) -> None:
-        """Take what fits from HDUs that may say something about the image."""
+    def add(self, hdus: Sequence[Hdu]) -> None:
+        """Take what fits from the image's own planes and from HDUs that may say something about it."""
+        self.image, own, warnings = split_planes(self.image)
+        self.warnings += warnings
+        others = [*own, *hdus]
         fitting = {other.role: other for other in reversed([o for o in others if self._fits(o)])}
         noise = next((roles for roles in _NOISE if fitting.keys() >= set(roles)), ())
         self.parts = {role: fitting[role] for role in ("quality", *noise) if role in fitting}
@@ -86,7 +90,11 @@ class Group:
         alike = other.is_image and other.shape[-2:] == self.image.shape[-2:]
         if other.name in ROLE_OF and other.constant:
             return f"{other.label} is {other.constant:g} in all pixels, without an array, and is not used"
-        if other is self.image or not alike or other.role in ("none", *(() if used else ("quality",))):
+        if (
+            (other.number == self.image.number and not other.given)
+            or not alike
+            or other.role in ("none", *(() if used else ("quality",)))
+        ):
             return ""
         if other.may_describe:
             return f"{other.label} may describe the pixels and is not used, as its name does not say how"
@@ -97,15 +105,14 @@ class Group:
     def _fits(self, other: Hdu) -> bool:
         if other.role in ("", "none"):
             return False
-        (*planes, ny, nx), (*own, height, width) = other.shape, self.image.shape
-        alike = [n for n in planes if n > 1] in ([], [n for n in own if n > 1])
+        alike = other.planes in (1, self.image.planes) and other.shape[-2:] == self.image.shape[-2:]
         units = [one.words("BUNIT") for one in (self.image, other)]
         if other.role != "quality" and all(units) and not _agree(units[0], units[1], other.role):
             self.warnings.append(
                 f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
             )
             return False
-        if alike and (ny, nx) == (height, width):
+        if alike:
             return True
         shapes = f"{product_of(other.shape)} pixels and the image {product_of(self.image.shape)}"
         self.warnings.append(f"{other.label} has {shapes}: it is not used")
@@ -117,7 +124,9 @@ class Group:
         words = {"quality": "mask", "sigma": "error", "shot": "variance", "read": "variance"}
         found = {self.image.number: "image"}
         for role, part in self.parts.items():
-            if part.path == self.image.path:
+            if part.layers:
+                found[part.number] += f", {words.get(role, role)}"
+            elif part.path == self.image.path:
                 found[part.number] = f"{words.get(role, role)} of HDU {self.image.number}"
         return found
 

@@ -87,7 +87,7 @@ class Pixels:
         Parameters
         ----------
         index : int
-            A single plane goes with all.
+            Among the planes of the HDU that count; a single one goes with all.
 
         Returns
         -------
@@ -102,6 +102,7 @@ class Pixels:
         """
         *planes, ny, nx = self.hdu.shape
         index = index if self.hdu.planes > 1 else 0
+        index = self.hdu.layers[index] if self.hdu.layers else index
         if self.packed is None:
             return self._scaled(self._numbers(index * ny * nx, (ny, nx)))
         where = map(int, np.unravel_index(index, planes)) if planes else ()
@@ -223,15 +224,15 @@ def open_pixels(hdu: Hdu) -> Pixels:
 
 def _refuse_missing_data(hdu: Hdu, pixels: int) -> None:
     size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
-    declared = abs(hdu.bitpix) // 8 * math.prod(hdu.shape)
+    declared, planes = abs(hdu.bitpix) // 8 * math.prod(hdu.shape), math.prod(hdu.shape[:-2])
     held = hdu.data + (hdu.span if hdu.packed else declared) <= size
     if hdu.packed or zipped:  # of what is packed a frame still takes a byte
-        short = not unpacks_believably(declared, pixels, size) or hdu.planes > size
+        short = not unpacks_believably(declared, pixels, size) or planes > size
     else:
         short = not held
     if hdu.packed:
         short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
-    elif zipped and not short and hdu.planes > 1:  # a single plane is read at once, or found missing then
+    elif zipped and not short and planes > 1:  # a single plane is read at once, or found missing then
         hdu.handle.seek(hdu.data + declared - 1)
         short = not hdu.handle.read(1)
     if short:

@@ -7,6 +7,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
+from jitterkit.frames.planes import role_of_label
 
 IMAGE = np.arange(20).reshape(4, 5).astype(np.uint16)
 
@@ -86,3 +87,67 @@ def test_surface_brightness_keeps_its_name_where_the_header_does_not(tmp_path):
     (frame,) = read_frames(write_fits(tmp_path / "a.fits", IMAGE, header={"BUNIT": "MJy/sr"}))
     assert frame.unit == "MJy/sr"
     np.testing.assert_array_equal(frame.data, IMAGE)
+
+
+BIDS = ("spectrum - background fit", "raw - weights none", "background - fit", "sigma - weights variance")
+STOKES = {"CTYPE3": "STOKES", "CRVAL3": 1, "CDELT3": 1, "CRPIX3": 1}
+
+LABELLED = [  # planes (s science, e error, v variance, i inverse, m mask, x else), cards, frames, warned
+    ("sem", {"PLANE1": "science", "PLANE2": "error", "PLANE3": "mask"}, 1, ""),
+    ("sxxe", {f"BANDID{n}": text for n, text in enumerate(BIDS, 1)}, 1, "2 ('raw"),
+    ("sem", {"EXTNAME": "SCI,ERR,DQ"}, 1, ""), ("mvs", {"CONTENT": "mask / variance / flux"}, 1, ""),
+    ("sim", {"COMMENT": "plane 1: science\nplane 2 = inverse variance\nlayer 3 is the bad pixels"}, 1, ""),
+    ("ssee", {"LAYER_01": "science 1", "LAYER_02": "science 2", "LAYER_03": "error 1", "LAYER_04": "error 2"},
+     2, ""),
+    ("ssse", {"BAND0": "J", "BAND1": "H", "BAND2": "K", "BAND3": "1-sigma uncertainty"}, 3, ""),
+    ("sxx", STOKES, 1, "STOKES 2"), ("xs", {**STOKES, "CDELT3": -1, "CRVAL3": 2}, 1, "STOKES 2"),
+    ("ss", {**STOKES, "CDELT3": -1, "CRVAL3": -1}, 2, ""), ("ss", {"CTYPE3": "WAVE"}, 2, "wavelength"),
+    ("sx", {"PLANE1": "light", "PLANE2": "dark"}, 1, "2 ('dark')"),
+    ("sx", {"PLANE1": "image", "PLANE2": "smoothed"}, 2, ""),  # nothing says that it is no frame
+    ("ss", {"PLANE1": "dark", "PLANE2": "dark"}, 2, ""),
+    ("ss", {"INPUT1": "a.fits", "INPUT2": "mask.fits"}, 2, ""),
+    ("ss", {"PLANE1": "science", "PLANE2": "mask", "PLANE3": "error"}, 2, ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("planes", "cards", "frames", "warned"), LABELLED, ids=lambda x: str(x)[:60])
+@pytest.mark.parametrize("ending", [".fits", ".fits.fz"])
+def test_labelled_planes_are_what_their_labels_say(tmp_path, planes, cards, frames, warned, ending):
+    """A variance of four times the image tells errors, variances and weights from each other."""
+    signal = 10 + IMAGE.astype(np.float32)
+    bad = IMAGE == 7
+    made = {"s": signal, "e": 2 * signal**0.5, "v": 4 * signal, "i": 0.25 / signal, "m": bad, "x": -signal}
+    cube = np.stack([made[kind] for kind in planes]).astype(np.float32)
+    header = fits.Header({key: value for key, value in cards.items() if key != "COMMENT"})
+    for line in cards.get("COMMENT", "").splitlines():
+        header.add_comment(line)
+    hdus = [fits.PrimaryHDU(), fits.CompImageHDU(cube, header, quantize_level=0, compression_type="GZIP_1")]
+    hdus = hdus if ending.endswith("fz") else [fits.PrimaryHDU(cube, header)]
+    fits.HDUList(hdus).writeto(tmp_path / f"a{ending}")
+    read = list(read_frames(tmp_path / f"a{ending}"))
+    assert len(read) == frames
+    for frame in read:
+        good = ~frame.mask
+        assert np.array_equal(frame.mask, bad) == ("m" in planes)
+        assert (frame.variance is not None) == any(kind in planes for kind in "evi")
+        if "smoothed" not in cards.values():
+            np.testing.assert_array_equal(frame.data[good], signal[good])
+        if frame.variance is not None:
+            np.testing.assert_allclose(frame.variance[good], 4 * signal[good], rtol=1e-6)
+        warnings = frame.metadata.warnings
+        assert any(warned in text for text in warnings) if warned else not warnings
+
+
+@pytest.mark.parametrize(
+    "cards", [{"PLANE1": "error", "PLANE2": "mask"}, {**STOKES, "CRVAL3": 2}, {"CTYPE3": "COMPLEX"}]
+)
+def test_planes_of_which_none_is_an_image_are_refused(tmp_path, cards):
+    path = write_fits(tmp_path / "a.fits", np.stack([IMAGE] * 2), header=cards)
+    with refused(ErrorCode.NO_IMAGE, path, "HDU 0", "planes are", error=FrameError):
+        open_frames(path)
+
+
+def test_labels_are_understood_by_their_first_known_words():
+    labels = {"Data quality": "quality", "1-sigma error": "sigma", "3: inverse variance": "weight", "J": "",
+              "flux - error excluded": "image", "science": "image", "exposure map": "none"}  # fmt: skip
+    assert {label: role_of_label(label) for label in labels} == labels

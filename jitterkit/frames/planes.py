@@ -1,0 +1,183 @@
+"""What the planes of a cube are, where its header says it: images, or errors and masks of images.
+
+Reach for :func:`split_planes`.  Planes that nothing labels are images.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.hdu import ROLE_OF, Hdu
+
+_IMAGE, _OTHER = "image", "none"
+
+_ROLES = (
+    ("quality", r"MASK|QUALITY|DQ|FLAGS?|BAD|BPM|BADPIX"),
+    ("weight", r"INVERSE VAR\w*|INV ?VAR\w*|IVAR|WEIGHTS?|WHT|WGT"),
+    ("variance", r"VAR(IANCE)?S?"),
+    ("sigma", r"ERRS?|ERRORS?|UNC(ERT(AINTY|AINTIES)?)?|SIGMA|STD(DEV)?|STANDARD DEVIATION|RMS|NOISE"),
+    (_OTHER, r"BACKGROUND|BKG|SKY|DARK|FLAT|BIAS|MODEL|RESIDUALS?|PSF|SEGM\w*|RAW|EXPOSURE( TIME| MAP)?|TIME"
+             r"|COVERAGE|CONFIDENCE|CONTEXT|CTX|SNR|S N|WAVELENGTH|THUMBNAIL|DIFF(ERENCE)?|CONTRIBUTIONS?"),
+    (_IMAGE, r"SCI(ENCE)?|IMAGE|DATA|OBJECT|SPECTRUM|FLUX|INTENSITY|SIGNAL|COUNTS|FRAME|LIGHT|MEAN|MEDIAN"),
+)  # fmt: skip
+"""Words of labels, of which the first found counts: a "data quality mask" is no data."""
+
+_PATTERNS = tuple((role, re.compile(rf"\b({words})(?=\b|\d)")) for role, words in _ROLES)
+
+_NUMBERED = re.compile(r"(.*?[^\d ])[ _]?0*(\d{1,4})")
+_AXES = re.compile(r"(CTYPE|CUNIT|CNAME|T[A-Z]{4}|NAXIS|CR\w{3}|CDELT|P[CV]\d|CD\d)")
+"""Keywords whose number is that of an axis or a column, not of a plane."""
+
+_FILE = re.compile(r"\.(fits?|fts|fz|gz|tiff?|imh|pl)\b", re.I)
+_REMARK = re.compile(
+    r"\b(?:plane|layer|slice|band|channel|image|frame)s? *#?(\d+)\b *(?:[-:=,]|is|holds?|contains?)? *(.*)",
+    re.I,
+)
+
+_INTENSITIES = {"STOKES": (1, -1, -2, -5, -6), "COMPLEX": ()}
+"""Coordinates that are images of light: I, RR, LL, XX and YY (FITS 4.0, tables 28 and 29)."""
+
+_SPECTRAL = re.compile(r"(WAV[EN]|AWAV|FREQ|VELO|VRAD|VOPT|ZOPT|ENER|BETA|FELO|LAMBDA|WLEN)", re.I)
+
+
+def split_planes(image: Hdu) -> tuple[Hdu, list[Hdu], list[str]]:
+    """Tell the images among the planes of a cube from what is said about their pixels.
+
+    Parameters
+    ----------
+    image : Hdu
+
+    Returns
+    -------
+    image : Hdu
+        Restricted to the planes that are images; all of them where the header does not label them.
+    parts : list of Hdu
+        The same HDU for each role (errors, mask), restricted to its planes.
+    warnings : list of str
+        Which planes are not used, or in what they differ.
+
+    Raises
+    ------
+    FrameError
+        If the labels name no image.
+
+    Notes
+    -----
+    Labels are: cards that are numbered as the planes (``PLANE1``, ``BANDID1``), one card that lists them
+    (``'SCI,ERR,DQ'``, or the comment of NAXIS3), remarks (``COMMENT Plane 2: error``), and the
+    coordinates of an axis STOKES or COMPLEX.
+    """
+    if image.planes < 2:
+        return image, [], []
+    kind, coordinates = _axis(image)
+    warnings = []
+    if _SPECTRAL.match(kind):
+        warnings.append(f"the planes differ in wavelength ({kind!r}): the instrument's holds for all of them")
+    found = next(_labellings(image), None)
+    if kind in _INTENSITIES:
+        light = _INTENSITIES[kind]
+        roles = [_IMAGE if round(value) in light else _OTHER for value in coordinates]
+        found = [f"{kind} {value:g}" for value in coordinates], roles
+    if found is None:
+        return image, [], warnings
+    labels, roles = found
+    layers = [n for n, role in enumerate(roles) if role == _IMAGE]
+    layers = layers or [n for n, role in enumerate(roles) if role == ""]
+    if not layers:
+        problem = f"HDU {image.number} holds no image: its planes are {', '.join(map(repr, labels[:9]))}"
+        raise FrameError(ErrorCode.NO_IMAGE, image.path, problem, "write the image to a file of its own")
+    parts = []
+    for role in dict.fromkeys(role for role in roles if role not in (_IMAGE, "")):
+        own = tuple(n for n, other in enumerate(roles) if other == role)
+        if role != _OTHER and len(own) in (1, len(layers)):
+            parts.append(replace(image, given=role, layers=own))
+    used = {*layers, *(n for part in parts for n in part.layers)}
+    left = [f"{n + 1} ({label!r})" for n, label in enumerate(labels) if n not in used]
+    if left:
+        warnings.append(f"planes of HDU {image.number} that are no image are not used: {', '.join(left[:9])}")
+    return replace(image, layers=tuple(layers)), parts, warnings
+
+
+def role_of_label(text: str) -> str:
+    """Return what a label says of a plane.
+
+    Parameters
+    ----------
+    text : str
+        What stands behind a dash, colon or comma counts only if nothing in front of it is known.
+
+    Returns
+    -------
+    role : str
+        A role of :class:`~jitterkit.frames.hdu.Hdu`; ``"image"``, or ``"none"`` for what is neither; empty
+        where the label has no known word.
+
+    Examples
+    --------
+    >>> role_of_label("sigma - background fit, weights variance"), role_of_label("Data quality")
+    ('sigma', 'quality')
+    """
+    for piece in re.split(r" -+ |[:,;(=]", text.upper()):
+        name = piece.strip()
+        if name in ROLE_OF:
+            return ROLE_OF[name]
+        words = re.sub(r"[^A-Z0-9]+", " ", name)
+        found = next((role for role, pattern in _PATTERNS if pattern.search(words)), "")
+        if found:
+            return found
+    return ""
+
+
+def _labellings(image: Hdu) -> Iterator[tuple[list[str], list[str]]]:
+    """Yield labels of all planes with their roles, where they differ."""
+    for labels in _candidates(image):
+        roles = [role_of_label(label) for label in labels]
+        if len(set(roles)) > 1 and set(roles) - {_IMAGE, ""}:
+            yield labels, roles
+
+
+def _candidates(image: Hdu) -> Iterator[list[str]]:
+    header, count = image.header, image.planes
+    numbered: dict[str, dict[int, str]] = {}
+    texts: list[str] = []
+    for key in header:
+        value = header[key]
+        if key in ("COMMENT", "HISTORY"):
+            found = (_REMARK.search(line) for line in str(value).splitlines())
+            numbered.setdefault(key, {}).update({int(one[1]): one[2] for one in found if one})
+            continue
+        comment = str(header.comments.get(key, ""))
+        text = value if isinstance(value, str) else comment
+        texts += [value] if isinstance(value, str) else [comment] * key.startswith(("NAXIS", "ZNAXIS"))
+        name = None if _AXES.match(key) or _FILE.search(text) else _NUMBERED.fullmatch(key)
+        if name:
+            numbered.setdefault(name[1], {})[int(name[2])] = text
+    for labels in numbered.values():
+        for first in (1, 0):
+            if set(labels) == set(range(first, first + count)):
+                yield [labels[n] for n in sorted(labels)]
+    for text in texts:
+        for parts in (re.split(r"[,;/|+]", text.strip(" []()")), text.split()):
+            if len(parts) == count and all(map(role_of_label, parts)):
+                yield [part.strip() for part in parts]
+
+
+def _axis(image: Hdu) -> tuple[str, list[float]]:
+    """Return the type of the axis along which planes are stacked, and the coordinate of each."""
+    sides = image.shape[::-1]
+    axis = next(n for n, side in enumerate(sides, 1) if n > 2 and side > 1)
+    step = _number(image, f"CDELT{axis}", f"CD{axis}_{axis}")
+    value, place = _number(image, f"CRVAL{axis}"), _number(image, f"CRPIX{axis}")
+    kind = image.words(f"CTYPE{axis}").upper()
+    return kind, [value + (n + 1 - place) * step for n in range(image.planes)]
+
+
+def _number(image: Hdu, *keys: str) -> float:
+    """The first of some cards that is a number, 1 as FITS says where none is."""
+    values = (image.header.get(key) for key in keys)
+    numbers = (v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
+    return next((float(one) for one in numbers if math.isfinite(one)), 1.0)
