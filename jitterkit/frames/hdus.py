@@ -18,7 +18,7 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
 from jitterkit.frames.fitsio import CARD, header_of
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
-from jitterkit.frames.planes import split_planes
+from jitterkit.frames.planes import numbers_of_planes, split_planes
 from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
@@ -26,6 +26,9 @@ _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 
 _CHIP_KEYS = ("CCDNUM", "CCDNAME", "DETSEC", "CHIPID", "DETECSEC")
 """Keywords of one detector among others of a camera."""
+
+_SCALES = {"CD1_1", "PC1_1", "CDELT1"}
+"""Columns of a table that has a WCS for each plane of a cube."""
 
 _SCIENCE = re.compile(r"SCI(ENCE)?")
 """EXTNAME of images that come before any other of a file."""
@@ -73,7 +76,8 @@ class Group:
         noise = next((roles for roles in _NOISE if fitting.keys() >= set(roles)), ())
         self.parts = {role: fitting[role] for role in ("quality", *noise) if role in fitting}
         self.warnings += filter(None, map(self._unused, others))
-        tables = (other for other in others if "CD1_1" in other.columns)
+        self.warnings += numbers_of_planes(self.image, hdus)
+        tables = (other for other in others if _SCALES & set(other.columns) and other.what == "a table")
         self.coordinates = next(tables, None) if self.image.planes > 1 else None
         self.weight_is_time = "weight" in noise and any(other.name == "CTX" for other in others)
 

@@ -1,17 +1,25 @@
 """What the planes of a cube are, where its header says it: images, or errors and masks of images.
 
-Reach for :func:`split_planes`.  Planes that nothing labels are images.
+Reach for :func:`split_planes`.  Planes that nothing labels are images.  :func:`numbers_of_planes` warns of
+numbers that planes have each, and that are not read.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+import string
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.dialects import ALIASES
 from jitterkit.frames.hdu import ROLE_OF, Hdu
+from jitterkit.frames.wcs import SCALE_KEYS
+
+_MOST_LABELS = 999
+"""A header of more labels is not looked for; it may declare billions of planes."""
 
 _IMAGE, _OTHER = "image", "none"
 
@@ -29,10 +37,16 @@ _ROLES = (
 _PATTERNS = tuple((role, re.compile(rf"\b({words})(?=\b|\d)")) for role, words in _ROLES)
 
 _NUMBERED = re.compile(r"(.*?[^\d ])[ _]?0*(\d{1,4})")
+_REMARKS = ("COMMENT", "HISTORY")
+
 _AXES = re.compile(r"(CTYPE|CUNIT|CNAME|T[A-Z]{4}|NAXIS|CR\w{3}|CDELT|P[CV]\d|CD\d)")
 """Keywords whose number is that of an axis or a column, not of a plane."""
 
 _FILE = re.compile(r"\.(fits?|fts|fz|gz|tiff?|imh|pl)\b", re.I)
+_TIMES = ("DATE-BEG", "DATE-OBS", "DATE-AVG", "MJD-BEG", "MJD-OBS", "MJD-AVG", "TIME-OBS", "MJD", "TIME")
+_QUANTITIES = {key for keys in ALIASES.values() for key in keys if isinstance(key, str)} | set(_TIMES)
+"""Keywords of numbers that planes may have each."""
+
 _REMARK = re.compile(
     r"\b(?:plane|layer|slice|band|channel|image|frame)s? *#?(\d+)\b *(?:[-:=,]|is|holds?|contains?)? *(.*)",
     re.I,
@@ -71,7 +85,7 @@ def split_planes(image: Hdu) -> tuple[Hdu, list[Hdu], list[str]]:
     (``'SCI,ERR,DQ'``, or the comment of NAXIS3), remarks (``COMMENT Plane 2: error``), and the
     coordinates of an axis STOKES or COMPLEX.
     """
-    if image.planes < 2:
+    if not 2 <= image.planes <= _MOST_LABELS:
         return image, [], []
     kind, coordinates = _axis(image)
     warnings = []
@@ -142,28 +156,74 @@ def _labellings(image: Hdu) -> Iterator[tuple[list[str], list[str]]]:
 
 def _candidates(image: Hdu) -> Iterator[list[str]]:
     header, count = image.header, image.planes
-    numbered: dict[str, dict[int, str]] = {}
-    texts: list[str] = []
+    for cards in _numbered(image).values():
+        yield [value if isinstance(value, str) else comment for value, comment in cards]
+    remarks = "\n".join(str(header.get(key, "")) for key in _REMARKS)
+    found = {int(one[1]): one[2] for line in remarks.splitlines() if (one := _REMARK.search(line))}
+    if set(found) == set(range(1, count + 1)):
+        yield [found[n] for n in sorted(found)]
     for key in header:
-        value = header[key]
-        if key in ("COMMENT", "HISTORY"):
-            found = (_REMARK.search(line) for line in str(value).splitlines())
-            numbered.setdefault(key, {}).update({int(one[1]): one[2] for one in found if one})
-            continue
-        comment = str(header.comments.get(key, ""))
-        text = value if isinstance(value, str) else comment
-        texts += [value] if isinstance(value, str) else [comment] * key.startswith(("NAXIS", "ZNAXIS"))
-        name = None if _AXES.match(key) or _FILE.search(text) else _NUMBERED.fullmatch(key)
-        if name:
-            numbered.setdefault(name[1], {})[int(name[2])] = text
-    for labels in numbered.values():
-        for first in (1, 0):
-            if set(labels) == set(range(first, first + count)):
-                yield [labels[n] for n in sorted(labels)]
-    for text in texts:
+        text = header[key]
+        text = text if isinstance(text, str) else header.comments[key] if key.startswith("NAXIS") else ""
         for parts in (re.split(r"[,;/|+]", text.strip(" []()")), text.split()):
             if len(parts) == count and all(map(role_of_label, parts)):
                 yield [part.strip() for part in parts]
+
+
+def _numbered(image: Hdu) -> dict[str, list[tuple[Any, str]]]:
+    """Return values and comments of cards that are numbered as the planes are, by their common keyword."""
+    header, count = image.header, math.prod(image.shape[:-2])
+    found: dict[str, dict[int, tuple[Any, str]]] = {}
+    for key in header:
+        name = None if _AXES.match(key) or key in _REMARKS else _NUMBERED.fullmatch(key)
+        if name and not _FILE.search(str(header[key])):
+            found.setdefault(name[1], {})[int(name[2])] = header[key], header.comments[key]
+    ranges = [set(range(first, first + count)) for first in (0, 1)]
+    return {key: [cards[n] for n in sorted(cards)] for key, cards in found.items() if set(cards) in ranges}
+
+
+def numbers_of_planes(image: Hdu, others: Sequence[Hdu]) -> list[str]:
+    """Warn of numbers that a file has for each plane of a cube, which are not read.
+
+    Parameters
+    ----------
+    image : Hdu
+    others : sequence of Hdu
+        Of the same file; a table with a row for each plane is about the planes.
+
+    Returns
+    -------
+    warnings : list of str
+        One for each quantity in the columns of a table, or in numbered cards (``EXPTIME1``) that differ; and
+        one where a further celestial WCS has another scale.
+    """
+    count = math.prod(image.shape[:-2])
+    if not 2 <= count <= _MOST_LABELS:
+        return []
+    found: dict[str, str] = {}
+    for table in (other for other in others if other.what == "a table" and other.whole("NAXIS2") == count):
+        for column in table.columns:
+            if column.upper().replace("_", "-") in _QUANTITIES:
+                found.setdefault(column, f"the table of HDU {table.number}")
+    for key, cards in _numbered(image).items():
+        known = len(key) > 2 and any(name.startswith(key.rstrip("_-")) for name in _QUANTITIES)
+        if known and len({str(value) for value, _ in cards}) > 1:
+            found.setdefault(key, f"cards {key} with a number")
+    said = [
+        f"{name} of each plane, in {where}, is not read: all have the header's"
+        for name, where in found.items()
+    ]
+    letters = [letter for letter in string.ascii_uppercase if _is_another_scale(image, letter)]
+    return said + [
+        f"the WCS {', '.join(letters)} has another scale; the first WCS is that of all planes"
+    ] * bool(letters)
+
+
+def _is_another_scale(image: Hdu, letter: str) -> bool:
+    """Return whether an alternate WCS is celestial and has another scale than the first."""
+    pairs = ((image.header.get(key), image.header.get(key + letter)) for key in SCALE_KEYS)
+    celestial = re.match(r"(RA|DEC|[GE]L(ON|AT))-", image.words(f"CTYPE1{letter}"))
+    return bool(celestial) and any(other not in (None, own) for own, other in pairs)
 
 
 def _axis(image: Hdu) -> tuple[str, list[float]]:

@@ -151,3 +151,38 @@ def test_labels_are_understood_by_their_first_known_words():
     labels = {"Data quality": "quality", "1-sigma error": "sigma", "3: inverse variance": "weight", "J": "",
               "flux - error excluded": "image", "science": "image", "exposure map": "none"}  # fmt: skip
     assert {label: role_of_label(label) for label in labels} == labels
+
+
+def table(**columns):
+    made = (fits.Column(name.replace("__", "-"), "D", array=np.array(c)) for name, c in columns.items())
+    return fits.BinTableHDU.from_columns(list(made))
+
+
+TAN = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 150.0, "CDELT1": -1e-4, "CDELT2": 1e-4}
+OTHER = {f"{key}A": 2 * value if key.startswith("CDELT") else value for key, value in TAN.items()}
+NUMBERED = {f"EXPTIME{n}": float(n) for n in (1, 2, 3)}
+
+OF_PLANES = [  # cards, columns of a table behind the cube, scale of first and last plane, what is warned of
+    (TAN, {}, (0.36, 0.36), ""),
+    (TAN, {"CDELT1": [1, 2, 3]}, (0.36, None), "WCS of each plane but the first"),
+    (TAN, {"CD1_1": [1, 2, 3]}, (0.36, None), "WCS of each plane but the first"),
+    ({**TAN, **OTHER}, {}, (0.36, 0.36), "the WCS A has another scale"),
+    ({**TAN, **OTHER, "CDELT1A": -1e-4, "CDELT2A": 1e-4}, {}, (0.36, 0.36), ""),
+    ({**TAN, "CTYPE3": "TIME-TAB", "PS3_0": "T", "PS3_1": "X"}, {}, (None, None), "-TAB"),
+    ({"EXPTIME": 1.0}, {"EXPTIME": [1, 2, 3]}, (None, None), "EXPTIME of each plane, in the table of HDU 1"),
+    ({"EXPTIME": 1.0}, {"EXPTIME": [1, 2]}, (None, None), ""),
+    ({"EXPTIME": 1.0}, {"mjd_obs": [6e4, 6e4, 6e4]}, (None, None), "mjd_obs of each plane"),
+    (NUMBERED, {}, (None, None), "EXPTIME of each plane, in cards"),
+    (dict.fromkeys(NUMBERED, 1.0), {}, (None, None), ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("cards", "columns", "scales", "warned"), OF_PLANES, ids=lambda x: str(x)[:60])
+def test_numbers_that_planes_have_each_are_warned_of(tmp_path, cards, columns, scales, warned):
+    hdus = [fits.PrimaryHDU(np.stack([IMAGE] * 3), fits.Header(cards)), *[table(**columns)] * bool(columns)]
+    fits.HDUList(hdus).writeto(tmp_path / "a.fits")
+    first, _, last = read_frames(tmp_path / "a.fits")
+    got = tuple(frame.metadata.value("plate_scale") for frame in (first, last))
+    assert got == tuple(None if scale is None else pytest.approx(scale) for scale in scales)
+    said = last.metadata.warnings
+    assert any(warned in text for text in said) if warned else not said
