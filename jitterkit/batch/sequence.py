@@ -21,6 +21,10 @@ from jitterkit.refit import FitResult, Status
 __all__ = ["FileExposures"]
 
 
+_SHUTTER = 0.1
+"""Share of an exposure by which headers differ in what they count of it (see the exposure's keywords)."""
+
+
 class FileExposures:
     """The frames of files, calibrated one at a time whenever they are gone over.
 
@@ -42,6 +46,9 @@ class FileExposures:
         and a cadence is given, in the natural order of their names: f2 before f10.
     timed : bool
         Whether headers or the cadence say when the frames were taken.
+    overlap : str
+        A sentence on exposures that began before an earlier one had ended, among the frames gone over so far;
+        empty where there are none.
 
     Raises
     ------
@@ -68,8 +75,10 @@ class FileExposures:
         self.timed = cadence is not None or bool(known)
         self._times = {} if cadence is not None and len(known) < len(times) else known
         self.files = sorted(files, key=lambda path: self._times.get(path, math.inf))
+        self.overlap = ""
 
     def __iter__(self) -> Iterator[Exposure]:
+        self.overlap = ""
         clock, known = _Clock(self.cadence, self._times), Duplicates()
         for path in self.files:
             index = 0
@@ -105,6 +114,8 @@ class FileExposures:
             if original := known.original(frame.digest, f"{raw.path} [{raw.index}]"):
                 return Exposure(raw.name, math.nan, None, FitResult.duplicate_of(original))
             optics, when = self.processor.optics(frame), clock.middle(frame)
+            clock.occupy(raw, when, frame.exposure)
+            self.overlap = clock.overlap
         except JitterkitError as error:
             result = status_from_exception(error, None, self.processor.plate_scale)
             return Exposure(raw.name, clock.lost(), None, result)
@@ -137,6 +148,13 @@ class _Clock:
         self._cadence, self._times = cadence, times
         self._zero: float | None = None
         self._count = 0
+        self._rounding = float(self._reads_times and all(time.is_integer() for time in times.values()))
+        self._last: tuple[float, Path | None, str] = (-math.inf, None, "")
+        self._overlaps: list[str] = []
+
+    @property
+    def _reads_times(self) -> bool:
+        return self._cadence is None and bool(self._times)
 
     def lost(self) -> float:
         """The time of a frame of which nothing is known; its place in the sequence counts."""
@@ -147,7 +165,7 @@ class _Clock:
         """Middle of an exposure, s from the beginning of the first."""
         exposure = frame.exposure or 0.0
         step = self._cadence or exposure or 1.0
-        if self._cadence is not None or not self._times:
+        if not self._reads_times:
             self._count += 1
             return (self._count - 1) * step + exposure / 2
         assert frame.path is not None
@@ -162,3 +180,28 @@ class _Clock:
         begun += frame.index * step * frame.several - ("-AVG" in known.source) * exposure / 2
         self._zero = begun if self._zero is None else self._zero
         return begun - self._zero + exposure / 2
+
+    def occupy(self, raw: RawFrame, middle: float, exposure: float | None) -> None:
+        """Note the time that an exposure takes, and whether it overlaps that of an earlier file or frame.
+
+        The frames of one file follow each other, or are those of detectors exposed at once (``raw.after``).
+        """
+        if not exposure:
+            return
+        end, path, name = self._last
+        ordinal = raw.index if raw.after is None else raw.after
+        begun = middle - exposure / 2 - (raw.index - ordinal) * exposure * self._reads_times
+        apart = not self._reads_times or raw.path != path
+        if apart and end - begun > _SHUTTER * exposure + self._rounding:
+            self._overlaps.append(f"{raw.name} begins {end - begun:.3g} s before {name} ends")
+        if begun + exposure > end:
+            self._last = begun + exposure, raw.path, raw.name
+
+    @property
+    def overlap(self) -> str:
+        """A sentence on the exposures that overlap; empty where none do."""
+        if not self._overlaps:
+            return ""
+        others = f", and {len(self._overlaps) - 1} more overlap" if len(self._overlaps) > 1 else ""
+        wrong = "the times in the headers" if self._reads_times else "the --cadence"
+        return f"{self._overlaps[0]}{others}: {wrong} or the exposure must be wrong."

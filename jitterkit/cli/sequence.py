@@ -106,6 +106,8 @@ def sequence(
             "No header holds a time of day: the frames are used in the natural order of their names, without "
             "a pause between them."
         )
+    if exposures.overlap:
+        log(exposures.overlap)
     _write_outputs(fit, output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
     if not fit.combined.kept.all() or len(fit.messages) + duplicates < len(fit.records):

@@ -141,6 +141,38 @@ def test_a_duplicate_is_passed_on_without_pixels_and_takes_no_time(write, tmp_pa
     np.testing.assert_allclose(times, [0.25, 0.75, 1.25])
 
 
+OVERLAPS = [  # times of files with exposures of 0.5 s, planes of each, cadence, what is said
+    ((1.0, 1.5, 2.0), None, None, ""), ((1.0, 1.46, 1.92), None, None, ""),  # a shutter takes 0.04 s
+    ((1.0, 1.3, 1.6), None, None, "f1.fits begins 0.2 s before f0.fits ends, and 1 more"),
+    ((1.0, 1.3, 1.6), None, 0.5, ""),
+    ((None, None), None, 0.3, "f1.fits begins 0.2 s before f0.fits ends: the"),
+    ((None, None), None, None, ""), ((1.0, 2.5), 3, None, ""),
+    ((1.0, 2.1), 3, None, "f1.fits[0] begins 0.4 s before f0.fits[2] ends: the times"),
+    ((1.0, 2.0), 3, None, ""), ((1.0, 2.0), 5, None, "f1.fits[0] begins 1.5 s before f0.fits[4] ends"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("times", "planes", "cadence", "said"), OVERLAPS)
+def test_exposures_that_overlap_are_said(times, planes, cadence, said, write, tmp_path):
+    """Of whole seconds the times may be a second off: 3 planes of 0.5 s fit between 1 and 2 s."""
+    for number, seconds in enumerate(times):
+        write(f"f{number}.fits", seconds, planes=planes)
+    exposures, _ = gone_over(tmp_path, cadence=cadence)
+    assert exposures.overlap.startswith(said) if said else not exposures.overlap
+
+
+def test_copies_and_the_detectors_of_one_camera_do_not_overlap(write, tmp_path):
+    for number in range(2):
+        date = {"DATE-OBS": f"2027-03-01T03:00:0{0.6 * number:.1f}"}
+        chips = [fits.ImageHDU(np.full((4, 4), 10 * number + n, np.int16), name="SCI", ver=n) for n in (1, 2)]
+        hdus = fits.HDUList([fits.PrimaryHDU(header=fits.Header(date)), *chips])
+        hdus.writeto(tmp_path / f"c{number}.fits")
+        shutil.copy(tmp_path / f"c{number}.fits", tmp_path / f"copy{number}.fits")
+    exposures, frames = gone_over(tmp_path)
+    assert sum(e.frame is not None for e in frames) == 4
+    assert not exposures.overlap
+
+
 def test_times_with_and_without_a_zone_are_one_clock(tmp_path):
     """Beside a TIFF the time is what its owner wrote; two hours east of Greenwich it is two hours earlier."""
     for name, time in {
