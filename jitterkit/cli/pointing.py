@@ -128,7 +128,7 @@ def _traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order:
     exposure = _exposure(telescope, "a --trace to move it")
     if not set(sizes) <= {"start"} or locus != "stable":
         trace_of(path, exposure, locus, sizes)  # refuses
-    t, x, y = read_trace(path)
+    t, x, y = read_trace(path, tell=log)
     begin = sizes.get("start", t[0] + _wait(telescope))
     with naming(path):
         return Pointing(Stable.of(), shutters=_following(telescope, (t, x, y), begin, row_order))

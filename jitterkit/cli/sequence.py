@@ -87,7 +87,7 @@ def sequence(
     how = SequenceOptions(
         laws=_laws(law or []),
         rolling=not global_shutter,
-        telemetry=None if telemetry is None else read_trace(telemetry),
+        telemetry=None if telemetry is None else read_trace(telemetry, tell=log),
     )
     looker = Looker(
         exposures.optics,

@@ -107,8 +107,15 @@ def unit_factor(column: str, unit: str, *wanted: str) -> tuple[float, str]:
     raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, f"{problem}; give one that can be converted to it.")
 
 
-def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:
+def row_numbers(row: CsvRow, header: Sequence[str], missing: Sequence[str] = ()) -> list[float]:
     """The numbers of a line, one for each column of the header.
+
+    Parameters
+    ----------
+    row : CsvRow
+    header : sequence of str
+    missing : sequence of str
+        Cells, in lower case, that are NaN behind the first column.
 
     Raises
     ------
@@ -119,14 +126,14 @@ def row_numbers(row: CsvRow, header: Sequence[str]) -> list[float]:
     if len(cells) != len(header):
         problem = f"line {number} has {len(cells)} columns; give {','.join(header)}."
         raise ConfigurationError(ErrorCode.MALFORMED, problem)
-    values = []
+    values: list[float] = []
     for name, cell in zip(header, cells, strict=True):
         code = ErrorCode.OUT_OF_RANGE
         try:
             value = float(cell)
         except ValueError:
             value, code = np.nan, ErrorCode.MALFORMED
-        if not np.isfinite(value):
+        if not np.isfinite(value) and not (values and cell.lower() in missing):
             raise ConfigurationError(code, f"line {number}, column {name} is {cell!r}; give a finite number.")
         values.append(value)
     return values

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import pathlib
+import warnings
 from collections.abc import Callable
 from typing import ClassVar, Self
 
@@ -19,6 +20,7 @@ from scipy.integrate import cumulative_simpson
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.csv_table import csv_rows, heading, refuse_unit_in_comment, row_numbers, unit_factor
+from jitterkit.loci.missing import MISSING_WORDS, without_missing
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
 _NODES, _IN_ALL = 3, 64
@@ -188,7 +190,8 @@ def read_trace(
     rates : str, optional
         Unit of rates whose header does not say that they are, or in what unit: ``deg/s``.
     tell : callable, optional
-        Called with a sentence where rates were integrated.
+        Called with sentences on rates that were integrated, and on samples without a value, of which Python
+        warns without it.
 
     Returns
     -------
@@ -203,7 +206,8 @@ def read_trace(
     Notes
     -----
     Rates are integrated by Simpson's rule.  How far the pointing went in a gap is not known: each piece
-    between gaps has its own mean as zero.
+    between gaps has its own mean as zero.  Samples without a value (empty, NaN, or a number that
+    stands for it: :func:`~jitterkit.loci.missing.without_missing`) are left out.
     """
     path = pathlib.Path(path)
     cells = csv_rows(path, "give a CSV of t,x,y")
@@ -211,13 +215,18 @@ def read_trace(
         factors, integrate = _columns(cells[0][1] if cells else [], rates)
         if not rates:
             refuse_unit_in_comment(path, cells[0][1])
-        table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
+        table = np.array([row_numbers(row, _COLUMNS, MISSING_WORDS) for row in cells[1:]]).reshape(-1, 3)
+        table, said = without_missing(table, _COLUMNS)
+        if len(table) < 2:
+            table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
         t, x, y = (table * factors).T
         _check(t, x, y)
         if not integrate:
             _refuse_wrapped(t, x, y)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
+    for sentence in said:
+        (tell or warnings.warn)(f"{path}: {sentence}")
     if integrate:
         x, y = _integral(t, np.stack([x, y], axis=1)).T
         if tell is not None:

@@ -105,3 +105,60 @@ def test_a_trace_with_a_gap_in_the_exposure_is_refused():
     assert Trace.of(t, x, x, 0.0, 0.4).moments()[0] > 0
     with refused(ErrorCode.OUT_OF_RANGE, "0.4", "0.6 s", "0.3", "0.7 s"):
         Trace.of(t, x, x, 0.3, 0.4)
+
+
+NOISE = 0.1 * np.random.default_rng(4).standard_normal((2, 5000))
+CODES = [  # values in samples 100 to 102, or a share of all, samples left out, what is said
+    (-999.0, 3, 3, "-999 in 3 samples"), (-9999.0, 3, 3, "-9999 in 3"), (99.99, 3, 3, "99.99 in 3"),
+    (1e30, 3, 3, "1e+30 in 3"), (1e30, 1, 1, "1e+30 in 1"), (-32768.0, 3, 3, "-32768 in 3"),
+    (np.nan, 3, 3, "3 samples of the trace have no value"),
+    (2.048, 40, 40, "2.048 in 40"),  # a sensor at its limit
+    (-999.0, 2000, 2000, "-999 in 2000"), (3.7, 2000, 0, ""),  # one of two places
+    (5.1, 1, 0, ""), (-999.0, 1, 0, "-999 in one sample"),  # a single outlier is motion
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("value", "count", "lost", "word"), CODES)
+@pytest.mark.parametrize("header", ["t,x,y", "t,wx [mas/s],wy [mas/s]"])
+def test_numbers_that_stand_for_missing_ones_are_gaps(value, count, lost, word, header, write):
+    t, (x, y) = 0.01 * np.arange(5000), NOISE.copy()
+    y[100 : 100 + count] = value
+    said = []
+    found = read_trace(write(header, t, x, y), tell=said.append)
+    kept = np.ones(len(t), bool)
+    kept[100 : 100 + count] = not lost
+    np.testing.assert_allclose(found[0], t[kept])
+    if header == "t,x,y":
+        np.testing.assert_allclose(found[1:], (x[kept], y[kept]))
+    said = [sentence for sentence in said if "integrated" not in sentence]
+    assert len(said) == bool(word)
+    assert not word or word in said[0]
+
+
+def test_several_codes_are_found_and_without_a_listener_python_warns(write):
+    t, (x, y) = 0.01 * np.arange(5000), NOISE.copy()
+    x[10:20], x[30:32], y[40:45] = -9999.0, 1e20, 99.0
+    with pytest.warns(UserWarning, match="has no value|far from all others") as caught:
+        assert len(read_trace(write("t,x,y", t, x, y))[0]) == 5000 - 17
+    assert len(caught) == 3
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        np.round(10 * np.sin(T * 30)) * 11,  # of a coarse converter: -99 and 99 have neighbours
+        np.where(T % 0.4 < 0.2, 0.0, 5.0),
+        np.where(T < 1.9, 0.001 * np.sin(40 * T), 5 * (T - 1.9)),  # a slew
+        np.cumsum(np.random.default_rng(1).choice([-1.0, 1.0], T.size)),
+    ],
+)
+def test_motion_of_all_kinds_has_no_missing_samples(x, write):
+    said = []
+    assert len(read_trace(write("t,x,y", T, x, np.zeros_like(T)), tell=said.append)[0]) == T.size
+    assert not said
+
+
+def test_a_path_that_somebody_drew_is_kept(write):
+    said, x = [], np.array([0.0, 0.1, 0.2, 8.0, 8.0, 0.1])
+    np.testing.assert_array_equal(read_trace(write("t,x,y", np.arange(6), x, x), tell=said.append)[1], x)
+    assert not said
