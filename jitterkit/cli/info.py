@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli.options import Hdu
-from jitterkit.cli.runtime import SOME_FAILED, aligned, log_error
+from jitterkit.cli.runtime import SOME_FAILED, aligned, log_error, prepare_jax
 from jitterkit.errors import FrameError
 
 Rows = list[tuple[str, str, str, str]]
@@ -51,12 +51,16 @@ def _is_instrument(thing: str) -> bool:
 
 def _instrument(thing: str) -> Rows:
     from jitterkit.detectors import DETECTORS, detector_preset
-    from jitterkit.instruments import load_instrument
+    from jitterkit.instruments import PRESETS, load_instrument
     from jitterkit.instruments.description import describe_detector, describe_instrument
 
     if thing in DETECTORS:
         return describe_detector(detector_preset(thing))
-    return describe_instrument(load_instrument(thing))
+    instrument = load_instrument(thing)
+    if thing not in PRESETS:
+        prepare_jax()
+        instrument.system()  # refuses what commands would
+    return describe_instrument(instrument)
 
 
 def _frames(path: Path, hdu: int | None) -> tuple[Rows, tuple[str, ...]]:

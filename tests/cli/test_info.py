@@ -35,6 +35,22 @@ def test_info_tells_an_instrument_file(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("line", "code", "values"),
+    [
+        ('modes_of_b = ["noll99"]', ErrorCode.UNKNOWN_NAME, ["'noll99'", "noll4"]),
+        ('transmission = ["q"]', ErrorCode.OUT_OF_RANGE, ["'q'", "x, y, r"]),
+    ],
+)
+def test_info_refuses_the_instrument_files_that_commands_refuse(tmp_path, told, line, code, values):
+    path = tmp_path / "cam.toml"
+    path.write_text(f'[instrument]\nbase = "smallsat"\n{line}\n')
+    commands = [["info", str(path)], ["simulate", str(tmp_path / "s.fits"), "-i", str(path)]]
+    info, simulate = (runner.invoke(app, command) for command in commands)
+    told(info, code, *values)
+    assert info.stderr == simulate.stderr
+
+
+@pytest.mark.parametrize(
     ("header", "data", "said"),
     [
         ({"BUNIT": "MJy/sr"}, [[1.0, 2.0], [3.0, 4.0]], "MJy/sr"),
