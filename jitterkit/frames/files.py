@@ -24,16 +24,18 @@ EXTENSIONS = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fits.fz", ".fz",
 #: How a gzip begins.
 GZIP = b"\x1f\x8b"
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
+ASDF = b"#ASDF"
 #: How files begin that people hand in by mistake, and what to call them.
 OTHERS = {
     b"\x89PNG": "a PNG image", b"\xff\xd8\xff": "a JPEG image", b"GIF8": "a GIF image", b"BM": "a BMP image",
     b"%PDF": "a PDF document", b"PK\x03\x04": "a ZIP archive", b"\x89HDF": "an HDF5 file",
     b"\x93NUMPY": "a NumPy array file", b"BZh": "a bzip2 archive", b"\xfd7zXZ": "an xz archive",
     b"LUCAM-RECORDER": "a SER video", b"RIFF": "an AVI video", b"XISF0100": "an XISF image",
-    b"#ASDF": "an ASDF file, as Roman's are",
+    ASDF: "an ASDF file, as Roman's are",
     b"<!DOCTYPE": "a web page", b"<html": "a web page",
 }  # fmt: skip
 REMEDY = "give a FITS or TIFF file"
+ASDF_REMEDY = "write each image (of Roman: ['roman']['data'] of asdf.open) to FITS, with EXPTIME and BUNIT in the header"
 
 _NOAO = re.compile(r"(?<=_)(oo|os)i(?=[_.])")
 """In the name of an image of the NOAO (NOIRLab) pipelines."""
@@ -102,6 +104,8 @@ def _expand(path: Path) -> list[Path]:
         raise FrameError(damage_code(error, path), path, problem, "check its permissions") from error
     if not files:
         problem, remedy = "is a directory without FITS or TIFF files", f"{REMEDY}, or another directory"
+        if any(other.suffix.lower() == ".asdf" for other in path.iterdir()):
+            problem, remedy = f"{problem}, but with ASDF files", ASDF_REMEDY
         raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
     return files
 
@@ -141,7 +145,8 @@ def sniff(path: Path) -> str:
     if start.startswith(TIFF):
         return "TIFF"
     problem = f"is {_describe(start)}, not a FITS or TIFF file"
-    raise FrameError(ErrorCode.UNKNOWN_FORMAT, path, problem, REMEDY)
+    remedy = ASDF_REMEDY if start.startswith(ASDF) else REMEDY
+    raise FrameError(ErrorCode.UNKNOWN_FORMAT, path, problem, remedy)
 
 
 def open_bytes(path: Path) -> BinaryIO:

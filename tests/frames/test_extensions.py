@@ -338,5 +338,7 @@ def test_what_is_damaged_behind_an_image_does_not_spoil_it(tmp_path):
 def test_asdf_is_refused_by_its_name(tmp_path):
     path = tmp_path / "r.asdf"
     path.write_bytes(b"#ASDF 1.0.0\n#ASDF_STANDARD 1.5.0\n%YAML 1.1\n")
-    with refused(ErrorCode.UNKNOWN_FORMAT, path, "ASDF", "Roman", error=FrameError):
+    with refused(ErrorCode.UNKNOWN_FORMAT, path, "ASDF", "Roman", "asdf.open", error=FrameError):
         sniff(path)
+    with refused(ErrorCode.NO_IMAGE, tmp_path, "ASDF", "asdf.open", error=FrameError):
+        find_files([tmp_path])
