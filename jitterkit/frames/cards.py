@@ -25,6 +25,9 @@ _NO_DIALECT = Dialect("", "", "", {})
 _AGREEMENT: Mapping[str, float] = {"exposure": 0.1, "plate_scale": 0.01}
 """Relative difference up to which two keywords agree; XPOSURE excludes the time that a shutter takes."""
 
+_TIMES = ("exposure", "line_time")
+"""Quantities that may be written as a fraction: 1/200 s."""
+
 _BARE_WELL = re.compile(r"full.?well|capacity", re.I)
 """Comment of a saturation that is usually in electrons, and does not say so."""
 
@@ -137,6 +140,11 @@ class Cards:
         if number is None:
             return None
         said = f"{key} = {number.value:g}"
+        if not number.unit:
+            number = replace(number, unit=self._unit_beside(key))
+        if name not in _TIMES and re.match(r"[-+\d. ]+/\s*\d", self.text(key)):
+            self.warnings.append(f"{key} = {self.text(key)!r} is not a number and is ignored")
+            return None
         other = other_number(name, number.words)
         if other is not None and parse_number(other) != (number.value, ""):  # else the comment repeats it
             self.warnings.append(
@@ -145,7 +153,8 @@ class Cards:
             return None
         meaning = self._meaning(name, number)
         if meaning is None:
-            self.warnings.append(f"{said} has a unit that is not read ({number.words}) and is ignored")
+            words = number.words or f"TIMEUNIT = {self.text('TIMEUNIT')!r}"
+            self.warnings.append(f"{said} has a unit that is not read ({words}) and is ignored")
             return None
         if isinstance(meaning, str):
             return replace(number, counted=meaning)
@@ -170,13 +179,20 @@ class Cards:
         if name == "gain":  # has rules of its own
             return ""
         unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
-        if unit is None and number.key == "XPOSURE":
-            unit = self.text("TIMEUNIT")  # of the times that FITS 4.0 defines
+        if unit is None and name == "exposure" and (times := self.text("TIMEUNIT")):
+            if number.key != "XPOSURE" and factor(name, times) != 1:
+                return None  # TIMEUNIT is of the times that FITS 4.0 defines, and may be meant of others
+            unit = times
         if unit is None and name == "saturation" and _BARE_WELL.search(number.comment):
             return None
         if not unit and number.key == "SCALE":
             self.warnings.append(f"SCALE = {number.value:g} has no unit and is taken as arcsec/pixel")
         return factor(name, unit) if unit else ""
+
+    def _unit_beside(self, key: str) -> str:
+        """Return the unit that a card of its own states, such as EXPUNIT beside EXPTIME."""
+        beside = [f"{key[:3]}UNIT", f"{key[:3]}_UNIT", f"{key[:4]}UNIT", f"{key[:7]}U", f"{key[:3]}UNITS"]
+        return next(filter(None, map(self.text, beside)), "")
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
         """Mean over the amplifiers that read the image."""

@@ -35,7 +35,7 @@ OTHERS = {
     b"<!DOCTYPE": "a web page", b"<html": "a web page",
 }  # fmt: skip
 REMEDY = "give a FITS or TIFF file"
-ASDF_REMEDY = "write each image (of Roman: ['roman']['data'] of asdf.open) to FITS, with EXPTIME and BUNIT in the header"
+ASDF_REMEDY = "write each image (Roman: ['roman']['data'] of asdf.open) to FITS, with EXPTIME and BUNIT"
 
 _NOAO = re.compile(r"(?<=_)(oo|os)i(?=[_.])")
 """In the name of an image of the NOAO (NOIRLab) pipelines."""

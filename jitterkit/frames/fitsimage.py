@@ -65,9 +65,11 @@ class FitsImage:
 
     def _resolved(self, primary: Mapping[str, Any], tables: Callable[[], Any]) -> Metadata:
         header, number, quality = self.hdu.header, self.hdu.number, self.group.parts.get("quality")
-        inherit = primary if number and header.get("INHERIT") is not False else None
+        alone = str(header.get("INHERIT", "")).strip().upper() in ("F", "FALSE")
+        inherit = primary if number and not alone else None
         cards = Cards(header, number, inherit)
-        odd = [] if self.hdu.role else self._pixels.lossy_warnings()
+        odd = [] if self.hdu.role else self._pixels.lossy_warnings() + self._pixels.blank_warnings()
+        _warn_of_a_ramp(self.hdu, cards, odd)
         _refuse_colour(self.hdu, cards, odd)
         from_top = _rows_from_the_top(cards, odd)
         wcs, messages = celestial_wcs(header, tables)
@@ -166,6 +168,14 @@ def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
         odd.append(
             f"three planes by {program} are taken for three frames: if they are colours, give one alone"
         )
+
+
+def _warn_of_a_ramp(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
+    """Warn of the planes of one integration of JWST: each has the light of those before it too."""
+    groups = cards.find("NGROUPS")
+    if cards.dialect.name == "JWST" and len(hdu.shape) == 4 and groups and hdu.planes == groups[0] > 1:
+        told = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
+        odd.append(f"{told}: give the file of its slope (_rate)")
 
 
 def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:

@@ -35,7 +35,7 @@ _ROLES: Mapping[str, tuple[str, ...]] = {
         "QUAL"),
     "shot": ("VAR_POISSON",),
     "read": ("VAR_RNOISE",),
-    "variance": ("VARIANCE", "VAR"),
+    "variance": ("VARIANCE", "VAR", "STAT"),
     "sigma": ("ERR", "ERROR", "ERRORS", "UNCERT", "UNCERTAINTY", "STD", "STDDEV", "SIGMA", "RMS", "NOISE"),
     "weight": ("WHT", "WEIGHT", "WEIGHTS", "WGT", "IVAR", "INVVAR", "IVM"),
     "none": (
@@ -53,6 +53,16 @@ _DESCRIBES = re.compile(
     r"MASK|BAD|GOOD|VALID|QUAL|FLAG|HOT|COSMIC|DQ|ERR|UNC|SIG|RMS|NOISE|STD|VAR|WH?T|WEIGHT|CONF|COV|EXP"
 )
 """In names that are none of these, and may be of something that is said about pixels too."""
+
+_ESO_ROLES = {
+    "QUALITY": "quality",
+    "MSE": "variance",
+    "RMSE": "sigma",
+    "INVMSE": "weight",
+    "INVRMSE": "none",
+    "MASKZERO": "none",  # whose zeros are the bad pixels
+}
+"""HDUCLAS3, or else HDUCLAS2, of what ESO's pipelines write."""
 
 _ASTROPY_UNCERTAINTY = {
     "stddevuncertainty": "sigma",
@@ -214,13 +224,15 @@ class Hdu:
         """Return what it says about an image; empty for an image itself, ``"none"`` for anything else."""
         if self.given or not self.is_image:
             return self.given or "none"
-        role = ROLE_OF.get(self.name, "")
+        eso = [self.words(key).upper() for key in ("HDUCLAS3", "HDUCLAS2")]
+        role = next((_ESO_ROLES[word] for word in eso if word in _ESO_ROLES), ROLE_OF.get(self.name, ""))
         return _ASTROPY_UNCERTAINTY.get(self.words("UTYPE").lower(), role) if role == "sigma" else role
 
     @property
     def may_describe(self) -> bool:
         """Return whether an image seems to say something about the pixels of another, and not what."""
-        return self.is_image and not self.role and (not self.name or bool(_DESCRIBES.search(self.name)))
+        named = self.name and not _DESCRIBES.search(self.name)
+        return self.is_image and not self.role and not named
 
     @property
     def constant(self) -> float:

@@ -18,7 +18,7 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
 from jitterkit.frames.fitsio import CARD, header_of
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
-from jitterkit.frames.planes import numbers_of_planes, split_planes
+from jitterkit.frames.planes import numbers_of_planes, role_of_label, split_planes
 from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
@@ -92,6 +92,8 @@ class Group:
         """Say why what seems to describe the pixels of the image is not used; empty of anything else."""
         used = self.parts.get(other.role)
         alike = other.is_image and other.shape[-2:] == self.image.shape[-2:]
+        if alike and other.words("HDUCLAS3").upper() == "MASKZERO":
+            return f"{other.label} is not used, as its zeros are the bad pixels"
         if other.name in ROLE_OF and other.constant:
             return f"{other.label} is {other.constant:g} in all pixels, without an array, and is not used"
         if (
@@ -163,12 +165,15 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     """
     images = [one for one in hdus if one.is_image]
     science = [one for one in images if one.role == ""] or images
-    science.sort(key=lambda one: not _SCIENCE.fullmatch(one.name))
+    science.sort(key=lambda one: (not _SCIENCE.fullmatch(one.name), bool(one.name) and one.may_describe))
     first = next((one for one in (science if hdu is None else images) if hdu in (None, one.number)), None)
     if first is None:
         return []
     chips = [one for one in science if one is first or _is_other_chip(first, one)]
     groups = [Group(image) for image in ([first] if hdu is not None else chips)]
+    described = first.role or role_of_label(first.name)
+    if hdu is None and described not in ("", "image", "none"):
+        groups[0].warnings.append(f"{first.label} is read as an image; its name says that it describes one")
     for group in groups if first.role == "" else []:
         group.add(_beside(group.image, chips, science, hdus))
     return groups
@@ -176,15 +181,23 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
 
 def _is_other_chip(first: Hdu, other: Hdu) -> bool:
     alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
+    alike = alike and not _is_other_read(first, other)
     chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
     return bool(first.name and other.name) and (alike or chips)
 
 
+def _is_other_read(first: Hdu, other: Hdu) -> bool:
+    """Return whether two images are reads of one exposure (WFC3/IR): the file begins with the last."""
+    reads = [one.header.get("SAMPNUM") for one in (first, other)]
+    return None not in reads and reads[0] != reads[1]
+
+
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
     """Return what may belong to one image: of its EXTVER, or what follows it up to the next image."""
-    if len(chips) == 1 and image is science[0]:
+    reads = any(_is_other_read(image, one) for one in science)
+    if len(chips) == 1 and image is science[0] and not reads:
         return list(hdus)
-    if len(chips) > 1 and len({one.version for one in chips}) == len(chips):
+    if reads or (len(chips) > 1 and len({one.version for one in chips}) == len(chips)):
         return [one for one in hdus if one.version == image.version]
     after = [one.number for one in science if one.number > image.number]
     end = min(after, default=hdus[-1].number + 1)

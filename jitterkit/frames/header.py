@@ -189,16 +189,30 @@ def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str)
 
 _COMBINED = (
     "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
+    "NFRAMES", "NSTACK", "STACKED", "NIMAGES", "NSUM", "NAVERAGE", "AVERAGED",
 )  # fmt: skip
-"""Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT."""
+"""Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; and others."""
+
+_OF_SEVERAL = re.compile(
+    r"\bof ([2-9]|[1-9]\d+) (\w+ )?(frames|exposures|images|co-?adds|subs|subexposures|snapshots)\b"
+    r"|\bsum(med)? (of|over)\b|\bper co-?add\b|\bco-?added\b|\bstacked\b",
+    re.I,
+)
+"""Comment of an exposure that is that of several."""
 
 
 def _combined(cards: Cards) -> list[str]:
     """Warn of an image that is the sum or the mean of several exposures."""
-    for number in filter(None, map(cards.number, _COMBINED)):
-        if number.value > 1:
-            told = f"{number.key} = {number.value:g} exposures are combined in the image"
-            return [f"{told}: exposure, gain, read noise and saturation may be those of one"]
+    planes = [card[0] for card in map(cards.find, ("NAXIS3", "ZNAXIS3")) if card is not None]
+    of_other = ("NFRAMES",) if cards.dialect.name == "JWST" else ()  # frames of a group, averaged on board
+    unsure = "exposure, gain, read noise and saturation may be those of one"
+    for number in filter(None, (cards.number(key) for key in _COMBINED if key not in of_other)):
+        if number.value > 1 and number.value not in planes:
+            return [f"{number.key} = {number.value:g} exposures are combined in the image: {unsure}"]
+    for key in filter(cards.find, (key for key in ALIASES["exposure"] if isinstance(key, str))):
+        comment = (cards.find(key) or ("", ""))[1]
+        if _OF_SEVERAL.search(comment):
+            return [f"{key} is of several exposures by its comment {comment!r}: {unsure}"]
     return []
 
 

@@ -57,8 +57,28 @@ class Pixels:
             problem = f"has BSCALE = {scale:g} and BZERO = {zero:g}, of which no pixel value follows"
             raise FrameError(ErrorCode.DAMAGED, self.hdu.path, problem, "mend its header")
         blank = self._number("BLANK", None) if self.hdu.bitpix > 0 else None
-        blank = None if blank is None or not float(blank).is_integer() else int(blank)
+        if blank is not None and not self._is_stored(blank):
+            blank = (blank - zero) / scale  # of a writer who scaled it too
+        blank = int(blank) if blank is not None and self._is_stored(blank) else None
         return float(scale), float(zero), blank
+
+    def _is_stored(self, value: float) -> bool:
+        """Return whether a number is one that the integers of the file can hold."""
+        limits = np.iinfo(_DTYPES[self.hdu.bitpix])
+        return math.isfinite(value) and float(value).is_integer() and limits.min <= value <= limits.max
+
+    def blank_warnings(self) -> list[str]:
+        """Warn of a BLANK that is not as FITS defines it: a stored number of an image of integers."""
+        value = self.hdu.header.get("BLANK")
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            return []
+        if self.hdu.bitpix < 0:
+            return [f"BLANK = {value:g} means nothing among floats: pixels of that value count"]
+        if self._is_stored(value):
+            return []
+        blank = self.scaling[2]
+        read = "is ignored" if blank is None else f"is read as {value:g} after BSCALE and BZERO"
+        return [f"BLANK = {value:g} is none of the numbers that {self.hdu.bitpix} bits hold and {read}"]
 
     def _number(self, key: str, default: Any) -> Any:
         """A number on which every pixel depends: not to be passed over where it cannot be read."""

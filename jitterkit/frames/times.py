@@ -38,6 +38,17 @@ _OTHERS = {
 _FIRST_DETECTOR = 1970
 """Before, there were plates; the standard of two digits for the year means years from 1900 on."""
 
+_LOCAL = re.compile(
+    r"(?i:\b(local|lokal\w*|ortszeit|heure locale|hora local)\b)|\bLT\b|\b(UTC?|GMT) ?[-+] ?\d"
+    r"|\b(JST|KST|EST|EDT|CST|CDT|MST|MDT|PST|PDT|CES?T|MES?Z|BST|IST|AES?T|AEDT|CLS?T|MSK)\b"
+)
+_IN_UTC = re.compile(r"^\W*(in )?(UTC?|GMT)\b(?! ?[-+] ?\d)")
+"""Comments of a time that is local, and of one that is not although a local one is named."""
+
+_LATE = re.compile(r"\b(end|stop|finish|clos\w+|mid(dle|point)?|cent(er|re)|average|mean)\b", re.I)
+_BEGIN = re.compile(r"\b(start|begin\w*|open\w*|beginning)\b", re.I)
+"""Comments of a time that is not, or is, the beginning of the exposure."""
+
 _SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB": "tcb", "TCG": "tcg"}
 """Time scales of ``TIMESYS`` that are converted to UTC."""
 
@@ -96,8 +107,10 @@ def _date(cards: Cards, key: str) -> Known | None:
         when = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
     if when.year < _FIRST_DETECTOR:
         cards.warnings.append(f"{key} = {text!r} is read as a date of {when.year}")
-    if re.search(r"\blocal\b", card[1], re.I):
+    if _LOCAL.search(card[1]) and not _IN_UTC.search(card[1]):
         cards.warnings.append(f"{key} is local time by its comment {card[1]!r}; it is left as written")
+    if (late := _LATE.search(card[1])) and not _BEGIN.search(card[1]) and not key.endswith("AVG"):
+        cards.warnings.append(f"{key} is not the beginning by its comment ({late[0]!r}); it is taken for it")
     return _in_utc(cards, when, source)
 
 
@@ -152,6 +165,9 @@ def _mjd(cards: Cards, key: str) -> Known | None:
 
 def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Known:
     """Convert to UTC by the header's time scale; a date alone is left as written."""
+    offset = cards.number("TIMEOFFS")
+    if offset is not None and offset.value:
+        cards.warnings.append(f"TIMEOFFS = {offset.value:g} is not added to the time")
     system = cards.text("TIMESYS").upper().partition("(")[0].strip()
     if system not in ("", "UTC", "UT", "GMT"):
         if system in _SCALES and isinstance(when, datetime):

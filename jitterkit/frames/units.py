@@ -102,13 +102,23 @@ _FACTORS = {
 }
 """Factors to the unit of a quantity, by the spelling of the unit; mm of a focal length, um of a pixel."""
 
+_SHORT = ("mm", "cm", "um", "µm", "ms")
+"""Units of two letters that are no words."""
+
 _CLAUSE_ONLY = ("min", "h", "d", "in", "m")
 """Units that are words or letters of other meaning where prose goes on behind them: "min exposure"."""
 
 _APART = re.compile(r"\b(milli|micro|nano|arc)[- ](?=s(ec)?|arc|min)", re.I)
 """A unit that is written in two words: "milli-arcsec"."""
 
-_PREFIXES = ("milli", "micro", "mikro", "nano", "kilo", "mega")
+_PREFIXES = ("milli", "mili", "micro", "mikro", "nano", "kilo", "mega")
+
+_FOREIGN = re.compile(
+    r"(minut(en|os|i|y|er)|stunden?|std|horas?|heures?|ore|uren?|tagen?|jours?|dias?|giorni|bogenmin\w*"
+    r"|grad(os?|i)?|degr[eé]s?)",
+    re.I,
+)
+"""Words for minutes, hours, days, arcminutes and degrees in other languages."""
 
 _OTHER_NUMBER = re.compile(
     r"\b(log(10)?|ln|no\.|counter|index|identifier|id|flag)(?!\w)"
@@ -116,10 +126,12 @@ _OTHER_NUMBER = re.compile(
     r"|#(?=\s*(of\b|$))|(^\W*|\b(in|as) )(%|percent)"
     r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b"
     r"|\b(tenths?|hundredths?|thousandths?|tens|hundreds|thousands|millions) of\b"
-    r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows)\b|\bk(adu|dn|e-|electrons?)(?!\w)",
+    r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows)\b|\bk(adu|dn|e-|electrons?)(?!\w)"
+    r"|(?<!if )(?<!=)(?<!= )\b(dummy|placeholder|bogus|fake|invalid|undefined|unknown|tbd"
+    r"|(not|not yet|to be) (known|measured|set|available|applicable|calibrated|determined|valid))\b",
     re.I,
 )
-"""What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten."""
+"""What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten, none."""
 
 _SCALED = re.compile(r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])", re.I)
 """A part of a unit, in the comment: "in 0.01 s"."""
@@ -127,7 +139,9 @@ _SCALED = re.compile(r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])", re.I)
 _OTHER_NUMBERS = {
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
     "plate_scale": r"\barea\b|\bzoom\b|\bfactor\b|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
-    "saturation": r"\babove (the )?bias",
+    "saturation": r"\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b|\brelative\b",
+    "bias": r"(?<!\bbe )(?<!\bnot )(?<!\byet )\b(subtracted|removed)\b|\balready\b",
+    "gain": r"\brelative\b|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
 }
 """The same for one quantity."""
 
@@ -240,5 +254,8 @@ def _only_other_units(
 def _names_other_unit(word: str) -> bool:
     """Return whether a word is a unit of any quantity, and no word of other meaning."""
     unit = word.lower()
-    lengths = any(unit in table for table in (_SECONDS, _ARCSECONDS, _MILLIMETRES) if len(unit) > 2)
-    return unit not in _CLAUSE_ONLY and (lengths or resolve_unit(unit) is not None)
+    length = unit.partition("/")[0]
+    known = any(length in table for table in (_SECONDS, _ARCSECONDS, _MILLIMETRES))
+    lengths = known and (len(length) > 2 or length in _SHORT)
+    other = lengths or resolve_unit(unit) is not None or _FOREIGN.fullmatch(unit) is not None
+    return unit not in _CLAUSE_ONLY and other

@@ -62,11 +62,13 @@ def celestial_wcs(
         return None, []
     if not any(header.get(key) for key in SCALE_KEYS):
         return None, ["the WCS has no CD, PC or CDELT, so it has no scale and is ignored"]
+    alone = header.get("CROTA1") and "CROTA2" not in header and "CDELT1" in header
+    turn = [f"CROTA1 = {header.get('CROTA1')} without CROTA2 turns no axis and is ignored"] * bool(alone)
     try:
         cards, looked_up = header.lines(_KEYWORDS), any(header.get(key) for key in _LOOKUP_KEYS)
         wcs, messages = _made.__wrapped__(cards, tables()) if tables and looked_up else _made(cards)
         # a copy for each: a WCS can be changed, and one must not be used by two threads
-        return (None if wcs is None else wcs.celestial), list(messages)
+        return (None if wcs is None else wcs.celestial), turn + list(messages)
     except Exception as error:  # wcslib raises a dozen kinds, none of them fatal to the image
         return None, [f"the WCS cannot be used ({one_line(error)}) and is ignored"]
 
