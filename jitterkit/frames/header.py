@@ -134,6 +134,14 @@ def resolve(cards: Cards, wcs: Any = None) -> Metadata:
     gain, unit = resolve_gain(cards), _unit(cards)
     number = next(cards.believed("bias"), None)
     bias = None if number is None else _in(number, "adu", gain, None, cards)
+    if number is not None and _SUBTRACTED.search(number.comment):
+        bias = Known(0.0, "ADU", f"{number.source}, which was subtracted")
+        cards.warnings.append(f"{number.key} was subtracted by its comment {number.comment!r}: the bias is 0")
+    pedestal = cards.number("PEDESTAL")
+    if pedestal is not None and pedestal.value:
+        cards.warnings.append(
+            f"PEDESTAL = {pedestal.value:g} is not read: give the level of no light as --bias"
+        )
     noises = (_in(noise, "electron", gain, None, cards) for noise in cards.believed("read_noise"))
     return Metadata(
         exposure=cards.first("exposure"),
@@ -186,6 +194,9 @@ def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str)
     cards.warnings.append(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
     return known
 
+
+_SUBTRACTED = re.compile(r"(?<!\bbe )(?<!\bnot )(?<!\byet )\b(subtracted|removed)\b", re.I)
+"""Comment of a bias level that the pixels no longer have."""
 
 _COMBINED = (
     "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",

@@ -105,6 +105,9 @@ _FACTORS = {
 _SHORT = ("mm", "cm", "um", "µm", "ms")
 """Units of two letters that are no words."""
 
+_LENGTH = re.compile(r"\d[\d.,]*\s?(mm|cm|um|µm)\b")
+"""A length in a comment, of something else: "in 9 um pixels"."""
+
 _CLAUSE_ONLY = ("min", "h", "d", "in", "m")
 """Units that are words or letters of other meaning where prose goes on behind them: "min exposure"."""
 
@@ -114,7 +117,7 @@ _APART = re.compile(r"\b(milli|micro|nano|arc)[- ](?=s(ec)?|arc|min)", re.I)
 _PREFIXES = ("milli", "mili", "micro", "mikro", "nano", "kilo", "mega")
 
 _FOREIGN = re.compile(
-    r"(minut(en|os|i|y|er)|stunden?|std|horas?|heures?|ore|uren?|tagen?|jours?|dias?|giorni|bogenmin\w*"
+    r"(minut(en|os|i|y|er)|stunden?|horas?|heures?|ore|uren?|tagen?|jours?|dias?|giorni|bogenmin\w*"
     r"|grad(os?|i)?|degr[eé]s?)",
     re.I,
 )
@@ -127,8 +130,8 @@ _OTHER_NUMBER = re.compile(
     r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b"
     r"|\b(tenths?|hundredths?|thousandths?|tens|hundreds|thousands|millions) of\b"
     r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows)\b|\bk(adu|dn|e-|electrons?)(?!\w)"
-    r"|(?<!if )(?<!=)(?<!= )\b(dummy|placeholder|bogus|fake|invalid|undefined|unknown|tbd"
-    r"|(not|not yet|to be) (known|measured|set|available|applicable|calibrated|determined|valid))\b",
+    r"|\b(dummy|placeholder|bogus|fake)\b|(?<!if )(?<!=)(?<!= )\b(invalid|undefined|unknown|tbd"
+    r"|(not|not yet|to be) (known|measured|set|available|applicable|calibrated|determined|valid))\b(?! \w)",
     re.I,
 )
 """What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten, none."""
@@ -137,11 +140,13 @@ _SCALED = re.compile(r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])", re.I)
 """A part of a unit, in the comment: "in 0.01 s"."""
 
 _OTHER_NUMBERS = {
+    "exposure": r"\bEV\b|\bexposure value\b|\bcompensation\b",
+    "va_factor": r"\binverse\b|\b1/",
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
     "plate_scale": r"\barea\b|\bzoom\b|\bfactor\b|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
-    "saturation": r"\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b|\brelative\b",
-    "bias": r"(?<!\bbe )(?<!\bnot )(?<!\byet )\b(subtracted|removed)\b|\balready\b",
-    "gain": r"\brelative\b|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
+    "saturation": r"\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b",
+    "gain": r"\brelative (gain|to (amp|channel|ccd|detector|quadrant))"
+    r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
 }
 """The same for one quantity."""
 
@@ -245,6 +250,7 @@ def _only_other_units(
     comment: str, meaning: Callable[[str], float | str | None], default: float | str
 ) -> str | None:
     """The comment where it mentions units, and not the one that is meant by default."""
+    comment = _LENGTH.sub("", comment)
     words = [word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1]
     mentioned = {meaning(word) for word in words} - {None}
     foreign = any(word.lower().startswith(_PREFIXES) or _names_other_unit(word) for word in words)

@@ -156,7 +156,9 @@ NUMBERS = [
         ("tempo di posa, ore", "ore"), ("duree de pose en heures", "heures"), ("dummy value", "dummy"),
         ("not yet known", "not yet known"))],
     (*time(2.0, "Belichtungszeit in Sekunden"), 2.0, ""), (*time(2.0, "duree de pose (minutes)"), 120.0, ""),
-    (*time(2.0, "seconds, -1 if unknown"), 2.0, ""),
+    *[(*time(2.0, comment), 2.0, "") for comment in
+      ("seconds, -1 if unknown", "exposure in sec; unknown dead time", "[s] of the 2 exposures")],
+    (*time(5, "EV"), None, "EV"), (*time(5, "exposure value"), None, "value"),
     (*time(120.0, "total exposure of 4 frames"), 120.0, "of 4 frames"),
     (*time(120.0, "integration time per coadd"), 120.0, "per coadd"),
     (*time(120.0, "total exposure time"), 120.0, ""),
@@ -169,6 +171,7 @@ NUMBERS = [
     ({"EXPTIME": 2.0, "NFRAMES": 10, "NAXIS3": 10}, "exposure", 2.0, ""),
     ({"TELESCOP": "JWST", "EFFINTTM": 2.0, "NFRAMES": 8}, "exposure", 2.0, ""),
     (*scale("mm"), None, "mm"), (*scale("pixel size in mm"), None, "mm"),
+    (*scale("in 9 um pixels"), 0.4, ""), (*scale("plate scale at f = 800 mm"), 0.4, ""),
     (*scale("um/pixel", 9.0), None, "um"),
     (*scale("Bogenminuten"), None, "Bogenminuten"), ({"PIXSCALE": 0.01, "PIXUNIT": "arcmin"}, "plate_scale",
     0.6, ""),
@@ -178,12 +181,14 @@ NUMBERS = [
         ("relative gain", "relative"), ("EM gain", "EM gain"), ("placeholder", "placeholder"))],
     ({"EGAIN": 2.0, "EGAINU": "ADU/e-"}, "gain", None, "ADU/e-"),
     ({"EGAIN": 2.0, "EGAINU": "e-/ADU"}, "gain", 2.0, ""),
+    ({"BIASLVL": 1000, "PEDESTAL": -100}, "bias", 1000.0, "PEDESTAL"),
     *[({"BIASLVL": (1000, comment)}, "bias", value, named) for comment, value, named in (
-        ("subtracted", None, "subtracted"), ("already removed", None, "removed"),
+        ("subtracted", 0.0, "subtracted"), ("already removed", 0.0, "removed"),
         ("to be subtracted", 1000.0, ""),
         ("[ADU] not subtracted", 1000.0, ""))],
     *[(*level(comment), None, named) for comment, named in (
         ("fraction of full scale", "fraction"), ("not measured", "not measured"))],
+    (*aberration("inverse of the factor"), None, "inverse"),
     (*aberration("[%]"), None, "VAFACTOR"), ({"VAFACTOR": 7e-5}, "va_factor", None, "VAFACTOR = 7e-05"),
 ]  # fmt: skip
 
