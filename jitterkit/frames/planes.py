@@ -146,11 +146,16 @@ def role_of_label(text: str) -> str:
     return ""
 
 
+def roles_of_labels(labels: Sequence[str]) -> list[str]:
+    """Return the role that each label gives a plane; none where nothing says that planes differ."""
+    roles = [role_of_label(label) for label in labels]
+    return roles if len(set(roles)) > 1 and set(roles) - {_IMAGE, ""} else []
+
+
 def _labellings(image: Hdu) -> Iterator[tuple[list[str], list[str]]]:
     """Yield labels of all planes with their roles, where they differ."""
     for labels in _candidates(image):
-        roles = [role_of_label(label) for label in labels]
-        if len(set(roles)) > 1 and set(roles) - {_IMAGE, ""}:
+        if roles := roles_of_labels(labels):
             yield labels, roles
 
 

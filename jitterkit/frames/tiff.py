@@ -27,6 +27,7 @@ from jitterkit.frames.pages import (
     refuse_missing_data,
     refuse_unusable,
 )
+from jitterkit.frames.planes import roles_of_labels
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
 
@@ -34,6 +35,10 @@ _LOG = logging.getLogger("tifffile")
 
 ROW_ORDERS = {1: -1, 2: -1, 3: 1, 4: 1}
 """Rows upwards are the stored rows as they come (1) or turned over (-1); else they are columns (0)."""
+
+
+_MOST_NAMED = 99
+"""Pages whose names are read when a file is opened: each takes a tenth of a millisecond."""
 
 
 class TiffFile(FrameFile):
@@ -83,7 +88,17 @@ class TiffFile(FrameFile):
         self.shape = (ny, nx) if orientation_of(page) < 5 else (nx, ny)
         self.dtype = np.dtype(page.dtype).newbyteorder("=")
         sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
-        self.metadata = _own_metadata(self._tiff, page, sidecars)
+        self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*self._label_warnings())
+
+    def _label_warnings(self) -> list[str]:
+        """Warn of planes or pages whose labels say that they are no images."""
+        labels = [str(label) for label in (self._tiff.imagej_metadata or {}).get("Labels", [])]
+        if not labels and self._planes is None and self._count <= _MOST_NAMED:
+            tags = (getattr(self._tiff.pages[number], "tags", None) for number in self._pages)
+            labels = [str(one.valueof("PageName", "")) if one else "" for one in tags]
+        roles = roles_of_labels(labels) if len(labels) == self._count else []
+        odd = [repr(label) for label, role in zip(labels, roles, strict=False) if role not in ("image", "")]
+        return [f"planes that are no images by their labels are frames: {', '.join(odd[:9])}"] * bool(odd)
 
     def _page(self, index: int) -> Any:
         page = self._tiff.pages[self._pages[index]]

@@ -268,3 +268,26 @@ def test_a_line_time_beside_a_tiff_is_of_its_stored_rows(tmp_path):
     turned = only(tmp_path / "a.tif").metadata
     assert turned.value("line_time") == 0.0
     assert any("line_time" in text for text in turned.warnings)
+
+
+@pytest.mark.parametrize(
+    ("labels", "warned"),
+    [
+        (["science", "error", "mask"], "'error', 'mask'"),
+        (["frame 1", "frame 2", "frame 3"], ""),
+        (["dark", "dark", "dark"], ""),
+        (["t = 0 s", "t = 1 s", "background"], "'background'"),
+    ],
+)
+@pytest.mark.parametrize("imagej", [True, False])
+def test_planes_that_are_no_images_by_their_labels_are_warned_of(tmp_path, labels, warned, imagej):
+    stack = np.arange(60, dtype=np.uint16).reshape(3, 4, 5)
+    with tifffile.TiffWriter(tmp_path / "a.tif", imagej=imagej) as writer:
+        if imagej:
+            writer.write(stack, metadata={"Labels": labels, "axes": "ZYX"})
+        for plane, label in zip(stack, labels, strict=True) if not imagej else ():
+            writer.write(plane, extratags=[(285, "s", 0, label, False)], metadata=None, contiguous=False)
+    frames = list(read_frames(tmp_path / "a.tif"))
+    assert len(frames) == 3
+    said = [text for text in frames[0].metadata.warnings if "labels" in text]
+    assert said == [] if not warned else warned in said[0]
