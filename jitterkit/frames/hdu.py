@@ -49,8 +49,11 @@ images about other things."""
 
 ROLE_OF = {name: role for role, names in _ROLES.items() for name in names}
 
+_PACKED = "COMPRESSED_IMAGE"
+"""EXTNAME that programs give a tile-compressed image without a name."""
+
 _DESCRIBES = re.compile(
-    r"MASK|BAD|GOOD|VALID|QUAL|FLAG|HOT|COSMIC|DQ|ERR|UNC|SIG|RMS|NOISE|STD|VAR|WH?T|WEIGHT|CONF|COV|EXP"
+    r"MASK|BAD|GOOD|VALID|QUAL|FLA?G|HOT|COSMIC|DQ|ERR|UNC|SIG|RMS|NOISE|STD|VAR|WH?T|WEIGHT|CONF|COV|EXP"
 )
 """In names that are none of these, and may be of something that is said about pixels too."""
 
@@ -207,7 +210,8 @@ class Hdu:
     @cached_property
     def name(self) -> str:
         """EXTNAME in upper case, empty where there is none."""
-        return self.words("EXTNAME").upper()
+        name = self.words("EXTNAME").upper()
+        return "" if name == _PACKED else name
 
     def words(self, key: str) -> str:
         """Return the value of a card as text without outer blanks, empty where there is none."""

@@ -27,8 +27,13 @@ _KEYWORDS = re.compile(
     r"[AB]P?_|[CD][PQ]|D2IM|AXISCORR|WAT\d|PROJP|RESTF|RESTW|SPECSYS|VELREF|LTV|LTM)"
 )
 
+_MATRIX = re.compile(r"(CD|PC)\d_\d *=")
 _CD, _PC = re.compile(r"\bCD\d_\d *="), re.compile(r"\bPC\d_\d *=")
 _PV2, _TAN = re.compile(r"PV2_\d+ *="), re.compile(r"(CTYPE[12] *= *'(?:RA|DEC|GLON|GLAT)-+)TAN( *')")
+
+_NEARLY_CELESTIAL = re.compile(r"(RA|DEC|[GE]L(ON|AT)|AZ|ALT)\b|(RA|DEC)_", re.I)
+_CONTRADICTION = 1.0
+"""Degrees by which CROTA2 may differ from a matrix."""
 
 #: ``WCS`` opens the file of that name if its text is one; no name begins with 320 blanks.
 _NO_PATH = " " * 320
@@ -62,15 +67,27 @@ def celestial_wcs(
         return None, []
     if not any(header.get(key) for key in SCALE_KEYS):
         return None, ["the WCS has no CD, PC or CDELT, so it has no scale and is ignored"]
-    alone = header.get("CROTA1") and "CROTA2" not in header and "CDELT1" in header
-    turn = [f"CROTA1 = {header.get('CROTA1')} without CROTA2 turns no axis and is ignored"] * bool(alone)
     try:
         cards, looked_up = header.lines(_KEYWORDS), any(header.get(key) for key in _LOOKUP_KEYS)
         wcs, messages = _made.__wrapped__(cards, tables()) if tables and looked_up else _made(cards)
         # a copy for each: a WCS can be changed, and one must not be used by two threads
-        return (None if wcs is None else wcs.celestial), turn + list(messages)
+        return (None if wcs is None else wcs.celestial), [*_turn_warnings(header, wcs), *messages]
     except Exception as error:  # wcslib raises a dozen kinds, none of them fatal to the image
         return None, [f"the WCS cannot be used ({one_line(error)}) and is ignored"]
+
+
+def _turn_warnings(header: PlainHeader, wcs: WCS | None) -> list[str]:
+    """Warn of a CROTA that is not used: that of the first axis alone, or one that contradicts a matrix."""
+    along_x, along_y = header.get("CROTA1"), header.get("CROTA2")
+    if along_x and along_y is None and "CDELT1" in header:
+        return [f"CROTA1 = {along_x} without CROTA2 turns no axis and is ignored"]
+    if wcs is None or not isinstance(along_y, int | float) or not header.lines(_MATRIX):
+        return []
+    matrix = wcs.celestial.pixel_scale_matrix
+    turned = np.degrees(np.arctan2(-matrix[0, 1], matrix[1, 1])) + 0.0  # -0 is 0
+    apart = [abs((sign * along_y - turned + 90) % 180 - 90) for sign in (1, -1)]  # programs differ in sign
+    said = f"CROTA2 = {along_y:g} contradicts the matrix of the WCS, turned by {turned:.4g} degrees"
+    return [f"{said}, and is ignored"] if min(apart) > _CONTRADICTION else []
 
 
 @lru_cache(maxsize=8)
@@ -83,7 +100,8 @@ def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
         celestial = whole.celestial if whole.has_celestial else None
     said += map(one_line, caught)
     if celestial is None:
-        return None, ()
+        kinds = [kind for kind in whole.wcs.ctype if _NEARLY_CELESTIAL.match(kind)]
+        return None, tuple(f"the WCS is ignored: {kind!r} is no celestial axis" for kind in kinds[:1])
     if {whole.wcs.lng, whole.wcs.lat} != {0, 1}:
         return None, ("the WCS has the sky along other axes than those of the image and is ignored",)
     matrix = celestial.pixel_scale_matrix

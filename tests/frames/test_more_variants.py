@@ -243,6 +243,7 @@ TAN = {
     "CRVAL2": 20.0,
 }
 CD = {**TAN, "CD1_1": -STEP, "CD2_2": STEP}
+COS, SIN = math.cos(math.radians(30)), math.sin(math.radians(30))
 CDELT = {**TAN, "CDELT1": -STEP, "CDELT2": STEP}
 SIP = {"CTYPE1": "RA---TAN-SIP", "CTYPE2": "DEC--TAN-SIP", "A_ORDER": 2, "B_ORDER": 2}
 PV = {"PV1_0": 0.0, "PV1_1": 2.0, "PV2_0": 0.0, "PV2_1": 2.0}
@@ -252,6 +253,12 @@ SKIES = [  # cards, arcsec/pixel in the middle, position angle of +y (None: not 
     ({**CD, "PC1_1": 1.0, "PC2_2": 1.0, "CDELT1": -2 * STEP, "CDELT2": 2 * STEP}, 0.8, 0.0, "FITS forbids"),
     ({**CDELT, "PC1_1": 0.0, "PC2_2": 0.0}, None, None, "singular"),
     ({**CDELT, "CROTA2": 30.0}, 0.4, 330.0, ""), ({**CDELT, "CROTA1": 30.0}, 0.4, 0.0, "CROTA1"),
+    *[({**CD, "CROTA2": angle}, 0.4, 0.0, named)
+      for angle, named in ((0.5, ""), (180.0, ""), (60.0, "CROTA2"))],
+    ({**TAN, "CD1_1": -STEP * COS, "CD1_2": STEP * SIN, "CD2_1": STEP * SIN, "CD2_2": STEP * COS,
+      "CROTA2": -30.0}, 0.4, 30.0, ""),
+    ({**CDELT, "CTYPE1": "RA--TAN", "CTYPE2": "DEC-TAN"}, None, None, "RA--TAN"),
+    ({**CDELT, "CTYPE1": "LINEAR", "CTYPE2": "LINEAR"}, None, None, ""),
     ({**CDELT, "PC1_1": -1.0, "PC2_2": -1.0}, 0.4, 180.0, ""),
     ({**CDELT, "PC1_1": 2.0, "PC2_2": 2.0}, 0.8, 0.0, ""),
     ({**TAN, "CD001001": -STEP, "CD002002": STEP}, None, None, "no CD"),
@@ -347,6 +354,9 @@ FILES = [  # HDUs, pixels masked, median of the variance (None: not used), what 
     ([fits.PrimaryHDU(), beside("ERROR_MAP", IMAGE**0.5), beside("FLUX_MAP", IMAGE)], 0, None,
       "ERROR_MAP (HDU 1)"),
     ([fits.PrimaryHDU(IMAGE, fits.Header({"EXTNAME": "WHT"}))], 0, None, "WHT (HDU 0)"),
+    ([fits.PrimaryHDU(), *[fits.CompImageHDU(data, quantize_level=0, compression_type="GZIP_1") for data in
+      (IMAGE, BAD)]], 0, None, "HDU 2"),
+    ([fits.PrimaryHDU(), beside("1-1.E.SCI", IMAGE), beside("1-1.E.FLG", BAD)], 0, None, "1-1.E.FLG"),
     ([fits.PrimaryHDU(), beside("DATA", IMAGE), beside("STAT", IMAGE)], 0, 100.0, ""),
     ([fits.PrimaryHDU(), beside("A1", IMAGE, HDUCLAS2="DATA"),
       beside("A2", IMAGE**0.5, HDUCLAS2="ERROR", HDUCLAS3="RMSE"),
