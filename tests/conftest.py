@@ -18,7 +18,7 @@ from jitterkit.optics import Colours, expand, flat_band, obstructed_circle
 from jitterkit.optics.toliman import cache_directory
 
 jax.config.update("jax_enable_x64", True)
-# No optimisation, because most of a cold run compiles.  XLA's old code generator compiles a program in half the
+# No optimisation, because a cold run compiles much.  XLA's old code generator compiles a program in half the
 # time of its new one ("fusion emitters"): modules that mostly fit take 0.65 of the processor time in all.
 # scripts/check --all sets XLA_FLAGS to an empty text, and so tests programs as users compile them.
 _FLAGS = ["--xla_backend_optimization_level=0", "--xla_llvm_disable_expensive_passes=true"]
