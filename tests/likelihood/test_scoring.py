@@ -41,8 +41,12 @@ def test_it_ends_at_the_maximum_that_another_optimiser_finds(truth, otf, data):
     vector, unravel = to_vector(end.parameters)
     errors = np.sqrt(np.diag(np.linalg.inv(end.information)))
 
+    @jax.jit
+    def deviance_at(offset):
+        return deviance(unravel(vector.at[: len(free)].add(offset * errors)), otf, data)
+
     def cost(offset):
-        return float(deviance(unravel(vector.at[: len(free)].add(offset * errors)), otf, data))
+        return float(deviance_at(offset))
 
     best = minimize(cost, np.full(len(free), 0.02), method="BFGS", options={"gtol": 1e-3})
     # BFGS with finite differences stops within about gtol of the optimum, in standard errors
