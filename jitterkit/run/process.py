@@ -213,7 +213,8 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     """Write table, summary and report of all that the store holds, and of rows that it is not to keep."""
     rows = map(duplicate_marker(), chain(store.rows(), more))
     table = make_table(rows, _provenance(processor, store.notes.get("command", "")))
-    stack = most_stacked(_stacks(store))
+    stacks = _stacks(store)
+    stack = most_stacked(stacks)
     summary = summarise(table, stack)
     described = {name: value for name, value in store.configuration.items() if name != FILES}
     with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
@@ -221,8 +222,7 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     write_table(directory / TABLE, table, overwrite=True)
     if (stars := star_table(table)) is not None:
         write_table(directory / STARS, stars, overwrite=True)
-    further = None if stack is None else find_stacked_stars(stack, table, processor)
-    if further is not None:
+    if (further := find_stacked_stars(stacks, table, processor)) is not None:
         write_table(directory / FURTHER_STARS, further, overwrite=True)
         cells = (further[name].value.tolist() for name in further.colnames)
         summary["fit"]["further_stars"] = [

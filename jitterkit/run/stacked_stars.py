@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,7 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Residual, polished, with_further_stars
 from jitterkit.loci import Mvn
 from jitterkit.report.columns import Column, aberration_column, bind_rows, measured
-from jitterkit.report.residual_stack import FEWEST, ResidualStack, count_copies
+from jitterkit.report.residual_stack import FEWEST, ResidualStack, count_copies, most_stacked
 from jitterkit.scene import Binary
 
 _COLUMNS = (
@@ -27,15 +29,18 @@ _SEEN = 0.9
 """Share of the frames that must use a pixel of the stack for it to count."""
 
 
-def find_stacked_stars(stack: ResidualStack, table: QTable, processor: FrameProcessor) -> QTable | None:
+def find_stacked_stars(
+    stacks: Mapping[str, ResidualStack], table: QTable, processor: FrameProcessor
+) -> QTable | None:
     """Find stars beside a pair in the residuals of a run.
 
     Parameters
     ----------
-    stack : ResidualStack
-        Of frames with one plate scale that show a pair.
+    stacks : mapping of str to ResidualStack
+        Of the run's frames, from :func:`~jitterkit.report.residual_stack.stack_residuals`; that of most pairs
+        is searched.
     table : QTable
-        Results of these frames.
+        Results of the frames.
     processor : FrameProcessor
         That fitted them.
 
@@ -52,19 +57,23 @@ def find_stacked_stars(stack: ResidualStack, table: QTable, processor: FrameProc
     *Fails when* frames are turned against each other by as much as a star is wide.
     """
     pairs = table[(np.asarray(table["status"]) == "ok") & (np.asarray(table["scene"]) == Binary.name)]
+    stack = most_stacked({name: one for name, one in stacks.items() if name.startswith(Binary.name)})
     copies = count_copies(table)
-    frames = stack.frames / copies
-    if min(frames, len(pairs)) < FEWEST:
+    if stack is None or min(frames := stack.frames / copies, len(pairs)) < FEWEST:
         return None
-    system = processor.instrument.system(shape=stack.total.shape, plate_scale=stack.plate_scale)
+    left, used = stack.sigmas(copies), stack.counts > _SEEN * stack.frames
+    if not used.any():
+        return None
+    inside = _about_centre(np.any(used, axis=1)), _about_centre(np.any(used, axis=0))
+    left, used = left[inside], used[inside]
+    system = processor.instrument.system(shape=used.shape, plate_scale=stack.plate_scale)
     exposure = _exposure(pairs, frames, stack.plate_scale, system.nominal.names)
     otf = system.otf(exposure.aberrations)
     exposure = exposure.completed(otf)
-    used = stack.counts > _SEEN * stack.frames
     read_noise = processor.instrument.detector.read_noise or 0.0
     image, variance = np.asarray(expected_image(exposure, otf)), frames * read_noise**2
     sigma = np.sqrt(np.maximum(image, 0.0) + variance)
-    data = Data(image + np.nan_to_num(stack.sigmas(copies)) * sigma, variance, used)
+    data = Data(image + np.nan_to_num(left) * sigma, variance, used)
     if Residual(data, image, otf, exposure.locus).further_stars(exposure.scene) is None:
         return None
     hold = processor.options.hold
@@ -89,6 +98,12 @@ def find_stacked_stars(stack: ResidualStack, table: QTable, processor: FrameProc
     sigmas = 2.5 / np.log(10) / errors[2]
     columns = zip(*np.stack([np.asarray(relative(values)), errors], 1).reshape(6, -1), sigmas, strict=True)
     return bind_rows(_COLUMNS, columns)
+
+
+def _about_centre(used: np.ndarray) -> slice:
+    """Return the smallest part, about the centre, of rows or columns (n,) that holds all that are used."""
+    edge = min(int(np.argmax(used)), int(np.argmax(used[::-1])))
+    return slice(edge, len(used) - edge)
 
 
 def _exposure(pairs: QTable, frames: float, plate_scale: float, aberrations: tuple[str, ...]) -> Parameters:
