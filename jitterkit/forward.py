@@ -95,6 +95,11 @@ class Parameters(eqx.Module):
         """The same with another locus."""
         return replace(self, locus=locus)
 
+    def shifted(self, dx: float, dy: float) -> Parameters:
+        """The same with stars and background moved, arcsec."""
+        level = self.background - self.gradient @ np.array([dx, dy])
+        return replace(self, scene=self.scene.shifted(dx, dy), background=level)
+
     def completed(self, otf: OTF) -> Parameters:
         """The same with what the optics know beforehand and these lack: colours, and what is no mode."""
         coloured = eqx.tree_at(lambda p: p.scene, self, otf.with_colours(self.scene))

@@ -100,7 +100,8 @@ class RegistrationResult:
 
     def in_frame(self, parameters: Parameters) -> Parameters:
         """Parameters about the frame's centre."""
-        return _moved(parameters, self.offset)
+        y, x = self.offset
+        return parameters.shifted(x, y)
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,8 @@ class ReferenceFrame:
             system = replace(system, grid=replace(system.grid, shape=size, pad=0))
             anchor = anchor.within(system.grid)
         told = roots[(slice(None), *inner(corner, size, rim))].reshape(len(names), -1)
-        moved = _moved(parameters, -off_centre(corner, size, image.shape) * system.grid.plate_scale)
+        y, x = -off_centre(corner, size, image.shape) * system.grid.plate_scale
+        moved = parameters.shifted(x, y)
         optics = AnchoredOptics.about(system, anchor, float(parameters.scene.flux), parameters.aberrations)
         spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
         return cls(moved, optics, image, spectrum, corner, rim, told @ told.T + known, names, free)
@@ -220,7 +222,8 @@ class ReferenceFrame:
         if not 1 / _BRIGHTER < light < _BRIGHTER:
             return None
         cut = _cleared(cut, near * light)
-        start = _moved(self.parameters, beside * self.optics.system.grid.plate_scale)
+        y, x = beside * self.optics.system.grid.plate_scale
+        start = self.parameters.shifted(x, y)
         start = eqx.tree_at(lambda p: p.scene, start, start.scene.brightened(light))
         return self._fitted(start, cut, light, corner)
 
@@ -267,12 +270,6 @@ def _excess(parameters: Parameters, otf: OTF, data: Data):
 def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     parameters, otf = single((parameters, otf))
     return image_and_jacobian(parameters, otf, free)
-
-
-def _moved(parameters: Parameters, by) -> Parameters:
-    """Move the stars by ``(y, x)`` [arcsec], and the background with them."""
-    shifted, level = parameters.scene.shifted(by[1], by[0]), parameters.gradient @ np.array([by[1], by[0]])
-    return replace(parameters, scene=shifted, background=parameters.background - level)
 
 
 def _cleared(data: Data, image: np.ndarray) -> Data:

@@ -241,11 +241,9 @@ class Example:
         """The truth, with the pair where it is in a part of the frame, and without what is held at zero."""
         middle, whole = (np.array(one.origin) + np.array(one.shape[::-1]) / 2 for one in (frame, self.frame))
         x, y = (whole - middle) * self._scale
-        scene = self.truth.binary
-        moved = scene.shifted(x, y)
         free = np.array([name not in held for name in self.processor.instrument.aberrations], bool)
         aberrations = jnp.where(free, self.truth.aberrations, 0.0)
-        return eqx.tree_at(lambda p: (p.scene, p.aberrations), self.truth, (moved, aberrations))
+        return eqx.tree_at(lambda p: p.aberrations, self.truth.shifted(x, y), aberrations)
 
 
 def _change(told: np.ndarray, slot: int, held: np.ndarray) -> np.ndarray:

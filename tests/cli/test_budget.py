@@ -27,7 +27,7 @@ def test_the_table_is_printed_and_kept(tmp_path):
         sure = 5 / one["sigmas"] if one["sigmas"] else np.inf  # root of the frames that it takes
         assert one["shown_by"] == ("frame" if sure <= 1 else "night" if sure <= 10 else "nothing")
     fitted = set(table["effect"][np.asarray(table["fitted"], bool)])
-    assert fitted == {"wavelength", "band", "index_a", "index_b", "background"}
+    assert fitted == {"wavelength", "band", "index_a", "index_b", "background", "gradient"}
 
 
 def test_a_size_that_is_none_is_refused(told):
