@@ -135,6 +135,9 @@ def _placed(stars: BackgroundStars, p: Parameters, grid: Grid, origin: tuple[int
         theta = float(p.scene.theta)
     else:
         angle = None
+    if stars.in_frame and not isinstance(p.scene, Binary):
+        problem = "the stars of [sky] cannot be placed by their angle_from_b in a frame that shows no pair"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; give their position_angle.")
     if angle is None or math.isnan(angle):
         pair = isinstance(p.scene, Binary)
         remedy = "give the pair_angle of B in [sky]" if pair else "a frame that shows no pair needs one"

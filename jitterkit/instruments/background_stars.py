@@ -83,6 +83,9 @@ def read_background_stars(path: Path, pair_angle: float | None, mirrored: bool) 
     """
     table = _read(path, _COLUMNS)
     in_frame = "angle_from_b" in table.colnames
+    if in_frame and "position_angle" in table.colnames:
+        problem = "has both a position_angle and an angle_from_b"
+        raise FrameError(ErrorCode.CONFLICT, path, problem, "leave one of the columns out")
     separation, angle, delta_mag = _columns(path, table, _IN_FRAME if in_frame else _COLUMNS)
     if np.any(separation < 0):
         problem = "holds a negative separation"

@@ -146,7 +146,8 @@ class Looker:
     @cached_property
     def own(self) -> tuple[str, ...]:
         """Names of what each frame has of its own."""
-        every = ("x", "y", "flux", *locus_class(self.locus).names, "background", *GRADIENT)
+        background = () if "background" in self.hold else ("background", *GRADIENT)
+        every = ("x", "y", "flux", *locus_class(self.locus).names, *background)
         return tuple(name for name in every if name not in self.hold)
 
     def first(

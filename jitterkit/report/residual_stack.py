@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -32,6 +32,9 @@ __all__ = [
 _STEPS = 256
 """Steps of a sigma to which residuals are rounded.  Sums of integers do not depend on their order, so that
 threads, workers and resumed runs give one stack; rounding adds 1e-6 of a pixel's variance."""
+
+_FINE = 1 << 16
+"""Steps to which read variances [electrons²] and places [pixels] are rounded, likewise."""
 
 _KERNELS = (np.ones((1, 1), np.int64), np.ones((3, 3), np.int64))
 """What a stack is smoothed with before its structure is tested: nothing, and a box.  Speckles are as wide as
@@ -79,6 +82,10 @@ class ResidualStack:
         Frames that use a pixel.
     squares : (2,) int array
         Sums, over frames and pixels, of the squared residual before and after smoothing.
+    beside : (2,) int array
+        Sums of the places ``(y, x)`` of the scenes from the centre, in 1/65536 pixel.
+    read_variance : int
+        Sum of the frames' mean variances that no light makes, in 1/65536 electron².
     """
 
     plate_scale: float
@@ -86,9 +93,11 @@ class ResidualStack:
     total: np.ndarray
     counts: np.ndarray
     squares: np.ndarray
+    beside: np.ndarray = field(default_factory=lambda: np.zeros(2, np.int64))
+    read_variance: int = 0
 
     @classmethod
-    def of(cls, result: FitResult, plate_scale: float, shape: tuple[int, int]) -> Self:
+    def of(cls, result: FitResult, plate_scale: float, read_variance: float, shape: tuple[int, int]) -> Self:
         """Make the stack of one frame; what it has outside of a stack's ``shape`` (ny, nx) is left out."""
         assert result.residual is not None
         assert result.parameters is not None
@@ -96,12 +105,23 @@ class ResidualStack:
         moved = np.full(shape, np.nan)
         places = float(scene.y) / plate_scale, float(scene.x) / plate_scale
         overlaps = map(_overlap, residual.shape, shape, places)
-        source, target = zip(*overlaps, strict=True)
+        source, target, beside = zip(*overlaps, strict=True)
         moved[target] = residual[source]
         used = np.isfinite(moved)
         total = np.rint(np.where(used, moved, 0.0) * _STEPS).astype(np.int64)
         squares = np.array([np.sum(_smoothed(total, kernel) ** 2) for kernel in _KERNELS])
-        return cls(plate_scale, 1, total, used.astype(np.int64), squares)
+        beside, variance = np.rint(np.array(beside) * _FINE).astype(np.int64), round(read_variance * _FINE)
+        return cls(plate_scale, 1, total, used.astype(np.int64), squares, beside, variance)
+
+    @property
+    def place(self) -> np.ndarray:
+        """Mean place ``(y, x)`` of the scenes from the centre, pixels."""
+        return self.beside / _FINE / self.frames
+
+    @property
+    def read_noise(self) -> float:
+        """Root of the mean variance that no light makes, electrons."""
+        return math.sqrt(self.read_variance / _FINE / self.frames)
 
     def __add__(self, other: Self) -> Self:
         sums = {name: getattr(self, name) + getattr(other, name) for name in _SUMMED}
@@ -110,7 +130,7 @@ class ResidualStack:
     def pack(self) -> bytes:
         """Return the stack as bytes: 16 a pixel."""
         buffer = io.BytesIO()
-        np.savez(buffer, **{field.name: getattr(self, field.name) for field in fields(self)})
+        np.savez(buffer, **{one.name: getattr(self, one.name) for one in fields(self)})
         return buffer.getvalue()
 
     @classmethod
@@ -118,7 +138,8 @@ class ResidualStack:
         """Return the stack that :meth:`pack` packed."""
         with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
-        return cls(float(found.pop("plate_scale")), int(found.pop("frames")), **found)
+        scale, frames, variance = (found.pop(name) for name in ("plate_scale", "frames", "read_variance"))
+        return cls(float(scale), int(frames), read_variance=int(variance), **found)
 
     def sigmas(self, copies: float = 1.0) -> np.ndarray:
         """Return the stack (ny, nx) in units of its noise; NaN where no frame uses a pixel."""
@@ -169,32 +190,33 @@ class ResidualStack:
         return 1 + common / own, _normal_score(common / deviation, freedom), excess
 
 
-_SUMMED = ("frames", "total", "counts", "squares")
+_SUMMED = ("frames", "total", "counts", "squares", "beside", "read_variance")
 
 
 def stack_residuals(
-    fitted: Iterable[tuple[FitResult, float]], shape: tuple[int, int]
+    fitted: Iterable[tuple[FitResult, float, float]], shape: tuple[int, int]
 ) -> dict[str, ResidualStack]:
     """Stack the residuals of usable frames.
 
     Parameters
     ----------
-    fitted : iterable of (FitResult, float)
-        With the plate scale of each, arcsec per pixel.
+    fitted : iterable of (FitResult, float, float)
+        With the plate scale of each, arcsec per pixel, and its mean variance that no light makes, electrons².
     shape : (int, int)
         ``(ny, nx)`` of a stack.  Frames of any shape are stacked.
 
     Returns
     -------
     stacks : dict
-        By scene and by plate scale to three digits: over a few hundred pixels, frames that differ by less
-        have the same image to a fraction of a pixel.
+        By scene, with or without further stars, and by plate scale to three digits: over a few hundred
+        pixels, frames that differ by less have the same image to a fraction of a pixel.
     """
     stacks: dict[str, ResidualStack] = {}
-    for result, scale in fitted:
+    for result, scale, variance in fitted:
         if result.status.usable and result.residual is not None and result.parameters is not None:
-            name = f"{result.parameters.scene.name} at {scale:.3g} arcsec"
-            stacks = join_stacks(stacks, {name: ResidualStack.of(result, scale, shape)})
+            scene = result.parameters.scene
+            name = f"{scene.name}{' and others' * (scene.others is not None)} at {scale:.3g} arcsec"
+            stacks = join_stacks(stacks, {name: ResidualStack.of(result, scale, variance, shape)})
     return stacks
 
 
@@ -224,11 +246,12 @@ def count_copies(table: Mapping[str, Any]) -> float:
     return float(np.sum(numbers**2) / np.sum(numbers)) if len(numbers) else 1.0
 
 
-def _overlap(n: int, size: int, place: float) -> tuple[slice, slice]:
-    """Return which pixels of ``n``, with a star so far from the centre, are which of ``size``."""
+def _overlap(n: int, size: int, place: float) -> tuple[slice, slice, float]:
+    """Return which pixels of ``n`` are which of ``size``, by the star's place; and that from the centre."""
     shift = round((size - n) / 2 - place)
     first, last = max(0, -shift), min(n, size - shift)
-    return slice(first, max(first, last)), slice(first + shift, max(first, last) + shift)
+    beside = (n - size) / 2 + place + shift
+    return slice(first, max(first, last)), slice(first + shift, max(first, last) + shift), beside
 
 
 def _smoothed(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:

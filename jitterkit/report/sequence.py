@@ -225,8 +225,8 @@ def _describe_stars(stars: list[dict[str, float]]) -> str:
     what = f"a star {each[0]}" if len(each) == 1 else f"{len(each)} stars: {'; '.join(each)}"
     them = "it" if len(each) == 1 else "them"
     return (
-        f"Together the frames show {what}, which the fits lack. Give {FURTHER_STARS} as stars in [sky] of "
-        f"the instrument file and process the frames again to leave {them} out."
+        f"Together the frames show {what}, which the fits lack. Give a copy of {FURTHER_STARS} as stars in "
+        f"[sky] of the instrument file and process the frames again to leave {them} out."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from astropy.table import QTable
 
 from jitterkit.batch import FrameProcessor
 from jitterkit.batch.configuration import settings, versions
@@ -40,6 +42,8 @@ from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, write_table
 from jitterkit.run.rows import Record, duplicate_marker, recorder
 from jitterkit.run.stacked_stars import find_stacked_stars
+
+log = logging.getLogger(__name__)
 
 __all__ = ["Run", "begin", "planned_before", "process_files", "write_outputs"]
 
@@ -222,7 +226,8 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     write_table(directory / TABLE, table, overwrite=True)
     if (stars := star_table(table)) is not None:
         write_table(directory / STARS, stars, overwrite=True)
-    if (further := find_stacked_stars(stacks, table, processor)) is not None:
+    (directory / FURTHER_STARS).unlink(missing_ok=True)  # of the run so far
+    if (further := _stacked_stars(stacks, table, processor)) is not None:
         write_table(directory / FURTHER_STARS, further, overwrite=True)
         cells = (further[name].value.tolist() for name in further.colnames)
         summary["fit"]["further_stars"] = [
@@ -236,6 +241,17 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     pictures = (render_picture(packed, row) for row, packed in (shown[place] for place in chosen))
     write_report(directory / REPORT, pictures, table, summary, stack, overwrite=True)
     return Run(table, summary, directory)
+
+
+def _stacked_stars(
+    stacks: Mapping[str, ResidualStack], table: QTable, processor: FrameProcessor
+) -> QTable | None:
+    """Search for stars in the stack; what goes wrong there must not cost a run its outputs."""
+    try:
+        return find_stacked_stars(stacks, table, processor)
+    except Exception as error:
+        log.warning("The stacked residual could not be searched for stars: %s", error)
+        return None
 
 
 def _provenance(processor: FrameProcessor, command: str) -> dict[str, Any]:

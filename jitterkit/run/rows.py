@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+import numpy as np
+
 from jitterkit.batch import FrameProcessor, ProcessedFrame
 from jitterkit.batch.executor import Outcome
 from jitterkit.batch.plan import Batch
@@ -79,7 +81,10 @@ def _record(
         assert frame is not None  # else it cannot be drawn
         pictures[place] = pack_picture(frame, result)
     usable = ((one.frame, one.result) for one in frames if one.frame is not None)
-    fitted = ((result, frame.plate_scale or plate_scale) for frame, result in usable)
+    fitted = (
+        (result, frame.plate_scale or plate_scale, float(np.mean(frame.read_variance, where=~frame.mask)))
+        for frame, result in usable
+    )
     return Record(batch, rows, pictures, stack_residuals(fitted, shape))
 
 

@@ -56,10 +56,13 @@ def find_stacked_stars(
     It is fitted with a pair and the stars, because the fit of each frame has explained a part of them.
     *Fails when* frames are turned against each other by as much as a star is wide.
     """
-    pairs = table[(np.asarray(table["status"]) == "ok") & (np.asarray(table["scene"]) == Binary.name)]
-    stack = most_stacked({name: one for name, one in stacks.items() if name.startswith(Binary.name)})
+    status, shown, stars = (np.asarray(table[name], str) for name in ("status", "scene", "stars"))
+    pairs = table[(status == "ok") & (shown == Binary.name) & (stars == "")]
+    stack = most_stacked({name: one for name, one in stacks.items() if name.startswith(f"{Binary.name} at")})
     copies = count_copies(table)
     if stack is None or min(frames := stack.frames / copies, len(pairs)) < FEWEST:
+        return None
+    if np.any(pairs["model_error"] > 0):  # then sigmas are of more than light and read noise
         return None
     left, used = stack.sigmas(copies), stack.counts > _SEEN * stack.frames
     if not used.any():
@@ -67,11 +70,10 @@ def find_stacked_stars(
     inside = _about_centre(np.any(used, axis=1)), _about_centre(np.any(used, axis=0))
     left, used = left[inside], used[inside]
     system = processor.instrument.system(shape=used.shape, plate_scale=stack.plate_scale)
-    exposure = _exposure(pairs, frames, stack.plate_scale, system.nominal.names)
+    exposure = _exposure(pairs, frames, stack, system.nominal.names)
     otf = system.otf(exposure.aberrations)
     exposure = exposure.completed(otf)
-    read_noise = processor.instrument.detector.read_noise or 0.0
-    image, variance = np.asarray(expected_image(exposure, otf)), frames * read_noise**2
+    image, variance = np.asarray(expected_image(exposure, otf)), frames * stack.read_noise**2
     sigma = np.sqrt(np.maximum(image, 0.0) + variance)
     data = Data(image + np.nan_to_num(left) * sigma, variance, used)
     if Residual(data, image, otf, exposure.locus).further_stars(exposure.scene) is None:
@@ -106,7 +108,7 @@ def _about_centre(used: np.ndarray) -> slice:
     return slice(edge, len(used) - edge)
 
 
-def _exposure(pairs: QTable, frames: float, plate_scale: float, aberrations: tuple[str, ...]) -> Parameters:
+def _exposure(pairs: QTable, frames: float, stack: ResidualStack, aberrations: tuple[str, ...]) -> Parameters:
     """Return what an exposure as long as all frames shows, with medians of their parameters."""
 
     def median(name: str) -> float:
@@ -117,8 +119,7 @@ def _exposure(pairs: QTable, frames: float, plate_scale: float, aberrations: tup
 
     theta = pairs["theta"].to_value("deg")
     turned = float(np.median((theta - theta[0] + 180) % 360 - 180)) + theta[0]
-    pixels = [pairs[axis].to_value("arcsec") / plate_scale for axis in "xy"]
-    x, y = (float(np.mean(place - np.rint(place))) * plate_scale for place in pixels)
+    y, x = stack.place * stack.plate_scale
     flux, level = (frames * median(name) for name in ("flux", "background"))
     pair = Binary(median("separation"), turned, x, y, flux, median("contrast"))
     moments = np.array([median(name) for name in ("sxx", "sxy", "syy")])

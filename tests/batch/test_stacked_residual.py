@@ -89,7 +89,7 @@ def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, proces
         assert abs(star[name] - value) < 3.5 * star[f"{name}_err"], name
     assert star["sigmas"] > 10
     finalize(run, telescope)
-    assert "further_stars.ecsv as stars in [sky]" in capsys.readouterr().out
+    assert "copy of further_stars.ecsv as stars in [sky]" in capsys.readouterr().out
     (tmp_path / "again.toml").write_text(
         f'[instrument]\nbase = "smallsat"\n[sky]\nstars = "{run.directory / "further_stars.ecsv"}"\n'
     )

@@ -36,7 +36,7 @@ def result(residual, x=0.0, y=0.0, status=Status.OK):
 
 
 def stacked(results, shape=SHAPE, scale=SCALE):
-    return most_stacked(stack_residuals(((one, scale) for one in results), shape))
+    return most_stacked(stack_residuals(((one, scale, 4.0) for one in results), shape))
 
 
 def white(rng):
@@ -171,13 +171,25 @@ def test_a_frame_far_outside_counts_with_what_is_left_of_it():
 def test_the_order_and_the_parts_of_a_run_do_not_matter(rng):
     results = [result(masked(rng), *rng.normal(size=2)) for _ in range(20)]
     whole = stacked(results).pack()
-    parts = [
-        stack_residuals([(one, SCALE) for one in results[k:end]], SHAPE) for k, end in ((13, 20), (0, 13))
-    ]
+    fitted = [(one, SCALE, 4.0) for one in results]
+    parts = [stack_residuals(fitted[k:end], SHAPE) for k, end in ((13, 20), (0, 13))]
     assert most_stacked(join_stacks(*parts)).pack() == whole
     again = {name: ResidualStack.unpack(one.pack()) for name, one in parts[0].items()}
     assert most_stacked(join_stacks(parts[1], again)).pack() == whole
     assert stacked(rng.permutation(np.array(results, object))).pack() == whole
+
+
+@pytest.mark.parametrize("shape", [(40, 44), (41, 43)])
+def test_the_place_of_the_scene_is_that_of_its_pixel_in_the_stack(shape):
+    """A pixel at the scene's place, wherever that is, and whether sides are even or odd."""
+    for row, column in ((20, 20), (17, 25), (24, 19)):
+        residual = np.zeros(shape)
+        residual[row, column] = 1.0
+        y, x = ((at - (n - 1) / 2 + 0.25) * SCALE for at, n in zip((row, column), shape, strict=True))
+        stack = stacked([result(residual, x, y)], (40, 44))
+        (found,) = np.argwhere(stack.total)
+        np.testing.assert_allclose(found - np.array([19.5, 21.5]) + 0.25, stack.place, atol=1e-4)
+        assert stack.read_noise == 2.0
 
 
 def test_only_usable_frames_of_the_most_common_scene_and_scale_are_stacked(rng):
@@ -186,7 +198,7 @@ def test_only_usable_frames_of_the_most_common_scene_and_scale_are_stacked(rng):
     binned = [(result(white(rng)), 2 * SCALE) for _ in range(3)]
     star = Parameters(Star(0.0, 0.0, 1.0), Stable.of(), np.zeros(0), 0.0)
     stars = [(FitResult(Status.OK, "", parameters=star, residual=white(rng)), SCALE) for _ in range(4)]
-    stacks = stack_residuals([*stars, *failed, *good, *binned], SHAPE)
+    stacks = stack_residuals([(*one, 4.0) for one in (*stars, *failed, *good, *binned)], SHAPE)
     assert most_stacked(stacks).frames == 9
     assert sorted(one.frames for one in stacks.values()) == [3, 4, 9]
     assert most_stacked({}) is None
