@@ -80,7 +80,7 @@ def _record(
         frame, result = frames[place].frame, frames[place].result
         assert frame is not None  # else it cannot be drawn
         pictures[place] = pack_picture(frame, result)
-    usable = ((one.frame, one.result) for one in frames if one.frame is not None)
+    usable = [(one.frame, one.result) for one in frames if one.frame is not None and one.result.status.usable]
     fitted = (
         (result, frame.plate_scale or plate_scale, float(np.mean(frame.read_variance, where=~frame.mask)))
         for frame, result in usable
