@@ -38,6 +38,7 @@ __all__ = [
     "displacement_effect",
     "expected_image",
     "free_parameters",
+    "held_with",
     "image_and_jacobian",
     "parameter_names",
     "to_vector",
@@ -96,7 +97,7 @@ class Parameters(eqx.Module):
         return replace(self, locus=locus)
 
     def shifted(self, dx: float, dy: float) -> Parameters:
-        """The same with stars and background moved, arcsec."""
+        """The same with stars and background moved by ``dx, dy`` arcsec."""
         level = self.background - self.gradient @ np.array([dx, dy])
         return replace(self, scene=self.scene.shifted(dx, dy), background=level)
 
@@ -121,6 +122,11 @@ def parameter_names(parameters: Parameters, aberrations: tuple[str, ...]) -> tup
     last = ("background", *GRADIENT, *["diffusion"] * (parameters.diffusion is not None))
     aberrations = aberrations[: len(parameters.aberrations)]
     return (*parameters.scene.names, *parameters.locus.names, *aberrations, *last)
+
+
+def held_with(hold: Collection[str]) -> set[str]:
+    """Return names to hold, and those that mean nothing without them: a background's gradient."""
+    return {*hold, *GRADIENT * ("background" in hold)}
 
 
 def free_parameters(
@@ -165,7 +171,7 @@ def free_parameters(
     colours = parameters.scene.colours
     known = colours if otf.chromatic is None or otf.colours is None else otf.colours.held(colours)
     nothing = set(otf.names) - set(otf.varied(parameters.scene))
-    held = {*hold, *known, *otf.blind(), *nothing, *GRADIENT * ("background" in hold)}
+    held = {*held_with(hold), *known, *otf.blind(), *nothing}
     free = tuple(i for i, name in enumerate(every) if name not in held)
     return tuple(every[i] for i in free), free
 

@@ -39,6 +39,11 @@ _PATTERNS = tuple((role, re.compile(rf"\b({words})(?=\b|\d)")) for role, words i
 _NUMBERED = re.compile(r"(.*?[^\d ])[ _]?0*(\d{1,4})")
 _REMARKS = ("COMMENT", "HISTORY")
 
+_OF_PLANES = re.compile(
+    r"(PLANE|PLN|LAYER|BAND|SLICE|CHAN|IMAGE(?!TYP)|IMG|FRAME|ARRAY|LABEL|CONTENT|EXT|CUBE|NAXIS)", re.I
+)
+"""Keywords that name planes: FILTER1 = 'DARK' and IMAGETYP = 'Dark Frame' say nothing of them."""
+
 _AXES = re.compile(r"(CTYPE|CUNIT|CNAME|T[A-Z]{4}|NAXIS|CR\w{3}|CDELT|P[CV]\d|CD\d)")
 """Keywords whose number is that of an axis or a column, not of a plane."""
 
@@ -81,8 +86,8 @@ def split_planes(image: Hdu) -> tuple[Hdu, list[Hdu], list[str]]:
 
     Notes
     -----
-    Labels are: cards that are numbered as the planes (``PLANE1``, ``BANDID1``), one card that lists them
-    (``'SCI,ERR,DQ'``, or the comment of NAXIS3), remarks (``COMMENT Plane 2: error``), and the
+    Labels are: cards whose keyword names planes and that are numbered as these are (``PLANE1``, ``BANDID1``),
+    one such card that lists them (``EXTNAME = 'SCI,ERR,DQ'``, or the comment of NAXIS3), remarks (``COMMENT Plane 2: error``), and the
     coordinates of an axis STOKES or COMPLEX.
     """
     if not 2 <= image.planes <= _MOST_LABELS:
@@ -161,18 +166,18 @@ def _labellings(image: Hdu) -> Iterator[tuple[list[str], list[str]]]:
 
 def _candidates(image: Hdu) -> Iterator[list[str]]:
     header, count = image.header, image.planes
-    for cards in _numbered(image).values():
+    for cards in (cards for key, cards in _numbered(image).items() if _OF_PLANES.match(key)):
         yield [value if isinstance(value, str) else comment for value, comment in cards]
     remarks = "\n".join(str(header.get(key, "")) for key in _REMARKS)
     found = {int(one[1]): one[2] for line in remarks.splitlines() if (one := _REMARK.search(line))}
     if set(found) == set(range(1, count + 1)):
         yield [found[n] for n in sorted(found)]
-    for key in header:
+    for key in filter(_OF_PLANES.match, header):
         text = header[key]
         text = text if isinstance(text, str) else header.comments[key] if key.startswith("NAXIS") else ""
-        for parts in (re.split(r"[,;/|+]", text.strip(" []()")), text.split()):
-            if len(parts) == count and all(map(role_of_label, parts)):
-                yield [part.strip() for part in parts]
+        parts = re.split(r"[,;/|+]", text.strip(" []()"))
+        if len(parts) == count and all(map(role_of_label, parts)):
+            yield [part.strip() for part in parts]
 
 
 def _numbered(image: Hdu) -> dict[str, list[tuple[Any, str]]]:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.forward import GRADIENT, Parameters, free_parameters, parameter_names, to_vector
+from jitterkit.forward import GRADIENT, Parameters, free_parameters, held_with, parameter_names, to_vector
 from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.known_light import KnownLight
@@ -146,9 +146,9 @@ class Looker:
     @cached_property
     def own(self) -> tuple[str, ...]:
         """Names of what each frame has of its own."""
-        background = () if "background" in self.hold else ("background", *GRADIENT)
-        every = ("x", "y", "flux", *locus_class(self.locus).names, *background)
-        return tuple(name for name in every if name not in self.hold)
+        every = ("x", "y", "flux", *locus_class(self.locus).names, "background", *GRADIENT)
+        held = held_with(self.hold)
+        return tuple(name for name in every if name not in held)
 
     def first(
         self, frame: Frame, shutter: Shutter | None, near: Mapping[str, float] | None = None

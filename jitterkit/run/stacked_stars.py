@@ -10,7 +10,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.batch import FrameProcessor
-from jitterkit.forward import Parameters, expected_image
+from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.locate import Residual, polished, with_further_stars
 from jitterkit.loci import Mvn
@@ -54,7 +54,8 @@ def find_stacked_stars(
     The stack is to its noise what the residual of one exposure is that lasted as long as all frames together:
     that exposure of the frames' median parameters is made, with the stack in it, and searched as a frame is.
     It is fitted with a pair and the stars, because the fit of each frame has explained a part of them.
-    *Fails when* frames are turned against each other by as much as a star is wide.
+    *Fails when* frames are turned against each other by as much as a star is wide.  *Assumes* that all pairs
+    have one plate scale and are one pair.
     """
     status, shown, stars = (np.asarray(table[name], str) for name in ("status", "scene", "stars"))
     pairs = table[(status == "ok") & (shown == Binary.name) & (stars == "")]
@@ -124,4 +125,5 @@ def _exposure(pairs: QTable, frames: float, stack: ResidualStack, aberrations: t
     pair = Binary(median("separation"), turned, x, y, flux, median("contrast"))
     moments = np.array([median(name) for name in ("sxx", "sxy", "syy")])
     state = [median(aberration_column(name)) for name in aberrations]
-    return Parameters(pair, Mvn.near(moments), state, level)
+    gradient = [frames * median(name) for name in GRADIENT]
+    return Parameters(pair, Mvn.near(moments), state, level, gradient=gradient)

@@ -105,6 +105,9 @@ LABELLED = [  # planes (s science, e error, v variance, i inverse, m mask, x els
     ("sx", {"PLANE1": "light", "PLANE2": "dark"}, 1, "2 ('dark')"),
     ("sx", {"PLANE1": "image", "PLANE2": "smoothed"}, 2, ""),  # nothing says that it is no frame
     ("ss", {"PLANE1": "dark", "PLANE2": "dark"}, 2, ""),
+    ("ss", {"FILTER1": "DARK", "FILTER2": "CLEAR"}, 2, ""), ("ss", {"IMAGETYP": "Dark Frame"}, 2, ""),
+    ("ss", {"OBJECT": "flux, error"}, 2, ""), ("ss", {"EXTNAME": "dark frame"}, 2, ""),
+    ("ss", {"APERT1": "mask", "APERT2": "J"}, 2, ""),
     ("ss", {"INPUT1": "a.fits", "INPUT2": "mask.fits"}, 2, ""),
     ("ss", {"PLANE1": "science", "PLANE2": "mask", "PLANE3": "error"}, 2, ""),
 ]  # fmt: skip
