@@ -87,8 +87,8 @@ def split_planes(image: Hdu) -> tuple[Hdu, list[Hdu], list[str]]:
     Notes
     -----
     Labels are: cards whose keyword names planes and that are numbered as these are (``PLANE1``, ``BANDID1``),
-    one such card that lists them (``EXTNAME = 'SCI,ERR,DQ'``, or the comment of NAXIS3), remarks (``COMMENT Plane 2: error``), and the
-    coordinates of an axis STOKES or COMPLEX.
+    one such card that lists them (``EXTNAME = 'SCI,ERR,DQ'``, or the comment of NAXIS3), remarks
+    (``COMMENT Plane 2: error``), and the coordinates of an axis STOKES or COMPLEX.
     """
     if not 2 <= image.planes <= _MOST_LABELS:
         return image, [], []
