@@ -169,7 +169,7 @@ def free_parameters(
             f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}.",
         )
     colours = parameters.scene.colours
-    known = colours if otf.chromatic is None or otf.colours is None else otf.colours.held(colours)
+    known = colours if otf.tints is None or otf.colours is None else otf.colours.held(colours)
     nothing = set(otf.names) - set(otf.varied(parameters.scene))
     held = {*held_with(hold), *known, *otf.blind(), *nothing}
     free = tuple(i for i, name in enumerate(every) if name not in held)
@@ -333,7 +333,7 @@ def _point_sources(scene: Scene, otf: OTF, scale):
     cy, cx = otf.grid.centre
     x, y, flux = scene.sources()
     x, y = (x, y) if scale is None else (x / (1 + scale), y / (1 + scale))
-    indices = None if otf.chromatic is None else scene.source_indices()
+    indices = None if otf.tints is None else scene.source_indices()
     fy, fx = fy.astype(x.dtype), fx.astype(x.dtype)
     along_x = jnp.exp(-2j * jnp.pi * fx[0] * (x + cx)[:, None])
     along_y = flux[:, None] * jnp.exp(-2j * jnp.pi * fy[:, 0] * (y + cy)[:, None])
@@ -392,11 +392,14 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
 
 def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np.ndarray):
     """Derivatives of the light by chosen aberrations, ascending."""
-    common, beside = rows[rows < len(otf.jacobian)], rows[rows >= len(otf.jacobian)] - len(otf.names)
+    common, beside = rows[rows < len(otf.slopes)], rows[rows >= len(otf.slopes)] - len(otf.names)
     if not otf.names:
         return jnp.zeros((len(rows), *otf.value.shape))
-    chromatic = None if otf.chromatic is None else otf.chromatic[1:][common]
-    slopes = [_light((otf.jacobian[common], chromatic, None), stars)]
+    every = len(common) == len(otf.slopes)
+    jacobian, chromatic = otf.jacobian, None if otf.chromatic is None else otf.chromatic[1:]
+    if not every:  # what is chosen is copied
+        jacobian, chromatic = jacobian[common], None if chromatic is None else chromatic[common]
+    slopes = [_light((jacobian, chromatic, None), stars)]
     if beside.size:
         slopes.append(_light((None, None, otf.jacobian[np.array(otf.of_b)[beside]]), stars))
     if PLATE_SCALE in otf.names and (slot := otf.names.index(PLATE_SCALE)) in rows:

@@ -42,6 +42,10 @@ class Metric(NamedTuple):
         along = self.vectors.T @ (score / self.scale)
         return self.vectors @ (along / (self.sizes + damping)) / self.scale
 
+    def wrong(self, move, change):
+        """Share of a move by which the curvature is wrong about the change of the score in it."""
+        return self.length(change + self.curvature @ move) / jnp.sqrt(move @ self.curvature @ move)
+
     def length(self, score):
         """Length of the undamped step, in standard errors."""
         return jnp.sqrt(jnp.abs(score @ self.step(score)))

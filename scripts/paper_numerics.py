@@ -6,7 +6,7 @@ exact loci.  They are wrong by up to hundreds of microarcseconds, and stand outs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -83,7 +83,7 @@ def point_sampled(otf: OTF, samples: int = SAMPLES) -> OTF:
     fy, fx = otf.grid.frequencies
     p = otf.grid.plate_scale
     pixel = np.sinc(p * fx) * np.sinc(p * fy) / (np.sinc(p * fx / samples) * np.sinc(p * fy / samples))
-    return OTF(otf.value * pixel, otf.jacobian * pixel, otf.state, otf.grid, otf.names, pixel_included=True)
+    return replace(otf.multiplied(pixel), pixel_included=True)
 
 
 @dataclass(frozen=True)

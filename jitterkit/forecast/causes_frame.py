@@ -25,7 +25,7 @@ from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
 from jitterkit.loci import Locus, Stable, Streak, axis_variances, moments_on_axis
 from jitterkit.loci.elliptic import Elliptic
 from jitterkit.optics import Optics
-from jitterkit.optics.otf import OTF
+from jitterkit.optics.otf import OTF, to_parts
 from jitterkit.refit import FitOptions
 from jitterkit.scene import Scene
 
@@ -55,17 +55,16 @@ def with_mode(otf: OTF, name: str, value: float, slope) -> OTF:
     slope : (My, Mx//2 + 1) array
         Derivative of the transfer function by it.
     """
-    jacobian = jnp.concatenate([otf.jacobian, jnp.asarray(slope, complex)[None]])
-    rows, shifts = len(otf.jacobian), len(otf.sigmas) - len(otf.of_b)
-    chromatic = otf.chromatic
-    if chromatic is not None:
-        chromatic = jnp.concatenate([chromatic, jnp.zeros_like(chromatic[:1])])
+    rows, shifts = len(otf.slopes), len(otf.sigmas) - len(otf.of_b)
+    tints = otf.tints
+    if tints is not None:
+        tints = jnp.concatenate([tints, jnp.zeros_like(tints[:1])])
     return replace(
         otf,
-        jacobian=jacobian,
+        slopes=jnp.concatenate([otf.slopes, to_parts(jnp.asarray(slope, complex))[None]]),
         state=jnp.insert(otf.state, rows, value),
         names=(*otf.names[:rows], name, *otf.names[rows:]),
-        chromatic=chromatic,
+        tints=tints,
         sigmas=(*otf.sigmas[:shifts], math.inf, *otf.sigmas[shifts:]),
     )
 

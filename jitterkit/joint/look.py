@@ -138,7 +138,7 @@ class Looker:
         """Names of what the frames share, in the order of the parameter vector."""
         nominal = self.optics.nominal
         known = nominal.colours
-        coloured = known is not None and nominal.chromatic is not None and known.sigma > 0
+        coloured = known is not None and nominal.tints is not None and known.sigma > 0
         colours = Binary.colours if coloured else ()
         every = ("separation", "theta", "contrast", *colours, *nominal.names)
         return tuple(name for name in (*every, *["diffusion"] * self.diffusion) if name not in self.hold)

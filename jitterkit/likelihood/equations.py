@@ -153,7 +153,7 @@ def _known_cost(parameters: Parameters, otf: OTF):
     if otf.further and len(parameters.aberrations) == len(otf.names):
         shifts = parameters.aberrations[-len(otf.further) :]
         cost = jnp.sum(shifts**2 * np.array(otf.sigmas, shifts.dtype) ** -2)
-    if indices is None or known is None or otf.chromatic is None:
+    if indices is None or known is None or otf.tints is None:
         return cost
     return cost + known.precision * jnp.sum((indices - np.array(known.of(len(indices)))) ** 2)
 
@@ -161,7 +161,7 @@ def _known_cost(parameters: Parameters, otf: OTF):
 def known_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
     """What is known of indices and shifts beforehand, as information (p, p) on free parameters."""
     scene, known = parameters.scene, {name: s**-2 for name, s in zip(otf.further, otf.sigmas, strict=True)}
-    if scene.indices is not None and otf.colours is not None and otf.chromatic is not None:
+    if scene.indices is not None and otf.colours is not None and otf.tints is not None:
         known |= dict.fromkeys(scene.colours, otf.colours.precision)
     names = parameter_names(parameters, otf.names)
     return np.diag([known.get(names[slot], 0.0) for slot in free])

@@ -8,7 +8,7 @@ for, and is as exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -21,7 +21,7 @@ from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
 from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, with_further
+from jitterkit.optics.otf import OTF, from_parts, to_parts, with_further
 from jitterkit.optics.system import OpticalSystem
 
 __all__ = ["Anchor", "AnchoredOptics"]
@@ -41,26 +41,26 @@ they are off by up to 2 % there."""
 class Anchor(eqx.Module):
     """A telescope's transfer function to second order about one state of its aberrations.
 
-    Of every spectrum there are m = 2 My (Mx//2 + 1) numbers: its real parts, and then its imaginary ones.
+    Of every spectrum there are real and imaginary parts, (2, My, Mx//2 + 1), below (m).
 
     Attributes
     ----------
-    value : (m,) array
+    value : (m) array
     slopes : (k, m) array
         First derivatives, per nm.
-    curvature : (k (k + 1)/2, m) array
-        Second derivatives by pairs (i, j >= i), per nm², in 32 bits.
+    curvature : (k, k, m) array
+        Second derivatives, per nm², in 32 bits; with both halves, because sums over one of them take longer.
     state : (k,) array
         nm.
     chromatic : (1 + k + k (k + 1)/2, m) array or None
         Derivatives of all of these by the spectral index of a source, in 32 bits; None where its colour does
         not matter.
-    shifts : (s, 1 + k, m) array
+    shifts : (1 + k, s, m) array
         Derivatives of value and slopes by the shifts of the wavelength and of the plate scale, those there
         are.
     tinted_shifts : (s, m) array or None
         Derivative of that of the value by the spectral index.
-    bend : (m,) array or None
+    bend : (m) array or None
         Second derivative of the value by the shift of the wavelength, in 32 bits.
     grid : Grid
     names : tuple of str
@@ -70,14 +70,14 @@ class Anchor(eqx.Module):
         What may vary beside them.
     """
 
-    value: Float[Array, " m"]
-    slopes: Float[Array, "k m"]
-    curvature: Float[Array, "p m"]
+    value: Float[Array, "2 my mx"]
+    slopes: Float[Array, "k 2 my mx"]
+    curvature: Float[Array, "k k 2 my mx"]
     state: Float[Array, " k"]
-    chromatic: Float[Array, "q m"] | None
-    shifts: Float[Array, "s k1 m"]
-    tinted_shifts: Float[Array, "s m"] | None
-    bend: Float[Array, " m"] | None
+    chromatic: Float[Array, "q 2 my mx"] | None
+    shifts: Float[Array, "k1 s 2 my mx"]
+    tinted_shifts: Float[Array, "s 2 my mx"] | None
+    bend: Float[Array, "2 my mx"] | None
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     colours: Colours | None = eqx.field(static=True)
@@ -98,16 +98,16 @@ class Anchor(eqx.Module):
             blur = Mvn.of(system.diffusion).transfer(fx, fy)
             spectra, shifts = spectra * blur, shifts * blur
             bend = None if bend is None else bend * blur
-        parts = _real(spectra)
+        parts = to_parts(spectra)
         return cls(
             parts[0, 0],
             parts[0, 1 : k + 1],
-            parts[0, k + 1 :].astype(jnp.float32),
+            parts[0, k + 1 :].astype(jnp.float32)[_pairs(k)],
             state,
             parts[1].astype(jnp.float32) if tinted else None,
-            _real(shifts[0]),
-            _real(shifts[1, :, 0]) if tinted else None,
-            None if bend is None else _real(bend).astype(jnp.float32),
+            jnp.swapaxes(to_parts(shifts[0]), 0, 1),
+            to_parts(shifts[1, :, 0]) if tinted else None,
+            None if bend is None else to_parts(bend).astype(jnp.float32),
             grid,
             names,
             system.colours,
@@ -140,82 +140,64 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
     (ny, nx), (my, mx) = anchor.grid.fine_shape, grid.fine_shape
 
     def cut(parts):
-        halves = jnp.reshape(parts, (len(parts), 2, ny, nx // 2 + 1))
-        spectra = jax.lax.complex(halves[:, 0], halves[:, 1]) / centring(anchor.grid)
-        psf = jnp.fft.irfft2(spectra, s=(ny, nx))[:, first[0] : first[0] + my, first[1] : first[1] + mx]
-        flat = jnp.reshape(jnp.fft.rfft2(psf) * centring(grid), (len(parts), my * (mx // 2 + 1)))
-        return jnp.concatenate([flat.real, flat.imag], axis=1).astype(parts.dtype)
+        psf = jnp.fft.irfft2(from_parts(parts) / centring(anchor.grid), s=(ny, nx))
+        psf = psf[..., first[0] : first[0] + my, first[1] : first[1] + mx]
+        return to_parts(jnp.fft.rfft2(psf) * centring(grid)).astype(parts.dtype)
 
-    value, slopes, curvature = (cut(part) for part in (anchor.value[None], anchor.slopes, anchor.curvature))
-    chromatic = None if anchor.chromatic is None else cut(anchor.chromatic)
-    count, rows, size = anchor.shifts.shape
-    shifts = cut(jnp.reshape(anchor.shifts, (count * rows, size)))
-    shifts = jnp.reshape(shifts, (count, rows, shifts.shape[1]))
-    tinted = None if anchor.tinted_shifts is None else cut(anchor.tinted_shifts)
-    bend = None if anchor.bend is None else cut(anchor.bend[None])[0]
-    known = anchor.names, anchor.colours, anchor.further
-    return Anchor(value[0], slopes, curvature, anchor.state, chromatic, shifts, tinted, bend, grid, *known)
+    arrays = jax.tree.map(cut, eqx.tree_at(lambda a: a.state, anchor, None))
+    return replace(arrays, state=anchor.state, grid=grid)
 
 
 @eqx.filter_jit
 def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     change, k, further = aberrations - anchor.state, len(anchor.state), anchor.further
-    i, j = np.triu_indices(k)
-    pair = np.arange(len(i))
-
-    def turned(change):
-        """What takes the curvature to the change of each slope."""
-        return jnp.zeros((k, len(i))).at[i, pair].set(change[j]).at[j, pair].set(change[i])
-
-    turns = turned(change)
     own = jnp.stack([change, change.at[_places(anchor)].add(beside)]) if further.of_b else change[None]
-    halves = jnp.stack([one @ turned(one) / 2 for one in own])
-    rows = jnp.concatenate([turns, halves]).astype(anchor.curvature.dtype)
-    bends = jnp.matmul(rows, anchor.curvature, precision="highest")  # a GPU would take half the digits
-    values = anchor.value + own @ anchor.slopes + bends[k:]
-    spectra = _complex(jnp.concatenate([anchor.slopes + bends[:k], values]), anchor.grid)
-    chromatic = None
+    bends = _sums(own.astype(anchor.curvature.dtype), anchor.curvature)
+    halves = jnp.stack(
+        [_sums(one.astype(bend.dtype) / 2, bend) for one, bend in zip(own, bends, strict=True)]
+    )
+    values = from_parts(anchor.value + jnp.tensordot(own, anchor.slopes, 1) + halves)
+    tints = None
     if anchor.chromatic is not None:
+        i, j = np.triu_indices(k)
+        weights = jnp.concatenate([jnp.ones(1), change, change[i] * change[j] / np.where(i == j, 2, 1)])
         # all rows in one product: a part of them would be copied first, which takes longer
-        weights = jnp.concatenate([jnp.ones(1, rows.dtype), change.astype(rows.dtype), rows[k]])
-        tint = jnp.matmul(weights, anchor.chromatic, precision="highest")
-        tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(values.dtype)
-        chromatic = _complex(tints, anchor.grid)
+        tint = _sums(weights.astype(anchor.chromatic.dtype), anchor.chromatic)
+        tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(change.dtype)
     otf = OTF(
-        spectra[k],
-        spectra[:k],
+        values[0],
+        anchor.slopes + bends[0],
         aberrations,
         anchor.grid,
         anchor.names,
-        chromatic=chromatic,
+        tints=tints,
         colours=anchor.colours,
         sigmas=further.sigmas[: further.shadings],
     )
     if not further.names:
         return otf
-    shifts = [anchor.shifts[:, 0] + jnp.tensordot(change, anchor.shifts[:, 1:], (0, 1))]
+    shifts = [_sums(jnp.concatenate([jnp.ones(1), change]), anchor.shifts)]
     shifts += [] if anchor.tinted_shifts is None else [anchor.tinted_shifts]
-    slopes = jnp.stack([_complex(parts, anchor.grid) for parts in shifts])
-    bend = None if anchor.bend is None else _complex(anchor.bend[None].astype(values.dtype), anchor.grid)[0]
-    return with_further(otf, further, slopes, bend, beside, spectra[k + 1] if further.of_b else None)
+    bend = None if anchor.bend is None else from_parts(anchor.bend).astype(values.dtype)
+    return with_further(otf, further, jnp.stack(shifts), bend, beside, values[1] if further.of_b else None)
+
+
+def _sums(weights, rows):
+    """Sum rows with weights; a GPU would take half the digits."""
+    return jnp.tensordot(weights, rows, 1, precision="highest")
+
+
+def _pairs(k: int) -> np.ndarray:
+    """Positions (k, k) of pairs of modes among the pairs (i, j >= i) in order."""
+    places = np.zeros((k, k), int)
+    i, j = np.triu_indices(k)
+    places[i, j] = places[j, i] = np.arange(len(i))
+    return places
 
 
 def _places(anchor: Anchor) -> np.ndarray:
     """Places of the modes in which B may differ."""
     return np.array([anchor.names.index(name) for name in anchor.further.of_b], int)
-
-
-def _real(spectra):
-    """Real and then imaginary parts (..., m) of spectra (..., My, Mx//2 + 1)."""
-    flat = jnp.reshape(spectra, (*spectra.shape[:-2], spectra.shape[-2] * spectra.shape[-1]))
-    return jnp.concatenate([flat.real, flat.imag], axis=-1)
-
-
-def _complex(parts, grid: Grid):
-    """Spectra (n, My, Mx//2 + 1) from their real and their imaginary parts (n, m)."""
-    half = parts.shape[1] // 2
-    ny, nx = grid.fine_shape
-    return jnp.reshape(jax.lax.complex(parts[:, :half], parts[:, half:]), (len(parts), ny, nx // 2 + 1))
 
 
 @dataclass(frozen=True)

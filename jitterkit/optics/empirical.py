@@ -89,7 +89,7 @@ def empirical_otf(
     spectrum = np.fft.rfft2(stamp * (enclosed / stamp.sum()), s=grid.fine_shape)
     spectrum = spectrum * np.exp(2j * np.pi * grid.pitch * (y * fy + x * fx))
     return OTF(
-        jnp.asarray(spectrum), jnp.zeros((0, *spectrum.shape)), jnp.zeros(0), grid, (), pixel_included=True
+        jnp.asarray(spectrum), jnp.zeros((0, 2, *spectrum.shape)), jnp.zeros(0), grid, (), pixel_included=True
     )
 
 

@@ -16,7 +16,7 @@ from jitterkit.optics.colours import Colours, wavenumber_offsets
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.further import Further
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF, with_further
+from jitterkit.optics.otf import OTF, to_parts, with_further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
@@ -116,11 +116,11 @@ def expand(
     spectra = derivatives_at(pupil, spectrum, grid, state, order=order, chromatic=tinted)
     otf = OTF(
         spectra[0][0],
-        spectra[0][1:],
+        to_parts(spectra[0][1:]),
         state if derivatives else state[:0],
         grid,
         pupil.names if derivatives else (),
-        chromatic=spectra[1] if tinted else None,
+        tints=to_parts(spectra[1]) if tinted else None,
         colours=colours,
         sigmas=further.sigmas[: further.shadings] if derivatives else (),
     )
@@ -134,7 +134,7 @@ def expand(
         return otf if of_b is None else replace(otf, difference=of_b - otf.value)
     slopes = shift_slopes(pupil, spectrum, grid, state, further, order=0, chromatic=tinted)[:, :, 0]
     bend = wavelength_curvature(pupil, spectrum, grid, state) if further.wavelength_sigma else None
-    return with_further(otf, further, slopes, bend, beside, of_b)
+    return with_further(otf, further, to_parts(slopes), bend, beside, of_b)
 
 
 def shift_slopes(

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
@@ -27,7 +28,7 @@ from jitterkit.optics.grid import Grid
 if TYPE_CHECKING:
     from jitterkit.scene import Scene
 
-__all__ = ["OTF", "with_further"]
+__all__ = ["OTF", "from_parts", "to_parts", "with_further"]
 
 
 _BLIND = 1e-9
@@ -42,21 +43,23 @@ class OTF(eqx.Module):
     value : (My, Mx//2 + 1) complex array
         Transfer function about the optical axis; at zero frequency, the share of the light that
         falls inside the padded grid.
-    jacobian : (k, My, Mx//2 + 1) complex array
-        Derivative with respect to each aberration, per nm; with respect to a mode of the amplitude, per unit.
+    slopes : (k, 2, My, Mx//2 + 1) array
+        Real and imaginary parts of the derivative with respect to each aberration, per nm; with respect to a
+        mode of the amplitude, per unit.  Sums over them are then real products of matrices, several times as
+        fast as complex ones.
     state : (k,) array
         The aberrations it was computed at, nm.
     grid : Grid
         Sampling.
     names : tuple of str
-        Names of the aberrations, each with a row of the jacobian: the modes of the pupil, then a shift of the
+        Names of the aberrations, each with a row of the slopes: the modes of the pupil, then a shift of the
         wavelength and one of the plate scale, if they may vary.  Last, without rows, what the wavefront of B
         has more of a mode than that of A, nm.
     pixel_included : bool
         True for an empirical PSF, which has already been integrated over the pixels.
-    chromatic : (1 + k, My, Mx//2 + 1) complex array or None
-        Derivative by the spectral index of a source, and its own derivatives with respect to the
-        aberrations; None where the colour of a source does not matter.
+    tints : (1 + k, 2, My, Mx//2 + 1) array or None
+        Parts of the derivative by the spectral index of a source, and of its own derivatives with respect to
+        the aberrations; None where the colour of a source does not matter.
     colours : Colours or None
         What is known of the indices.
     sigmas : tuple of float
@@ -71,17 +74,27 @@ class OTF(eqx.Module):
     """
 
     value: Complex[Array, "my mx"]
-    jacobian: Complex[Array, "k my mx"]
+    slopes: Float[Array, "k 2 my mx"]
     state: Float[Array, " k"]
     grid: Grid = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     pixel_included: bool = eqx.field(static=True, default=False)
-    chromatic: Complex[Array, "k1 my mx"] | None = None
+    tints: Float[Array, "k1 2 my mx"] | None = None
     colours: Colours | None = eqx.field(static=True, default=None)
     sigmas: tuple[float, ...] = eqx.field(static=True, default=())
     of_b: tuple[int, ...] = eqx.field(static=True, default=())
     difference: Complex[Array, "my mx"] | None = None
     bend: Complex[Array, "my mx"] | None = None
+
+    @property
+    def jacobian(self) -> Complex[Array, "k my mx"]:
+        """Derivative with respect to each aberration, as complex numbers."""
+        return from_parts(self.slopes)
+
+    @property
+    def chromatic(self) -> Complex[Array, "k1 my mx"] | None:
+        """The tints as complex numbers, if the colour of a source matters."""
+        return None if self.tints is None else from_parts(self.tints)
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -112,23 +125,21 @@ class OTF(eqx.Module):
         if not self.names:
             return self.value
         change = self._change(aberrations)
-        value = self.value + jnp.tensordot(change, self.jacobian[: len(change)], 1)
+        value = self.value + _combined(change, self.slopes)
         if self.bend is None or (slot := self.names.index(WAVELENGTH)) >= len(change):
             return value
         return value + change[slot] ** 2 / 2 * self.bend
 
     def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
         """Derivative by the spectral index at nearby aberrations [nm], if it matters; to first order."""
-        if self.chromatic is None:
+        if self.tints is None:
             return None
-        if not self.names:
-            return self.chromatic[0]
-        change = self._change(aberrations)
-        return self.chromatic[0] + jnp.tensordot(change, self.chromatic[1 : 1 + len(change)], 1)
+        change = self._change(aberrations) if self.names else self.state[:0]
+        return _combined(jnp.concatenate([jnp.ones(1, change.dtype), change]), self.tints)
 
     def _change(self, aberrations: Float[Array, " k"]) -> Float[Array, " r"]:
-        """How far those that have a row of the jacobian are from their state."""
-        rows = min(len(aberrations), len(self.jacobian))
+        """How far those that have a row of the slopes are from their state."""
+        rows = min(len(aberrations), len(self.slopes))
         return aberrations[:rows] - self.state[:rows]
 
     def difference_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
@@ -136,24 +147,24 @@ class OTF(eqx.Module):
         if self.difference is None or not self.names or len(aberrations) < len(self.names):
             return self.difference
         change = (aberrations - self.state)[-len(self.of_b) :]
-        return self.difference + jnp.tensordot(change, self.jacobian[np.array(self.of_b)], 1)
+        return self.difference + _combined(change, self.slopes[np.array(self.of_b)])
 
     def with_colours(self, scene: Scene) -> Scene:
         """Return a scene with the indices that are known beforehand, where colour matters and it has none."""
-        if self.chromatic is None or self.colours is None or scene.indices is not None:
+        if self.tints is None or self.colours is None or scene.indices is not None:
             return scene
         return scene.coloured(self.colours.of(len(scene.colours)))
 
     def multiplied(self, factor) -> OTF:
         """The same with another factor (My, Mx//2 + 1) in the transfer function of every source."""
-        chromatic = None if self.chromatic is None else self.chromatic * factor
+        tints = None if self.chromatic is None else to_parts(self.chromatic * factor)
         difference = None if self.difference is None else self.difference * factor
         bend = None if self.bend is None else self.bend * factor
         return replace(
             self,
             value=self.value * factor,
-            jacobian=self.jacobian * factor,
-            chromatic=chromatic,
+            slopes=to_parts(self.jacobian * factor),
+            tints=tints,
             difference=difference,
             bend=bend,
         )
@@ -165,10 +176,10 @@ class OTF(eqx.Module):
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""
-        slopes = np.asarray(self.jacobian)
-        if np.all(np.abs(slopes[:, :2]).max(axis=(1, 2), initial=0.0) > _BLIND):  # most show in any row
+        slopes = np.asarray(self.slopes)
+        if np.all(np.abs(slopes[:, :, :2]).max(axis=(1, 2, 3), initial=0.0) > _BLIND):  # most show in any row
             return ()
-        largest = np.abs(slopes).max(axis=(1, 2), initial=0.0)
+        largest = np.abs(slopes).max(axis=(1, 2, 3), initial=0.0)
         return tuple(name for name, slope in zip(self.names, largest, strict=False) if slope < _BLIND)
 
     def psf(self) -> Float[Array, "my mx"]:
@@ -180,7 +191,26 @@ class OTF(eqx.Module):
         )
 
 
-def with_further(otf: OTF, further: Further, slopes: Complex[Array, "c s my mx"], bend, beside, of_b) -> OTF:
+def to_parts(spectra: Complex[Array, "*n my mx"]) -> Float[Array, "*n 2 my mx"]:
+    """Split spectra into their real and their imaginary parts."""
+    return jnp.stack([spectra.real, spectra.imag], axis=-3)
+
+
+def from_parts(parts: Float[Array, "*n 2 my mx"]) -> Complex[Array, "*n my mx"]:
+    """Join real and imaginary parts to spectra."""
+    return jax.lax.complex(parts[..., 0, :, :], parts[..., 1, :, :])
+
+
+def _combined(weights: Float[Array, " r"], parts: Float[Array, "n 2 my mx"]) -> Complex[Array, "my mx"]:
+    """Sum the first rows with weights."""
+    # a slice is copied, which takes longer than the sum: none where all rows count
+    rows = parts if len(weights) == len(parts) else parts[: len(weights)]
+    # one row by a matrix, whose adjoint is too; that of a vector by a matrix would transpose it
+    total = weights[None] @ jnp.reshape(rows, (len(rows), -1))
+    return from_parts(jnp.reshape(total, parts.shape[1:]))
+
+
+def with_further(otf: OTF, further: Further, slopes: Float[Array, "c s 2 my mx"], bend, beside, of_b) -> OTF:
     """The same optics with what else may vary of an instrument.
 
     Parameters
@@ -188,9 +218,9 @@ def with_further(otf: OTF, further: Further, slopes: Complex[Array, "c s my mx"]
     otf : OTF
         With the modes of the pupil.
     further : Further
-    slopes : (1 or 2, s, My, Mx//2 + 1) array
-        Derivatives by the shifts of the wavelength and of the plate scale, those there are; and then those of
-        the derivative by the spectral index, where there is one.
+    slopes : (1 or 2, s, 2, My, Mx//2 + 1) array
+        Parts of the derivatives by the shifts of the wavelength and of the plate scale, those there are; and
+        then those of the derivative by the spectral index, where there is one.
     bend : (My, Mx//2 + 1) array or None
         Second derivative by the shift of the wavelength, where there is one.
     beside : (d,) array
@@ -198,15 +228,13 @@ def with_further(otf: OTF, further: Further, slopes: Complex[Array, "c s my mx"]
     of_b : (My, Mx//2 + 1) array or None
         Transfer function of B.
     """
-    chromatic = otf.chromatic
-    if chromatic is not None:
-        chromatic = jnp.concatenate([chromatic, slopes[1]])
+    tints = None if otf.tints is None else jnp.concatenate([otf.tints, slopes[1]])
     return replace(
         otf,
-        jacobian=jnp.concatenate([otf.jacobian, slopes[0]]),
+        slopes=jnp.concatenate([otf.slopes, slopes[0]]),
         state=jnp.concatenate([otf.state, jnp.zeros(slopes.shape[1]), beside]),
         names=(*otf.names, *further.names),
-        chromatic=chromatic,
+        tints=tints,
         sigmas=further.sigmas,
         bend=bend,
         of_b=tuple(otf.names.index(mode) for mode in further.of_b),

@@ -122,16 +122,16 @@ class OpticalSystem:
         Without derivatives it is a tenth of the work; those of a state off by a phase of rms ``q`` are off by
         about ``q`` of themselves.
         """
-        exact, chromatic = self.otf(aberrations, derivatives=False), slopes.chromatic
-        if chromatic is not None and exact.chromatic is not None:
-            chromatic = chromatic.at[0].set(exact.chromatic[0])
+        exact, tints = self.otf(aberrations, derivatives=False), slopes.tints
+        if tints is not None and exact.tints is not None:
+            tints = tints.at[0].set(exact.tints[0])
         state = np.array(aberrations, float)
-        state[len(self.pupil.names) : len(slopes.jacobian)] = 0.0  # the shifts
+        state[len(self.pupil.names) : len(slopes.slopes)] = 0.0  # the shifts
         return replace(
             slopes,
             value=exact.value,
             state=jnp.asarray(state),
-            chromatic=chromatic,
+            tints=tints,
             difference=exact.difference,
         )
 

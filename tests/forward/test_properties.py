@@ -168,7 +168,7 @@ def test_32_bits_give_the_image_of_64_to_their_rounding(nothing_compiled, way, o
     assume(p.locus.exact_to() > FINEST / (2 * np.pi))
     double = np.asarray(expected_image(p, otf))
     with jax.enable_x64(False):
-        small = (otf.value, otf.jacobian, otf.state)
+        small = (otf.value, otf.slopes, otf.state)
         single_otf = OTF(*(jnp.asarray(np.asarray(part)) for part in small), GRID, otf.names)
         q = parameters(way, scene, sizes)
         assume(q.locus.exact_to() > FINEST / (2 * np.pi))
