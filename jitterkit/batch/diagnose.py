@@ -23,7 +23,7 @@ from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF
 from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
-from jitterkit.refit.over_field import say_if_blur_varies
+from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
 
 __all__ = [
@@ -218,7 +218,7 @@ def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
     if not result.status.usable:
         return result
     data = found.data.without(~np.isfinite(result.residual))
-    said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
+    said = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
     return result.remarked(said or "", "blur_varies")
 
 

@@ -17,7 +17,7 @@ from jitterkit.likelihood import Misfit, pearson
 from jitterkit.loci import Shaped
 from jitterkit.refit import POOR, FitResult, Status
 from jitterkit.refit.outliers import OUTLIERS, left_out
-from jitterkit.scoring import climb_a_little
+from jitterkit.scoring import fisher_scoring_without_prior
 
 __all__ = ["TemplateBlurEstimator"]
 
@@ -91,7 +91,9 @@ class TemplateBlurEstimator:
     def _fitted(self, found: SceneEstimate) -> Misfit:
         """Return what is left with everything free: the template was fitted with a normal's shape."""
         shaped = found.parameters.with_locus(Shaped.near(found.parameters.locus.moments()))
-        end, _ = climb_a_little(shaped, found.otf, found.data, self.processor.options.hold, _STEPS)
+        end, _ = fisher_scoring_without_prior(
+            shaped, found.otf, found.data, self.processor.options.hold, _STEPS
+        )
         return pearson(expected_image(end.parameters, found.otf), found.data)
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:

@@ -19,12 +19,12 @@ from jitterkit.estimators.score import estimate_from_normal
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
-from jitterkit.linearisation import SETTLED
+from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ReferenceFrame
 from jitterkit.loci import Mvn
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
 from jitterkit.refit import FitOptions, SceneChoice
-from jitterkit.refit.fit import settled
+from jitterkit.refit.fit import linearisation_tolerance
 from jitterkit.refit.together import scene_together
 
 __all__ = ["AUTO", "SCORE", "GridKey", "Look", "WarmStart", "WarmStartCache", "from_looks"]
@@ -178,7 +178,8 @@ class WarmStartCache:
             return None
         state = np.asarray(parameters.aberrations)
         anchor = self._anchor(grid, optics, np.round(state))
-        strict = settled(options.tolerance) / SETTLED  # it has to be as good as if more showed
+        # it has to be as good as if more showed
+        strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
         light = float(parameters.scene.flux) / strict**2
         anchored = AnchoredOptics.about(optics, anchor, light, state)
         reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)

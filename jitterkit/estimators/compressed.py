@@ -37,7 +37,7 @@ _BENT = 0.2
 TOLIMAN, for blurs of 0.1 to 0.2 arcsec rms at 1e6 to 4e7 photons."""
 
 _STEPS, _ARRIVED = 20, 1e-4
-"""Of a climb in the coordinates of a locus, at most; gain of a step in log-likelihood that is the last."""
+"""Largest number of steps in the coordinates of a locus; gain in log-likelihood at which they end."""
 
 
 class CompressedFit(NamedTuple):
@@ -145,7 +145,7 @@ class CompressedLikelihood:
         if kind.cumulants is None and kind is not Shaped:
             return None
         try:
-            locus, change, slope = self._climb(kind)
+            locus, change, slope = self._scoring_loop(kind)
             names, covariance = self._covariance(locus, slope)
         except np.linalg.LinAlgError:
             return None
@@ -171,7 +171,7 @@ class CompressedLikelihood:
             follow,
         )
 
-    def _climb(self, kind: type[Locus]) -> tuple[Locus, np.ndarray, np.ndarray]:
+    def _scoring_loop(self, kind: type[Locus]) -> tuple[Locus, np.ndarray, np.ndarray]:
         """Where a locus fits best, the change of moments and cumulants to there, and its slope."""
         score, curvature, _ = self._following
         locus = kind.near(self.normal.moments())

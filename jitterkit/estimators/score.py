@@ -21,7 +21,7 @@ from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn, Shaped
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import climb_a_little
+from jitterkit.scoring import fisher_scoring_without_prior
 
 
 def estimate_score(
@@ -73,7 +73,7 @@ def estimate_score(
     two tones.
     """
     start = template.with_locus(Mvn.near(jnp.zeros(3)))
-    (normal, *_), covariance = climb_a_little(start, otf, data, hold, steps)
+    (normal, *_), covariance = fisher_scoring_without_prior(start, otf, data, hold, steps)
     if not np.all(np.isfinite(covariance)):
         problem = "The frame does not determine its parameters; hold some, or mask less of it."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)

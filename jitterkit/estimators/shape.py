@@ -25,7 +25,7 @@ from jitterkit.loci import Locus, Mvn, Shaped
 from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, cumulant_names, form_cumulants
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import climb_a_little
+from jitterkit.scoring import fisher_scoring_without_prior
 
 _DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
@@ -219,7 +219,7 @@ def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = 
     Returns
     -------
     blur : ShapedBlur or None
-        None where no such blur fits (the climb does not settle), or the frame does not determine it.
+        None where no such blur fits (the iteration does not converge), or the frame does not determine it.
     """
     return _settle(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
 
@@ -240,7 +240,7 @@ def _settle(
     known: np.ndarray | None = None,
 ) -> ShapedBlur | None:
     start = Shaped(np.append(np.asarray(normal.locus.moments()), kurtosis))
-    end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS, known)
+    end, covariance = fisher_scoring_without_prior(normal.with_locus(start), otf, data, hold, _STEPS, known)
     settled = bool(end.converged) and np.all(np.isfinite(covariance))
     return ShapedBlur(end.parameters, covariance) if settled else None
 

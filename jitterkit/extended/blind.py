@@ -98,7 +98,7 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     spectrum = power_spectrum(image)
     limit = longest(spectrum.shape)
     starts = [(length, angle) for length, angle, _ in comb_peaks(spectrum)]
-    found = [_climb(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
+    found = [_maximised(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
     found = [streak for streak in found if streak.length < limit]
     if not found:
         problem = f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels."
@@ -112,7 +112,7 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
 
 
 def _rival(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> _Streak | None:
-    """The next most likely streak that is another than the best, climbed to its end like the best."""
+    """Return the most likely streak that differs from the best, refined like it; None if there is none."""
     for streak in sorted(found, key=lambda streak: -streak.value):
         if _is_another(streak, best):
             end = _refined(spectrum, streak)
@@ -126,7 +126,7 @@ def _is_another(streak: _Streak, best: _Streak) -> bool:
 
 
 def _refined(spectrum: PowerSpectrum, streak: _Streak) -> _Streak:
-    return _climb(spectrum, streak.length, streak.angle, 0.2, 40)
+    return _maximised(spectrum, streak.length, streak.angle, 0.2, 40)
 
 
 def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> None:
@@ -199,7 +199,7 @@ def _likelihood(spectrum: PowerSpectrum, length: float, angle: float) -> float:
     return -float((spectrum.weight * terms).sum(dtype=float))
 
 
-def _climb(spectrum: PowerSpectrum, length: float, angle: float, step: float, calls: int) -> _Streak:
+def _maximised(spectrum: PowerSpectrum, length: float, angle: float, step: float, calls: int) -> _Streak:
     """Maximise the likelihood in the streak's end, along and across it."""
 
     def place(q: np.ndarray) -> tuple[float, float]:

@@ -22,8 +22,8 @@ from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
 
 _RESTARTS, _SETTLED = 20, 1e-4
-"""A locus that is far from right (chi-squared thousands) climbs slowly, because the expected information is
-then not the curvature: it is started again where it ended, until it moves by less than this share of the
+"""A locus that is far from right (chi-squared thousands) converges slowly, because the expected information
+is then not the curvature: it is started again where it ended, until it moves by less than this share of the
 error."""
 
 

@@ -114,7 +114,7 @@ def refitted_draws(
     auto: bool = False,
     options: FitOptions | None = None,
 ) -> Draws:
-    """Fit noisy frames in full, each climb from the noise-free fit.
+    """Fit noisy frames in full, each starting from the noise-free fit.
 
     Parameters
     ----------

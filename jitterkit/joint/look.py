@@ -1,8 +1,8 @@
 """One frame, looked at with the shared parameters as they are believed to be.
 
-Its own parameters (place, flux, jitter) are climbed while the shared ones stand still; then the normal
-equations of all are taken once, and its own eliminated.  The fit is the refit of a single frame with the
-shared parameters held, nothing else.
+Its own parameters (position, flux, jitter) are fitted while the shared ones are held; then the normal
+equations of all are computed once, and its own parameters are eliminated.  The fit is the refit of a single
+frame with the shared parameters held, nothing else.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from jitterkit.frames import Frame
 from jitterkit.joint.message import Message, eliminate
 from jitterkit.known_light import KnownLight
 from jitterkit.likelihood import Data, normal_equations
-from jitterkit.linearisation import SETTLED, linearisation_error
+from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error
 from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
@@ -67,7 +67,7 @@ class Nearby:
         aberrations = parameters.aberrations
         if self.optics.phase(np.asarray(aberrations - self._slopes.state)) > _STALE:
             self._slopes = self._here = self.optics.otf(aberrations)
-        elif linearisation_error(self.optics, parameters, self._here) > SETTLED:
+        elif linearisation_error(self.optics, parameters, self._here) > LINEARISATION_TOLERANCE:
             self._here = self.optics.near(aberrations, self._slopes)
         return self._here
 

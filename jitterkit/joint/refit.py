@@ -4,7 +4,7 @@ Reach for :func:`refit_sequence`.  It goes over the frames several times.  The f
 at with the shared parameters as the frames before it have them; later with those of all frames, and with the
 motion between frames in the rolling shutter.  From every frame a message about the shared parameters remains
 (:mod:`jitterkit.joint.message`), and the messages are combined exactly (:mod:`jitterkit.joint.combine`): a
-Gauss-Newton climb of the joint likelihood.  Its cost is linear in the frames, its memory that of one.
+Gauss-Newton maximisation of the joint likelihood.  Its cost is linear in the frames, its memory that of one.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def allow_for_model(data: Data, parameters: Parameters, image, otf: OTF, error: 
     by squared residuals clipped at three sigmas, and what a star explains that the model lacks is taken away
     first.  Smoothed residuals tell over how many pixels it is alike.
 
-    The variance does not change while a likelihood is climbed: one that follows the model favours faint
+    The variance does not change while a likelihood is maximised: one that follows the model favours faint
     stars.
 
     *Fails when* an error is common to the whole image: light that is lost by scattering looks like jitter.

@@ -25,7 +25,7 @@ from jitterkit.forward import (
     parameter_names,
 )
 from jitterkit.likelihood import Data, chi_squared, known_information
-from jitterkit.linearisation import climb_and_expand
+from jitterkit.linearisation import relinearised_scoring
 from jitterkit.locate.cut_out import SPARE, inner, off_centre, window
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
@@ -232,16 +232,16 @@ class ReferenceFrame:
     ) -> RegistrationResult | None:
         root = np.sqrt(np.array([1 / light if name.startswith(_OF_LIGHT) else light for name in self.names]))
         optics = replace(self.optics, photons=max(float(start.scene.flux), 1.0))
-        end, otf, _ = climb_and_expand(
+        end, otf, _ = relinearised_scoring(
             start,
             optics.nominal,
             optics,
             cut,
             self.free,
             Prior.none(len(self.free)),
-            enough=_UNSEEN,
-            expansions=4,
-            steps=_STEPS,
+            max_error=_UNSEEN,
+            max_expansions=4,
+            max_steps=_STEPS,
             tolerance=_TOLERANCE,
             known=self.information * np.outer(root, root),
         )

@@ -1,9 +1,9 @@
 """What the straight loci share: a size and an axis, in coordinates of the double angle.
 
-``(L² cos 2phi, L² sin 2phi)`` has no direction to lose at zero length, unlike ``(length, angle)``.
-It is not smooth there all the same: the moments of a streak lie on a cone, of which zero length is
-the tip.  Derivatives at the tip are finite (those of the cone's axis), but a fit that ends there has a
-kink and no slope; the normal locus, whose moments are free, has neither.
+``(L² cos 2phi, L² sin 2phi)`` has no direction to lose at zero length, unlike ``(length, angle)``. It is not
+smooth there all the same: the moments of a streak lie on a cone, of which zero length is the boundary.
+Derivatives at zero length are finite (those of the cone's axis), but a fit that ends there has a kink and no
+slope; the normal locus, whose moments are free, has neither.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Streak(Locus):
         return {"length": float(np.sqrt(np.hypot(cosine, sine))), "angle": angle}
 
     def _square(self):
-        """``L²``, with derivative zero (not NaN) at the tip."""
+        """``L²``, with derivative zero (not NaN) at zero length."""
         square = self.coords[0] ** 2 + self.coords[1] ** 2
         positive = square > 0
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)

@@ -151,7 +151,7 @@ def _read(path: Path) -> QTable:
     for name in wanted[4:]:
         if getattr(table[name], "unit", None) != "arcsec2":
             raise ConfigurationError(
-                ErrorCode.UNKNOWN_UNIT, f"{path}: the column {name!r} is not in arcsec2; estimate it anew."
+                ErrorCode.UNKNOWN_UNIT, f"{path}: the column {name!r} is not in arcsec2; estimate it again."
             )
     return table
 

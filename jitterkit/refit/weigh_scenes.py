@@ -98,12 +98,12 @@ class Weighing:
         as_well = two.fit.locus == "stable" and two.fit.objective < one.fit.objective + _ALIKE
         alike = log_odds > -DECIDED or bool(close and as_well)
         chosen = two if log_odds > 0 else one
-        start = frame.begun(chosen) if _is_split(chosen.start) else chosen.start
+        start = frame.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
-        told = self.told(one, two) if math.isfinite(log_odds) else None
-        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit, told)
+        evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
+        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit, evidence)
 
-    def told(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
+    def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
         """What a frame says of one star and of a pair, without their priors."""
         names = ("separation", "theta", "contrast")
         if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
@@ -119,7 +119,7 @@ class Weighing:
             two.fit.covariance[np.ix_(slots, slots)],
         )
 
-    def begun(self, reading: _Reading) -> Start:
+    def prepared(self, reading: _Reading) -> Start:
         """Where the fit begins of a pair that was made of a blur."""
         parameters = reading.fit.parameters or reading.start.parameters
         otf = self.optics.otf(parameters.aberrations)
@@ -131,12 +131,12 @@ class Weighing:
         """One star with the best of the loci, with straight ones, and without jitter."""
         common = self.common(start)
         jittered = fit_best_locus(*common)
-        told = {one.locus: one.evidence for one in jittered.candidates}
-        if told and _is_straight(*jittered.moments()):
-            more = [name for name in _STREAKS if name not in told]
+        weights = {one.locus: one.evidence for one in jittered.candidates}
+        if weights and _is_straight(*jittered.moments()):
+            more = [name for name in _STREAKS if name not in weights]
             near = self.common(start, jittered)
-            told |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
-        yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
+            weights |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
+        yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
         if not _surely(start):
             yield self.still(start, common, sure=True)  # its signs were tried with a normal
 
@@ -184,7 +184,7 @@ class Weighing:
         return 2 * math.log(25 * self.width / self.fineness)
 
     def scene_prior(self, fit: FitResult) -> float:
-        """Logarithm of the prior density of what a scene has beside place and light."""
+        """Logarithm of the prior density of what a scene has beside position and light."""
         assert fit.parameters is not None
         scene, known = fit.parameters.scene, self.optics.nominal.colours
         colours = 0.0 if scene.indices is None or known is None else known.log_density * len(scene.indices)

@@ -101,7 +101,7 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     coords = np.asarray(start.coords)
     for last in (False, False, True):
         some = stars.chosen(used)
-        point = _climb(some, own[used], coords, otf, start)
+        point = _scoring_loop(some, own[used], coords, otf, start)
         own[used], coords = point.own, point.coords
         score, information = _profiled(point)
         disagreement = np.einsum("na,na->n", score, np.linalg.solve(information, score[..., None])[..., 0])
@@ -121,8 +121,8 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     )
 
 
-def _climb(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
-    """Damped scoring in all stars' own parameters and the shared ones."""
+def _scoring_loop(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
+    """Maximise the likelihood by damped scoring in all stars' own parameters and the shared ones."""
     here, damping = _evaluate(stars, own, coords, otf, kind), 1e-3
     for _ in range(_STEPS):
         own_step, step, length = _step(here, damping)

@@ -17,7 +17,7 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.batch.plan import FrameReader, count_frames
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.refit.choose import DETECTED
-from jitterkit.refit.fit import unfinished
+from jitterkit.refit.fit import convergence_error
 from jitterkit.trade.predict import Example, Foresight
 from jitterkit.trade.settings import Settings
 
@@ -87,7 +87,7 @@ class Outlook:
         still = [one for one in self.examples if one.still]
         return max((one.without_jitter(settings) for one in still), default=math.inf)
 
-    def unfinished(self, tolerance: float) -> float:
+    def convergence_error(self, tolerance: float) -> float:
         """By how much fits may end before they have arrived [arcsec].
 
         Parameters
@@ -97,7 +97,7 @@ class Outlook:
         """
         varied = bool(self.instrument.aberrations)
         return max(
-            unfinished(tolerance, one.truth.locus, varied) * self._foresee(one, OWN).sigma
+            convergence_error(tolerance, one.truth.locus, varied) * self._foresee(one, OWN).sigma
             for one in self.examples
         )
 

@@ -116,7 +116,9 @@ class Planner:
             If there are none.
         """
         outlook, limit, every = self.outlook, _MARGIN * allowed, self.by_work()
-        tolerances = [one for one in RUNGS["tolerance"] if outlook.unfinished(one) <= _UNFINISHED * allowed]
+        tolerances = [
+            one for one in RUNGS["tolerance"] if outlook.convergence_error(one) <= _UNFINISHED * allowed
+        ]
         for settings in every if tolerances else ():
             if outlook.holds(settings, limit, roughly=True) and outlook.holds(settings, limit):
                 settings = self._leaner(replace(settings, tolerance=max(tolerances)), allowed)
@@ -125,8 +127,10 @@ class Planner:
                     return Plan(settings, outlook.loss(settings), self.seconds(settings))
                 except JitterkitError:  # with noise, so little a model describes no frame
                     continue
-        unfinished = outlook.unfinished(min(RUNGS["tolerance"]))
-        least = max(outlook.loss(min(every, key=outlook.rough_loss)) / _MARGIN, unfinished / _UNFINISHED)
+        convergence_error = outlook.convergence_error(min(RUNGS["tolerance"]))
+        least = max(
+            outlook.loss(min(every, key=outlook.rough_loss)) / _MARGIN, convergence_error / _UNFINISHED
+        )
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
             f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "

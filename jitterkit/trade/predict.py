@@ -27,7 +27,7 @@ from jitterkit.likelihood import Data, NormalEquations, normal_equations
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.refit import FitResult
-from jitterkit.refit.choose import DETECTED, shows_no_jitter
+from jitterkit.refit.choose import DETECTED, is_jitter_undetected
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
 
@@ -113,7 +113,7 @@ class Example:
         if told or processor.locus != "auto" or processor.kernel != SCORE:
             return False
         fitted = isinstance(locus, Mvn) and set(locus.names) <= set(self.result.names)
-        return fitted and shows_no_jitter(*self.result.moments())
+        return fitted and is_jitter_undetected(*self.result.moments())
 
     @cached_property
     def _at_rest(self) -> Example:

@@ -61,7 +61,7 @@ def test_a_shape_is_told_as_a_fit_tells_it(bench, rng):
     assert told.left_out < 1
     full = fit_locus("shaped", data, bench.optics, normal.parameters, normal.moments()[0])
     error = full.error("shaped_kurtosis")
-    pulled = 1 - error**2 / 4  # by the leash of 2 on the fit's
+    pulled = 1 - error**2 / 4  # by the regularizing prior of 2 on the fit's
     kurtosis = float(told.locus.coords[3]) * pulled
     assert kurtosis == pytest.approx(float(full.parameters.locus.coords[3]), abs=0.1 * error)
 

@@ -64,7 +64,7 @@ def bright(bench, optics):
 @pytest.mark.slow
 def test_the_number_of_photons_has_a_gamma_posterior(faint):
     # a flat prior and N photons of which a share s is seen: a gamma law of shape N + 1 and scale 1/s, whose
-    # density falls to nothing at the border of lawful scenes, three errors away
+    # density falls to nothing at the border of valid scenes, three errors away
     _, fit, posterior, law = faint
     flux, effective = posterior.of("flux"), float(posterior.effective[0])
     assert np.all(flux > 0)

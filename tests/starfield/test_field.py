@@ -15,7 +15,7 @@ from jitterkit.loci import Linear
 from jitterkit.metric import invert_information
 from jitterkit.optics import empirical_otf
 from jitterkit.scene import Star
-from jitterkit.scoring import Prior, climb
+from jitterkit.scoring import Prior, fisher_scoring
 from jitterkit.starfield import estimate_field, field_psf, roundest
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.joint import fit_joint
@@ -180,7 +180,7 @@ def test_the_joint_fit_is_the_weighted_mean_of_single_ones(trailed, sharp):
     for i in range(len(stars)):
         start = Parameters(Star(*moments.centre[i], moments.flux[i]), Linear.of(3.5, 25.0))
         data = Data(stars.electrons[i], stars.sky_variance[i], stars.used[i])
-        end = climb(start, otf, data, tuple(range(6)), Prior.none(6))
+        end = fisher_scoring(start, otf, data, tuple(range(6)), Prior.none(6))
         weight = np.linalg.inv(invert_information(end.information)[0][3:5, 3:5])
         total, weighted = total + weight, weighted + weight @ np.asarray(end.parameters.locus.coords)
     mean, covariance = np.linalg.solve(total, weighted), np.linalg.inv(total)

@@ -62,7 +62,7 @@ def test_few_nodes_fit_what_few_nodes_show(plain):
         images.append(np.asarray(expected_image(truth.with_locus(truth.locus.sampled(10)), otf)))
     coarse = replace(scene, images=tuple(images))
     seen = measure("seen", few, plain, coarse, "partial")
-    # on its leash a fit may leave a hundredth of the error (refit.fit); as rounding has it, 3e-4 or 1.5e-3
+    # a regularized fit may leave a hundredth of the error (refit.fit); by rounding, 3e-4 or 1.5e-3
     assert seen.bias < 1e-2 * seen.sigma
     assert measure("exact", few, plain, scene, "partial").bias > 10 * seen.bias
     assert measure("own", replace(few, nodes=None), plain, coarse, "partial").bias > 10 * seen.bias

@@ -78,12 +78,12 @@ def test_the_faintest_example_says_when_a_fit_has_to_end(plain, planner, example
 
 @pytest.mark.slow
 def test_what_no_fit_can_keep_is_not_promised(planner, example):
-    """A locus on a leash ends within 0.03 of an error, whatever is asked for."""
+    """A locus with regularizing priors ends within 0.03 of an error, whatever is asked for."""
     loose = replace(example.result, parameters=example.truth.with_locus(PartialShm.of(0.4, 20.0, 0.7, 30.0)))
-    on_a_leash = Planner([replace(example, result=loose)])
+    regularized = Planner([replace(example, result=loose)])
     allowed = 0.1 * planner.outlook.sigma
     with refused(ErrorCode.OUT_OF_RANGE, f"{1e6 * allowed:.2g} uas"):
-        on_a_leash.cheapest(allowed)
+        regularized.cheapest(allowed)
 
 
 def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, example):
