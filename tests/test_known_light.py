@@ -19,7 +19,7 @@ from jitterkit.instruments import read_instrument
 from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.description import describe_instrument
 from jitterkit.instruments.sky import Sky
-from jitterkit.joint import Exposure, Looker, refit_sequence
+from jitterkit.joint import Exposure, FrameFitter, refit_sequence
 from jitterkit.known_light import KnownLight, without_light
 from jitterkit.loci import Mvn
 from jitterkit.refit import Status
@@ -133,7 +133,7 @@ def test_the_frames_of_a_sequence_are_freed_of_it_too(telescope, optics, shifts,
         raw = RawFrame.from_array(image, unit="electron", read_noise=1.0, exposure=0.1)
         exposures.append(Exposure(str(i), 0.1 * i, calibrate(raw, known)))
     values = [
-        refit_sequence(exposures, Looker(optics, known_light=light)).separation
+        refit_sequence(exposures, FrameFitter(optics, known_light=light)).separation
         for light in (None, KnownLight.of(known))
     ]
     (blind, _), (found, error) = values

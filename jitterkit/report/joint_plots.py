@@ -35,7 +35,7 @@ def plot_run(fit: SequenceFit) -> list[Axes]:
     plot_pointing(frames, fit, axes[0])
     _plot_blur(frames, axes[1])
     plot_shared(frames, fit, axes[2])
-    plot_surprise(frames, axes[3])
+    plot_leave_one_out_chi2(frames, axes[3])
     for ax in axes[:-1]:
         ax.set_xlabel("")
     return axes
@@ -69,7 +69,7 @@ def plot_shared(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None =
     ax = axes_or_new(ax, _SIZE)
     told = [f for f in frames if f.shared is not None]
     times = _times(told)
-    changing = [i for i, name in enumerate(fit.combined.names) if fit.laws[name].states > 1]
+    changing = [i for i, name in enumerate(fit.combined.names) if fit.time_models[name].states > 1]
     if not changing:
         return say(ax, "nothing that is shared was let change")
     values = np.array([f.shared.values for f in told if f.shared])
@@ -84,11 +84,11 @@ def plot_shared(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None =
     return _legend(ax, ncols=min(len(changing), 7))
 
 
-def plot_surprise(frames: list[SequenceFrame], ax: Axes | None = None) -> Axes:
+def plot_leave_one_out_chi2(frames: list[SequenceFrame], ax: Axes | None = None) -> Axes:
     """Draw how far each frame is from all others, and mark those that do not belong."""
     ax = axes_or_new(ax, _SIZE)
     told = [f for f in frames if f.shared is not None]
-    ratio = np.array([f.shared.surprise / max(f.shared.dof, 1) for f in told if f.shared])
+    ratio = np.array([f.shared.leave_one_out_chi2 / max(f.shared.dof, 1) for f in told if f.shared])
     kept = np.array([f.kept for f in told], bool)
     times = _times(told)
     ax.plot(times[kept], ratio[kept], **_points(len(told), BLUE), label="counted")

@@ -17,7 +17,7 @@ from astropy.table import QTable
 
 from jitterkit.conventions import direction_angle
 from jitterkit.errors import printable
-from jitterkit.joint import Law, SequenceFit
+from jitterkit.joint import SequenceFit, TimeModel
 from jitterkit.joint.combine import Combined
 from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
@@ -56,7 +56,7 @@ _JITTER = (
     Column("velocity_x", "of the image, by the motion between frames", "arcsec/s"),
     Column("velocity_y", "of the image, by the motion between frames", "arcsec/s"),
     *named("chi2_dof"),
-    Column("surprise", "chi-squared of the frame's shared parameters against those of all others"),
+    Column("leave_one_out_chi2", "chi-squared of the frame's shared parameters against those of all others"),
 )
 
 
@@ -73,9 +73,9 @@ def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTab
     -------
     table : QTable
         The frame's own parameters; ``separation`` as it alone says with all else known; the shared parameters
-        that change, at its time; ``surprise``, chi-squared against the others.
+        that change, at its time; ``leave_one_out_chi2``, chi-squared against the others.
     """
-    changing = [name for name, law in fit.laws.items() if law.states > 1]
+    changing = [name for name, time_model in fit.time_models.items() if time_model.states > 1]
     own = [column for name in fit.records.own for column in measured(name, "", unit_of(name))]
     when = "at the time of the frame"
     shared = [column for name in changing for column in measured(f"shared_{name}", when, unit_of(name))]
@@ -112,7 +112,7 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
         *(major, minor, angle, _direction(angle, record.velocity)),
         *record.velocity,
         record.chi2_dof,
-        math.nan if shared is None else shared.surprise,
+        math.nan if shared is None else shared.leave_one_out_chi2,
         *told[:, slots].T.ravel(),
     ]
 
@@ -180,7 +180,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
                 "unit": unit_of(name) if name != "diffusion" else "arcsec2",
                 "mean": _folded(name, fit.combined.value(name)),
                 "error": fit.combined.error(name),
-                "law": describe_law(fit.laws[name]),
+                "time_model": describe_time_model(fit.time_models[name]),
             }
             for name in fit.combined.names
         },
@@ -230,9 +230,9 @@ def _floor(floor: Floor) -> dict[str, Any]:
     }
 
 
-def describe_law(law: Law) -> dict[str, Any]:
-    """A law by name and numbers."""
-    return {"kind": type(law).__name__.lower(), **asdict(law)}  # type: ignore[call-overload]
+def describe_time_model(time_model: TimeModel) -> dict[str, Any]:
+    """Describe a time model by name and numbers."""
+    return {"kind": time_model.kind, **asdict(time_model)}  # type: ignore[call-overload]
 
 
 def say_joint(summary: Mapping[str, Any]) -> list[str]:

@@ -26,7 +26,7 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.batch.records import SceneEstimate
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
+from jitterkit.joint import Exposure, FrameFitter, SequenceOptions, refit_sequence
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, fit_frame, sample_posterior
@@ -111,8 +111,8 @@ def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     hold, optics = tuple(processor.options.hold), processor.optics(frames[0])
     locus = "mvn" if processor.locus == "auto" else processor.locus  # to which it comes where little is seen
     priors, light = processor.options.priors, processor.known_light
-    looker = Looker(optics, locus, hold, priors, censored=processor.censored, known_light=light)
-    fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
+    fitter = FrameFitter(optics, locus, hold, priors, censored=processor.censored, known_light=light)
+    fit = refit_sequence(exposures, fitter, SequenceOptions(rolling=False))
     together = int(fit.combined.kept.sum())
     if together < len(frames):
         problem = f"Only {together} of {len(frames)} frames can be fitted together"
