@@ -177,7 +177,7 @@ class Characteristics:
         True where a pixel is unusable, on the whole detector.
     sources : mapping, optional
         Where each number comes from, by its name; begin with a word of
-        :data:`jitterkit.frames.metadata.RANKS`.
+        :data:`jitterkit.frames.metadata.PRECEDENCE`.
     dark_current : float or map, optional
         e-/s; a hot pixel has more.
     flat : map, optional

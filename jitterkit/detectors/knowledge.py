@@ -16,7 +16,7 @@ import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.response import measured
-from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Known, Metadata
+from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata, Sourced
 
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
 """What is taken where nobody says: a counter of electrons without noise."""
@@ -33,8 +33,8 @@ def supplement(metadata: Metadata, name: str, value: Any, source: str) -> Metada
 
     Of two sources of one rank the one already there is heard: a frame is nearer to itself.
     """
-    present: Known | None = getattr(metadata, name)
-    if present is not None and present.rank <= Known(value, "", source).rank:
+    present: Sourced | None = getattr(metadata, name)
+    if present is not None and present.precedence <= Sourced(value, "", source).precedence:
         return metadata
     return metadata.override(source, **{name: value})
 

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any
 
 from jitterkit.frames.dialects import ALIASES, DIALECTS, Dialect, Keyword
-from jitterkit.frames.metadata import QUANTITIES, Known
+from jitterkit.frames.metadata import QUANTITIES, Sourced
 from jitterkit.frames.units import factor, other_number, stated_unit
 
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
@@ -209,7 +209,7 @@ class Cards:
         first = numbers[0]
         return replace(first, value=mean, source=first.source.replace(first.key, " and ".join(keys)))
 
-    def first(self, name: str) -> Known | None:
+    def first(self, name: str) -> Sourced | None:
         """Return the first believable number of a quantity, with a warning if another keyword contradicts."""
         number = next(self.believed(name), None)
         if number is None:
@@ -224,7 +224,7 @@ class Cards:
                     self.warnings.append(
                         f"{number.key} = {number.value:g} is used, and {told} contradicts it"
                     )
-        return Known(number.value, QUANTITIES[name].unit, number.source)
+        return Sourced(number.value, QUANTITIES[name].unit, number.source)
 
 
 def parse_number(value: object) -> tuple[float, str] | None:

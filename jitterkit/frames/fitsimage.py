@@ -16,7 +16,7 @@ from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import rate_of_brightness, resolve
-from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
@@ -85,7 +85,7 @@ class FitsImage:
             odd.append(f"the pixels are in {metadata.value('unit')}, which is neither ADU nor electrons")
         if quality is not None:
             bits, convention = bad_bits(quality.header, cards)
-            known = Known(bits, "", f"{quality.label}, convention: {convention}")
+            known = Sourced(bits, "", f"{quality.label}, convention: {convention}")
             metadata = metadata.override(known.source, bad_bits=known)
         metadata = metadata.warn(*header.warnings, *messages, *odd, *self.group.warnings)
         return metadata.reordered(-1) if from_top else metadata

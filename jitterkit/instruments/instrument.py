@@ -70,7 +70,7 @@ class Instrument:
         What moves a separation on the sky: corrections, which no fit uses.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
-        :data:`jitterkit.frames.metadata.RANKS`.
+        :data:`jitterkit.frames.metadata.PRECEDENCE`.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
+from jitterkit.frames.metadata import QUANTITIES, Metadata, Sourced
 from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
@@ -65,7 +65,7 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
         return metadata
     if stated is None and instrument.plate_scale_err is not None:
         unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
-        stated, scale = Known(instrument.plate_scale_err, unit, source), instrument.plate_scale
+        stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
     if stated is None:
         return metadata
     used = metadata.known()["plate_scale"]
