@@ -1,4 +1,4 @@
-"""What one frame tells about everything that widens an image: jitter, diffusion, defocus and seeing.
+"""Information of one frame about the causes of its width: jitter, diffusion, defocus and seeing.
 
 Reach for :class:`Setting`, a scene before a telescope; its :meth:`Setting.frame` is the information of a
 frame under a jitter.  An image is linear in its transfer function, so that whatever multiplies this by
@@ -155,7 +155,7 @@ class Setting:
         return parameters.completed(self.otf)
 
     def frame(self, locus: Locus) -> Information:
-        """Return what one frame under a jitter tells, its own moments named as :data:`JITTER`.
+        """Return the information of one frame under a jitter, its own moments named as :data:`JITTER`.
 
         Raises
         ------
@@ -164,8 +164,8 @@ class Setting:
         """
         found = forecast(self.under(locus), self.otf, self.detector, FitOptions(hold=self._held))
         new, slope = _on_axis(locus)
-        told = Information(found.names, found.information)
-        return told.changed(locus.names[: len(new)], new, slope)
+        information = Information(found.names, found.information)
+        return information.changed(locus.names[: len(new)], new, slope)
 
     def slopes(self, locus: Locus) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """The expected image (ny, nx) and its derivatives, by the names of :meth:`frame`."""
@@ -213,12 +213,12 @@ def choose_defocus(setting: Setting) -> Setting:
     if "noll4" not in names or setting.aberrations[names.index("noll4")] != 0:
         return setting
     by_square = replace(setting, square=True)
-    told = _told_of_defocus(setting, "noll4"), _told_of_defocus(by_square, SQUARE)
-    return by_square if told[1] ** 0.5 > told[0] else setting
+    linear, square = _information_on_defocus(setting, "noll4"), _information_on_defocus(by_square, SQUARE)
+    return by_square if square**0.5 > linear else setting
 
 
-def _told_of_defocus(setting: Setting, name: str) -> float:
+def _information_on_defocus(setting: Setting, name: str) -> float:
     """Information about it, the scene unknown and other causes known."""
-    told = setting.frame(Stable.of())
+    information = setting.frame(Stable.of())
     others = [cause for cause in setting.shared if cause != name]
-    return float(told.knowing(others).about((name,)).matrix[0, 0])
+    return float(information.knowing(others).about((name,)).matrix[0, 0])

@@ -1,4 +1,4 @@
-"""Fisher information by the names of its parameters, so that what several frames tell can be added.
+"""Fisher information by the names of its parameters, so that several frames can be added.
 
 Reach for :class:`Information`: its sum is that of independent data, and :meth:`Information.about` says what
 is left for some parameters when the others are not known.  Unlike an inverse, that works where the data do
@@ -16,7 +16,7 @@ _NULL = 1e-10
 """Eigenvalue of the scaled information below which it is zero: what is exactly degenerate leaves 1e-13."""
 
 _SIDE = 1e-6
-"""Share of a combination that must lie in a null direction before the data are said not to tell it."""
+"""Share of a combination in a null direction from which it counts as undetermined."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Information:
     def about(self, names: Sequence[str]) -> Information:
         """That about some parameters, in their order, where all others are unknown (Schur's complement).
 
-        Of a name that is not among the parameters nothing is told.
+        A name that is not among the parameters has no information.
         """
         drop = [name for name in self.names if name not in names]
         size = self._size()
@@ -68,7 +68,7 @@ class Information:
         return Information(tuple(kept), left * np.outer(size[k], size[k])).padded(names)
 
     def padded(self, names: Sequence[str]) -> Information:
-        """The same in another order, with rows of zeros for names of which nothing is told."""
+        """Return the information in another order, with rows of zeros for names without information."""
         return Information(tuple(names), self._spread(names))
 
     def changed(self, old: Sequence[str], new: Sequence[str], slope: np.ndarray) -> Information:
@@ -83,13 +83,13 @@ class Information:
 
     @property
     def alone(self) -> np.ndarray:
-        """Error (p,) of each parameter if all others were known; infinite where nothing is told."""
+        """Return the error (p,) of each parameter if all others were known; infinite where undetermined."""
         diagonal = np.diag(self.matrix).clip(0)
         return np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), np.inf)
 
     @property
     def errors(self) -> np.ndarray:
-        """Error (p,) of each parameter if all are unknown; infinite where the data do not tell it."""
+        """Return the error (p,) of each parameter if all are unknown; infinite where undetermined."""
         return np.array([self.error_of(row) for row in np.eye(len(self.names))])
 
     @property
@@ -107,7 +107,7 @@ class Information:
         return np.where(values > _NULL, values, 0.0), vectors
 
     def error_of(self, weights: np.ndarray) -> float:
-        """Error of a sum of the parameters with weights (p,), infinite where the data do not tell it."""
+        """Return the error of a sum of the parameters with weights (p,), infinite where undetermined."""
         values, vectors = self.modes()
         parts = (np.asarray(weights) / self._size()) @ vectors
         null = values == 0
