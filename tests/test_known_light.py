@@ -27,7 +27,7 @@ from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.shutter import Drifting
 from jitterkit.simulate import simulate_frame
 from jitterkit.trade import TradeScene
-from jitterkit.trade.ladder import without_noise
+from jitterkit.trade.grid import without_noise
 from jitterkit.trade.methods import separations
 
 PAIR = Binary(5.0, 30.0, 0.3, -0.2, 4e6, 2.5)

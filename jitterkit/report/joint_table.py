@@ -180,7 +180,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
                 "unit": unit_of(name) if name != "diffusion" else "arcsec2",
                 "mean": _folded(name, fit.combined.value(name)),
                 "error": fit.combined.error(name),
-                "time_model": describe_time_model(fit.time_models[name]),
+                "law": describe_time_model(fit.time_models[name]),
             }
             for name in fit.combined.names
         },

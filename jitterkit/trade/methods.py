@@ -71,16 +71,16 @@ def _given_the_blur(processor: FrameProcessor, frame: Frame) -> tuple[float, flo
     start = estimated.parameters.with_locus(Mvn.near(estimated.estimate.moments) if blur is None else blur)
     held = (*processor.options.hold, *start.locus.names)
     options = replace(processor.options, hold=held, priors=processor.priors)
-    return _told(fit_frame(estimated.data, processor.optics(frame), start, estimated.otf, options))
+    return _separation(fit_frame(estimated.data, processor.optics(frame), start, estimated.otf, options))
 
 
 def _refitted(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
-    return _told(processor.complete(frame).result)
+    return _separation(processor.complete(frame).result)
 
 
 def _drawn(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     fitted = processor.complete(frame)
-    _told(fitted.result)
+    _separation(fitted.result)
     frame = frame if fitted.frame is None else fitted.frame
     posterior = sample_posterior(
         Data.of(frame, censored=processor.censored).clear(fitted.result.image),
@@ -129,7 +129,7 @@ def _estimated(processor: FrameProcessor, frame: Frame) -> SceneEstimate:
     return estimated
 
 
-def _told(fit: FitResult) -> tuple[float, float]:
+def _separation(fit: FitResult) -> tuple[float, float]:
     if fit.parameters is None or not fit.status.usable:
         raise JitterkitError(ErrorCode(fit.reason), fit.message)
     return fit.of_scene("separation"), fit.error("separation")

@@ -51,7 +51,7 @@ class TradeScene:
     images: tuple[np.ndarray, ...]
     plain: tuple[RawFrame, ...]
     noisy: tuple[RawFrame, ...]
-    lead: RawFrame
+    reference: RawFrame
 
     @classmethod
     def of(
@@ -99,8 +99,8 @@ class TradeScene:
             )
             return tuple(RawFrame.from_array(one, exposure=instrument.exposure) for one in exposed)
 
-        lead, *noisy = read(images[: frames + 1], rng)
-        return cls(tuple(truths[1:]), tuple(images[1:]), read(images[1:], None), tuple(noisy), lead)
+        reference, *noisy = read(images[: frames + 1], rng)
+        return cls(tuple(truths[1:]), tuple(images[1:]), read(images[1:], None), tuple(noisy), reference)
 
 
 def truest(

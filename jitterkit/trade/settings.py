@@ -53,7 +53,7 @@ class Settings:
     jitter : str
         One of :data:`JITTER`.
     method : str
-        One of :data:`METHODS`, for the ladder; a :class:`~jitterkit.batch.FrameProcessor` refits whatever it
+        One of :data:`METHODS`, for the grid; a :class:`~jitterkit.batch.FrameProcessor` refits whatever it
         is.
 
     Raises
@@ -131,7 +131,7 @@ class Settings:
     def applied(self, processor: FrameProcessor) -> FrameProcessor:
         """The same as another processor, with these settings.
 
-        In as many bits as JAX is set to, and with aberrations anchored where it is told what is known.
+        In as many bits as JAX is set to, and with aberrations anchored where the state is known.
         """
         telescope = processor.instrument
         options = self.options(telescope, processor.options)

@@ -10,7 +10,7 @@ from astropy.table import QTable
 
 from jitterkit.instruments import Instrument
 from jitterkit.report.columns import Column, bind
-from jitterkit.trade.ladder import Point, front
+from jitterkit.trade.grid import Point, front
 from jitterkit.trade.settings import Settings, own_pad
 
 _NONE = {"pad": -1, "tolerance": 0.0} | dict.fromkeys(("aberrations", "jitter", "method"), "")

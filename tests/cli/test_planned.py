@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
 from jitterkit.errors import ErrorCode
-from jitterkit.trade import outlook, plan
+from jitterkit.trade import plan, worst_case
 
 runner = CliRunner()
 FEW = {"pad": (8, 32), "samples": (3,), "binning": (1,), "region": (), "tolerance": (1e-2, 1e-4)}
@@ -25,7 +25,7 @@ def frames(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    monkeypatch.setattr(plan, "RUNGS", FEW)
+    monkeypatch.setattr(plan, "GRID", FEW)
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp
     assert kept["instrument"]["pad"] == kept["plan"]["settings"]["pad"] == 8
     assert kept["options"]["tolerance"] == kept["plan"]["settings"]["tolerance"] == 1e-2
 
-    monkeypatch.setattr(outlook, "examples_of", None)  # whoever looks again breaks down
+    monkeypatch.setattr(worst_case, "examples_of", None)  # whoever looks again breaks down
     again = runner.invoke(app, [*command[:-1], "0.3e2%", "--resume"])  # the same in other words
     assert again.exit_code == 0, again.output
     another = runner.invoke(app, [*plain, "--resume"])

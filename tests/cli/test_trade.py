@@ -9,7 +9,7 @@ from jitterkit.cli.main import app
 from jitterkit.errors import ErrorCode
 from jitterkit.report.table import read_table
 from jitterkit.trade import PRESETS
-from jitterkit.trade.ladder import Point
+from jitterkit.trade.grid import Point
 
 POINTS = [
     Point("balanced", PRESETS["balanced"], 0.05, 3e-6, 4e-6, 1e-3, 1e-3),
@@ -23,11 +23,11 @@ POINTS = [
 def run(tmp_path, monkeypatch, *more):
     asked = []
 
-    def climb_ladder(telescope, scene, *, locus):
+    def measure_grid(telescope, scene, *, locus):
         asked.append((telescope.name, locus, scene.truths[0].binary.separation))
         yield from POINTS
 
-    monkeypatch.setattr("jitterkit.trade.climb_ladder", climb_ladder)
+    monkeypatch.setattr("jitterkit.trade.measure_grid", measure_grid)
     table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"
     given = ["trade", "-i", "plain", "--frames", "1", "-o", str(table), "--plot", str(picture), *more]
     return CliRunner().invoke(app, given), asked, table, picture

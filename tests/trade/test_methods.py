@@ -11,13 +11,13 @@ from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.loci import Linear, Mvn
 from jitterkit.scene import Binary
 from jitterkit.trade import TradeScene
-from jitterkit.trade.ladder import without_noise
+from jitterkit.trade.grid import without_noise
 from jitterkit.trade.methods import Fitting, separations
 
 
 @pytest.fixture(scope="module")
 def anchored(plain, scene):
-    return Fitting.anchored(FrameProcessor(plain, locus="mvn"), scene.lead).processor
+    return Fitting.anchored(FrameProcessor(plain, locus="mvn"), scene.reference).processor
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def wide(plain):
     """The same with so many pixels that a frame can repeat another, and a turned one."""
     telescope, pair = replace(plain, shape=(128, 128)), Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
     scene = TradeScene.of(telescope, pair, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
-    anchored = Fitting.anchored(FrameProcessor(telescope, locus="mvn"), scene.lead).processor
+    anchored = Fitting.anchored(FrameProcessor(telescope, locus="mvn"), scene.reference).processor
     frames = zip(scene.plain, scene.images, strict=True)
     return anchored, [without_noise(anchored.calibrate(raw), image) for raw, image in frames]
 
