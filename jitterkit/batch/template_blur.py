@@ -72,7 +72,7 @@ class TemplateBlurEstimator:
             return found
         message = " ".join(filter(None, [found.doubt, left_out(found.left_out)]))
         if found.left_out:
-            frame = frame.told(flags=(*frame.flags, OUTLIERS))
+            frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
         # what is registered to another frame is described by what fits that
         searched = found.searched is not None or self.name != SCORE
         misfit = pearson(found.blurred(), found.data) if searched else None

@@ -220,9 +220,9 @@ class Cards:
             del self.warnings[before:]  # of numbers that are not used
             for other in filter(None, others):
                 if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
-                    told = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
+                    found = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
                     self.warnings.append(
-                        f"{number.key} = {number.value:g} is used, and {told} contradicts it"
+                        f"{number.key} = {number.value:g} is used, and {found} contradicts it"
                     )
         return Sourced(number.value, QUANTITIES[name].unit, number.source)
 

@@ -65,8 +65,8 @@ def _of_sky(cards: Cards, wcs: Any) -> Sourced | None:
         return _without_sky(cards, said, optics)
     for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
         if other is not None and abs(other.value / scale - 1) > agreement:
-            told = f"{other.source} = {other.value:g}"
-            cards.warnings.append(f"{told} differs from the WCS's {scale:g} arcsec/pixel")
+            found = f"{other.source} = {other.value:g}"
+            cards.warnings.append(f"{found} differs from the WCS's {scale:g} arcsec/pixel")
     # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
     fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
     corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
@@ -85,11 +85,11 @@ def _shape(cards: Cards) -> tuple[int, int] | None:
 
 def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> Sourced | None:
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
-        told = f"{optics.source} = {optics.value:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} differs from {told} arcsec/pixel")
+        found = f"{optics.source} = {optics.value:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
     elif said is not None and optics is None and _binning(cards)[0] > 1:
-        told = f"the binning of {_binning(cards)[0]:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {told}")
+        found = f"the binning of {_binning(cards)[0]:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {found}")
     return said or optics
 
 
@@ -100,8 +100,8 @@ def _along_y(cards: Cards, said: Sourced) -> None:
     other = cards.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
     del cards.warnings[before:]
     if other is not None and abs(other.value / said.value - 1) > 0.01:
-        told = f"{other.key} = {other.value:g} arcsec/pixel"
-        cards.warnings.append(f"{key} = {said.value:g} is used, and {told}: pixels are not square")
+        found = f"{other.key} = {other.value:g} arcsec/pixel"
+        cards.warnings.append(f"{key} = {said.value:g} is used, and {found}: pixels are not square")
 
 
 def _of_area(cards: Cards) -> Sourced | None:

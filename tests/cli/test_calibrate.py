@@ -125,17 +125,17 @@ def test_flats_alone_stand_on_a_level(frames, tmp_path):
     ],
 )  # fmt: skip
 def test_what_cannot_be_measured_is_one_sentence_and_nothing_is_written(
-    arguments, code, values, frames, tmp_path, monkeypatch, told
+    arguments, code, values, frames, tmp_path, monkeypatch, check_error
 ):
     monkeypatch.chdir(tmp_path)
     done = run(*(a.replace("FRAMES", str(frames)) for a in arguments), "-o", "out")
-    told(done, code, *values)
+    check_error(done, code, *values)
     assert len(done.stderr.splitlines()) == 1  # not where a gain is taken from: it was not
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_there_is_not_replaced_unasked(frames, tmp_path, told):
+def test_what_is_there_is_not_replaced_unasked(frames, tmp_path, check_error):
     (tmp_path / "bias.fits").touch()
     done = run("--bias", frames / "bias", "-o", tmp_path)
-    told(done, ErrorCode.EXISTS, tmp_path / "bias.fits", "--overwrite")
+    check_error(done, ErrorCode.EXISTS, tmp_path / "bias.fits", "--overwrite")
     assert run("--bias", frames / "bias", "-o", tmp_path, "--overwrite").exit_code == 0

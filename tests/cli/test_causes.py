@@ -51,5 +51,5 @@ def test_a_free_jitter_is_taken_for_diffusion_and_telemetry_tells_them_apart(tmp
         (["--plot", "x.pdf"], ErrorCode.WRONG_SUFFIX, ["x.pdf", ".png"]),
     ],
 )
-def test_what_is_wrong_is_told_in_a_sentence(arguments, code, values, told):
-    told(runner.invoke(app, [*SMALL, *arguments]), code, *values)
+def test_what_is_wrong_is_told_in_a_sentence(arguments, code, values, check_error):
+    check_error(runner.invoke(app, [*SMALL, *arguments]), code, *values)

@@ -92,8 +92,8 @@ def test_pictures_are_there(fitted):
         assert (fitted[1] / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_results_are_not_replaced_unasked(night, fitted, told):
-    told(run(night, "-o", str(night / "out")), ErrorCode.EXISTS, night / "out", "--overwrite")
+def test_results_are_not_replaced_unasked(night, fitted, check_error):
+    check_error(run(night, "-o", str(night / "out")), ErrorCode.EXISTS, night / "out", "--overwrite")
 
 
 @pytest.mark.parametrize(
@@ -111,6 +111,8 @@ def test_results_are_not_replaced_unasked(night, fitted, told):
         ),
     ],
 )
-def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(night, words, code, values, told):
-    told(run(night, "-o", str(night / "other"), *words), code, *values)
+def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(
+    night, words, code, values, check_error
+):
+    check_error(run(night, "-o", str(night / "other"), *words), code, *values)
     assert not (night / "other").exists() or not any((night / "other").iterdir())

@@ -132,8 +132,8 @@ def test_a_shear_is_one_minus_the_ratio_of_the_sigmas():
     ],
 )
 def test_what_a_locus_does_not_take_is_one_sentence_and_exit_status_two(
-    arguments, code, values, tmp_path, monkeypatch, told
+    arguments, code, values, tmp_path, monkeypatch, check_error
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "short.csv").write_text("t,x,y\n0,0,0\n0.0005,0,0\n0.001,0,0\n")
-    told(simulate("a.fits", *arguments.split()), code, *values)
+    check_error(simulate("a.fits", *arguments.split()), code, *values)

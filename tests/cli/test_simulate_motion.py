@@ -128,13 +128,13 @@ def test_a_rolling_detector_is_told_of_a_locus_that_has_no_time(here):
         ("--trace gyro.csv --locus shm", ErrorCode.CONFLICT, ["--trace", "--locus"]),
     ],
 )
-def test_what_cannot_be_moved_so_is_one_sentence(here, arguments, code, values, told):
-    told(simulate("a.fits", "-i", "roller.toml", *arguments.split()), code, *values)
+def test_what_cannot_be_moved_so_is_one_sentence(here, arguments, code, values, check_error):
+    check_error(simulate("a.fits", "-i", "roller.toml", *arguments.split()), code, *values)
 
 
-def test_a_drift_needs_an_exposure(here, told):
+def test_a_drift_needs_an_exposure(here, check_error):
     toml = ROLLING.replace('base = "smallsat"', "plate_scale = 0.375\nshape = [32, 32]")
     toml += "[telescope]\ndiameter = 0.125\n[spectrum]\nband = [530, 640]\n"
     (here / "roller.toml").write_text(toml)
     done = simulate("a.fits", "-i", "roller.toml", "--drift", "3,4", "--flux", "1e5")
-    told(done, ErrorCode.MISSING_VALUE, "'roller'", "--drift")
+    check_error(done, ErrorCode.MISSING_VALUE, "'roller'", "--drift")

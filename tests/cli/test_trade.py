@@ -54,8 +54,8 @@ def test_frames_that_stand_still_are_fitted_as_if_nobody_knew(tmp_path, monkeypa
     assert asked == [("plain", "auto", 10.0)]
 
 
-def test_a_size_of_another_locus_is_refused_before_anything_is_measured(tmp_path, monkeypatch, told):
+def test_a_size_of_another_locus_is_refused_before_anything_is_measured(tmp_path, monkeypatch, check_error):
     done, asked, table, _ = run(tmp_path, monkeypatch, "--locus", "linear", "--shear", "0.3")
-    told(done, ErrorCode.UNKNOWN_NAME, "linear", "--shear", "--length")
+    check_error(done, ErrorCode.UNKNOWN_NAME, "linear", "--shear", "--length")
     assert asked == []
     assert not table.exists()

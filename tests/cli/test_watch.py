@@ -100,6 +100,6 @@ def test_options_that_make_a_processor_are_those_of_process():
     ],
     ids=["no directory", "workers and a scheduler"],
 )
-def test_what_cannot_be_is_told(arguments, code, values, tmp_path, monkeypatch, told):
+def test_what_cannot_be_is_told(arguments, code, values, tmp_path, monkeypatch, check_error):
     monkeypatch.chdir(tmp_path)
-    told(runner.invoke(app, arguments.split()), code, *values)
+    check_error(runner.invoke(app, arguments.split()), code, *values)
