@@ -136,7 +136,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
     result = _flag_plate_scale(result)
-    return result.remarked(found.doubt, "maybe_pair") if result.status.usable else result
+    return result.remarked(found.ambiguity, "maybe_pair") if result.status.usable else result
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:

@@ -20,7 +20,15 @@ from jitterkit.batch import steps
 from jitterkit.batch.diagnose import status_from_exception
 from jitterkit.batch.plan import Batch, FrameReader, Item
 from jitterkit.batch.records import ProcessedFrame, SceneEstimate
-from jitterkit.batch.warm_start import AUTO, SCORE, GridKey, Look, WarmStart, WarmStartCache, from_looks
+from jitterkit.batch.warm_start import (
+    AUTO,
+    SCORE,
+    GridKey,
+    SearchedFrame,
+    WarmStart,
+    WarmStartCache,
+    from_searched_frames,
+)
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_of_memory
 from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
@@ -210,7 +218,7 @@ class FrameProcessor:
             return None
         if warm := self._cache.warm_start(self.grid(frame), self.optics(frame), choice, self.options):
             return warm
-        return WarmStart(choice.scene, choice.doubt) if self.scene == AUTO else None  # nothing can change
+        return WarmStart(choice.scene, choice.ambiguity) if self.scene == AUTO else None  # nothing can change
 
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """Return what scene a frame shows at first sight; None if it shows none."""
@@ -289,7 +297,7 @@ class FrameProcessor:
         self, references: tuple[Item, ...], hdu: int | None, scene_only: bool
     ) -> dict[GridKey, WarmStart]:
         """Look at reference frames until one is in no doubt of its scene; at all for their scene only."""
-        looks: dict[GridKey, list[Look]] = {}
+        searched: dict[GridKey, list[SearchedFrame]] = {}
         if scene_only and self.scene != AUTO:
             return {}
         with FrameReader(hdu) as reader:
@@ -302,11 +310,13 @@ class FrameProcessor:
                     if out_of_memory(error):
                         raise
                     continue  # the frame's own row will say why
-                seen = looks.setdefault(self.grid(frame), [])
+                seen = searched.setdefault(self.grid(frame), [])
                 if scene_only or not any(choice.is_sure for _, choice in seen):
                     choice = self.choose_scene(frame)
                     seen += [] if choice is None else [(frame, choice)]
-        starts = {key: from_looks(seen, self.warm_start, scene_only) for key, seen in looks.items()}
+        starts = {
+            key: from_searched_frames(seen, self.warm_start, scene_only) for key, seen in searched.items()
+        }
         return {key: start for key, start in starts.items() if start is not None}
 
 

@@ -39,7 +39,7 @@ class SceneEstimate:
     searched : OTF or None
         About aberrations very near the scene's, where it was searched for; None where the frame was
         registered to another, which tells too that the parameters describe it.
-    doubt : str
+    ambiguity : str
         What else the frame may show that looks the same, in a sentence.
     fit : FitResult or None
         With the best of the loci, by the processor's options, where it has been made already.
@@ -52,7 +52,7 @@ class SceneEstimate:
     estimate: KernelEstimate
     optics: Optics
     searched: OTF | None = None
-    doubt: str = ""
+    ambiguity: str = ""
     fit: FitResult | None = None
     left_out: int = 0
 

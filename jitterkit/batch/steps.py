@@ -125,13 +125,13 @@ def locate(
         return found
     if (result := undecided(found)) is not None:
         return result
-    start, doubt = found.start, found.doubt
-    if not doubt and warm is not None and warm.scene == found.scene:
-        doubt = warm.doubt
+    start, ambiguity = found.start, found.ambiguity
+    if not ambiguity and warm is not None and warm.scene == found.scene:
+        ambiguity = warm.ambiguity
     dropped = int(np.count_nonzero(data.used) - np.count_nonzero(clean.used))
     moments = np.asarray(start.parameters.locus.moments())
     normal = KernelEstimate(moments, start.covariance, SCORE, source=frame.name, digest=frame.digest)
-    return SceneEstimate(clean, start.parameters, normal, optics, start.otf, doubt, found.fit, dropped)
+    return SceneEstimate(clean, start.parameters, normal, optics, start.otf, ambiguity, found.fit, dropped)
 
 
 def search(

@@ -70,7 +70,7 @@ class TemplateBlurEstimator:
         found = self.processor.estimate(frame)
         if isinstance(found, FitResult):
             return found
-        message = " ".join(filter(None, [found.doubt, left_out(found.left_out)]))
+        message = " ".join(filter(None, [found.ambiguity, left_out(found.left_out)]))
         if found.left_out:
             frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
         # what is registered to another frame is described by what fits that

@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.compressed import ORDERS, shaped_blur
-from jitterkit.estimators.shape import CumulantStep, doubted, fit_known_shape, is_decisive
+from jitterkit.estimators.shape import CumulantStep, fit_known_shape, inflate_covariance, is_decisive
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -113,7 +113,9 @@ def estimate_from_normal(
     if is_decisive(told.error):
         blur = shaped_blur(step, otf, data, hold)
     if blur is None:
-        covariance = doubted(covariance, np.array([told.response[name] for name in Shaped.names[:3]]))
+        covariance = inflate_covariance(
+            covariance, np.array([told.response[name] for name in Shaped.names[:3]])
+        )
         shape, error = told.kurtosis, told.error
         return KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error), normal
     moments, covariance = np.asarray(blur.locus.moments()), blur.covariance[:3, :3]

@@ -5,7 +5,7 @@ kurtosis one wants that a normal describes.  :func:`fit_shape` fits that kurtosi
 blur whose kurtosis is known.  The excess kurtosis enters an image by the square of the blur: while the blur
 is small it is unknown and does little harm; once the frame tells it, leaving it out biases the moments.
 :func:`is_decisive` draws the border by the error of the kurtosis, not by its value, so that no frame is
-picked by its noise; below it :func:`doubted` adds to the errors what the shape might do.
+picked by its noise; below it :func:`inflate_covariance` adds the possible effect of the shape to the errors.
 """
 
 from __future__ import annotations
@@ -221,17 +221,17 @@ def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = 
     blur : ShapedBlur or None
         None where no such blur fits (the iteration does not converge), or the frame does not determine it.
     """
-    return _settle(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
+    return _fit_shape(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
 
 
 def fit_known_shape(
     normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str] = ()
 ) -> ShapedBlur | None:
     """As :func:`fit_shape`, from a fitted normal and with the excess kurtosis held."""
-    return _settle(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
+    return _fit_shape(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
 
 
-def _settle(
+def _fit_shape(
     normal: Parameters,
     kurtosis: float,
     otf: OTF,
@@ -245,8 +245,8 @@ def _settle(
     return ShapedBlur(end.parameters, covariance) if settled else None
 
 
-def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """Covariance (3, 3) of moments fitted with a normal's shape, with what another shape would do to them.
+def inflate_covariance(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Inflate the covariance (3, 3) of moments fitted with a normal's shape by the effect of another shape.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
     Returns
     -------
     covariance : (3, 3) array
-        As if the kurtosis were known to be zero within 1.2: no doubt where it has no say.
+        As if the kurtosis were known to be zero within 1.2: unchanged where it has no effect.
     """
     known = np.nan_to_num(response)
     return covariance + _DECISIVE**2 * np.outer(known, known)

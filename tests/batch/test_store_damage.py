@@ -39,9 +39,9 @@ def filled(tmp_path):
 
 def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path):
     (tmp_path / STORE).write_text("my notes, " * 1000)
-    for begin in (Store.resume, Store.create):
+    for prepare_run in (Store.resume, Store.create):
         with refused(ErrorCode.DAMAGED, tmp_path / STORE):
-            begin(tmp_path, CONFIGURATION)
+            prepare_run(tmp_path, CONFIGURATION)
     assert (tmp_path / STORE).read_text() == "my notes, " * 1000
 
 

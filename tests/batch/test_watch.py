@@ -93,8 +93,8 @@ def test_a_watch_that_is_resumed_does_what_is_left_and_nothing_twice(watched, ni
     run, _, where = watched
     (where / night[-1].name).write_bytes(night[-1].read_bytes())
     now, before = [], []
-    tell = {"watch": now.append, "before": before.append}
-    table = watch_directory(where, where, processor, idle=2, resume=True, sleep=Camera(), **tell).table
+    callback = {"watch": now.append, "before": before.append}
+    table = watch_directory(where, where, processor, idle=2, resume=True, sleep=Camera(), **callback).table
     assert [len(before), len(now)] == [19, 1]
     assert list(table["file"]) == [path.name for path in night]
     assert set(table["status"]) == {"ok"}
