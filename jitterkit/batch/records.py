@@ -130,7 +130,7 @@ class BlurMeasurement:
     angle_err : float
         Of the major axis, degrees.
     message : str
-        Verdict and conditions, in sentences.
+        Pattern and conditions, in sentences.
     scene : str
         Name of the scene that the optics were fitted with; empty where there was none.
     """

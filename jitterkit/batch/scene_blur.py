@@ -139,7 +139,7 @@ class SceneBlurEstimator:
 
     def _field(self, frame: Frame) -> BlurMeasurement:
         found = estimate_field(frame, reference=self._sharp)
-        message = " ".join([found.verdict.sentence, *found.remarks])
+        message = " ".join([found.pattern.sentence, *found.remarks])
         sizes = found.length, found.length_err, found.angle_err
         return BlurMeasurement(frame, found.kernel, frame.plate_scale, found, *sizes, message)
 

@@ -87,7 +87,7 @@ def sequence(
     how = SequenceOptions(
         time_models=_time_models(law or []),
         rolling=not global_shutter,
-        telemetry=None if telemetry is None else read_trace(telemetry, tell=log),
+        telemetry=None if telemetry is None else read_trace(telemetry, log=log),
     )
     fitter = FrameFitter(
         exposures.optics,
@@ -155,6 +155,6 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames{scale}")
     if (right := summary["separation"]["corrected"]) == right:  # not NaN
         typer.echo(f"separation_corrected {with_error(right, fit.separation[1])} arcsec")
-    for sentence in joint_table.say_joint(summary):
+    for sentence in joint_table.describe_joint_fit(summary):
         log(sentence)
     log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

@@ -66,8 +66,8 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
         while (found := _code(values[keep])) is not None:
             code, count = found
             if count == 1 and abs(code) < _NO_ANGLE:
-                told = f"{name} is {code:g} in one sample, far from all others"
-                said.append(f"{told}, which counts as motion: if it stands for no value, leave it out.")
+                sentence = f"{name} is {code:g} in one sample, far from all others"
+                said.append(f"{sentence}, which counts as motion: if it stands for no value, leave it out.")
                 break
             keep &= values != code
             said.append(f"{name} is {code:g} in {count} samples, far from all others: they count as gaps.")
@@ -88,7 +88,7 @@ def _code(values: np.ndarray) -> tuple[float, int] | None:
 
 
 def _is_missing(values: np.ndarray, value: float, count: int, apart: float) -> bool:
-    """Tell whether a value that is so far from any other may stand for none."""
+    """Return whether a value that is so far from any other may stand for a missing one."""
     if abs(value) >= _NO_ANGLE:
         return True
     others = values[values != value]

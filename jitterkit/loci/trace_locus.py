@@ -172,12 +172,12 @@ def trace_gaps(t) -> np.ndarray:
 
 
 def is_trace(cells: list[str]) -> bool:
-    """Tell whether a line is the header of a trace."""
+    """Return whether a line is the header of a trace."""
     return heading(cells[0])[0] in ("t", "time")
 
 
 def read_trace(
-    path: str | pathlib.Path, rates: str | None = None, tell: Callable[[str], None] | None = None
+    path: str | pathlib.Path, rates: str | None = None, log: Callable[[str], None] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Read a record of the pointing from a CSV table.
 
@@ -189,7 +189,7 @@ def read_trace(
         as are columns whose unit is one of a rate.  Empty lines and lines that begin with ``#`` are skipped.
     rates : str, optional
         Unit of rates whose header does not say that they are, or in what unit: ``deg/s``.
-    tell : callable, optional
+    log : callable, optional
         Called with sentences on rates that were integrated, and on samples without a value, of which Python
         warns without it.
 
@@ -226,11 +226,11 @@ def read_trace(
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
     for sentence in said:
-        (tell or warnings.warn)(f"{path}: {sentence}")
+        (log or warnings.warn)(f"{path}: {sentence}")
     if integrate:
         x, y = _integral(t, np.stack([x, y], axis=1)).T
-        if tell is not None:
-            tell("The trace holds rates, which were integrated.")
+        if log is not None:
+            log("The trace holds rates, which were integrated.")
     return t, x, y
 
 

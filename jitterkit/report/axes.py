@@ -42,7 +42,7 @@ def finish(ax: Axes, **legend: Any) -> Axes:
     return ax
 
 
-def say(ax: Axes, text: str) -> Axes:
+def note_in_axes(ax: Axes, text: str) -> Axes:
     """Put a sentence in the middle of axes, where there is nothing to draw."""
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center")
     return ax

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jitterkit.calibration import Calibration
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.words import with_error
 
 _SIZE = (5.2, 3.7)
@@ -76,7 +76,7 @@ def plot_transfer(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     transfer, (prnu, _) = calibration.transfer, calibration.prnu
     if transfer is None:
-        return say(ax, "no flats")
+        return note_in_axes(ax, "no flats")
     lit = [level for level in transfer.levels if level.exposure > 0 and level.signal > 0]
     used = [level for level in lit if not level.saturated]
     spatial = [level for level in used if level.spatial_variance > 0]
@@ -106,7 +106,7 @@ def plot_linearity(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax.set_title("linearity")
     if linearity is None:
         ax.set_axis_off()
-        return say(ax, "linearity takes three exposure times")
+        return note_in_axes(ax, "linearity takes three exposure times")
     ax.axhline(0, color="0.6", lw=0.9)
     off, errors = 100 * linearity.residuals, 100 * linearity.residual_errors
     ax.errorbar(linearity.signals, off, errors, label="levels", **_POINTS)
@@ -131,7 +131,7 @@ def plot_dark(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     measured, limit = calibration.dark_current, calibration.hot_limit
     if measured is None or limit is None:
-        return say(ax, "no dark frames")
+        return note_in_axes(ax, "no dark frames")
     low, middle = np.percentile(measured.values, (0.01, 50))
     _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), _ALL)
     hot = f"hot above {limit:.3g} e-/s: {calibration.count('hot')}"
@@ -147,7 +147,7 @@ def plot_response(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     flat, local = calibration.flat, calibration.local
     if flat is None or local is None:
-        return say(ax, "no flats")
+        return note_in_axes(ax, "no flats")
     good = calibration.bad == 0
     low, high = np.percentile(flat.values[good], (0.01, 99.99))
     margin = 0.15 * (high - low)
@@ -170,7 +170,7 @@ def plot_read_noise(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     measured = calibration.read_noise
     if measured is None:
-        return say(ax, "no bias frames")
+        return note_in_axes(ax, "no bias frames")
     high = max(float(np.percentile(measured.values, 99.9)), 2 * measured.number)
     _histogram(ax, measured.values, 0.0, high, _ALL)
     said = with_error(measured.number, measured.number_error)

@@ -29,7 +29,7 @@ from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_picture
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.row import FailureKind, Row, group_failures
 from jitterkit.report.run_pictures import run_pictures
-from jitterkit.report.sequence import describe_run_fit, say_loci
+from jitterkit.report.sequence import describe_loci, describe_run_fit
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, by_scale, ellipse_size, number, with_error
 
@@ -42,7 +42,7 @@ MAX_FAILURES = 300
 _FEW, _KINDS = 12, 30
 """Failures that a list shows as well as a count of kinds does, and kinds that the page has room for."""
 
-_TOLD = ("file", "frame", "path", "status", "reason", "message")
+_FAILURE_COLUMNS = ("file", "frame", "path", "status", "reason", "message")
 _LONGEST = 600
 """Characters of one sentence or name: a command line may hold 60,000 names, a header a page of text."""
 
@@ -115,7 +115,7 @@ def _template():
         "remarks": _remarks,
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
         "describe_run_fit": describe_run_fit,
-        "say_loci": say_loci,
+        "describe_loci": describe_loci,
         "status": lambda name: name.replace("_", " "),
         "grouped": "{:,}".format,
         "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n:,} {word}s",
@@ -186,7 +186,7 @@ class _Listing:
         """The commonest kinds of failure, and how many more there are; none of few failures."""
         if self.failures <= _FEW:
             return [], 0
-        kinds = group_failures(self._row(int(place), _TOLD) for place in self._failed)
+        kinds = group_failures(self._row(int(place), _FAILURE_COLUMNS) for place in self._failed)
         return kinds[:_KINDS], len(kinds[_KINDS:])
 
     def thinned(self) -> list[Row]:

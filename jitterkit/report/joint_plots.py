@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jitterkit.joint import SequenceFit, SequenceFrame
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 
 _SIZE = (9.6, 3.0)
 _MANY = 2000
@@ -67,13 +67,13 @@ def _plot_blur(frames: list[SequenceFrame], ax: Axes) -> Axes:
 def plot_shared(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None = None) -> Axes:
     """Draw what is shared and changes, with one sigma about it, from its mean."""
     ax = axes_or_new(ax, _SIZE)
-    told = [f for f in frames if f.shared is not None]
-    times = _times(told)
+    informed = [f for f in frames if f.shared is not None]
+    times = _times(informed)
     changing = [i for i, name in enumerate(fit.combined.names) if fit.time_models[name].states > 1]
     if not changing:
-        return say(ax, "nothing that is shared was let change")
-    values = np.array([f.shared.values for f in told if f.shared])
-    errors = np.array([f.shared.errors for f in told if f.shared])
+        return note_in_axes(ax, "nothing that is shared was let change")
+    values = np.array([f.shared.values for f in informed if f.shared])
+    errors = np.array([f.shared.errors for f in informed if f.shared])
     for n, i in enumerate(changing):
         colour, style = _TONES[n % len(_TONES)], _LINES[n // len(_TONES) % len(_LINES)]
         curve = values[:, i] - values[:, i].mean()
@@ -87,11 +87,11 @@ def plot_shared(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None =
 def plot_leave_one_out_chi2(frames: list[SequenceFrame], ax: Axes | None = None) -> Axes:
     """Draw how far each frame is from all others, and mark those that do not belong."""
     ax = axes_or_new(ax, _SIZE)
-    told = [f for f in frames if f.shared is not None]
-    ratio = np.array([f.shared.leave_one_out_chi2 / max(f.shared.dof, 1) for f in told if f.shared])
-    kept = np.array([f.kept for f in told], bool)
-    times = _times(told)
-    ax.plot(times[kept], ratio[kept], **_points(len(told), BLUE), label="counted")
+    informed = [f for f in frames if f.shared is not None]
+    ratio = np.array([f.shared.leave_one_out_chi2 / max(f.shared.dof, 1) for f in informed if f.shared])
+    kept = np.array([f.kept for f in informed], bool)
+    times = _times(informed)
+    ax.plot(times[kept], ratio[kept], **_points(len(informed), BLUE), label="counted")
     if not kept.all():
         ax.plot(times[~kept], ratio[~kept], "D", ms=6, mfc="none", mec=RUST, mew=1.3, label="not counted")
     ax.axhline(1.0, color=INK, lw=1.0, ls="--")

@@ -92,8 +92,8 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
     known = np.all(np.isfinite(record.moments))
     major, minor, angle = principal_axes(record.moments) if known else (math.nan,) * 3
     names = fit.combined.names
-    slots = [names.index(name) for name in changing]
-    told = np.full((2, len(names)), np.nan) if shared is None else np.array([shared.values, shared.errors])
+    index = [names.index(name) for name in changing]
+    at_time = np.full((2, len(names)), np.nan) if shared is None else np.array([shared.values, shared.errors])
     return [
         printable(record.name),
         record.time,
@@ -113,7 +113,7 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
         *record.velocity,
         record.chi2_dof,
         math.nan if shared is None else shared.leave_one_out_chi2,
-        *told[:, slots].T.ravel(),
+        *at_time[:, index].T.ravel(),
     ]
 
 
@@ -235,41 +235,41 @@ def describe_time_model(time_model: TimeModel) -> dict[str, Any]:
     return {"kind": time_model.kind, **asdict(time_model)}  # type: ignore[call-overload]
 
 
-def say_joint(summary: Mapping[str, Any]) -> list[str]:
+def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
     """Return sentences on what a person should know beside the separation."""
-    told = []
+    sentences = []
     if summary["outliers"]:
         named = ", ".join(summary["outliers"][:5])
         more = ", ..." if len(summary["outliers"]) > 5 else ""
-        told.append(
+        sentences.append(
             f"{len(summary['outliers'])} frames contradict the others and were not counted: {named}{more}."
         )
     if summary["moved"] > 1 and summary["passes"] > 1:
-        told.append(
+        sentences.append(
             f"The fit has not settled: its last pass over the frames moved what they share by "
             f"{number(summary['moved'], 2)} errors."
         )
     separation = summary["separation"]
     if separation["with_model_error"]:
-        told.append(
+        sentences.append(
             f"Errors of the model were allowed for in {separation['with_model_error']} frames. They are "
             "alike in all of them and do not average out: the separation may be off by up to the error of "
             f"one frame, {angle_size(separation['error_of_a_frame'], 2)}."
         )
     if separation["scale_factor"] > LARGE_FACTOR:
-        told.append(
+        sentences.append(
             f"The error of the separation is {number(separation['scale_factor'], 2)} times as large as with "
             "a known plate scale: state its plate_scale_err if you know it better."
         )
     slope = summary["slope"]
     if slope["chi2"] > _CERTAIN:
-        told.append(
+        sentences.append(
             f"The separation changes by {angle_size(slope['rate'] * 3600, 3)} an hour "
             f"({number(math.sqrt(slope['chi2']), 2)} sigma): its mean is that of the middle of the run."
         )
     floor = summary["floor"]
     if floor is not None and floor["detected"] and floor["met_at_frames"] >= 1:
-        told.append(
+        sentences.append(
             f"Averaging stops at {angle_size(floor['floor'], 2)}, which "
             f"{number(floor['met_at_frames'], 2)} frames reach: more frames do not make the mean better."
         )
@@ -279,7 +279,7 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
         and rows["modelled"]
         and rows["leverage"] * rows["unknown"] > _UNSURE * summary["separation"]["error_of_a_frame"]
     ):
-        told.append(
+        sentences.append(
             f"The image jumps about between frames by more than it tells of its motion within them "
             f"({number(rows['unknown'], 2)} arcsec/s): the rolling shutter adds up to "
             f"{angle_size(rows['leverage'] * rows['unknown'], 2)} of error to each frame. Give --telemetry."
@@ -287,11 +287,11 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
     chi2_dof = summary["separation"]["chi2_dof"]
     off = 5 * math.sqrt(2 / max(summary["counted"] - 1, 1))
     if abs(chi2_dof - 1) > off:
-        told.append(
+        sentences.append(
             f"The separations scatter by {number(math.sqrt(chi2_dof), 3)} times their errors: something is "
             "not in the model."
         )
-    return told
+    return sentences
 
 
 def averaging_floor(series: Series | None) -> Floor | None:

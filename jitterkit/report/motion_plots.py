@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
 from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
 
@@ -185,7 +185,7 @@ def plot_pointing(locus: Locus, ax: Axes | None = None) -> Axes:
         places += points[rng.integers(0, len(points), _DRAWS)]
     reach = 1.2 * float(np.percentile(np.abs(places).max(axis=1), 99.9))
     if reach <= 0:
-        return say(ax, "no blur")
+        return note_in_axes(ax, "no blur")
     shares, _, _ = np.histogram2d(places[:, 1], places[:, 0], _CELLS, [[-reach, reach]] * 2)
     smooth = gaussian_filter(shares / _DRAWS, 1.0)
     return plot_kernel_image(smooth, ax, plate_scale=2 * reach / _CELLS, title="a typical frame's pointing")
@@ -206,7 +206,7 @@ def plot_locus_transfer(locus: Locus, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, (5.6, 4.0))
     major, minor, angle = principal_axes(locus.moments())
     if major <= 0:
-        return say(ax, "no blur")
+        return note_in_axes(ax, "no blur")
     # a normal falls to e^-x at f = sqrt(x / 2) / (pi sigma)
     reach = np.sqrt(-np.log(_REACH) / 2) / (np.pi * major)
     f = np.linspace(0, reach, 400)

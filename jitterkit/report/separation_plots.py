@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jitterkit.report.averaging_plots import suited_angle, suited_time
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.clock import Clock, fitted
 from jitterkit.report.means import Means, stretch_means
 from jitterkit.report.words import angle_size, number
@@ -110,7 +110,7 @@ def plot_separations(
         _draw_mean(ax, mean_error, scale)
         ax.set_ylabel(f"separation − {number(centre, 7)}″ [{unit}]")
     else:
-        say(ax, "no frame was fitted").set_yticks([])
+        note_in_axes(ax, "no frame was fitted").set_yticks([])
     if not (ok.all() or means_only):
         _draw_failures(ax, at[~ok])
     label_time(ax, clock)

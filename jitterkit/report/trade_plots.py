@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, note_in_axes
 
 _PLACES = (3, -9, 11, -17, 19)
 """Points above a point at which its name may stand."""
@@ -51,7 +51,7 @@ def plot_trade(
         if np.isfinite(spent) and np.isfinite(error)
     }
     if not known:
-        return say(ax, "no settings could be measured")
+        return note_in_axes(ax, "no settings could be measured")
     for name, (x, y) in known.items():
         ours = name not in peers
         ax.plot(x, y, "o" if ours else "s", color=BLUE if ours else RUST, ms=7 if name in presets else 4)

@@ -23,7 +23,7 @@ from jitterkit.joint import (
 from jitterkit.refit import Status
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.joint_plots import plot_run
-from jitterkit.report.joint_table import frame_table, joint_summary, say_joint, separation_series
+from jitterkit.report.joint_table import describe_joint_fit, frame_table, joint_summary, separation_series
 from jitterkit.report.table import read_table, write_table
 from jitterkit.series import fit_floor
 
@@ -112,11 +112,11 @@ def test_the_summary_is_what_the_messages_say(rng):
     assert summary["separation"]["error"] == pytest.approx(ERROR / np.sqrt(29), rel=1e-6)
     assert summary["separation"]["error_of_a_frame"] == pytest.approx(ERROR, rel=1e-9)
     assert summary["shared"]["noll4"]["law"] == {"kind": "wander", "rms": 1.0, "timescale": 2.0}
-    assert say_joint(summary) == []
+    assert describe_joint_fit(summary) == []
 
 
 def test_what_a_person_should_know_is_said(rng):
-    told = say_joint(joint_summary(made(rng, slope=5e-4, odd=(9,))))
+    told = describe_joint_fit(joint_summary(made(rng, slope=5e-4, odd=(9,))))
     assert "1 frames" in told[0]
     assert "frame 9." in told[0]
     assert " 1." in told[1]  # 5e-4 arcsec/s in arcsec an hour, to its error
@@ -125,10 +125,10 @@ def test_what_a_person_should_know_is_said(rng):
 
 def test_a_motion_that_is_not_known_under_a_rolling_shutter_is_said(rng):
     rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7)
-    (told,) = say_joint(joint_summary(made(rng, rows=rows)))
+    (told,) = describe_joint_fit(joint_summary(made(rng, rows=rows)))
     assert "280 µas" in told
     assert "--telemetry" in told
-    assert say_joint(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
+    assert describe_joint_fit(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
 
 
 def test_a_slope_is_that_of_the_summaries(rng):
@@ -160,4 +160,4 @@ def test_a_plate_scale_that_can_hardly_be_told_is_said(rng, correlation, factor)
     time_models = dict.fromkeys(names, Constant())
     summary = joint_summary(replace(fit, combined=combined, time_models=time_models))
     assert summary["separation"]["scale_factor"] == pytest.approx(factor, rel=1e-4)
-    assert any(f"{factor:.1f} times" in told for told in say_joint(summary)) == (factor > 2)
+    assert any(f"{factor:.1f} times" in told for told in describe_joint_fit(summary)) == (factor > 2)

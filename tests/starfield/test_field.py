@@ -44,7 +44,7 @@ def test_with_a_sharp_reference_length_and_angle_are_right(field, trail, sharp, 
     assert apart(estimate.angle, angle) < 4 * estimate.angle_err
     assert estimate.length_err < 0.02
     assert not estimate.conditional
-    assert estimate.verdict.kind == "smear"
+    assert estimate.pattern.kind == "smear"
     assert estimate.kernel.axes[0] == pytest.approx(length / np.sqrt(12), rel=0.02)
     chi2, dof = estimate.variation
     assert chi2 == pytest.approx(dof, abs=5 * np.sqrt(2 * dof))
@@ -111,10 +111,10 @@ def test_turning_the_frame_turns_the_axis(alone, trailed):
 
 def test_optics_are_not_taken_for_tracking(field, trail, rng):
     frame, _ = field(rng, lambda x, y: (x * 3 / 480, y * 3 / 480), stars=120)
-    verdict = estimate_field(frame).verdict
-    assert verdict.kind == "radial"
-    assert f"{verdict.pattern_share:.0%}" in verdict.sentence
-    assert f"{verdict.smear_share:.0%}" in verdict.sentence
+    pattern = estimate_field(frame).pattern
+    assert pattern.kind == "radial"
+    assert f"{pattern.pattern_share:.0%}" in pattern.sentence
+    assert f"{pattern.smear_share:.0%}" in pattern.sentence
 
 
 @pytest.mark.slow
