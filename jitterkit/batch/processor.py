@@ -277,8 +277,8 @@ class FrameProcessor:
 
     def options_of(self, frame: Frame) -> FitOptions:
         """Return the options with what is known of this frame's jitter and optics."""
-        told = Priors() if self.prior is None else self.prior.of(frame.name, frame.digest)
-        return replace(self.options, priors=self.priors.joined(told))
+        priors = Priors() if self.prior is None else self.prior.of(frame.name, frame.digest)
+        return replace(self.options, priors=self.priors.joined(priors))
 
     def _fit(self, frame: Frame) -> Fitted:
         """Locate, estimate, fit and diagnose a frame."""

@@ -31,7 +31,7 @@ _NOT_MADE: tuple[Any, ...] = (None, {}, _ABSENT)
 """What stands for a setting that is left alone, or that there was not when a run began."""
 
 
-def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
+def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     """Compare two configurations and refuse the second if anything in it is different.
 
     Parameters
@@ -46,11 +46,11 @@ def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
     ConfigurationError
         It names the first difference.
     """
-    if (difference := _first_difference(begun, now)) is None:
+    if (difference := _first_difference(stored, now)) is None:
         return
     place, before, after = difference
     inside_files = place[0] == FILES and len(place) > 1
-    if inside_files and (sentence := _come_or_gone(printable(directory), begun[FILES], now[FILES])):
+    if inside_files and (sentence := _come_or_gone(printable(directory), stored[FILES], now[FILES])):
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
     what = f"{printable(directory)} was begun {_said(place, before, after)}"
     if place[0] == VERSIONS:
@@ -88,9 +88,9 @@ def _said(place: tuple, before: Any, after: Any) -> str:
     return f"with {name} {_short(before)}, not {_short(after)}"
 
 
-def _come_or_gone(directory: str, begun: list[str], now: list[str]) -> str:
+def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
     """What to do about files that are new, or about some that are missing; nothing if both, or neither."""
-    new, gone = _without(now, begun), _without(begun, now)
+    new, gone = _without(now, stored), _without(stored, now)
     if new and not gone:
         return (
             f"{directory} was begun without {len(new)} of these files ({_some(new)}); process what is new "

@@ -57,9 +57,9 @@ class MeasuredMap:
         """Say whether the frames were enough."""
         unit = f" {self.unit}" if self.unit else ""
         ratio = f"pixels differ by {self.true_spread:.3g}{unit}, a pixel is known to {self.error:.3g}{unit}"
-        verdict = "the map serves" if self.serves else "one number serves better than the map"
+        conclusion = "the map serves" if self.serves else "one number serves better than the map"
         more = ""
         if 0 < self.true_spread <= self.error:
             wanted = int(np.ceil(self.frames * (self.error / self.true_spread) ** 2 * 2))
             more = f", until there are some {wanted} frames" if wanted < _MANY else ""
-        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {verdict}{more}."
+        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {conclusion}{more}."

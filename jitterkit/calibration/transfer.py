@@ -134,10 +134,10 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
         remedy = "check that these are flats, as they were read"
         raise ConfigurationError(ErrorCode.IMPLAUSIBLE, f"{problem}; {remedy}.")
     coupling, coupling_error = _coupling(used, x, slope)
-    doubts = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]
-    doubts += [8 * coupling_error] if coupling else []
+    errors = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]
+    errors += [8 * coupling_error] if coupling else []
     gain = _kept(coupling) / slope
-    gain_error = gain * math.hypot(*doubts)
+    gain_error = gain * math.hypot(*errors)
     noise = max(start, 0.0) ** 0.5
     noise_error = gain * covariance[1, 1] ** 0.5 / (2 * noise) if noise else math.nan
     transfer = PhotonTransfer(

@@ -56,10 +56,12 @@ def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
 
 
 def _with_line_time(detector: Characteristics, metadata: Metadata) -> Metadata:
-    told, order = detector.line_time, metadata.row_order
-    if told and not order:
+    stated, order = detector.line_time, metadata.row_order
+    if stated and not order:
         metadata = metadata.warn(ROWS_ARE_COLUMNS)
-    return supplement(metadata, "line_time", told * order if told else told, detector.source("line_time"))
+    return supplement(
+        metadata, "line_time", stated * order if stated else stated, detector.source("line_time")
+    )
 
 
 def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
@@ -79,8 +81,8 @@ def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
 
 def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray | float:
     """A number of a frame: the detector's map where the metadata hold that map's nominal value."""
-    value, told = getattr(detector, name), metadata.value(name)
-    return value if np.ndim(value) and _same(told, detector.nominal(name)) else told
+    value, stated = getattr(detector, name), metadata.value(name)
+    return value if np.ndim(value) and _same(stated, detector.nominal(name)) else stated
 
 
 def sets_saturation(detector: Characteristics, metadata: Metadata) -> bool:

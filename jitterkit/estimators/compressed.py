@@ -229,10 +229,10 @@ def shaped_blur(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str])
         As for :func:`~jitterkit.estimators.shape.fit_shape`; the step is of the orders :data:`ORDERS`.
     """
     compressed = CompressedLikelihood.of(step)
-    told = None if compressed is None else compressed.fit(Shaped)
-    if told is None or not told.left_out < CLOSE:
+    fitted = None if compressed is None else compressed.fit(Shaped)
+    if fitted is None or not fitted.left_out < CLOSE:
         return fit_shape(step, otf, data, hold)
-    return ShapedBlur(told.at(step.parameters, otf.names), told.of_locus())
+    return ShapedBlur(fitted.at(step.parameters, otf.names), fitted.of_locus())
 
 
 def _cumulant(locus: Locus, order: int) -> tuple[float, np.ndarray]:

@@ -109,14 +109,14 @@ def estimate_from_normal(
     if not is_detected(moments, covariance):
         return KernelEstimate(moments, covariance, "score"), normal
     step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data, ORDERS)
-    told, blur = step.shape(), None
-    if is_decisive(told.error):
+    found, blur = step.shape(), None
+    if is_decisive(found.error):
         blur = shaped_blur(step, otf, data, hold)
     if blur is None:
         covariance = inflate_covariance(
-            covariance, np.array([told.response[name] for name in Shaped.names[:3]])
+            covariance, np.array([found.response[name] for name in Shaped.names[:3]])
         )
-        shape, error = told.kurtosis, told.error
+        shape, error = found.kurtosis, found.error
         return KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error), normal
     moments, covariance = np.asarray(blur.locus.moments()), blur.covariance[:3, :3]
     shape, error = blur.kurtosis, blur.kurtosis_err

@@ -197,9 +197,9 @@ class CumulantStep:
         size = len(self.names)
         kept, asked = slice(size), slice(size, size + len(CUMULANTS))
         beside = np.linalg.solve(self.information[kept, kept], self.information[kept, asked])
-        told = self.information[asked, asked] - self.information[asked, kept] @ beside
+        remaining = self.information[asked, asked] - self.information[asked, kept] @ beside
         slope = self.score[asked] - beside.T @ self.score[kept]
-        chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(told), slope) ** 2))
+        chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(remaining), slope) ** 2))
         return LackOfFit(float(scipy.stats.chi2.sf(chi2, len(slope))), chi2)
 
 

@@ -122,8 +122,8 @@ def jitter_requirements(
         if any(_beyond_quadrature(one) for one in loci):
             return math.nan
         errors = [forecast(still.with_locus(one), otf, detector, options).error("separation") for one in loci]
-        told = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
-        return 1 / (alone**2 * told) - 1
+        information = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
+        return 1 / (alone**2 * information) - 1
 
     def bias(loci: list[Locus]) -> float:
         assert fitted is not None

@@ -169,10 +169,10 @@ def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -
     kind = _card(image, primary, "JITRTYPE")
     if kind is not None and not str(kind).strip().lower().startswith("none") and not jittered:
         size = _card(image, primary, "JITRSIGM")
-        told = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
+        detail = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
         raise ConfigurationError(
             ErrorCode.CONFLICT,
-            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{told}, so that fits would find "
+            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{detail}, so that fits would find "
             "only what is beyond it; compute it with options['jitter'] = None, or allow it with --jittered.",
         )
 

@@ -175,8 +175,8 @@ class _Field:
         sound = determinant > 1e-4 * a * b
         determinant = np.where(sound, determinant, 1.0)
         flux_one, flux_two = (b * u - cross * v) / determinant, (a * v - cross * u) / determinant
-        lawful = sound & (flux_one > _FAINTEST * flux_two) & (flux_two > _FAINTEST * flux_one)
-        gain = np.where(lawful, flux_one * u + flux_two * v, 0.0) / max(self.noise, 1e-300)
+        valid = sound & (flux_one > _FAINTEST * flux_two) & (flux_two > _FAINTEST * flux_one)
+        gain = np.where(valid, flux_one * u + flux_two * v, 0.0) / max(self.noise, 1e-300)
         return gain, flux_one, flux_two
 
     def companions(self, first: Place, least: float, most: int) -> list[Place]:

@@ -180,12 +180,12 @@ class ReferenceFrame:
         if cut is not None:
             system = replace(system, grid=replace(system.grid, shape=size, pad=0))
             anchor = anchor.within(system.grid)
-        told = roots[(slice(None), *inner(corner, size, rim))].reshape(len(names), -1)
+        slopes = roots[(slice(None), *inner(corner, size, rim))].reshape(len(names), -1)
         y, x = -off_centre(corner, size, image.shape) * system.grid.plate_scale
         moved = parameters.shifted(x, y)
         optics = AnchoredOptics.about(system, anchor, float(parameters.scene.flux), parameters.aberrations)
         spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
-        return cls(moved, optics, image, spectrum, corner, rim, told @ told.T + known, names, free)
+        return cls(moved, optics, image, spectrum, corner, rim, slopes @ slopes.T + known, names, free)
 
     def locate(self, data: Data) -> RegistrationResult | None:
         """Find pair, wavefront and blur of another frame.

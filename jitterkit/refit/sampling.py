@@ -206,8 +206,8 @@ def _chain(target: _Target, key, warmup: int, draws: int):
             lambda new, old: jnp.where(warm, new, old), learn(steps, info.acceptance_rate), steps
         )
         position = state.position
-        draw = target.values(position), target.moments(position), state.logdensity
-        return (state, steps), (*draw, info.is_divergent, info.acceptance_rate)
+        sample = target.values(position), target.moments(position), state.logdensity
+        return (state, steps), (*sample, info.is_divergent, info.acceptance_rate)
 
     turns = jax.random.split(key, warmup + draws), jnp.arange(warmup + draws) < warmup
     first = _blackjax().nuts.init(start, target.log_density), begin(_FIRST_STEP)

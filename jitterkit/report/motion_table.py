@@ -78,8 +78,8 @@ def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
     said = [f"Exposures of {assessed.exposure:g} s: the critical frequency is {critical:g} Hz."]
     said += [_of_share(share, assessed.exposure) for share in assessed.shares]
     if assessed.frames is not None:
-        doubt = "; their mean says little" if assessed.frames < _FEW else ""
-        said.append(f"{assessed.frames} exposures in the trace{doubt}.")
+        caveat = "; their mean says little" if assessed.frames < _FEW else ""
+        said.append(f"{assessed.frames} exposures in the trace{caveat}.")
         if assessed.left_out:
             said.append(f"{assessed.left_out} more were left out: the trace has gaps in them.")
         if assessed.step is not None and assessed.step > assessed.exposure / 2:

@@ -33,15 +33,15 @@ _FEW = 8
 """Stars below which they must be alike."""
 
 
-def compatible_with_zero(length: float, noise: float, systematic: float, doubt: float) -> str:
+def compatible_with_zero(length: float, noise: float, systematic: float, model_error: float) -> str:
     """Return a sentence where a length [pixels] is not beyond its errors.
 
-    Of its square: the noise, and the systematic error [pixels²]; of itself the doubt [pixels].
+    Of its square: the noise, and the systematic error [pixels²]; of itself the model error [pixels].
     """
-    limit = np.sqrt(_SURE) * noise + _SYSTEMATIC * np.hypot(systematic, 2 * length * doubt)
+    limit = np.sqrt(_SURE) * noise + _SYSTEMATIC * np.hypot(systematic, 2 * length * model_error)
     if length**2 > limit:
         return ""
-    error = np.hypot(root_error(length**2, noise + systematic), doubt)
+    error = np.hypot(root_error(length**2, noise + systematic), model_error)
     return (
         f"No trail is known: its length, {length:.2f} +/- {error:.2f} pixels, is compatible with zero. "
         "What blur there is may be seeing, focus or optics."
