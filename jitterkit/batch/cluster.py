@@ -140,7 +140,7 @@ def _client(scheduler: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence dask, which tells at length of what is told here in a sentence."""
+    """Silence dask's long messages; a sentence is logged here instead."""
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "tornado")]
     levels = [logger.level for logger in loggers]
     try:
@@ -278,11 +278,11 @@ class _Scheduler(Generic[T]):
             return None
         except (distributed.scheduler.NoValidWorkerError, distributed.scheduler.NoWorkerError):
             raise ConfigurationError(
-                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and go on with --resume."
+                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and continue with --resume."
             ) from None
         except CancelledError:
             raise ConfigurationError(
-                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and go on with --resume."
+                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and continue with --resume."
             ) from None
         self._done += 1
         return finished

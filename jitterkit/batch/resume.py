@@ -1,4 +1,4 @@
-"""Whether a run that is resumed is the run that was begun: its settings, and the files that it has looked at.
+"""Check that a resumed run is the run that was started: its settings, and the files that it has read.
 
 Reach for :func:`refuse_difference` and :func:`recounted`: rows of two configurations, or of two contents of
 a file, in one table would be worse than none.
@@ -38,7 +38,7 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     ----------
     directory : Path
         Of the run.
-    begun, now : dict
+    stored, now : dict
         As JSON gives them back: nested dicts and lists of text, numbers, booleans and None.
 
     Raises
@@ -52,7 +52,7 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     inside_files = place[0] == FILES and len(place) > 1
     if inside_files and (sentence := _come_or_gone(printable(directory), stored[FILES], now[FILES])):
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
-    what = f"{printable(directory)} was begun {_said(place, before, after)}"
+    what = f"{printable(directory)} was started {_said(place, before, after)}"
     if place[0] == VERSIONS:
         raise ConfigurationError(
             ErrorCode.CONFLICT,
@@ -93,13 +93,13 @@ def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
     new, gone = _without(now, stored), _without(stored, now)
     if new and not gone:
         return (
-            f"{directory} was begun without {len(new)} of these files ({_some(new)}); process what is new "
-            "into another directory, give --overwrite instead of --resume to begin anew with all, or let "
+            f"{directory} was started without {len(new)} of these files ({_some(new)}); process what is new "
+            "into another directory, give --overwrite instead of --resume to start again with all, or let "
             "'jitterkit watch' follow a directory that grows."
         )
     if gone and not new:
         return (
-            f"{directory} was begun with {len(gone)} file{'s' * (len(gone) > 1)} more than these "
+            f"{directory} was started with {len(gone)} file{'s' * (len(gone) > 1)} more than these "
             f"({_some(gone)}); put back what is missing, or give another directory."
         )
     return ""
@@ -125,7 +125,7 @@ Stamp = tuple[int, int]
 _GRAINS = (1_000_000_000, 1_000, 100)
 """Times [ns] of which file systems keep whole multiples: HFS+ and ext3, many servers of NFS, those of SMB."""
 
-_REMEDY = "put it back as it was, time and all, or give --overwrite instead of --resume to begin anew."
+_REMEDY = "put it back as it was, time and all, or give --overwrite instead of --resume to start again."
 
 
 @dataclass(frozen=True)

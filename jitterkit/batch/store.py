@@ -1,6 +1,6 @@
-"""What a run has done so far, kept so that nothing is lost or done twice.
+"""The stored results of a run, so that nothing is lost or processed twice.
 
-Reach for :meth:`Store.create` to begin a run and :meth:`Store.resume` to go on with one.  The rows of a
+Reach for :meth:`Store.create` to start a run and :meth:`Store.resume` to continue one.  The rows of a
 batch or a part of one, what its pictures are drawn from, sums over frames and the fact that it was done enter
 ``ledger.sqlite`` together or not at all; once :meth:`Store.add` returns they survive a kill and the loss of
 power.  Table, summary and report are made from the store, in the order of the plan, whoever did which batch
@@ -97,9 +97,9 @@ class Store:
     path : Path
         ``ledger.sqlite`` in the run's directory.
     configuration : dict
-        What the run was begun with.
+        The configuration with which the run was started.
     notes : dict
-        What else was noted when it was begun.
+        Further notes from the start of the run.
 
     Notes
     -----
@@ -152,18 +152,18 @@ class Store:
         """
         store = cls(Path(directory) / STORE)
         with store._closed_on_error():
-            if store._begun and not overwrite:
+            if store._has_run and not overwrite:
                 raise ConfigurationError(
                     ErrorCode.EXISTS,
-                    f"{printable(store.path)} holds a run already; give --resume to go on with it, "
-                    "--overwrite to begin again, or another directory.",
+                    f"{printable(store.path)} holds a run already; give --resume to continue it, "
+                    "--overwrite to start again, or another directory.",
                 )
             for name in results if overwrite else ():  # first: whatever kills it now, none outlive their run
                 try:
                     (store.path.parent / name).unlink(missing_ok=True)
                 except OSError as error:
                     raise unwritable(store.path.parent / name, error.strerror) from None
-            store._begin(configuration, notes or {})
+            store._start_run(configuration, notes or {})
         return store
 
     @classmethod
@@ -180,7 +180,7 @@ class Store:
         Parameters
         ----------
         directory, configuration, notes, results
-            As for :meth:`create`; the notes of a run that had begun stay as they were.
+            As for :meth:`create`; the notes of a run that was started stay as they were.
 
         Raises
         ------
@@ -193,11 +193,11 @@ class Store:
             _refuse_results(path.parent, results)  # before there is an empty ledger beside them
         store = cls(path)
         with store._closed_on_error():
-            if store._begun:
+            if store._has_run:
                 refuse_difference(path.parent, store.configuration, _as_json(configuration))
             else:
                 _refuse_results(path.parent, results)
-                store._begin(configuration, notes or {})
+                store._start_run(configuration, notes or {})
         return store
 
     def __enter__(self) -> Self:
@@ -360,10 +360,10 @@ class Store:
             execute("INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)", values)
 
     @property
-    def _begun(self) -> bool:
+    def _has_run(self) -> bool:
         return bool(self._file.read("SELECT 1 FROM run WHERE name = 'configuration'"))
 
-    def _begin(self, configuration: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+    def _start_run(self, configuration: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
         self.configuration, self.notes = _as_json(configuration), _as_json(notes)
         with self._file.transaction() as execute:
             for table in ("run", "files", "batches", "frames", "pictures", "stacks"):
@@ -386,11 +386,11 @@ class Store:
 
 
 def _refuse_results(directory: Path, results: Iterable[str]) -> None:
-    """Refuse to go on in a directory with results of a run of which there is no ledger."""
+    """Raise if a directory has results of a run but no ledger of it."""
     if present := [name for name in results if (directory / name).exists()]:
         raise ConfigurationError(
             ErrorCode.EXISTS,
-            f"{printable(directory)} holds {present[0]} but no run in a ledger to go on with; give "
+            f"{printable(directory)} holds {present[0]} but no ledger of a run to continue; give "
             "--overwrite instead of --resume to replace it, or another directory.",
         )
 

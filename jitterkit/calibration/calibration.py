@@ -224,7 +224,7 @@ class _Work:
         if not stacks:
             return [], None
         if self.level is None:
-            problem = "flats say nothing without the bias they stand on"
+            problem = "flats cannot be used without the bias beneath them"
             remedy = "give --bias, or its level by --bias-level"
             raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
         zero: Master | float = self.level if self.master is None else self.master

@@ -126,7 +126,7 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
     x = np.array([_abscissa(level.signal, linearity) for level in used])
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
     if len(used) == 1:
-        problem = f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise"
+        problem = f"one level of light, {used[0].signal:.5g} ADU, does not separate gain from read noise"
         raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; give --bias, or flats of another exposure.")
     (slope, start), covariance, chi2, freedom = _line(x, y, e)
     if not slope > 0:

@@ -174,7 +174,9 @@ class CumulantStep:
         """Where the kurtosis stands in a fit with ``Shaped``, and what it and the rest change, by rows."""
         held = [name for name in Mvn.names if name not in self.names]
         if held:
-            problem = f"The shape of a blur is told beside its second moments: do not hold {held[0]!r}."
+            problem = (
+                f"The shape of a blur is fitted together with its second moments: do not hold {held[0]!r}."
+            )
             raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
         size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
         turn = np.insert(np.eye(size, len(self.score)), slot, 0.0, axis=0)

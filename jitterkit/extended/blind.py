@@ -135,12 +135,12 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: 
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
             f"The image shows no streak's nulls: the best candidate grows to {best.length:.0f} pixels, and "
-            f"no more than {limit:.0f} can be told.",
+            f"no more than {limit:.0f} can be measured.",
         )
     if best.length < _GATE:
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
-            f"The blur, some {best.length:.2f} pixels long, is too small for its nulls to be told from the "
+            f"The blur, some {best.length:.2f} pixels long, is too small to distinguish its nulls from the "
             f"scene's own (it takes {_GATE:g}).",
         )
     gain = best.value - _likelihood(spectrum, best.length, best.angle + 90)

@@ -65,8 +65,8 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     if length < _GATE:
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
-            f"The stripes belong to {length:.1f} pixels, too few to be told from the scene's spectrum "
-            f"(it takes {_GATE:g}).",
+            f"The stripes belong to {length:.1f} pixels, too few to be distinguished from the scene's "
+            f"spectrum (it takes {_GATE:g}).",
         )
     along, across = _ERRORS
     return streak_estimate(

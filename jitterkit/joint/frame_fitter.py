@@ -125,7 +125,7 @@ class FrameFitter:
             raise ConfigurationError(
                 ErrorCode.NOT_CONSTRAINED,
                 f"Jitter of the kind {self.locus!r} blurs all ways, as diffusion does, and no number of "
-                f"frames tells them apart. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter.",
+                f"frames separates them. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter.",
             )
 
     @cached_property

@@ -280,7 +280,7 @@ def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
         and rows["leverage"] * rows["unknown"] > _UNSURE * summary["separation"]["error_of_a_frame"]
     ):
         sentences.append(
-            f"The image jumps about between frames by more than it tells of its motion within them "
+            f"The image moves between frames too irregularly to give its motion within them "
             f"({number(rows['unknown'], 2)} arcsec/s): the rolling shutter adds up to "
             f"{angle_size(rows['leverage'] * rows['unknown'], 2)} of error to each frame. Give --telemetry."
         )

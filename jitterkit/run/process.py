@@ -72,7 +72,7 @@ class Run:
     summary : dict
     directory : Path
         Holds ``results.ecsv``, ``summary.json`` and ``report.html``; ``configuration.json``, all settings and
-        versions; and ``ledger.sqlite``, with which a run that was interrupted goes on.
+        versions; and ``ledger.sqlite``, with which an interrupted run is resumed.
     """
 
     table: Any
@@ -114,7 +114,7 @@ def process_files(
     overwrite : bool
         Whether a run that is in the directory may be replaced; its results are removed at once.
     resume : bool
-        Whether to go on with it instead; what has been done is not done again.
+        Whether to continue it instead; frames already processed are not processed again.
     threads : int, optional
         How many frames are fitted at a time; by default as many as there are processors.  The results do
         not depend on it.

@@ -130,7 +130,7 @@ def watch_directory(
         for burst in _bursts(watcher, stop, idle, partial(sleep, poll), poll):
             watched.work_through(burst)
         if left := watcher.pending():
-            log.warning("Not looked at in %s: %s; --resume does them.", printable(directory), left)
+            log.warning("Not processed in %s: %s; --resume processes them.", printable(directory), left)
         unfinished = watched.try_last(watcher.unfinished())
         if not store.done() and not unfinished:
             raise FrameError(

@@ -91,7 +91,7 @@ def find_outliers(series: Series, *, degree: int = 1, expected: float = 0.01, mo
     y, e, t = series.present
     n = len(y)
     if n < _FEWEST:
-        problem = f"{n} measurements do not tell which does not belong; give {_FEWEST} or more."
+        problem = f"{n} measurements do not show which is an outlier; give {_FEWEST} or more."
         raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     trend = _robust_trend(y, e, t, degree)
     z = (y - trend) / e

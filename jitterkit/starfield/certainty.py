@@ -55,8 +55,8 @@ def disagreement(common: Common) -> str:
         return ""
     stars = "1 star is" if n == 1 else f"{n} stars are"
     return (
-        f"No trail is known: {stars} too few to tell a trail from galaxies, speckles or blends unless the "
-        f"shapes of several agree; {_FEW} are needed."
+        f"No trail is known: {stars} too few to distinguish a trail from galaxies, speckles or blends unless "
+        f"the shapes of several agree; {_FEW} are needed."
     )
 
 

@@ -42,7 +42,7 @@ _CHANGED = {"wider": 0.1, "narrower": 0.5}
 """Share of a change of seeing that the line may have taken for its own variance: 0.05 of Moffat stars of
 FWHM 3.6 pixels against 3.0, 0.3 to 0.4 of 2.5 against 3.0 and of 1.6 against 2.8."""
 
-_CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would tell."
+_CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would show it."
 
 
 @dataclass(frozen=True, eq=False)

@@ -95,7 +95,7 @@ def _aberrations(worst_case: WorstCase, plan: Plan) -> Iterator[str]:
     for one in worst_case.examples:
         unknown = [name for name in fitted if not one.result.error(name) <= limit]  # NaN of what is blind
         if unknown:
-            yield f"{one.raw.name} does not tell {', '.join(unknown)} to {limit:.3g} nm{end}"
+            yield f"{one.raw.name} does not determine {', '.join(unknown)} to {limit:.3g} nm{end}"
 
 
 def _jitter(worst_case: WorstCase, settings: Settings) -> str:
@@ -110,4 +110,4 @@ def _jitter(worst_case: WorstCase, settings: Settings) -> str:
         who, price = "", f"; a frame that shows none gets no parameters of it, which may cost {price}"
     else:
         price = f"; one that shows none gets three, for {price} might be lost without"
-    return f"jitter: {found} of the frames looked at{who}{price if cost < math.inf else ''}"
+    return f"jitter: {found} of the fitted frames{who}{price if cost < math.inf else ''}"
