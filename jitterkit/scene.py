@@ -267,7 +267,7 @@ class Star(Scene):
 
 
 class Stars(Star):
-    """Several point sources of any places and fluxes.
+    """Several point sources of any positions and fluxes.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ class Stars(Star):
 
     @classmethod
     def of(cls, x, y, flux, indices=None) -> "Stars":
-        """From places [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
+        """From positions [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
         every = _arrays(FurtherStars(x, y, flux).brightest_first())
         (x, *_), (y, *_), (flux, *_) = every
         return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)), indices)

@@ -128,7 +128,7 @@ class Following(Shutter):
     ----------
     times : (n,) array
         Ascending, s from the beginning of the central row's window; every row's window lies within.
-    places : (n, 2) array
+    positions : (n, 2) array
         Pointing along x and y, arcsec, from its mean over the central row's window; straight between the
         times.
     exposure : float
@@ -137,7 +137,7 @@ class Following(Shutter):
 
     line_time: Float[Array, ""]
     times: Float[Array, " n"]
-    places: Float[Array, "n 2"]
+    positions: Float[Array, "n 2"]
     exposure: Float[Array, ""]
     nodes: int = eqx.field(static=True)
 
@@ -181,11 +181,11 @@ class Following(Shutter):
             )
         kept = slice(max(np.searchsorted(t, first, "right") - 1, 0), np.searchsorted(t, last, "left") + 1)
         at_start = np.array([np.interp(start, t, x), np.interp(start, t, y)])
-        places = np.stack([x, y], axis=1)[kept] - at_start + np.asarray(central.places[0])
+        positions = np.stack([x, y], axis=1)[kept] - at_start + np.asarray(central.positions[0])
         return cls(
             line_time=jnp.asarray(line_time, float),
             times=jnp.asarray(t[kept] - start),
-            places=jnp.asarray(places),
+            positions=jnp.asarray(positions),
             exposure=jnp.asarray(exposure, float),
             nodes=_checked_nodes(nodes),
         )
@@ -201,8 +201,8 @@ class Following(Shutter):
         """The part of one window; samples outside it are gathered at its ends, where they weigh nothing."""
         shares = jnp.clip((self.times - delay) / self.exposure, 0.0, 1.0)
         at = delay + self.exposure * shares
-        places = [jnp.interp(at, self.times, self.places[:, axis]) for axis in (0, 1)]
-        return Trace(jnp.zeros(0), shares, jnp.stack(places, axis=1))
+        positions = [jnp.interp(at, self.times, self.positions[:, axis]) for axis in (0, 1)]
+        return Trace(jnp.zeros(0), shares, jnp.stack(positions, axis=1))
 
 
 def with_enough_nodes(shutter: _Kind, ny: int, highest: float, tolerance: float = _TOLERANCE) -> _Kind:

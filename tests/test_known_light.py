@@ -180,11 +180,11 @@ def test_the_light_of_known_stars_is_left_out(telescope, otf, parity, says):
 
     primary = wcs.pixel_to_world(*pixel(*A))
     angle = primary.position_angle(wcs.pixel_to_world(*pixel(2 * PAIR.x - A[0], 2 * PAIR.y - A[1]))).deg
-    places = []
+    positions = []
     for separation, position_angle in ((4.0, 100.0), (6.5, 320.0)):
         sky: SkyCoord = primary.directional_offset_by(position_angle * units.deg, separation * units.arcsec)
-        places.append(np.array(wcs.world_to_pixel(sky)))
-    x, y = (np.array(places) - [21.5, 23.5]).T * 0.375
+        positions.append(np.array(wcs.world_to_pixel(sky)))
+    x, y = (np.array(positions) - [21.5, 23.5]).T * 0.375
     light = np.full(2, float(PAIR.stars()[2][0]) * 10**-2.2)
     scene = PAIR.joined(FurtherStars(x, y, light))
     image = np.asarray(expected_image(Parameters(scene, BLUR, NONE, 3.0), otf))

@@ -1,7 +1,7 @@
 """Frames processed by the workers of dask.distributed, here or on other machines.
 
 Reach for :func:`connected`, which gives the client of a cluster that is there or of workers started here, and
-hand that to :func:`execute_on_cluster`, which takes the place of
+hand that to :func:`execute_on_cluster`, which takes the position of
 :func:`~jitterkit.batch.executor.execute`.  Only paths travel to the workers and only what is kept of frames
 comes back: what one process gives, to the last digit.
 
@@ -294,8 +294,8 @@ class _Scheduler(Generic[T]):
     def _frame_by_frame(self, part: Batch) -> Iterator[T]:
         """Try each frame of a part that killed alone, with nothing else at any worker."""
         part = replace(part, references=self._sound(part))
-        for place, item in enumerate(part.items):
-            frame = part.part(place, place + 1)
+        for index, item in enumerate(part.items):
+            frame = part.part(index, index + 1)
             done = self._alone(frame)
             yield from [self._finish(frame, [Outcome(*item, _KILLED)])] if done is None else done
 

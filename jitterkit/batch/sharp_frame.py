@@ -92,13 +92,13 @@ def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
         If no frame has three isolated stars.
     """
     frames: list[Frame] = []
-    places: list[tuple[Path, int]] = []
+    positions: list[tuple[Path, int]] = []
     for path in find_files(paths):
         with suppress(FrameError), open_frames(path, hdu=hdu) as file:  # its row will say what is wrong
             for raw in file:
                 frames.append(Detector().calibrate(raw))
-                places.append((path, raw.index))
-    path, index = places[roundest(frames)]
+                positions.append((path, raw.index))
+    path, index = positions[roundest(frames)]
     with open_frames(path, hdu=hdu) as file:
         return file[index]
 

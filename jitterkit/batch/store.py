@@ -46,10 +46,10 @@ _AT_ONCE = 64
 """Files counted between two writes: a flush of the disk costs as much as opening a file or more."""
 
 
-def rank(row: Row, batch: int, place: int) -> Rank:
+def rank(row: Row, batch: int, index: int) -> Rank:
     """Rank a frame among those of its kind; one without a fit comes behind those with a bad one."""
     misfit = row["chi2_dof"]
-    return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, place
+    return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, index
 
 
 def top(ranks: Iterable[Rank], most: int = TOP) -> list[Rank]:
@@ -80,11 +80,11 @@ def wanted(
 
     Returns
     -------
-    places : list of int
+    indices : list of int
         Positions behind ``start``.
     """
-    new = [rank(row, batch, start + place) for place, row in rows.items()]
-    return sorted(place - start for _, _, number, place in set(top([*ranks, *new], most)) & set(new))
+    new = [rank(row, batch, start + index) for index, row in rows.items()]
+    return sorted(index - start for _, _, number, index in set(top([*ranks, *new], most)) & set(new))
 
 
 class Store:
@@ -252,8 +252,8 @@ class Store:
             execute("INSERT INTO batches VALUES (?, ?, ?, ?)", (batch, start, count, packed))
             for values in shown:
                 execute("INSERT INTO frames VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
-            for place, data in (pictures or {}).items():
-                usable, order, *position = rank(rows[place], batch, start + place)
+            for index, data in (pictures or {}).items():
+                usable, order, *position = rank(rows[index], batch, start + index)
                 execute("INSERT INTO pictures VALUES (?, ?, ?, ?, ?)", (*position, usable, -order, data))
             for name, data in (stacks or {}).items():
                 execute("INSERT OR REPLACE INTO stacks VALUES (?, ?)", (name, zlib.compress(data, 1)))
@@ -290,14 +290,14 @@ class Store:
     def ranks(self) -> list[Rank]:
         """Return the ranks of the frames of which data for a picture are kept, for :func:`wanted`."""
         ranks = self._file.read("SELECT usable, misfit, batch, place FROM pictures")
-        return [(bool(usable), -misfit, batch, place) for usable, misfit, batch, place in ranks]
+        return [(bool(usable), -misfit, batch, index) for usable, misfit, batch, index in ranks]
 
     def pictures(self) -> list[tuple[Row, bytes]]:
         """Return rows of the worst frames, with what their pictures are drawn from, in order of the plan."""
         query = """SELECT batch, start, place, data FROM pictures JOIN batches USING (batch)
             WHERE place >= start AND place < start + count ORDER BY batch, place"""
         found = self._file.read(query)
-        return [(self._rows_of(batch, start)[place - start], data) for batch, start, place, data in found]
+        return [(self._rows_of(batch, start)[index - start], data) for batch, start, index, data in found]
 
     def stacks(self) -> dict[str, bytes]:
         """Return the latest sums of each name."""
@@ -343,12 +343,12 @@ class Store:
         """
         known = self._counted()
         yield from (one.frames for one in known)
-        place, fresh = len(known), (counted(path, count) for path in files[len(known) :])
-        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), place)):
+        index, fresh = len(known), (counted(path, count) for path in files[len(known) :])
+        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), index)):
             with self._file.transaction() as execute:
                 self._keep_counts(execute, chunk)
             yield from (one.frames for one in chunk.values())
-            place += len(chunk)
+            index += len(chunk)
 
     def _counted(self) -> list[Counted]:
         found = self._file.read("SELECT frames, size, time FROM files ORDER BY position")

@@ -54,7 +54,7 @@ _SHARED = (
 class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type: ignore[misc]
     """What a worker needs to process frames as this process would.
 
-    Whatever worker joins later, or takes the place of one that died, gets it too.
+    Whatever worker joins later, or replaces one that died, gets it too.
 
     Parameters
     ----------

@@ -129,7 +129,7 @@ class DarkSlope:
         values = [master.mean, master.variance / master.kept]
         if not self._sums:
             self._sums = [np.zeros(master.mean.shape) for _ in range(5)]
-        for place, (factor, value) in enumerate(
+        for index, (factor, value) in enumerate(
             (
                 (weight, values[0]),
                 (weight * seconds, values[0]),
@@ -138,7 +138,7 @@ class DarkSlope:
                 (weight**2 * seconds**2, values[1]),
             )
         ):
-            self._sums[place] += factor * value
+            self._sums[index] += factor * value
         self._points.append((seconds, weight))
 
     def rate(self) -> tuple[np.ndarray, np.ndarray]:

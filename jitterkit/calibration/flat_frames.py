@@ -157,7 +157,7 @@ def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 def _medians(image: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Median of each tile of an image at its place, -1 to 1 along either axis."""
+    """Median of each tile of an image at its position, -1 to 1 along either axis."""
     ny, nx = image.shape
     rows, columns = (np.array_split(np.arange(n), min(_TILES, max(n // 8, 1))) for n in (ny, nx))
     found = []

@@ -172,8 +172,8 @@ def kept_variance(clip: float, frames: int) -> float:
 def _deviations(strip: np.ndarray, origin: np.ndarray, factors: np.ndarray, pedestal: float) -> np.ndarray:
     # of the first frame's values, so that single precision loses nothing
     deviations = np.empty(strip.shape, dtype=np.float32)
-    for place, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
-        deviations[place] = (plane - pedestal) / factor - origin
+    for index, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
+        deviations[index] = (plane - pedestal) / factor - origin
     return deviations
 
 

@@ -134,9 +134,9 @@ class Stack:
         """``"flat, 0.5 s"``."""
         return self.kind if self.exposure is None else f"{self.kind}, {self.exposure:g} s"
 
-    def take(self, places: Iterable[int]) -> Self:
+    def take(self, indices: Iterable[int]) -> Self:
         """The stack of some of the frames."""
-        chosen = list(places)
+        chosen = list(indices)
         pixels = None if self.pixels is None else self.pixels[chosen]
         return replace(self, shots=tuple(self.shots[i] for i in chosen), pixels=pixels)
 
@@ -168,8 +168,8 @@ class Stack:
         numbered = enumerate(self.shots)
         for path, members in groupby(numbered, key=lambda member: member[1].path):
             with open_frames(Path(str(path))) as file:
-                for place, shot in members:
-                    band[place] = file[shot.index].data[first:last]
+                for index, shot in members:
+                    band[index] = file[shot.index].data[first:last]
         return band
 
 

@@ -194,8 +194,8 @@ def _record(loci, means, exposure: float):
 
     traces = [_parts(locus)[0] for locus in loci]
     t = [exposure * (k + np.asarray(trace.times[:-1])) for k, trace in enumerate(traces)]
-    positions = [np.asarray(trace.places[:-1]) + mean for trace, mean in zip(traces, means, strict=True)]
-    end = np.asarray(traces[-1].places[-1:]) + means[-1]
+    positions = [np.asarray(trace.positions[:-1]) + mean for trace, mean in zip(traces, means, strict=True)]
+    end = np.asarray(traces[-1].positions[-1:]) + means[-1]
     x, y = np.concatenate([*positions, end]).T
     return np.append(np.concatenate(t), exposure * len(traces)), x, y
 

@@ -118,7 +118,7 @@ def solve_kernel(
     for per_pixel, reach in _GRIDS:
         if min(otf.grid.shape) <= 4 * reach:
             break
-        nodes = _place(template, otf, per_pixel, reach)
+        nodes = _shifted_templates(template, otf, per_pixel, reach)
         problem, best = _problem(data, nodes, np.asarray(background_of(template, otf.grid)))
         if best.sum() > 0 and _border(best) < _BORDER:
             return _summary(solver(problem), _response(problem, best), nodes, method)
@@ -129,19 +129,21 @@ def solve_kernel(
     )
 
 
-def _place(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes:
-    """The template at every node: evaluated at each place within a pixel, and moved by whole pixels."""
+def _shifted_templates(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes:
+    """The template at every node: evaluated at each position within a pixel, and moved by whole pixels."""
     side, scale = per_pixel * (2 * reach + 1), otf.grid.plate_scale
     steps = np.arange(side) - (side - 1) / 2  # in nodes
     whole = np.rint(steps / per_pixel).astype(int)
-    places = np.round(steps / per_pixel - whole, 9).tolist()  # within a pixel
+    fractions = np.round(steps / per_pixel - whole, 9).tolist()  # within a pixel
     images = {
-        (j, i): _displaced(template, otf, i * scale, j * scale) for j in set(places) for i in set(places)
+        (j, i): _displaced(template, otf, i * scale, j * scale)
+        for j in set(fractions)
+        for i in set(fractions)
     }
     rows = [
         _trimmed(np.roll(images[j, i], (q, p), (0, 1)), reach).ravel()
-        for j, q in zip(places, whole, strict=True)
-        for i, p in zip(places, whole, strict=True)
+        for j, q in zip(fractions, whole, strict=True)
+        for i, p in zip(fractions, whole, strict=True)
     ]
     y, x = np.meshgrid(steps, steps, indexing="ij")
     offsets = np.stack([x.ravel(), y.ravel()], axis=1) * scale / per_pixel

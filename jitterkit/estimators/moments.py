@@ -40,10 +40,10 @@ def estimate_moments(
     ----------
     data : Data
     template : Parameters
-        Scene and aberrations; its locus is ignored.  Its place and flux need not be exact.
+        Scene and aberrations; its locus is ignored.  Its position and flux need not be exact.
     otf : OTF
     hold : collection of str
-        For the sake of a common signature: all but blur, place and flux is held at the template's values.
+        For the sake of a common signature: all but blur, position and flux is held at the template's values.
 
     Returns
     -------
@@ -62,9 +62,9 @@ def estimate_moments(
     200 times with the widest, which in turn is within 1 % for a drift up to 1.5 arcsec, 3 % at 3.
     Masked pixels count in neither image.
     """
-    place = template.with_locus(Mvn.near(jnp.zeros(3)))
-    window = _chosen(_windows(place, data, otf), _Point.at(place, data, otf), data, otf)
-    vector, unravel = to_vector(place)
+    start = template.with_locus(Mvn.near(jnp.zeros(3)))
+    window = _chosen(_windows(start, data, otf), _Point.at(start, data, otf), data, otf)
+    vector, unravel = to_vector(start)
     values = np.array(vector)
     for _ in range(_STEPS):
         point = _Point.at(unravel(values), data, otf)

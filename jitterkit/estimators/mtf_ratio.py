@@ -6,7 +6,7 @@ The logarithm of a blur's transfer function by powers of its moments Σ, to the 
 k decides them (see ``Shaped``; for positive k there is a closed form).  While k does not matter it is a
 straight line in Σ: no starting value, and no iteration but of the weights; two to three milliseconds a
 frame.  It attains 1.6 times the Cramér-Rao bound, because the noise is taken for even over the frame and
-phases are not used.  The template's separation, angle and contrast must be right (its place too, where
+phases are not used.  The template's separation, angle and contrast must be right (its position too, where
 pixels are masked); aberrations it lacks are taken for jitter.
 """
 

@@ -138,7 +138,7 @@ class CumulantStep:
         order = [every.index(name) for name in chain(names, *asked)]
         free = tuple(sorted(order))
         equations = normal_equations(wider, otf, data, free, exact=False)
-        back = [free.index(place) for place in order]
+        back = [free.index(index) for index in order]
         return cls(
             parameters,
             names,

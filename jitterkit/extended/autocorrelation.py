@@ -90,7 +90,7 @@ def _along(correlation: np.ndarray, lengths: np.ndarray, angles: np.ndarray) -> 
     c, s = np.cos(np.radians(angles)), np.sin(np.radians(angles))
 
     def at(r: np.ndarray) -> np.ndarray:
-        places = [r[:, None] * s % ny, r[:, None] * c % nx]
-        return map_coordinates(correlation, places, order=1, mode="grid-wrap")
+        positions = [r[:, None] * s % ny, r[:, None] * c % nx]
+        return map_coordinates(correlation, positions, order=1, mode="grid-wrap")
 
     return at(lengths - 1) - 2 * at(lengths) + at(lengths + 1)

@@ -202,15 +202,15 @@ def _likelihood(spectrum: PowerSpectrum, length: float, angle: float) -> float:
 def _maximised(spectrum: PowerSpectrum, length: float, angle: float, step: float, calls: int) -> _Streak:
     """Maximise the likelihood in the streak's end, along and across it."""
 
-    def place(q: np.ndarray) -> tuple[float, float]:
+    def position(q: np.ndarray) -> tuple[float, float]:
         return max(float(q[0]), 0.3), angle + float(np.degrees(q[1] / length))
 
     simplex = [[length, 0.0], [length - step, 0.0], [length, 0.5 * step]]
     options = {"initial_simplex": simplex, "xatol": 0.05 * step, "fatol": 0.05, "maxfev": calls}
     end = minimize(
-        lambda q: -_likelihood(spectrum, *place(q)), simplex[0], method="Nelder-Mead", options=options
+        lambda q: -_likelihood(spectrum, *position(q)), simplex[0], method="Nelder-Mead", options=options
     )
-    at, turned = place(end.x)
+    at, turned = position(end.x)
     return _Streak(at, turned % 180, -float(end.fun))
 
 

@@ -22,7 +22,7 @@ _IN_FRAME = {"separation": "arcsec", "angle_from_b": "deg", "delta_mag": "mag"}
 
 @dataclass(frozen=True, eq=False)
 class BackgroundStars:
-    """Stars by their places relative to A, the brightest star of the target.
+    """Stars by their positions relative to A, the brightest star of the target.
 
     Attributes
     ----------

@@ -109,6 +109,6 @@ def _middle(raw: RawFrame, metadata: Metadata) -> float:
     average = known is not None and "-AVG" in known.source
     if known is None or "T" not in known.value or (average and raw.several):
         return math.nan
-    place = raw.index if raw.after is None else raw.after
-    before = place * raw.several + 0.5 * (not average)
+    index = raw.index if raw.after is None else raw.after
+    before = index * raw.several + 0.5 * (not average)
     return epoch_seconds(known.value) + before * exposure

@@ -30,10 +30,10 @@ from jitterkit.scene import FurtherStars, Scene, Star
 __all__ = ["Residual", "most_outliers"]
 
 SURE = 6.0
-"""Standard errors of its flux from which a further star is one: the best of some ten thousand places reaches
-4 by chance."""
+"""Standard errors of its flux from which a further star is one: the best of some ten thousand positions
+reaches 4 by chance."""
 
-_MISSED, _PLACES = 2.0, 0.9
+_MISSED, _POSITIONS = 2.0, 0.9
 """Standard errors more that a star shines by which is missed once in fifty times, and the share of the places
 in a frame where it would be found."""
 
@@ -43,7 +43,7 @@ fit of a pair lacked, 0.5 to 1 by 15 nm of an aberration."""
 
 _AT_ONCE, _MOST = 0.3, 50
 """Share of the most significant star from which others are taken beside it, and how many: what is fainter may
-be its pattern, where its place is off."""
+be its pattern, where its position is off."""
 
 _NONE = float(np.log(2))
 """Electrons a pixel that a median of none may stand for: half of such pixels have one or more."""
@@ -141,12 +141,12 @@ class Residual:
 
     def without(self, star: Star) -> Residual:
         """Return what is left when the image has one more star."""
-        place = float(star.x), float(star.y)
-        image = self.otf.grid.crop(star_at(place, self._spectrum, self.otf.grid))
+        position = float(star.x), float(star.y)
+        image = self.otf.grid.crop(star_at(position, self._spectrum, self.otf.grid))
         return replace(self, image=self.image + float(star.flux) * image)
 
     def _outstanding(self, scene: Scene | None, least: float, apart: float):
-        """Significance, place [arcsec] and flux of the star that stands out most, if by so many errors."""
+        """Significance, position [arcsec] and flux of the star that stands out most, if by so many errors."""
         errors = np.where(self._clear_of(scene, apart), self._significance, 0.0)
         errors = np.where(errors**2 > self._of_pixels, errors, 0.0)
         row, column = np.unravel_index(int(errors.argmax()), errors.shape)
@@ -176,7 +176,7 @@ class Residual:
             are needed.  NaN of a frame that has no such place.
         """
         errors = 1 / np.sqrt(self._power[self._clear_of(scene) & np.asarray(self.data.used)])
-        return float((SURE + _MISSED) * np.quantile(errors, _PLACES)) if errors.size else float("nan")
+        return float((SURE + _MISSED) * np.quantile(errors, _POSITIONS)) if errors.size else float("nan")
 
     def is_all_stars(self, scene: Scene) -> bool:
         """Return whether no spots are dark as others are bright, as they are where the model is wrong.
@@ -282,6 +282,6 @@ class Residual:
         if scene is None:
             return True
         y, x = self._axes
-        places = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
-        distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in places]
+        positions = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
+        distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in positions]
         return np.min(distances, axis=0) > apart * resolution(self.otf)

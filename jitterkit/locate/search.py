@@ -88,7 +88,7 @@ def locate_binary(
     for _ in range(_ROUNDS):
         before = np.inf if best is None else best.deviance_dof
         for pair in _candidates(data, otf, jitter, best):
-            if not all(np.abs(_places(pair.scene) - _places(other)).max() > near for other in tried):
+            if not all(np.abs(_positions(pair.scene) - _positions(other)).max() > near for other in tried):
                 continue
             tried.append(pair.scene)
             trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
@@ -144,6 +144,6 @@ def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) 
     yield from find_pairs(data, otf, jitter, most=3)
 
 
-def _places(scene: Binary) -> np.ndarray:
+def _positions(scene: Binary) -> np.ndarray:
     x, y, _ = scene.sources()
     return np.array([x, y])

@@ -1,6 +1,6 @@
 """Starting values for a frame of a run, by a frame of the same telescope that has been fitted.
 
-Frames of a run repeat each other but for place, light, blur and a little of the wavefront.  A
+Frames of a run repeat each other but for position, light, blur and a little of the wavefront.  A
 :class:`ReferenceFrame` is made of what fits one of them.  Another is registered to it by a correlation, and a
 short fit from there gives all of its parameters in a few milliseconds, where a search takes a hundred.  Of a
 large frame only a cut-out about its stars is used, so small that the errors of the blur grow by a hundredth.
@@ -289,10 +289,10 @@ def _without_holes(data: Data) -> np.ndarray:
     return np.where(data.used, data.electrons, light / np.maximum(share, 1e-3))
 
 
-def _peak(values: np.ndarray, place: int) -> float:
+def _peak(values: np.ndarray, position: int) -> float:
     """Return the place where a periodic row is highest, by a parabola; negative in its far half."""
     size = len(values)
-    left, middle, right = (values[(place + step) % size] for step in (-1, 0, 1))
+    left, middle, right = (values[(position + step) % size] for step in (-1, 0, 1))
     bend = left - 2 * middle + right
     vertex = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return (place + size // 2) % size - size // 2 + float(np.clip(vertex, -0.5, 0.5))
+    return (position + size // 2) % size - size // 2 + float(np.clip(vertex, -0.5, 0.5))

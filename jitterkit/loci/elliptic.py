@@ -48,6 +48,6 @@ class Elliptic(Locus):
         return sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2
 
     def _placed(self, along, across) -> np.ndarray:
-        """Offsets (n, 2) of places given in 1 sigma along each principal axis."""
+        """Offsets (n, 2) of positions given in 1 sigma along each principal axis."""
         major, minor, angle = principal_axes(self.moments())
         return turned(major * along, minor * across, angle)

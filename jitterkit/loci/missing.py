@@ -26,7 +26,7 @@ noise are closer, even of 10⁶ samples."""
 
 _SHARE_OF_CODES, _SHARE_OF_OTHERS = 0.5, 0.1
 """Largest share of the samples, for a usual code and for others: another value that is more frequent may be
-one of two places between which the pointing jumps."""
+one of two positions between which the pointing jumps."""
 
 _FEWEST = 11
 """Samples from which a value that is no usual code may stand for none; fewer are a path somebody drew."""
@@ -76,14 +76,14 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
 
 def _code(values: np.ndarray) -> tuple[float, int] | None:
     """Return a value that stands for a missing one, and how often it occurs; one that is repeated first."""
-    places, counts = np.unique(values, return_counts=True)
-    steps = np.diff(places, prepend=-np.inf, append=np.inf)
+    positions, counts = np.unique(values, return_counts=True)
+    steps = np.diff(positions, prepend=-np.inf, append=np.inf)
     apart = np.minimum(steps[1:], steps[:-1])
     for single in (False, True):
         group = np.flatnonzero((counts == 1) == single)
         for k in group[np.argsort(-apart[group])][:_MOST_LOOKED_AT]:
-            if _is_missing(values, float(places[k]), int(counts[k]), float(apart[k])):
-                return float(places[k]), int(counts[k])
+            if _is_missing(values, float(positions[k]), int(counts[k]), float(apart[k])):
+                return float(positions[k]), int(counts[k])
     return None
 
 

@@ -1,4 +1,4 @@
-"""A free path: a smooth curve through a few places that the pointing passes at equal times.
+"""A free path: a smooth curve through a few positions that the pointing passes at equal times.
 
 Nature makes it when the pointing moves slowly but not straight: a settling slew, a slow loop, a drift with
 a bend or a kick.  It is the locus that assumes least of a motion below the frame rate.
@@ -68,7 +68,7 @@ class Path(Locus):
 
     @classmethod
     def of(cls, knots) -> Self:
-        """Build from the places passed.
+        """Build from the positions passed.
 
         Parameters
         ----------
@@ -106,9 +106,11 @@ class Path(Locus):
 
     def describe(self) -> dict[str, float]:
         """``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
-        places = self._at(np.linspace(-0.5, 0.5, self._knots))
+        positions = self._at(np.linspace(-0.5, 0.5, self._knots))
         return {
-            f"{axis}{k}": float(v) for k, xy in enumerate(places, 1) for axis, v in zip("xy", xy, strict=True)
+            f"{axis}{k}": float(v)
+            for k, xy in enumerate(positions, 1)
+            for axis, v in zip("xy", xy, strict=True)
         }
 
     def points(self, n: int) -> np.ndarray:
@@ -124,16 +126,16 @@ class Path(Locus):
 
     def _at_nodes(self):
         """Offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
-        places, weights = (
+        positions, weights = (
             jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots, self.nodes)
         )
-        x, y = self.coords.reshape(2, -1) @ places.T
+        x, y = self.coords.reshape(2, -1) @ positions.T
         return x, y, weights
 
     def _at(self, times: np.ndarray) -> np.ndarray:
         """Offsets (n, 2) from the mean at times from -1/2 to 1/2."""
-        places, weights = gauss_legendre(self.nodes, self._knots - 1)
-        mean = weights @ _spline(self._knots, places)
+        positions, weights = gauss_legendre(self.nodes, self._knots - 1)
+        mean = weights @ _spline(self._knots, positions)
         return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
 
 

@@ -73,6 +73,6 @@ def exact_to(longest: float, nodes: int) -> float:
     return turn / (2 * math.pi * longest) if longest > 0 else math.inf
 
 
-def greatest_speed(places) -> float:
-    """Of a path given by its places (n, 2) at equal times, arcsec an exposure."""
-    return len(places) * float(np.hypot(*np.diff(places, axis=0).T).max())
+def greatest_speed(positions) -> float:
+    """Of a path given by its positions (n, 2) at equal times, arcsec an exposure."""
+    return len(positions) * float(np.hypot(*np.diff(positions, axis=0).T).max())

@@ -82,7 +82,7 @@ class Skewed(Elliptic):
 
         The place grows by a sixth of what the cumulants and the second-order polynomials of the numbers make.
         """
-        places = self._placed(along, across)
+        positions = self._placed(along, across)
         axes = self._placed(np.array([1.0, 0.0]), np.array([0.0, 1.0]))  # the principal axes, 1 sigma long
         k = np.asarray(self.coords)[3:]
         tensor = np.array([[[k[0], k[1]], [k[1], k[2]]], [[k[1], k[2]], [k[2], k[3]]]])
@@ -90,7 +90,7 @@ class Skewed(Elliptic):
         numbers = np.stack([along, across], axis=1)
         quadratic = numbers[:, :, None] * numbers[:, None, :] - np.eye(2)
         seen = np.einsum("ijk,ja,kb->iab", tensor, inverse, inverse)
-        bent = places + np.einsum("nab,iab->ni", quadratic, seen) / 6
+        bent = positions + np.einsum("nab,iab->ni", quadratic, seen) / 6
         bent -= bent.mean(axis=0)
         wanted, had = (np.linalg.cholesky(_regular(m)) for m in (axes.T @ axes, np.cov(bent.T, bias=True)))
         return bent @ np.linalg.inv(had).T @ wanted.T

@@ -66,6 +66,6 @@ class Streak(Locus):
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
     def _placed(self, along: np.ndarray) -> np.ndarray:
-        """Offsets (n, 2) of places along the line, given in lengths from its middle."""
+        """Offsets (n, 2) of positions along the line, given in lengths from its middle."""
         size = self.describe()
         return turned(size["length"] * along, 0 * along, size["angle"])

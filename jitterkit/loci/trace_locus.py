@@ -35,7 +35,7 @@ class Trace(Locus):
     coords : (0,) array
     times : (n,) array
         Ascending from 0 to 1, in exposures.
-    places : (n, 2) array
+    positions : (n, 2) array
         Offsets x and y from the mean over the exposure, arcsec.
 
     Notes
@@ -48,7 +48,7 @@ class Trace(Locus):
 
     coords: Float[Array, " k"]
     times: Float[Array, " n"]
-    places: Float[Array, "n 2"]
+    positions: Float[Array, "n 2"]
     names: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -99,10 +99,10 @@ class Trace(Locus):
                     f"{begin:g} to {end:g} s; give a trace without this gap, or another exposure.",
                 )
         times = np.concatenate([[begin], t[inside], [end]])
-        places = np.stack([np.interp(times, t, x), np.interp(times, t, y)], axis=1)
+        positions = np.stack([np.interp(times, t, x), np.interp(times, t, y)], axis=1)
         times = (times - begin) / (end - begin)
-        places -= np.diff(times) @ (places[1:] + places[:-1]) / 2
-        return cls(jnp.zeros(0), jnp.asarray(times), jnp.asarray(places))
+        positions -= np.diff(times) @ (positions[1:] + positions[:-1]) / 2
+        return cls(jnp.zeros(0), jnp.asarray(times), jnp.asarray(positions))
 
     @classmethod
     def near(cls, moments) -> Self:
@@ -110,16 +110,16 @@ class Trace(Locus):
         raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
-        places, weights = self._nodes()
-        return mean_phasor(places[:, 0], places[:, 1], weights, fx, fy)
+        positions, weights = self._nodes()
+        return mean_phasor(positions[:, 0], positions[:, 1], weights, fx, fy)
 
     def moments(self):
-        places, weights = self._nodes()
-        x, y = places.T
+        positions, weights = self._nodes()
+        x, y = positions.T
         return jnp.stack([x * x, x * y, y * y]) @ weights
 
     def exact_to(self) -> float:
-        lengths = np.hypot(*np.diff(np.asarray(self.places), axis=0).T)
+        lengths = np.hypot(*np.diff(np.asarray(self.positions), axis=0).T)
         longest, power = lengths.max(), 2 * self._order  # by which an error grows with its piece's length
         if not longest > 0:
             return math.inf
@@ -132,8 +132,8 @@ class Trace(Locus):
         return {"sigma_major": major, "sigma_minor": minor, "angle": angle}
 
     def points(self, n: int) -> np.ndarray:
-        at, times, places = (np.arange(n) + 0.5) / n, np.asarray(self.times), np.asarray(self.places)
-        return np.stack([np.interp(at, times, places[:, axis]) for axis in (0, 1)], axis=1)
+        at, times, positions = (np.arange(n) + 0.5) / n, np.asarray(self.times), np.asarray(self.positions)
+        return np.stack([np.interp(at, times, positions[:, axis]) for axis in (0, 1)], axis=1)
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return self.points(n)
@@ -146,9 +146,9 @@ class Trace(Locus):
     def _nodes(self):
         """Offsets (m, 2) at the nodes of every piece, and their weights (m,)."""
         s, w = gauss_legendre(self._order)
-        middle, step = (self.places[1:] + self.places[:-1]) / 2, jnp.diff(self.places, axis=0)
-        places = middle[:, None] + s[:, None] * step[:, None]
-        return places.reshape(-1, 2), (jnp.diff(self.times)[:, None] * w).ravel()
+        middle, step = (self.positions[1:] + self.positions[:-1]) / 2, jnp.diff(self.positions, axis=0)
+        positions = middle[:, None] + s[:, None] * step[:, None]
+        return positions.reshape(-1, 2), (jnp.diff(self.times)[:, None] * w).ravel()
 
 
 def trace_gaps(t) -> np.ndarray:

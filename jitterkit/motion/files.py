@@ -194,9 +194,9 @@ def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, log
 
 def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One-sided densities of two-sided ones, in ascending order."""
-    both, place = np.unique(np.abs(f), return_inverse=True)
+    both, index = np.unique(np.abs(f), return_inverse=True)
     sums = np.zeros((len(both), density.shape[1]))
-    np.add.at(sums, place, density)
+    np.add.at(sums, index, density)
     return both, sums
 
 

@@ -59,11 +59,11 @@ def simulate_pointing(
             remedy = f"give one below {0.5 / line.frequency:g} s"
             raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     t = step * np.arange(n + 1)
-    places = _random(spectrum, n, step, rng)
+    positions = _random(spectrum, n, step, rng)
     for line in spectrum.lines:
         phase = 2 * np.pi * line.frequency * t + rng.uniform(0, 2 * np.pi)
-        places += turned(line.amplitude * np.cos(phase), line.minor * np.sin(phase), line.angle)
-    return Record(t, *places.T)
+        positions += turned(line.amplitude * np.cos(phase), line.minor * np.sin(phase), line.angle)
+    return Record(t, *positions.T)
 
 
 def simulate_exposures(
@@ -113,9 +113,9 @@ def _whole(line: Line, exposure: float) -> Locus:
 
 def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generator) -> np.ndarray:
     """Normal motion (n + 1, 2) at equal steps."""
-    places = np.zeros((n + 1, 2))
+    positions = np.zeros((n + 1, 2))
     if not len(spectrum.frequencies):
-        return places
+        return positions
     size = next_fast_len(2 * (n + 1), real=True)
     width = 1 / (size * step)
     harmonics = np.arange(1, (size - 1) // 2 + 1)
@@ -125,10 +125,10 @@ def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generat
     t = step * np.arange(n + 1)
     for f, both in zip(np.sqrt(slow[1:] * slow[:-1]), amplitudes, strict=False):
         if np.any(both):
-            places += np.real(both * np.exp(2j * np.pi * f * t)[:, None])
+            positions += np.real(both * np.exp(2j * np.pi * f * t)[:, None])
     waves = np.zeros((size // 2 + 1, 2), complex)
     waves[harmonics] = size / 2 * amplitudes[len(slow) - 1 :]
-    return places + irfft(waves, size, axis=0)[: n + 1]
+    return positions + irfft(waves, size, axis=0)[: n + 1]
 
 
 def _powers(spectrum: PowerSpectrum, bounds: np.ndarray) -> np.ndarray:

@@ -173,14 +173,14 @@ def cumulative_split(spectrum: PowerSpectrum, exposure: float) -> tuple[np.ndarr
         By part (displacement, smear, jitter) and moment (Sxx, Sxy, Syy), arcsec².
     """
     tones = sorted(spectrum.lines, key=lambda line: line.frequency)
-    places = np.array([line.frequency for line in tones])
+    positions = np.array([line.frequency for line in tones])
     steady = spectrum.highest * 10.0 ** (-np.arange(10 * _PER_DECADE) / _PER_DECADE)
-    ends, integrals = panel_integrals(spectrum, _parts(exposure), exposure, [*places, *steady])
+    ends, integrals = panel_integrals(spectrum, _parts(exposure), exposure, [*positions, *steady])
     steps = [[getattr(split_line(line, exposure), part) for part in PARTS] for line in tones]
-    f = np.concatenate([ends, places, places])
+    f = np.concatenate([ends, positions, positions])
     change = np.zeros((len(f), 3, 3))
     change[1 : len(ends)] = integrals
-    change[len(ends) + len(places) :] = np.reshape(steps, (-1, 3, 3))
+    change[len(ends) + len(positions) :] = np.reshape(steps, (-1, 3, 3))
     order = np.argsort(f, kind="stable")
     return f[order], np.cumsum(change[order], axis=0)
 

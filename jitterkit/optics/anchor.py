@@ -168,7 +168,7 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
         return jnp.zeros((k, len(i))).at[i, pair].set(change[j]).at[j, pair].set(change[i])
 
     turns = turned(change)
-    own = jnp.stack([change, change.at[_places(anchor)].add(beside)]) if further.of_b else change[None]
+    own = jnp.stack([change, change.at[_positions(anchor)].add(beside)]) if further.of_b else change[None]
     halves = jnp.stack([one @ turned(one) / 2 for one in own])
     rows = jnp.concatenate([turns, halves]).astype(anchor.curvature.dtype)
     bends = jnp.matmul(rows, anchor.curvature, precision="highest")  # a GPU would take half the digits
@@ -200,7 +200,7 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     return with_further(otf, further, slopes, bend, beside, spectra[k + 1] if further.of_b else None)
 
 
-def _places(anchor: Anchor) -> np.ndarray:
+def _positions(anchor: Anchor) -> np.ndarray:
     """Places of the modes in which B may differ."""
     return np.array([anchor.names.index(name) for name in anchor.further.of_b], int)
 

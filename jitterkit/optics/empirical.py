@@ -1,4 +1,4 @@
-"""A measured PSF in the place of a pupil: a sharp frame or a star stack.
+"""A measured PSF instead of a pupil: a sharp frame or a star stack.
 
 For instruments nobody has modelled.  It knows no aberrations and no wavelength, and its noise is
 carried into every image made from it; where there is a pupil, use the pupil.

@@ -14,7 +14,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.colours import WAVELENGTH
 
 PLATE_SCALE = "plate_scale_shift"
-"""Name of the relative shift of the plate scale: places and the image of a star in pixels shrink by it."""
+"""Name of the relative shift of the plate scale: positions and the image of a star in pixels shrink by it."""
 
 
 @dataclass(frozen=True)

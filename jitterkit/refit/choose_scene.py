@@ -70,7 +70,7 @@ takes as long as all else: then it is made only if one star does not do."""
 
 _STANDS_OUT, _BY_CHANCE = 25.0, 16.0
 """Chi-squared of a companion from which the residual of a star is looked into, and up to which it is noise,
-the best of some ten thousand places.  Aberrations explain a part of a companion: between them a pair is
+the best of some ten thousand positions.  Aberrations explain a part of a companion: between them a pair is
 searched for where an image shows two peaks."""
 
 _LONG = 3.0

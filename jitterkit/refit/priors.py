@@ -262,8 +262,8 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     if mean[0] + mean[2] <= (_ROUNDING * max(np.abs(x).max(), np.abs(y).max())) ** 2:
         raise ConfigurationError(
             ErrorCode.NO_SIGNAL,
-            "The trace does not move during the exposure, and has no information on the jitter; give one that "
-            "or fit without.",
+            "The trace does not move during the exposure, and has no information on the jitter; give "
+            "one that does, or fit without.",
         )
     width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
     return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))

@@ -85,7 +85,7 @@ def write_report(
         If the file exists and may not be overwritten, or cannot be written.
     """
     entries = list(entries)
-    shown = [entries[place] for place in choose_pictures([entry.row for entry in entries], max_pictures)]
+    shown = [entries[index] for index in choose_pictures([entry.row for entry in entries], max_pictures)]
     page = _template().render(
         title=printable(title),
         style=Markup(_resource("report.css")),
@@ -186,23 +186,23 @@ class _Listing:
         """The commonest kinds of failure, and how many more there are; none of few failures."""
         if self.failures <= _FEW:
             return [], 0
-        kinds = group_failures(self._row(int(place), _FAILURE_COLUMNS) for place in self._failed)
+        kinds = group_failures(self._row(int(index), _FAILURE_COLUMNS) for index in self._failed)
         return kinds[:_KINDS], len(kinds[_KINDS:])
 
     def thinned(self) -> list[Row]:
         """Frames from the first to the last, evenly."""
         return self._rows(range(0, self.length, self.step))
 
-    def _rows(self, places: Iterable[int]) -> list[Row]:
-        return [self._row(int(place)) for place in places]
+    def _rows(self, indices: Iterable[int]) -> list[Row]:
+        return [self._row(int(index)) for index in indices]
 
-    def _row(self, place: int, names: Iterable[str] | None = None) -> Row:
-        """A row with its ``place`` from 1 and its ``name``."""
+    def _row(self, index: int, names: Iterable[str] | None = None) -> Row:
+        """A row with its ``number`` from 1 and its ``name``."""
         row = {
-            name: self._columns[name][place].item()
+            name: self._columns[name][index].item()
             for name in names or self._columns
             if name in self._columns
         }
         several = row["frame"] > 0 or row["path"] in self._several
         name = f"{row['file']}[{row['frame']}]" if several else row["file"]
-        return row | {"place": place + 1, "name": name}
+        return row | {"number": index + 1, "name": name}

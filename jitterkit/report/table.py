@@ -74,9 +74,9 @@ def _plain(value: Any) -> Any:
 
 def _layout(aberrations: Iterable[str]) -> list[Column]:
     """All columns in order: the aberrations follow the jitter."""
-    place = next(n for n, column in enumerate(COLUMNS) if column.name == "background")
+    index = next(n for n, column in enumerate(COLUMNS) if column.name == "background")
     extra = [column for name in aberrations for column in aberration_columns(name)]
-    return [*COLUMNS[:place], *extra, *COLUMNS[place:]]
+    return [*COLUMNS[:index], *extra, *COLUMNS[index:]]
 
 
 def aberration_names(columns: Iterable[str]) -> list[str]:

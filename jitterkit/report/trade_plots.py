@@ -11,7 +11,7 @@ from matplotlib.transforms import Bbox
 
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, note_in_axes
 
-_PLACES = (3, -9, 11, -17, 19)
+_POSITIONS = (3, -9, 11, -17, 19)
 """Points above a point at which its name may stand."""
 
 _LEAST = 1e-5
@@ -73,8 +73,8 @@ def _write(ax: Axes, known: Mapping[str, tuple[float, float]], presets, front) -
     whole.draw_without_rendering()  # so that points have places
     for name in sorted(known, key=lambda name: (name not in presets, name not in front)):
         weight = "bold" if name in presets else "normal"
-        for place, side in product(_PLACES, ("left", "right")):
-            offset = (5 if side == "left" else -5, place)
+        for position, side in product(_POSITIONS, ("left", "right")):
+            offset = (5 if side == "left" else -5, position)
             text = ax.annotate(name, known[name], offset, textcoords="offset points", ha=side)
             text.set(fontsize=7, color=INK, fontweight=weight, in_layout=False)
             box = text.get_window_extent()

@@ -238,7 +238,7 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))
     shown = [one for one in store.pictures() if (one[0]["path"], one[0]["frame"]) not in names]
     chosen = choose_pictures([row for row, _ in shown])
-    pictures = (render_picture(packed, row) for row, packed in (shown[place] for place in chosen))
+    pictures = (render_picture(packed, row) for row, packed in (shown[index] for index in chosen))
     write_report(directory / REPORT, pictures, table, summary, stack, overwrite=True)
     return Run(table, summary, directory)
 

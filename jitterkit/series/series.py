@@ -1,7 +1,7 @@
 """A series of measurements of one number: values, their errors, and when.
 
 Reach for :meth:`Series.of`, which every function of this room takes; it checks the three once, and leaves
-missing measurements in their places, so that what is said of a series can be read beside the frames.
+missing measurements in their positions, so that what is said of a series can be read beside the frames.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Series:
 
     @property
     def slots(self) -> np.ndarray:
-        """Return the place of each measurement that is there on a grid of the cadence."""
+        """Return the position of each measurement that is there on a grid of the cadence."""
         times = self.present[2]
         return np.rint((times - times.min()) / self.cadence).astype(int)
 

@@ -181,7 +181,7 @@ def _recurrence(x: np.ndarray, weights: np.ndarray, degree: int) -> np.ndarray:
 
 
 def _polynomials(x: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """The polynomials (..., degree + 1) at given places."""
+    """The polynomials (..., degree + 1) at given positions."""
     found = [np.ones_like(x)]
     for k in range(table.shape[1] - 1):
         new = (x - table[0, k]) * found[k] - (table[1, k] * found[k - 1] if k else 0.0)

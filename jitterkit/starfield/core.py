@@ -55,7 +55,7 @@ def misfit_under(stack: Psf, psf: Psf, otf: OTF, line: Locus) -> Misfit:
     Parameters
     ----------
     stack : Psf
-        The trailed stars' mean; place, flux and sky of it are fitted.
+        The trailed stars' mean; position, flux and sky of it are fitted.
     psf : Psf
         The sharp stars', in stamps of any size.
     otf : OTF

@@ -81,7 +81,7 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     ----------
     stars : Stars
     moments : Moments
-        Where each star's place and flux start.
+        Where each star's position and flux start.
     otf : OTF
         Of the sharp PSF on a stamp's grid, plate scale 1: everything here is in pixels.
     start : Locus

@@ -106,7 +106,7 @@ _OF_ONE: dict[str, Callable[[FrameProcessor, Frame], tuple[float, float]]] = {
 def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     """Return what each says, all that they share known by all of them, with the joint error."""
     exposures = [
-        Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
+        Exposure(frame.name, index * (frame.exposure or 1.0), frame) for index, frame in enumerate(frames)
     ]
     hold, optics = tuple(processor.options.hold), processor.optics(frames[0])
     locus = "mvn" if processor.locus == "auto" else processor.locus  # to which it comes where little is seen

@@ -85,11 +85,11 @@ class TradeScene:
         truths, images, known_light = [], [], KnownLight.of(instrument)
         for theta in [rng.uniform(0, 360)] * (frames + 1) + list(rng.uniform(0, 360, frames)):
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
-            place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
+            start = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
             here = state + rng.normal(0, _WANDER, len(state))
             otf = system.otf(here, derivatives=False)
-            truths.append(Parameters(place, locus, here).completed(otf))
-            check_reach(place, locus, otf)
+            truths.append(Parameters(start, locus, here).completed(otf))
+            check_reach(start, locus, otf)
             image = np.asarray(expected_image(truths[-1], otf), float)
             images.append(image if known_light is None else image + known_light.image(truths[-1], otf))
 

@@ -50,7 +50,7 @@ def processor(telescope):
 
 def done(night, processor, executor):
     """What becomes of each batch, by its number; one picture is left to be drawn, the worst."""
-    ranks = [(True, -1e9, -1, place) for place in range(TOP - 1)]
+    ranks = [(True, -1e9, -1, position) for position in range(TOP - 1)]
     batches = plan_batches(night, [1] * FRAMES, SIZE)
     return {
         part.batch.number: part

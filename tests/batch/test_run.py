@@ -27,8 +27,8 @@ def spell(batches, processor, finish, *, most=FILES, **_):
         if done == most:
             raise KeyboardInterrupt
         rows = [
-            make_row(FitResult(Status.UNREADABLE, path.read_text()[place]), path, place)
-            for path, place in batch.items
+            make_row(FitResult(Status.UNREADABLE, path.read_text()[position]), path, position)
+            for path, position in batch.items
         ]
         yield Record(batch, rows, {})
 

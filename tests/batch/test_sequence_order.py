@@ -134,9 +134,9 @@ def test_a_duplicate_is_passed_on_without_pixels_and_takes_no_time(write, tmp_pa
     _, frames = gone_over(tmp_path)
     assert [e.frame is None for e in frames] == [False, True, False, False, True, True]
     originals = {1: "a.fits [0]", 4: "c.fits [0]", 5: "d.fits [0]"}
-    for place, name in originals.items():
-        assert frames[place].problem.status is Status.DUPLICATE
-        assert str(tmp_path / name) in frames[place].problem.message
+    for position, name in originals.items():
+        assert frames[position].problem.status is Status.DUPLICATE
+        assert str(tmp_path / name) in frames[position].problem.message
     times = [e.time for e in frames if e.frame is not None]
     np.testing.assert_allclose(times, [0.25, 0.75, 1.25])
 

@@ -78,7 +78,7 @@ def test_columns_may_differ_between_rows_and_have_any_name(store):
 
 def test_rows_are_in_the_order_of_the_plan_whichever_batch_came_first(store):
     for batch in (2, 8, 1, 3):
-        store.add(batch, [row(frame=10 * batch + place) for place in range(2)])
+        store.add(batch, [row(frame=10 * batch + position) for position in range(2)])
     assert [one["frame"] for one in store.rows()] == [10, 11, 20, 21, 30, 31, 80, 81]
     assert store.done() == {1, 2, 3, 8}
 

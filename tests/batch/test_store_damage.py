@@ -18,13 +18,13 @@ def rows_of(batch):
     return [
         {
             "file": f"{batch}.fits",
-            "frame": place,
+            "frame": position,
             "status": str(rng.choice(["ok", "ok", "no_star"])),
             "chi2_dof": float(rng.choice([rng.random(), np.nan])),
             "separation": float(rng.normal(10, 1e-6)),
             "separation_err": float(rng.random()),
         }
-        for place in range(5)
+        for position in range(5)
     ]
 
 
@@ -73,8 +73,8 @@ def test_damage_anywhere_is_told_or_does_no_harm(filled):
     rng = np.random.default_rng(4)
     whole, rows = filled.read_bytes(), [one for batch in range(40) for one in rows_of(batch)]
     told = 0
-    for place in rng.integers(100, len(whole) - 64, 150):
-        filled.write_bytes(whole[:place] + rng.bytes(64) + whole[place + 64 :])
+    for position in rng.integers(100, len(whole) - 64, 150):
+        filled.write_bytes(whole[:position] + rng.bytes(64) + whole[position + 64 :])
         try:
             with Store.resume(filled.parent, CONFIGURATION) as store:
                 assert repr(list(store.rows())) == repr(rows)

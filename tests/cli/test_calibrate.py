@@ -24,9 +24,9 @@ def frames(tmp_path_factory):
     """Directories of bias (a TIFF stack), dark and flat frames of 128 x 128 pixels: 3.7 e-/ADU, 2.4 e-."""
     root, rng = tmp_path_factory.mktemp("frames"), np.random.default_rng(20262)
     shape = (128, 128)
-    places = rng.choice(128**2, 15, replace=False)
+    positions = rng.choice(128**2, 15, replace=False)
     dark, response = np.full(shape, 0.8), 1 + 0.006 * rng.normal(size=shape)
-    dark.flat[places[:9]], response.flat[places[9:]] = 50.0, 0.1
+    dark.flat[positions[:9]], response.flat[positions[9:]] = 50.0, 0.1
 
     def read(light, seconds, count):
         mean = light * response * (1 + 0.004 * rng.normal(size=(count, 1, 1))) + dark * seconds

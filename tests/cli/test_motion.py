@@ -197,9 +197,9 @@ def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path
         assert header["TRUSXX"] == pytest.approx(0.08 * 0.75, rel=0.1)
         assert header["TRUSYY"] == pytest.approx(0.08 * 0.25 + 0.02, rel=0.1)
     assert headers[0]["TRUSXX"] != headers[1]["TRUSXX"]
-    places = [(header["TRUX"], header["TRUY"]) for header in headers]
-    np.testing.assert_allclose(np.sum(places, axis=0), 0, atol=1e-12)  # about the mean of both
-    assert 0 < np.hypot(*places[0]) < 0.4  # and by no more than the slower line's amplitude
+    positions = [(header["TRUX"], header["TRUY"]) for header in headers]
+    np.testing.assert_allclose(np.sum(positions, axis=0), 0, atol=1e-12)  # about the mean of both
+    assert 0 < np.hypot(*positions[0]) < 0.4  # and by no more than the slower line's amplitude
 
 
 @pytest.mark.parametrize(

@@ -48,8 +48,8 @@ def test_every_locus_is_built_from_its_sizes_and_describes_itself_by_them(name):
     sizes = parse_sizes([f"{size}={value}" for size, value in SIZES[name].items()])
     described = build_locus(name, sizes).describe()
     if name == "path":
-        places = np.reshape(list(described.values()), (-1, 2))
-        assert np.diff(places, axis=0) == pytest.approx(np.array([[0.2, 0.1], [0.1, 0.2]]), abs=1e-14)
+        positions = np.reshape(list(described.values()), (-1, 2))
+        assert np.diff(positions, axis=0) == pytest.approx(np.array([[0.2, 0.1], [0.1, 0.2]]), abs=1e-14)
     else:
         assert {size: described[size] for size in sizes} == pytest.approx(sizes, abs=1e-9)
 

@@ -87,8 +87,8 @@ def test_frames_in_a_spectrum_of_motion_are_pieces_of_one_record(here):
     apart = pointing.positions[1] - pointing.positions[0]
     late = 0.1 + np.linspace(0.0, 0.012, 50)
     for axis in (0, 1):
-        seen = np.interp(late, first.times, first.places[:, axis])
-        again = np.interp(late - 0.1, second.times, second.places[:, axis]) + apart[axis]
+        seen = np.interp(late, first.times, first.positions[:, axis])
+        again = np.interp(late - 0.1, second.times, second.positions[:, axis]) + apart[axis]
         assert seen == pytest.approx(again, abs=1e-9)
     still = shaken(here / "motion.csv", load_instrument("smallsat"), 3, 1, np.random.default_rng(5))
     assert still.shutters is None

@@ -53,9 +53,9 @@ def row_by_row(pupil):
     series = np.fft.rfft2(sharp)
     fy, fx = np.fft.fftfreq(grid.shape[0], SCALE), np.fft.rfftfreq(grid.shape[1], SCALE)
 
-    def image(places, shares):
+    def image(positions, shares):
         rows = []
-        for r, path in enumerate(places):
+        for r, path in enumerate(positions):
             along_x = np.exp(-2j * np.pi * np.outer(path[:, 0], fx))
             along_y = np.exp(2j * np.pi * np.outer((PAD + r) * SCALE - path[:, 1], fy))
             seen = ((shares[:, None] * along_y).T @ along_x) * series

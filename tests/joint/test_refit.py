@@ -86,8 +86,8 @@ def test_a_third_star_is_fitted_in_every_frame_wherever_the_pair_stands(optics, 
 def test_separation_is_unbiased_and_its_error_honest(optics, rng):
     pulls = []
     for _ in range(12):
-        places = {"x": rng.normal(0, 0.4, 8), "y": rng.normal(0, 0.4, 8)}
-        fit = refit_sequence(exposures(optics, 8, rng, scenes=places), FrameFitter(optics))
+        positions = {"x": rng.normal(0, 0.4, 8), "y": rng.normal(0, 0.4, 8)}
+        fit = refit_sequence(exposures(optics, 8, rng, scenes=positions), FrameFitter(optics))
         value, error = fit.separation
         pulls.append((value - 5.0) / error)
         assert fit.combined.kept.all()
@@ -100,8 +100,8 @@ def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
     states = np.cumsum(rng.normal(0, 0.5, (count, 2)), axis=0)
     loci = [Linear.of(size, angle) for size, angle in zip(
         rng.uniform(0.3, 0.6, count), rng.uniform(0, 180, count), strict=True)]  # fmt: skip
-    places = {"x": np.cumsum(rng.normal(0, 0.2, count)), "y": np.cumsum(rng.normal(0, 0.2, count))}
-    frames = exposures(optics, count, rng, loci=loci, states=states, scenes=places)
+    positions = {"x": np.cumsum(rng.normal(0, 0.2, count)), "y": np.cumsum(rng.normal(0, 0.2, count))}
+    frames = exposures(optics, count, rng, loci=loci, states=states, scenes=positions)
     fit = refit_sequence(frames, FrameFitter(optics, "linear"))
     value, error = fit.separation
     assert abs(value - 5.0) < 4 * error
@@ -117,7 +117,7 @@ def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.4)  # 48 pulls: 0.1, smoothed ones more
     lengths = [Linear(jnp.asarray(r.values[3:5])).describe()["length"] for r in fit.records]
     assert np.allclose(lengths, [one.describe()["length"] for one in loci], atol=0.1)
-    assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
+    assert np.allclose([r.values[0] for r in fit.records], positions["x"], atol=0.02)
 
 
 def test_weighted_mean_of_the_frames_is_the_joint_separation(optics, rng):
@@ -130,9 +130,9 @@ def test_weighted_mean_of_the_frames_is_the_joint_separation(optics, rng):
 @pytest.mark.slow
 def test_a_rolling_shutter_is_undone_by_the_motion_between_frames(optics):
     velocity, line_time = np.array([3.0, 5.0]), 1e-4
-    places = {"x": 0.3 * np.arange(10) - 1.5, "y": 0.5 * np.arange(10) - 2.5}
+    positions = {"x": 0.3 * np.arange(10) - 1.5, "y": 0.5 * np.arange(10) - 2.5}
     loci = [Linear.of(float(np.hypot(*velocity)) * STEP, np.degrees(np.arctan2(5, 3)))] * 10
-    frames = exposures(optics, 10, None, loci=loci, scenes=places, velocity=velocity, line_time=line_time)
+    frames = exposures(optics, 10, None, loci=loci, scenes=positions, velocity=velocity, line_time=line_time)
     with_rows = refit_sequence(frames, FrameFitter(optics, "linear"))
     without = refit_sequence(frames, FrameFitter(optics, "linear"), SequenceOptions(rolling=False))
     # the rule: v tau sep sin²(theta) / p and the like for the cross term; of milliarcseconds here
@@ -258,10 +258,13 @@ def test_a_direction_at_the_seam_and_stars_as_bright_as_each_other(optics, rng):
 
 
 def test_a_pair_that_jumps_is_found_again(optics, rng):
-    places = {"x": np.array([0.0, 0.1, 2.5, -2.4, 0.2, 0.1]), "y": np.array([0.0, 2.2, -2.0, 2.4, 0.0, -0.1])}
-    fit = refit_sequence(exposures(optics, 6, rng, scenes=places), FrameFitter(optics))
+    positions = {
+        "x": np.array([0.0, 0.1, 2.5, -2.4, 0.2, 0.1]),
+        "y": np.array([0.0, 2.2, -2.0, 2.4, 0.0, -0.1]),
+    }
+    fit = refit_sequence(exposures(optics, 6, rng, scenes=positions), FrameFitter(optics))
     assert fit.combined.kept.all()
-    assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
+    assert np.allclose([r.values[0] for r in fit.records], positions["x"], atol=0.02)
 
 
 def test_a_prior_parts_jitter_from_diffusion(optics):
@@ -295,8 +298,8 @@ def test_few_frames_whose_optics_are_anywhere(optics, rng):
 
 
 def test_steps_between_exposures_are_not_motion_within_them(optics):
-    places = {"y": 0.4 * np.arange(8) - 1.6}  # stands still while the shutter is open
-    frames = exposures(optics, 8, None, scenes=places, line_time=1e-4)
+    positions = {"y": 0.4 * np.arange(8) - 1.6}  # stands still while the shutter is open
+    frames = exposures(optics, 8, None, scenes=positions, line_time=1e-4)
     fit = refit_sequence(frames, FrameFitter(optics))
     assert fit.separation[0] == pytest.approx(5.0, abs=1e-5)
     assert fit.rows.unknown > 1

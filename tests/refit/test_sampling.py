@@ -163,17 +163,17 @@ def test_a_streak_near_its_tip_has_the_posterior_that_quadrature_finds(bench, op
     fit = fit_of(data, optics, start, only=Linear.names)
     posterior = draw(data, optics, fit)
     reach = np.linspace(-1, 1, 61) * 1.3 * np.abs(posterior.draws).max()
-    places = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    positions = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
     otf, counts = optics.nominal, np.asarray(data.electrons)
 
     @jax.jit
-    def log_likelihood(place):
-        image = expected_image(start.with_locus(Linear(place)), otf)
+    def log_likelihood(position):
+        image = expected_image(start.with_locus(Linear(position)), otf)
         return jax.scipy.stats.poisson.logpmf(counts, image).sum()
 
-    density = np.asarray(jax.lax.map(log_likelihood, places))
+    density = np.asarray(jax.lax.map(log_likelihood, positions))
     weights = np.exp(density - density.max())
-    lengths = np.sqrt(np.hypot(*places.T))
+    lengths = np.sqrt(np.hypot(*positions.T))
     mean = np.average(lengths, weights=weights)
     spread = np.sqrt(np.average((lengths - mean) ** 2, weights=weights))
     drawn = np.sqrt(12 * (posterior.moments[:, 0] + posterior.moments[:, 2]))

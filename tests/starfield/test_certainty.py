@@ -207,10 +207,10 @@ def test_where_sampling_is_the_obstacle_it_is_named():
 
 def test_a_star_with_speckles_and_a_halo_is_one_star():
     core, halo = airy(3.0), moffat(14.0, 2.5)
-    places = [(7 * np.cos(t), 7 * np.sin(t)) for t in np.arange(0.3, 6.3, 0.7)]
+    positions = [(7 * np.cos(t), 7 * np.sin(t)) for t in np.arange(0.3, 6.3, 0.7)]
 
     def profile(x, y):
-        return core(x, y) + 0.03 * halo(x, y) + 0.01 * sum(core(x - u, y - v) for u, v in places)
+        return core(x, y) + 0.03 * halo(x, y) + 0.01 * sum(core(x - u, y - v) for u, v in positions)
 
     stars = find_stars(drawn([profile], 15, side=100, low=1e6, high=1e6))
     assert len(stars) == 1
