@@ -397,10 +397,10 @@ def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np
     slopes = [_light((otf.jacobian[common], chromatic, None), stars)]
     if beside.size:
         slopes.append(_light((None, None, otf.jacobian[np.array(otf.of_b)[beside]]), stars))
-    if PLATE_SCALE in otf.names and (slot := otf.names.index(PLATE_SCALE)) in rows:
+    if PLATE_SCALE in otf.names and (index := otf.names.index(PLATE_SCALE)) in rows:
         at = jnp.asarray(otf.plate_scale_shift(parameters.aberrations))
         moved = _pushforward(at[None], lambda s: _point_sources(parameters.scene, otf, s[0]))(np.array([0]))
-        slopes[0] = slopes[0].at[common.tolist().index(slot)].add(_light(optics, moved)[0])
+        slopes[0] = slopes[0].at[common.tolist().index(index)].add(_light(optics, moved)[0])
     return jnp.concatenate(slopes)
 
 

@@ -78,15 +78,15 @@ def invert_information(information) -> tuple[np.ndarray, bool]:
     return (vectors / values) @ vectors.T / np.outer(scale, scale), True
 
 
-def error_factor(covariance: np.ndarray, slot: int, other: int) -> float:
+def error_factor(covariance: np.ndarray, index: int, other: int) -> float:
     """Return how many times as large a parameter's error is as it would be if another were known.
 
     Parameters
     ----------
     covariance : (p, p) array
-    slot, other : int
-        Places of the two parameters.
+    index, other : int
+        Of the two parameters.
     """
-    variance = covariance[slot, slot]
-    known = variance - covariance[slot, other] ** 2 / covariance[other, other]
+    variance = covariance[index, index]
+    known = variance - covariance[index, other] ** 2 / covariance[other, other]
     return float(np.sqrt(variance / known)) if known > 0 else np.inf

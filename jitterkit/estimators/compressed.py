@@ -81,8 +81,8 @@ class CompressedFit(NamedTuple):
 
     def of_locus(self) -> np.ndarray:
         """Covariance of the coordinates of the locus."""
-        slots = [self.names.index(name) for name in self.locus.names]
-        return self.covariance[np.ix_(slots, slots)]
+        indices = [self.names.index(name) for name in self.locus.names]
+        return self.covariance[np.ix_(indices, indices)]
 
 
 @dataclass(frozen=True)

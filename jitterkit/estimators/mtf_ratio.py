@@ -145,7 +145,7 @@ class _Ratio(NamedTuple):
         Of the windowed pixels.
     squares : (3, n) array
         ``w`` is their product with the moments.
-    slots : (n,) int array
+    indices : (n,) int array
         Where the frequencies lie among those of ``rfft2``.
     """
 
@@ -154,32 +154,32 @@ class _Ratio(NamedTuple):
     noise: float
     variance: np.ndarray
     squares: np.ndarray
-    slots: np.ndarray
+    indices: np.ndarray
 
     @classmethod
     def of(cls, counts, variance, sharp, plate_scale: float) -> _Ratio:
         """From a frame, its variance and its sharp template, all (ny, nx)."""
-        window, squares, slots = _geometry(counts.shape, plate_scale)
+        window, squares, indices = _geometry(counts.shape, plate_scale)
         variance = variance * window**2
         noise = float(variance.sum())
-        frame, template = (fft.rfft2(image * window).ravel()[slots] for image in (counts, sharp))
+        frame, template = (fft.rfft2(image * window).ravel()[indices] for image in (counts, sharp))
         power, reference = np.abs(frame) ** 2 - noise, np.abs(template) ** 2
         # a blur only takes power away; a factor of two is left for the flux
         some = np.flatnonzero((power > 0) & (2 * reference > _LEAST_SNR * noise))
         log_ratio = np.log(power[some] / reference[some])
-        return cls(log_ratio, template[some], noise, variance, squares[:, some], slots[some])
+        return cls(log_ratio, template[some], noise, variance, squares[:, some], indices[some])
 
 
 @lru_cache(maxsize=4)
 def _geometry(shape: tuple[int, int], plate_scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Window (ny, nx), derivatives of w (3, n) and the slots (n,) of the band: the same for every frame."""
+    """Window (ny, nx), derivatives of w (3, n) and the indices (n,) of the band: the same for every frame."""
     axes = fft.fftfreq(shape[0], plate_scale), fft.rfftfreq(shape[1], plate_scale)
     fy, fx = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     radius = np.hypot(fx, fy) * 2 * plate_scale
-    slots = np.flatnonzero((radius > _BAND[0]) & (radius < _BAND[1]))
-    fx, fy = fx[slots], fy[slots]
+    indices = np.flatnonzero((radius > _BAND[0]) & (radius < _BAND[1]))
+    fx, fy = fx[indices], fy[indices]
     squares = 4 * np.pi**2 * np.stack([fx**2, 2 * fx * fy, fy**2])
-    return np.outer(*(hann(n, sym=False) for n in shape)), squares, slots
+    return np.outer(*(hann(n, sym=False) for n in shape)), squares, indices
 
 
 def _estimate(ratio: _Ratio) -> KernelEstimate:
@@ -274,7 +274,7 @@ def _propagate(pull: np.ndarray, ratio: _Ratio) -> np.ndarray:
     """
     ny, nx = ratio.variance.shape
     half = np.zeros((len(pull), ny * (nx // 2 + 1)), np.complex64)  # an error needs no sixteen digits
-    half[:, ratio.slots] = pull.conj()
+    half[:, ratio.indices] = pull.conj()
     half = half.reshape(len(pull), ny, -1)
     # irfft2 adds the mirror image of every frequency but of those that are their own
     half[:, :, 0] += _mirrored(half[:, :, 0])

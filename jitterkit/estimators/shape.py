@@ -156,14 +156,14 @@ class CumulantStep:
         ConfigurationError
             If the locus is no normal, or one of its moments was held.
         """
-        slot, turn = self._to_shaped()
+        index, turn = self._to_shaped()
         covariance, _ = invert_information(self.information_of_shaped())
-        mine, called = covariance[slot], dict(zip(Mvn.names, Shaped.names, strict=False))
+        mine, called = covariance[index], dict(zip(Mvn.names, Shaped.names, strict=False))
         names = [called.get(name, name) for name in self.names]
-        names.insert(slot, _KURTOSIS)
+        names.insert(index, _KURTOSIS)
         # what is fitted beside it follows the kurtosis by the regression that the covariance describes
-        response = dict(zip(names, map(float, -mine / mine[slot]), strict=True))
-        return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[slot])), response)
+        response = dict(zip(names, map(float, -mine / mine[index]), strict=True))
+        return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[index])), response)
 
     def information_of_shaped(self) -> np.ndarray:
         """Information about what was fitted and the excess kurtosis, in the order of ``Shaped``."""
@@ -178,10 +178,10 @@ class CumulantStep:
                 f"The shape of a blur is fitted together with its second moments: do not hold {held[0]!r}."
             )
             raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
-        size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
-        turn = np.insert(np.eye(size, len(self.score)), slot, 0.0, axis=0)
-        turn[slot, size + 4 : size + 9], _ = form_cumulants(self.parameters.locus.moments(), 2)
-        return slot, turn
+        size, index = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
+        turn = np.insert(np.eye(size, len(self.score)), index, 0.0, axis=0)
+        turn[index, size + 4 : size + 9], _ = form_cumulants(self.parameters.locus.moments(), 2)
+        return index, turn
 
     def lack_of_fit(self) -> LackOfFit:
         """Test whether the frame wants higher cumulants than the fitted locus has.

@@ -128,11 +128,11 @@ class Forecast:
         """Return the length of the locus, with its error by differences over a thousandth of each error."""
         locus = self.parameters.locus
         length = locus.describe()["length"]
-        slots = [self.names.index(name) for name in locus.names if name in self.names]
-        if length == 0 or len(slots) < len(locus.names):
+        indices = [self.names.index(name) for name in locus.names if name in self.names]
+        if length == 0 or len(indices) < len(locus.names):
             return length, math.inf
-        covariance = self.covariance[np.ix_(slots, slots)]
-        steps = 1e-3 * np.sqrt(np.diag(covariance)) * np.eye(len(slots))
+        covariance = self.covariance[np.ix_(indices, indices)]
+        steps = 1e-3 * np.sqrt(np.diag(covariance)) * np.eye(len(indices))
         ends = [
             [locus.at(locus.coords + sign * step).describe()["length"] for sign in (1, -1)] for step in steps
         ]

@@ -73,12 +73,12 @@ class Information:
 
     def changed(self, old: Sequence[str], new: Sequence[str], slope: np.ndarray) -> Information:
         """That in other coordinates: the ``new`` are ``slope`` (n, n) times the ``old``."""
-        slots = [self.names.index(name) for name in old]
+        indices = [self.names.index(name) for name in old]
         back = np.eye(len(self.names))
-        back[np.ix_(slots, slots)] = np.linalg.inv(slope)
+        back[np.ix_(indices, indices)] = np.linalg.inv(slope)
         names = list(self.names)
-        for slot, name in zip(slots, new, strict=True):
-            names[slot] = name
+        for index, name in zip(indices, new, strict=True):
+            names[index] = name
         return Information(tuple(names), back.T @ self.matrix @ back)
 
     @property

@@ -176,17 +176,17 @@ def systematic_errors(
     """
     model = Modelled.of(telescope, parameters)
     response = FitResponse.of(model, options)
-    slot = response.names.index("separation")
-    error = float(np.sqrt(response.covariance()[slot, slot]))
+    index = response.names.index("separation")
+    error = float(np.sqrt(response.covariance()[index, index]))
     return error, [_assess(response, effect, target) for effect in effects_of(model, sizes)]
 
 
 def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicError:
     fitted = bool(set(effect.hold) & set(response.names))
     response = response.holding(effect.hold)
-    covariance, slot = response.covariance(), response.names.index("separation")
+    covariance, index = response.covariance(), response.names.index("separation")
     weighted = response.slopes * response.weights
-    leverage = (covariance @ weighted)[slot]
+    leverage = (covariance @ weighted)[index]
     changes = effect.changes.reshape(len(effect.changes), -1)
     shifts = changes @ leverage
     if effect.per_pixel:
@@ -197,7 +197,7 @@ def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicE
         score, own = weighted @ changes.T, changes * response.weights @ changes.T
         left = own - score.T @ covariance @ score
         left[np.diag_indices_from(left)] *= np.diag(left) > _ROUNDING * np.diag(own)
-        chi2, cost = float(np.trace(left)), _cost(shifts, left, covariance[slot, slot], effect.together)
+        chi2, cost = float(np.trace(left)), _cost(shifts, left, covariance[index, index], effect.together)
     several = 1 if effect.together else len(changes)
     sigmas, bias = chi2 / several / response.spread, math.sqrt(shifts @ shifts / several)
     return SystematicError(

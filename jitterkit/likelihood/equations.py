@@ -164,7 +164,7 @@ def known_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -
     if scene.indices is not None and otf.colours is not None and otf.chromatic is not None:
         known |= dict.fromkeys(scene.colours, otf.colours.precision)
     names = parameter_names(parameters, otf.names)
-    return np.diag([known.get(names[slot], 0.0) for slot in free])
+    return np.diag([known.get(names[index], 0.0) for index in free])
 
 
 def _deviance(mean, data: Data):

@@ -91,8 +91,8 @@ class RegistrationResult:
     @property
     def covariance(self) -> np.ndarray:
         """Of the moments ``(Sxx, Sxy, Syy)``, (3, 3), arcsec⁴."""
-        slots = [self.names.index(name) for name in Mvn.names]
-        return invert_information(self.information)[0][np.ix_(slots, slots)]
+        indices = [self.names.index(name) for name in Mvn.names]
+        return invert_information(self.information)[0][np.ix_(indices, indices)]
 
     def describes(self, parameters: Parameters) -> bool:
         """Whether parameters about the cut-out's centre leave as much of it as noise does."""

@@ -113,9 +113,9 @@ class OTF(eqx.Module):
             return self.value
         change = self._change(aberrations)
         value = self.value + jnp.tensordot(change, self.jacobian[: len(change)], 1)
-        if self.bend is None or (slot := self.names.index(WAVELENGTH)) >= len(change):
+        if self.bend is None or (index := self.names.index(WAVELENGTH)) >= len(change):
             return value
-        return value + change[slot] ** 2 / 2 * self.bend
+        return value + change[index] ** 2 / 2 * self.bend
 
     def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
         """Derivative by the spectral index at nearby aberrations [nm], if it matters; to first order."""

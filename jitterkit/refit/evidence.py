@@ -148,8 +148,8 @@ def _tones(fit: FitResult, locus: Locus) -> float:
 def _smear(fit: FitResult, locus: Locus) -> float:
     """The smear's share uniform, its direction free; the rest, if there is one, as an elliptical locus."""
     smear, rest = locus.factors()  # type: ignore[attr-defined]
-    slots = [fit.names.index(name) for name in locus.names[2:]]
-    covariance = fit.covariance[np.ix_(slots, slots)]
+    indices = [fit.names.index(name) for name in locus.names[2:]]
+    covariance = fit.covariance[np.ix_(indices, indices)]
     error = math.sqrt(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2])
     if _total(rest) < 3 * error:
         return -math.inf

@@ -53,7 +53,7 @@ class Posterior:
     acceptance: float
     seconds: float
 
-    def slot(self, name: str) -> int:
+    def index(self, name: str) -> int:
         """Column of a parameter."""
         if name not in self.names:
             raise ConfigurationError(
@@ -64,7 +64,7 @@ class Posterior:
 
     def of(self, name: str) -> np.ndarray:
         """Draws (n,) of a parameter."""
-        return self.draws[:, self.slot(name)]
+        return self.draws[:, self.index(name)]
 
     def mean(self, name: str) -> float:
         """Mean of a parameter."""

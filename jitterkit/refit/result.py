@@ -290,8 +290,8 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
     covariance : (3, 3) array
         Zero unless all coordinates of the locus are free.
     """
-    slots = [names.index(n) for n in locus.names if n in names]
-    if len(slots) < len(locus.names) or not slots:
+    indices = [names.index(n) for n in locus.names if n in names]
+    if len(indices) < len(locus.names) or not indices:
         return np.asarray(locus.moments()), np.zeros((3, 3))
     moments, slope = map(np.asarray, moments_and_slope(locus))
-    return moments, slope @ covariance[np.ix_(slots, slots)] @ slope.T
+    return moments, slope @ covariance[np.ix_(indices, indices)] @ slope.T

@@ -108,7 +108,7 @@ class Weighing:
         names = ("separation", "theta", "contrast")
         if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
             return None
-        slots = [two.fit.names.index(name) for name in names]
+        indices = [two.fit.names.index(name) for name in names]
         alone = self.scene_prior(one.fit)
         return SceneEvidence(
             one.evidence - alone,
@@ -116,7 +116,7 @@ class Weighing:
             alone,
             math.log(COMPANIONS),
             np.array([two.fit.of_scene(name) for name in names]),
-            two.fit.covariance[np.ix_(slots, slots)],
+            two.fit.covariance[np.ix_(indices, indices)],
         )
 
     def prepared(self, reading: _Reading) -> Start:

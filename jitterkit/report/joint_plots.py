@@ -46,8 +46,8 @@ def plot_pointing(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None
     ax = axes_or_new(ax, _SIZE)
     times = _times(frames)
     for axis, colour in (("x", BLUE), ("y", RUST)):
-        slot = fit.records.own.index(axis)
-        values = [f.record.values[slot] for f in frames]
+        index = fit.records.own.index(axis)
+        values = [f.record.values[index] for f in frames]
         ax.plot(times, values, **_points(len(frames), colour), label=axis)
     ax.set(xlabel="time [s]", ylabel="midpoint [arcsec]")
     return _legend(ax)
@@ -56,8 +56,8 @@ def plot_pointing(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None
 def _plot_blur(frames: list[SequenceFrame], ax: Axes) -> Axes:
     """Draw the rms blur of each frame along both axes of the detector, negative where the variance is."""
     times = _times(frames)
-    for slot, axis, colour in ((0, "x", BLUE), (2, "y", RUST)):
-        variance = np.array([f.record.moments[slot] for f in frames])
+    for index, axis, colour in ((0, "x", BLUE), (2, "y", RUST)):
+        variance = np.array([f.record.moments[index] for f in frames])
         rms = np.sign(variance) * np.sqrt(np.abs(variance))
         ax.plot(times, rms, **_points(len(frames), colour), label=f"rms along {axis}")
     ax.set(xlabel="time [s]", ylabel="blur [arcsec]")
