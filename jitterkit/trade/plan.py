@@ -83,7 +83,7 @@ class Plan:
     ----------
     settings : Settings
     loss : float
-        Of the separation of a frame, at most: :meth:`Outlook.loss` [arcsec].
+        Of the separation of a frame, at most: :meth:`WorstCase.loss` [arcsec].
     seconds : float
         Of a frame, measured.
     """
