@@ -18,7 +18,7 @@ LARGE_FACTOR = 2.0
 
 
 class Metric(NamedTuple):
-    """What steps are made and measured with: information, and the curvature that it makes with a prior.
+    """Hold information and curvature, by which steps are computed and measured.
 
     The curvature, in units of ``scale`` that make its diagonal one, is ``vectors @ diag(sizes) @ vectors.T``.
     """

@@ -82,7 +82,7 @@ class Scene(eqx.Module):
 
     @abstractmethod
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether such a scene can be: a fit must not step where it cannot."""
+        """Return whether a scene is possible: a fit must not step where it is not."""
 
     def canonical(self) -> Self:
         """The same sources by the parameters a person would give."""

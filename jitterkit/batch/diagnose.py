@@ -40,7 +40,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Limits:
-    """Where one status or flag ends and another begins."""
+    """Hold the limits between one status or flag and another."""
 
     side: int = 8
     """Pixels along a side below which a pair cannot be told from one star."""

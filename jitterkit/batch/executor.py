@@ -45,7 +45,7 @@ _KEEP = 5.0
 
 
 class FrameTask(Protocol):
-    """What is done with every frame: :class:`~jitterkit.batch.processor.FrameProcessor`, for one.
+    """Process a frame: :class:`~jitterkit.batch.processor.FrameProcessor`, for one.
 
     What a method raises becomes a status of the frame; only a lack of memory is tried again.
     """
@@ -73,7 +73,7 @@ class FrameTask(Protocol):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one frame.
+    """Hold the outcome of one frame.
 
     Attributes
     ----------

@@ -271,7 +271,7 @@ class FrameProcessor:
 
     @property
     def priors(self) -> Priors:
-        """Those of every frame: the options', and what the instrument says of aberrations that are fitted."""
+        """Return the priors of every frame: the options', and the instrument's on fitted aberrations."""
         known = Priors.alike(self.instrument.aberrations, self.instrument.aberration_sigma)
         return known.joined(self.options.priors)
 

@@ -26,7 +26,7 @@ __all__ = ["BlurMeasurement", "ProcessedFrame", "SceneEstimate"]
 
 @dataclass(frozen=True, eq=False)
 class SceneEstimate:
-    """Where the fits of a frame start: its stars are located, its blur is estimated.
+    """Hold the starting point of a frame's fits: its stars are located, its blur is estimated.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class ProcessedFrame:
 
 @dataclass(frozen=True, eq=False)
 class BlurMeasurement:
-    """What the image of one frame says about its blur.
+    """Hold the measured blur of one frame.
 
     Attributes
     ----------

@@ -62,7 +62,7 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
 
 
 def _first_difference(a: Any, b: Any, path: tuple = ()) -> tuple[tuple, Any, Any] | None:
-    """Where two values first differ, and both values there; None if they do not."""
+    """Return the key path where two values first differ, and both values there; None if they are equal."""
     if isinstance(a, dict) and isinstance(b, dict):
         return _first_of(dict.fromkeys([*a, *b]), a.get, b.get, path)
     if isinstance(a, list) and isinstance(b, list):
@@ -89,7 +89,7 @@ def _said(path: tuple, before: Any, after: Any) -> str:
 
 
 def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
-    """What to do about files that are new, or about some that are missing; nothing if both, or neither."""
+    """Say what to do about new files, or about missing ones; empty if there are both, or neither."""
     new, gone = _without(now, stored), _without(stored, now)
     if new and not gone:
         return (
@@ -130,7 +130,7 @@ _REMEDY = "put it back as it was, time and all, or give --overwrite instead of -
 
 @dataclass(frozen=True)
 class Counted:
-    """What a run knows of a file.
+    """Hold the stored count of a file's frames.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ def _is_same(then: Stamp | None, now: Stamp) -> bool:
 
 
 def _is_same_time(a: int, b: int) -> bool:
-    """Whether two times are equal, or one is the other rounded to a grain."""
+    """Return whether two times are equal, or one is the other rounded to a grain."""
     return a == b or any(abs(a - b) < grain and (a % grain == 0) != (b % grain == 0) for grain in _GRAINS)
 
 

@@ -122,7 +122,7 @@ class SceneBlurEstimator:
 
     @cached_property
     def _shows_stars(self) -> bool:
-        """Whether frames show stars: what the user says, or what the reference shows."""
+        """Return whether frames show stars, by the user's choice or by the reference."""
         if self.stars is not None or self._sharp is None:
             return bool(self.stars)
         return not self._starless

@@ -142,7 +142,7 @@ def _start_time(path: Path, hdu: int | None) -> float | None:
 
 
 class _Clock:
-    """When frames were taken: by their headers, or one after the other."""
+    """Determine when frames were taken: by their headers, or one after the other."""
 
     def __init__(self, cadence: float | None, times: Mapping[Path, float]) -> None:
         self._cadence, self._times = cadence, times

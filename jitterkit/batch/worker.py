@@ -52,7 +52,7 @@ _SHARED = (
 
 
 class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type: ignore[misc]
-    """What a worker needs to process frames as this process would.
+    """Hold the settings that a worker needs to process frames as this process would.
 
     Whatever worker joins later, or replaces one that died, gets it too.
 

@@ -137,7 +137,7 @@ class CompressedLikelihood:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """What was fitted beside the moments."""
+        """Return the parameters that were fitted beside the moments."""
         return tuple(name for name in self.names if name not in Mvn.names)
 
     def fit(self, kind: type[Locus]) -> CompressedFit | None:
@@ -172,7 +172,7 @@ class CompressedLikelihood:
         )
 
     def _scoring_loop(self, kind: type[Locus]) -> tuple[Locus, np.ndarray, np.ndarray]:
-        """Where a locus fits best, the change of moments and cumulants to there, and its slope."""
+        """Return the best-fitting locus, the change of moments and cumulants to it, and its slope."""
         score, curvature, _ = self._following
         locus = kind.near(self.normal.moments())
         change, slope = self._change(locus)
@@ -211,7 +211,7 @@ class CompressedLikelihood:
         return float(score @ change - 0.5 * change @ curvature @ change)
 
     def _covariance(self, locus: Locus, slope: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-        """Of everything that would be fitted with a locus, in the order of its names."""
+        """Return the covariance of all parameters fitted with a locus, in the order of its names."""
         beside, first = self.beside, self.names.index(Mvn.names[0])
         names = (*beside[:first], *locus.names, *beside[first:])
         turn = np.zeros((len(self.score), len(names)))

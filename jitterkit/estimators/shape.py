@@ -38,7 +38,7 @@ _KURTOSIS = Shaped.names[-1]
 
 
 class Shape(NamedTuple):
-    """What one scoring step from a normal says about the shape of a blur.
+    """Hold the shape of a blur by one scoring step from a normal.
 
     Attributes
     ----------
@@ -82,12 +82,12 @@ class ShapedBlur(NamedTuple):
 
     @property
     def kurtosis_err(self) -> float:
-        """Its standard error; zero if it was known."""
+        """Return the standard error of the kurtosis; zero if it was known."""
         return float(np.sqrt(self.covariance[3, 3])) if len(self.covariance) > 3 else 0.0
 
 
 class LackOfFit(NamedTuple):
-    """What is left in an image of its blur's higher cumulants.
+    """Hold the test of the higher cumulants that a blur lacks.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class CumulantStep:
         return turn @ self.information @ turn.T
 
     def _to_shaped(self) -> tuple[int, np.ndarray]:
-        """Where the kurtosis stands in a fit with ``Shaped``, and what it and the rest change, by rows."""
+        """Return the index of the kurtosis in a fit with ``Shaped``, and the changes by all, by rows."""
         held = [name for name in Mvn.names if name not in self.names]
         if held:
             problem = (
@@ -229,7 +229,7 @@ def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = 
 def fit_known_shape(
     normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str] = ()
 ) -> ShapedBlur | None:
-    """As :func:`fit_shape`, from a fitted normal and with the excess kurtosis held."""
+    """Fit a blur as :func:`fit_shape` does, from a fitted normal and with the excess kurtosis held."""
     return _fit_shape(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
 
 
@@ -266,5 +266,5 @@ def inflate_covariance(covariance: np.ndarray, response: np.ndarray) -> np.ndarr
 
 
 def is_decisive(shape_err):
-    """Whether a shape is known so well, by its error, that the moments must not be taken for a normal's."""
+    """Return whether a shape is known so well, by its error, that the moments are not those of a normal."""
     return shape_err < _DECISIVE

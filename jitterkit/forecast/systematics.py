@@ -35,7 +35,7 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class SystematicError:
-    """What an effect does to a separation.
+    """Hold the effect of a systematic error on a separation.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class SystematicError:
 
 @dataclass(frozen=True)
 class FitResponse:
-    """How a fit of one frame responds to changes of its image.
+    """Hold the response of a fit of one frame to changes of its image.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ def most_outliers(used: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Residual:
-    """What an expected image leaves of a frame.
+    """Hold the residual of a frame from its expected image.
 
     Attributes
     ----------
@@ -239,7 +239,7 @@ class Residual:
 
     @cached_property
     def _chance(self) -> np.ndarray:
-        """Of a reading so far from its mean, on its side: those of a Poisson law, read noise included."""
+        """Return the chance of a reading so far from its mean, on its side: Poisson, read noise included."""
         weight = np.asarray(self.data.weight)
         mean = weight * self._counts
         count = np.maximum(weight * (np.asarray(self.data.electrons) + np.asarray(self.data.offset)), 0.0)
@@ -248,7 +248,7 @@ class Residual:
 
     @cached_property
     def _products(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the residual with a star at each pixel, and of that star with itself, both weighted."""
+        """Return weighted products of the residual with a star at each pixel, and of the star with itself."""
         grid = self.otf.grid
         left = (np.asarray(self.data.electrons) - self.image) * self._weight
         return correlate(embed(left, grid), self._spectrum, grid), self._power
@@ -278,7 +278,7 @@ class Residual:
         return y, x
 
     def _clear_of(self, scene: Scene | None, apart: float = 1.0) -> np.ndarray | bool:
-        """Where no star of a scene is nearer than so many resolutions."""
+        """Return the pixels to which no star of a scene is nearer than so many resolutions."""
         if scene is None:
             return True
         y, x = self._axes

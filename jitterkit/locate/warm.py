@@ -64,7 +64,7 @@ _OF_LIGHT = ("flux", "background")
 
 @dataclass(frozen=True)
 class RegistrationResult:
-    """What a frame shows of stars that another has shown.
+    """Hold the registration of a frame to the stars of another.
 
     Attributes
     ----------
@@ -90,12 +90,12 @@ class RegistrationResult:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the moments ``(Sxx, Sxy, Syy)``, (3, 3), arcsec⁴."""
+        """Return the covariance (3, 3) of the moments ``(Sxx, Sxy, Syy)``, arcsec⁴."""
         indices = [self.names.index(name) for name in Mvn.names]
         return invert_information(self.information)[0][np.ix_(indices, indices)]
 
     def describes(self, parameters: Parameters) -> bool:
-        """Whether parameters about the cut-out's centre leave as much of it as noise does."""
+        """Return whether parameters about the cut-out's centre fit it within its noise."""
         return bool(_excess(parameters, self.otf, self.data) < _SURE)
 
     def in_frame(self, parameters: Parameters) -> Parameters:
@@ -252,7 +252,7 @@ class ReferenceFrame:
         return RegistrationResult(cut, end.parameters, otf, np.asarray(end.information), self.names, (y, x))
 
     def _shift(self, data: Data) -> np.ndarray:
-        """How far ``(y, x)`` [pixels] the pair is from where this frame has it, to about a tenth."""
+        """Return the shift ``(y, x)`` [pixels] of the pair from its position here, to about a tenth."""
         seen = data.electrons if np.all(data.used) else _without_holes(data)
         match = fft.irfft2(fft.rfft2(np.asarray(seen, np.float32)) * self.spectrum, s=self.image.shape)
         row, column = map(int, np.unravel_index(np.argmax(match), match.shape))

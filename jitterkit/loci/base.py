@@ -185,7 +185,7 @@ def turned(along, across, angle: float) -> np.ndarray:
 
 
 def _projection(angle: float) -> np.ndarray:
-    """What takes ``(Sxx, Sxy, Syy)`` to the moments along, crosswise and across: ``R' Σ R`` by rows."""
+    """Return the matrix from ``(Sxx, Sxy, Syy)`` to the moments along, crosswise and across: ``R' Σ R``."""
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.array([[c * c, 2 * s * c, s * s], [-s * c, c * c - s * s, s * c], [s * s, -2 * s * c, c * c]])
 

@@ -154,12 +154,12 @@ def _check(knots: np.ndarray) -> None:
 
 @functools.cache
 def _quadrature(knots: int, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """What takes steps to offsets from the mean at the nodes (n, knots - 1), and the nodes' weights (n,)."""
+    """Return the matrix from steps to offsets from the mean at the nodes, and the nodes' weights (n,)."""
     times, weights = gauss_legendre(nodes, knots - 1)
     matrix = _spline(knots, times)
     return matrix - weights @ matrix, weights
 
 
 def _spline(knots: int, times: np.ndarray) -> np.ndarray:
-    """What takes the steps to offsets from the first knot at given times."""
+    """Return the matrix from steps to offsets from the first knot at given times."""
     return CubicSpline(np.linspace(-0.5, 0.5, knots), np.tri(knots, knots - 1, -1))(times)

@@ -74,5 +74,5 @@ def exact_to(longest: float, nodes: int) -> float:
 
 
 def greatest_speed(positions) -> float:
-    """Of a path given by its positions (n, 2) at equal times, arcsec an exposure."""
+    """Return the greatest speed on a path of positions (n, 2) at equal times, arcsec an exposure."""
     return len(positions) * float(np.hypot(*np.diff(positions, axis=0).T).max())

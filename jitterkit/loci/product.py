@@ -40,7 +40,7 @@ class Product(Locus):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Those of the parts; from its second appearance on a name is numbered."""
+        """Return the names of the parts; from its second appearance on a name is numbered."""
         every = [name for part in self.parts for name in part.names]
         times = [every[: i + 1].count(name) for i, name in enumerate(every)]
         return tuple(f"{name}_{k}" if k > 1 else name for name, k in zip(every, times, strict=True))

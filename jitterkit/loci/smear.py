@@ -46,7 +46,7 @@ class Smear(Product):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """What the major axis has more than the minor is smear; the rest is round."""
+        """Build from moments: the excess of the major axis over the minor is smear; the rest is round."""
         major, minor, angle = axis_variances(moments)
         length = np.sqrt((major - minor) / Linear.variance)
         return cls(Linear.of(length, angle), Mvn(jnp.asarray([minor, 0.0, minor])))

@@ -67,7 +67,7 @@ def j0_of_square(w):
 
 
 def _near_j0(w):
-    """What most frames ask for; a branch, because the far expansion takes thrice as long."""
+    """Evaluate J0 near zero, as most frames need; a branch, as the far expansion takes thrice as long."""
     return _clenshaw(_chebyshev_coefficients(), w * (2 / _LARGE**2) - 1)
 
 

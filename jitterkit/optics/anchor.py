@@ -164,7 +164,7 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     pair = np.arange(len(i))
 
     def turned(change):
-        """What takes the curvature to the change of each slope."""
+        """Return the matrix from the curvature to the change of each slope."""
         return jnp.zeros((k, len(i))).at[i, pair].set(change[j]).at[j, pair].set(change[i])
 
     turns = turned(change)
@@ -255,11 +255,11 @@ class AnchoredOptics:
         return here if self.reaches(aberrations) else self.system.near(aberrations, here)
 
     def reaches(self, aberrations) -> bool:
-        """Whether the anchor alone is as good as exact at ``aberrations`` [nm]."""
+        """Return whether the anchor alone is as good as exact at ``aberrations`` [nm]."""
         return self.left_out(aberrations) < _UNSEEN
 
     def left_out(self, aberrations) -> float:
-        """What the anchor alone leaves out of the image, in sigmas of all of it; an upper bound."""
+        """Return an upper bound on the anchor's error in the image, in sigmas of the whole."""
         return float(_THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3)
 
     def _distance(self, aberrations) -> float:
@@ -269,5 +269,5 @@ class AnchoredOptics:
         return self.system.phase_of(state - np.asarray(self.anchor.state), beside)
 
     def near(self, aberrations, slopes: OTF) -> OTF:
-        """Likewise; derivatives cost nothing here."""
+        """Expand the optics near a state, as :class:`Optics` has it; derivatives cost nothing here."""
         return self.otf(aberrations)

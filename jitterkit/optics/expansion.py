@@ -225,7 +225,7 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
 
 
 def centring(grid: Grid) -> np.ndarray:
-    """What makes a spectrum one about the optical axis: the PSF's samples are symmetric about it."""
+    """Return the factor that centres a spectrum on the optical axis, about which the PSF is symmetric."""
     fy, fx = grid.frequencies
     cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
     return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)

@@ -19,7 +19,7 @@ PLATE_SCALE = "plate_scale_shift"
 
 @dataclass(frozen=True)
 class Further:
-    """What may vary, and how well it is known.
+    """Hold the further parameters of the optics that may vary, and their prior errors.
 
     Parameters
     ----------

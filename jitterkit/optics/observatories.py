@@ -91,7 +91,7 @@ def _along(x, y, angle: float):
 
 
 def _behind_struts(x, y, angles: tuple[float, ...], width: float):
-    """Whether points lie behind struts that run from the centre outwards."""
+    """Return whether points lie behind struts that run from the centre outwards."""
     behind = [(_along(x, y, angle) > 0) & (np.abs(_along(x, y, angle + 90)) < width / 2) for angle in angles]
     return np.logical_or.reduce(behind)
 

@@ -85,16 +85,16 @@ class OTF(eqx.Module):
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """Those of the names that are modes of the wavefront."""
+        """Return the names that are modes of the wavefront."""
         return self.names[: len(self.names) - len(self.sigmas)]
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Those of the names that are no modes of the wavefront."""
+        """Return the names that are not modes of the wavefront."""
         return self.names[len(self.names) - len(self.sigmas) :]
 
     def varied(self, scene: Scene) -> tuple[str, ...]:
-        """Those of the names that mean something for a scene: without B there is nothing that it has more."""
+        """Return the names that have an effect on a scene: without B, its own parameters have none."""
         return self.names if len(scene.colours) > 1 else self.names[: len(self.names) - len(self.of_b)]
 
     def plate_scale_shift(self, aberrations: Float[Array, " k"]) -> Float[Array, ""] | None:
@@ -127,7 +127,7 @@ class OTF(eqx.Module):
         return self.chromatic[0] + jnp.tensordot(change, self.chromatic[1 : 1 + len(change)], 1)
 
     def _change(self, aberrations: Float[Array, " k"]) -> Float[Array, " r"]:
-        """How far those that have a row of the jacobian are from their state."""
+        """Return the distance from the state of the parameters that have a row of the jacobian."""
         rows = min(len(aberrations), len(self.jacobian))
         return aberrations[:rows] - self.state[:rows]
 

@@ -70,7 +70,7 @@ class Spectrum:
 
     @property
     def has_colour(self) -> bool:
-        """Whether there is light at more than one wavelength."""
+        """Return whether there is light at more than one wavelength."""
         return len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}) > 1
 
     def sampled(self, samples: int) -> Spectrum:

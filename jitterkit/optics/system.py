@@ -22,7 +22,7 @@ __all__ = ["FixedOptics", "OpticalSystem", "Optics"]
 
 
 class Optics(Protocol):
-    """What a fit asks of a telescope's optics on one grid."""
+    """Define what a fit needs of a telescope's optics on one grid."""
 
     @property
     def nominal(self) -> OTF:
@@ -71,7 +71,7 @@ class OpticalSystem:
 
     @property
     def further(self) -> Further:
-        """What may vary beside the modes of the pupil."""
+        """Return the parameters that may vary beside the modes of the pupil."""
         wavelength = 0.0 if self.colours is None else self.colours.wavelength_err * self.spectrum.mean
         return Further(len(self.pupil.shading), wavelength, self.plate_scale_sigma, self.of_b)
 
@@ -151,5 +151,5 @@ class FixedOptics:
         return self.nominal
 
     def near(self, aberrations, slopes: OTF) -> OTF:
-        """Likewise."""
+        """Return the transfer function, which does not depend on the aberrations."""
         return self.nominal

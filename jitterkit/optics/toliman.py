@@ -77,7 +77,7 @@ def _kept() -> Pupil:
 
 
 def cache_directory() -> Path:
-    """Where jitterkit keeps what it can compute again."""
+    """Return the directory in which jitterkit caches results."""
     chosen = os.environ.get("JITTERKIT_CACHE")
     if chosen:
         return Path(chosen).expanduser()

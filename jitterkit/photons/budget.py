@@ -60,7 +60,7 @@ class PhotonBudget:
 
     @property
     def mean_wavelength(self) -> float:
-        """Of the detected photons of both, nm."""
+        """Return the mean wavelength of the detected photons of both stars, nm."""
         total = self.detected.sum(axis=0)
         return float(np.trapezoid(total * self.wavelengths, self.wavelengths) / self.rate)
 

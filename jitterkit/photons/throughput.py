@@ -70,7 +70,7 @@ class Throughput:
 
     @property
     def plates_transmission(self) -> float:
-        """Of all plates together."""
+        """Return the transmission of all plates together."""
         return self.glass**self.plates
 
     def __call__(self, wavelengths: np.ndarray) -> np.ndarray:

@@ -164,7 +164,7 @@ def _regularizing_norm(locus: Locus) -> float:
 
 
 class Choice(NamedTuple):
-    """How ``--locus auto`` treats a locus.
+    """Describe how ``--locus auto`` treats a locus.
 
     Attributes
     ----------

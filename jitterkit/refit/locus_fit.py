@@ -62,7 +62,7 @@ def fit_locus(
 
 @dataclass(frozen=True)
 class FrameFits:
-    """What every fit of one frame shares.
+    """Hold the arguments common to all fits of one frame.
 
     Attributes
     ----------

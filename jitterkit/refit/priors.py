@@ -80,12 +80,12 @@ class Priors:
         return Priors({**self.terms, **other.terms}, moments, {**self.if_free, **other.if_free})
 
     def on_coordinates(self) -> bool:
-        """Whether anything is known about the jitter in the coordinates of one locus, and so of no other."""
+        """Return whether there is a prior in the coordinates of one locus, and so of no other."""
         coordinates = {name for kind in LOCI.values() for name in getattr(kind, "names", ())}
         return bool(coordinates & set(self.terms))
 
     def on_jitter(self) -> bool:
-        """Whether anything is known about the jitter, be it of one locus or of all."""
+        """Return whether there is a prior on the jitter, of one locus or of all."""
         return self.moments is not None or self.on_coordinates()
 
     def over(self, names: tuple[str, ...], locus: Locus | None = None) -> Prior:
@@ -270,7 +270,7 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
 
 
 def whole_exposures(duration: float, exposure: float) -> int:
-    """How many whole exposures a trace has, whatever rounding does to its times; at least one."""
+    """Count the whole exposures of a trace, whatever the rounding of its times; at least one."""
     return max(1, int(duration / exposure * (1 + 1e-9)))
 
 
@@ -284,7 +284,7 @@ def _describe_source(estimate: KernelEstimate) -> None:
 
 
 def _same(estimate: KernelEstimate, frame: str, digest: str) -> bool:
-    """Whether an estimate is of a frame: by the pixels where both are known, else by the names.
+    """Return whether an estimate is of a frame: by the pixels where both are known, else by the names.
 
     The only frame of a file is its first, packed or not.
     """

@@ -20,7 +20,7 @@ POOR = 1.5
 
 
 class Status(enum.Enum):
-    """How a frame ended; the value is the sentence that a table shows."""
+    """Name the outcome of a frame; the value is the sentence in a table."""
 
     OK = "fitted"
     NOT_CONVERGED = "the fit did not settle within its iterations"

@@ -54,7 +54,7 @@ def describe_undecided(candidates: tuple[Candidate, ...]) -> str:
 
 
 def _microarcsec(angle: float) -> str:
-    """In the unit that suits it.
+    """Format an angle in a suitable unit.
 
     >>> _microarcsec(3.1e-7), _microarcsec(2.04e-3)
     ('0.3 µas', '2.0 mas')

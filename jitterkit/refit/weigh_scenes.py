@@ -104,7 +104,7 @@ class Weighing:
         return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit, evidence)
 
     def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
-        """What a frame says of one star and of a pair, without their priors."""
+        """Return a frame's evidence for one star and for a pair, without their priors."""
         names = ("separation", "theta", "contrast")
         if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
             return None
@@ -120,7 +120,7 @@ class Weighing:
         )
 
     def prepared(self, reading: _Reading) -> Start:
-        """Where the fit begins of a pair that was made of a blur."""
+        """Prepare the start of a pair that was made of a blur."""
         parameters = reading.fit.parameters or reading.start.parameters
         otf = self.optics.otf(parameters.aberrations)
         blur = Mvn.near(reading.fit.moments()[0]) if reading.fit.parameters else None
@@ -149,7 +149,7 @@ class Weighing:
             yield self.still(start, common)
 
     def common(self, start: Start, fit: FitResult | None = None):
-        """What fits are given, to begin at a start or where one ended."""
+        """Return the arguments of fits that begin at a start or where one ended."""
         if fit is None or fit.parameters is None:
             moments, parameters, otf = (
                 np.asarray(start.parameters.locus.moments()),
@@ -198,19 +198,19 @@ class Weighing:
 
 
 def _has_a_size(fit: FitResult) -> bool:
-    """Whether jitter is seen, of a variance that is positive: a pair may have taken too much of it."""
+    """Return whether jitter of a positive variance is seen: a pair may have absorbed too much of it."""
     moments, covariance = fit.moments()
     error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
     return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
 
 
 def _is_split(start: Start) -> bool:
-    """Whether a pair was made of a star's blur, and not fitted yet."""
+    """Return whether a pair was made of a star's blur, and not fitted yet."""
     return start.parameters.scene.name == Binary.name and "separation" not in start.names
 
 
 def _surely(start: Start) -> bool:
-    """Whether a start shows jitter so clearly that no fit without it is worth its time."""
+    """Return whether a start shows jitter so clearly that a fit without it is not needed."""
     return significance(np.asarray(start.parameters.locus.moments()), start.covariance) > _SURELY
 
 
@@ -228,7 +228,7 @@ def _anchored(optics: Optics, parameters: Parameters) -> Optics:
 
 
 def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether a blur may have no width."""
+    """Return whether a blur may have no width."""
     minor, error = minor_variance(moments, covariance)
     return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
 

@@ -45,7 +45,7 @@ FEWEST = 8
 
 
 class Structure(NamedTuple):
-    """What the frames of a stack have in common.
+    """Hold the structure common to the frames of a stack.
 
     Attributes
     ----------

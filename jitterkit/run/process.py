@@ -63,7 +63,7 @@ BATCH = BatchSettings()
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left behind.
+    """Hold the results of a run.
 
     Attributes
     ----------

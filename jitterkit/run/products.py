@@ -86,7 +86,7 @@ class Products:
             _write_kernel(self.kernels / f"{stem}{ENDS[1]}", measured, self.oversample, self.file_rows)
 
     def _name(self, measured: BlurMeasurement) -> str:
-        """Of the products of a frame, without their ends; each is given once."""
+        """Return the file name of a frame's products, without the suffix; each is given once."""
         stem, full = _names(measured)
         if full in self._files or {stem, full} <= self._written:
             raise FrameError(

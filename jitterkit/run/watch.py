@@ -38,7 +38,7 @@ _UNREADABLE = Status.UNREADABLE.name.lower()
 
 @dataclass(frozen=True)
 class WatchSettings:
-    """How often to look, and how many frames to take at a time."""
+    """Hold how often to scan, and how many frames to take at a time."""
 
     poll: float = 1.0
     """Seconds between two looks.  A look at 60,000 files, all but a few of them known, takes 0.05 s."""

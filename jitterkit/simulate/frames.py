@@ -248,7 +248,7 @@ def _counted(instrument: Instrument, expected: np.ndarray, rng, known: Metadata)
 
 
 def _known(instrument: Instrument, shutter: Shutter | None, row_order: int) -> Metadata:
-    """What a frame knows of itself, whether it is read out or not."""
+    """Return the metadata of a frame, whether it is read out or not."""
     line_time = line_time_of(instrument.detector, row_order) if shutter is None else float(shutter.line_time)
     numbers = {"exposure": instrument.exposure, "plate_scale": instrument.plate_scale, "line_time": line_time}
     return Metadata(row_order=row_order).override(_SOURCE, **numbers)

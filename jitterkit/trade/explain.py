@@ -25,7 +25,7 @@ def explain(worst_case: WorstCase, plan: Plan) -> Iterator[str]:
 
     Parameters
     ----------
-    outlook : Outlook
+    worst_case : WorstCase
         By which it was planned.
     plan : Plan
 
