@@ -69,12 +69,12 @@ class KernelEstimate:
 
     @property
     def errors(self) -> np.ndarray:
-        """Standard errors of the moments, arcsec²."""
+        """Return the standard errors of the moments, arcsec²."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def axes(self) -> tuple[float, float, float]:
-        """``(major, minor, angle)``: 1 sigma per axis [arcsec] and degrees."""
+        """Return ``(major, minor, angle)``: 1 sigma per axis [arcsec] and degrees."""
         return principal_axes(self.moments)
 
     @cached_property
@@ -94,7 +94,7 @@ def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:
 
 
 def significance(moments: np.ndarray, covariance: np.ndarray) -> float:
-    """Chi-squared (3 degrees of freedom) of second moments against no jitter at all.
+    """Return chi-squared (3 degrees of freedom) of second moments against no jitter at all.
 
     Parameters
     ----------

@@ -38,12 +38,12 @@ class Metric(NamedTuple):
         return cls(information, curvature, scale, jnp.maximum(sizes, 0.0), vectors)
 
     def step(self, score, damping=LEAST_DAMPING):
-        """The damped step that a score asks for."""
+        """Return the damped step that a score asks for."""
         along = self.vectors.T @ (score / self.scale)
         return self.vectors @ (along / (self.sizes + damping)) / self.scale
 
     def length(self, score):
-        """Length of the undamped step, in standard errors."""
+        """Return the length of the undamped step, in standard errors."""
         return jnp.sqrt(jnp.abs(score @ self.step(score)))
 
 

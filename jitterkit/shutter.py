@@ -64,22 +64,22 @@ class Shutter(eqx.Module):
 
     @abstractmethod
     def window(self, fx, fy, delay):
-        """Transfer function of the window that begins ``delay`` [s] after the central row's.
+        """Return the transfer function of the window that begins ``delay`` [s] after the central row's.
 
         Only what the locus does not hold: ``fx`` and ``fy`` in cycles/arcsec broadcast.
         """
 
     def completed(self, locus: Locus) -> Locus:
-        """The whole jitter of the central row, given what the parameters' locus holds of it."""
+        """Return the whole jitter of the central row, given what the parameters' locus holds of it."""
         return locus
 
     def transfers(self, fx, fy, ny: int):
-        """Transfer functions ``(nodes, ...)`` of the windows whose images are blended."""
+        """Return the transfer functions ``(nodes, ...)`` of the windows whose images are blended."""
         delays = jnp.asarray(_points(self.nodes) * (ny - 1) / 2) * self.line_time
         return jax.vmap(lambda delay: self.window(fx, fy, delay))(delays)
 
     def blend(self, ny: int) -> np.ndarray:
-        """Weights ``(nodes, ny)`` of each image in each row of a frame; each row's sum to one."""
+        """Return the weights ``(nodes, ny)`` of each image in each row of a frame; each row's sum to one."""
         return _cardinal(self.nodes, offsets(ny, 2 / max(ny - 1, 1)))
 
 
@@ -206,7 +206,7 @@ class Following(Shutter):
 
 
 def with_enough_nodes(shutter: _Kind, ny: int, highest: float, tolerance: float = _TOLERANCE) -> _Kind:
-    """A shutter with as many nodes as its motion needs.
+    """Return a shutter with as many nodes as its motion needs.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _points(nodes: int) -> np.ndarray:
 
 
 def _cardinal(nodes: int, at: np.ndarray) -> np.ndarray:
-    """The polynomials (nodes, m) that are one at their own point and zero at the others."""
+    """Return the polynomials (nodes, m) that are one at their own point and zero at the others."""
     basis = np.polynomial.chebyshev.chebvander
     return np.linalg.solve(basis(_points(nodes), nodes - 1).T, basis(at, nodes - 1).T)
 

@@ -52,7 +52,7 @@ class FrameTask(Protocol):
 
     @property
     def plate_scale(self) -> float | None:
-        """The instrument's [arcsec]; None where there is no instrument."""
+        """Return the instrument's plate scale [arcsec]; None where there is no instrument."""
         ...
 
     def for_batch(self, batch: Batch, hdu: int | None) -> Self:

@@ -114,7 +114,7 @@ class FrameProcessor:
 
     @property
     def plate_scale(self) -> float:
-        """The instrument's, arcsec."""
+        """Return the instrument's plate scale, arcsec."""
         return self.instrument.plate_scale
 
     def process(self, raw: RawFrame) -> ProcessedFrame:

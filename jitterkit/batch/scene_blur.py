@@ -62,7 +62,7 @@ class SceneBlurEstimator:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Return the name of the estimator."""
         if self.reference is None:
             return "starfield" if self.stars else self.method
         return "reference"
@@ -117,7 +117,7 @@ class SceneBlurEstimator:
 
     @cached_property
     def _sharp(self) -> Frame | None:
-        """The reference, calibrated."""
+        """Return the reference, calibrated."""
         return None if self.reference is None else self._electrons(self.reference)
 
     @cached_property

@@ -92,7 +92,7 @@ class FileExposures:
 
     @cached_property
     def optics(self) -> Optics:
-        """The optics of the sequence: on the grid of its first frame.
+        """Return the optics of the sequence: on the grid of its first frame.
 
         Raises
         ------
@@ -157,12 +157,12 @@ class _Clock:
         return self._cadence is None and bool(self._times)
 
     def lost(self) -> float:
-        """The time of a frame of which nothing is known; its place in the sequence counts."""
+        """Return the time of a frame of which nothing is known; its place in the sequence counts."""
         self._count += 1
         return math.nan
 
     def middle(self, frame: Frame) -> float:
-        """Middle of an exposure, s from the beginning of the first."""
+        """Return the middle of an exposure, s from the beginning of the first."""
         exposure = frame.exposure or 0.0
         step = self._cadence or exposure or 1.0
         if not self._reads_times:
@@ -199,7 +199,7 @@ class _Clock:
 
     @property
     def overlap(self) -> str:
-        """A sentence on the exposures that overlap; empty where none do."""
+        """Return a sentence on the exposures that overlap; empty where none do."""
         if not self._overlaps:
             return ""
         others = f", and {len(self._overlaps) - 1} more overlap" if len(self._overlaps) > 1 else ""

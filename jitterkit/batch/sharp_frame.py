@@ -78,7 +78,7 @@ def is_same(raw: RawFrame, reference: RawFrame) -> bool:
 
 
 def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
-    """The frame of a set of star fields whose stars are sharpest: the others' reference.
+    """Return the frame of a set of star fields whose stars are sharpest: the others' reference.
 
     Parameters
     ----------

@@ -47,12 +47,12 @@ class TemplateBlurEstimator:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Return the name of the estimator."""
         return self.processor.kernel
 
     @property
     def plate_scale(self) -> float:
-        """The instrument's, arcsec."""
+        """Return the instrument's plate scale, arcsec."""
         return self.processor.plate_scale
 
     def for_batch(self, batch: Batch, hdu: int | None) -> Self:

@@ -220,7 +220,7 @@ class _Work:
         return rate
 
     def flat(self, stacks: Sequence[Stack], rate: np.ndarray | float) -> tuple[list[Level], Response | None]:
-        """Levels of light, and the response they sum up to."""
+        """Return the levels of light, and the response they sum up to."""
         if not stacks:
             return [], None
         if self.level is None:

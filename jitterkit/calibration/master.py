@@ -79,7 +79,7 @@ class Master:
 
     @property
     def error(self) -> np.ndarray:
-        """Standard error of the mean of each pixel [ADU], from its own scatter."""
+        """Return the standard error of the mean of each pixel [ADU], from its own scatter."""
         error: np.ndarray = np.sqrt(self.variance / self.kept)
         return error
 
@@ -178,7 +178,7 @@ def _deviations(strip: np.ndarray, origin: np.ndarray, factors: np.ndarray, pede
 
 
 def _moments(deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and unbiased variance along the stack; the mean is taken off in place."""
+    """Return the mean and unbiased variance along the stack; the mean is taken off in place."""
     centre = deviations.mean(axis=0, dtype=np.float64)
     deviations -= centre
     return centre, np.einsum("ijk,ijk->jk", deviations, deviations) / (len(deviations) - 1.0)
@@ -212,13 +212,13 @@ def _clip(
 
 
 def _usual(variance: np.ndarray, frames: int) -> float:
-    """The variance of a typical pixel: the median of chi square is not its mean."""
+    """Return the variance of a typical pixel: the median of chi square is not its mean."""
     median = float(np.median(variance)) * (frames - 1) / stats.chi2.median(frames - 1)
     return max(median, _LEAST_VARIANCE)
 
 
 def _tiles(variance: np.ndarray, frames: int) -> np.ndarray:
-    """The usual variance around each pixel of a strip."""
+    """Return the usual variance around each pixel of a strip."""
     usual = np.empty_like(variance)
     for left in range(0, variance.shape[1], _TILE):
         usual[:, left : left + _TILE] = _usual(variance[:, left : left + _TILE], frames)

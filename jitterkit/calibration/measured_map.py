@@ -45,7 +45,7 @@ class MeasuredMap:
 
     @property
     def true_spread(self) -> float:
-        """The spread less what the errors make of it; zero where they make all of it."""
+        """Return the spread less what the errors make of it; zero where they make all of it."""
         return max(self.spread**2 - self.error**2, 0.0) ** 0.5
 
     @property

@@ -121,7 +121,7 @@ class Stack:
 
     @property
     def level(self) -> float:
-        """Median of the levels of the frames [ADU]."""
+        """Return the median of the levels of the frames [ADU]."""
         return float(np.median([shot.level for shot in self.shots]))
 
     @property
@@ -131,11 +131,11 @@ class Stack:
 
     @property
     def name(self) -> str:
-        """``"flat, 0.5 s"``."""
+        """Return ``"flat, 0.5 s"``."""
         return self.kind if self.exposure is None else f"{self.kind}, {self.exposure:g} s"
 
     def take(self, indices: Iterable[int]) -> Self:
-        """The stack of some of the frames."""
+        """Return the stack of some of the frames."""
         chosen = list(indices)
         pixels = None if self.pixels is None else self.pixels[chosen]
         return replace(self, shots=tuple(self.shots[i] for i in chosen), pixels=pixels)

@@ -70,7 +70,7 @@ class PhotonTransfer:
 
     @property
     def used(self) -> tuple[Level, ...]:
-        """The levels fitted."""
+        """Return the levels fitted."""
         return tuple(level for level in self.levels if not level.saturated)
 
     @property
@@ -85,7 +85,7 @@ class PhotonTransfer:
         return sum(rises) / sum(n * signal for n, signal in lit)
 
     def variance(self, signal: np.ndarray) -> np.ndarray:
-        """The line fitted: variance at a signal above the bias, both in ADU."""
+        """Return the line fitted: variance at a signal above the bias, both in ADU."""
         line = [_abscissa(float(s), self.linearity) for s in np.ravel(signal)]
         slope, read = _kept(self.coupling) / self.gain, self.read_noise / self.gain
         return np.reshape(np.array(line) * slope + read**2, np.shape(signal))
@@ -169,7 +169,7 @@ def mark_saturated(levels: Sequence[Level]) -> list[Level]:
 
 
 def _share(before: Sequence[Level], level: Level) -> float:
-    """Variance over what the line through the levels before foretells, and its errors."""
+    """Return the variance over what the line through the levels before predicts, and its errors."""
     x, y, e = np.array([(o.signal, o.variance, o.variance_error) for o in before]).T
     (slope, start), covariance, *_ = _line(x, y, e)
     foretold = slope * level.signal + start
@@ -232,7 +232,7 @@ def _coupling(used: list[Level], x: np.ndarray, slope: float) -> tuple[float, fl
 
 
 def _kept(coupling: float) -> float:
-    """Share of a pixel's shot-noise variance that coupling leaves it."""
+    """Return the share of a pixel's shot-noise variance that coupling leaves it."""
     return (1 - 4 * coupling) ** 2 + 4 * coupling**2
 
 

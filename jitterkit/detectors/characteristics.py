@@ -255,7 +255,7 @@ class Characteristics:
         return self.sources.get(name, "argument Detector")
 
     def nominal(self, name: str) -> float | None:
-        """A number, or the median of a map, by its name; None where it is not known."""
+        """Return a number, or the median of a map, by its name; None where it is not known."""
         if name not in self._nominals:
             self._nominals[name] = nominal(getattr(self, name))
         return self._nominals[name]

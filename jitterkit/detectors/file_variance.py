@@ -155,7 +155,7 @@ def _without(raw: RawFrame, warning: str) -> RawFrame:
 
 
 def _signal(raw: RawFrame, metadata: Metadata) -> tuple[RawFrame, np.ndarray, Sourced]:
-    """The frame, its pixels above the bias, and the gain that makes electrons of them."""
+    """Return the frame, its pixels above the bias, and the gain that makes electrons of them."""
     if raw.unit == "electron":
         return raw, raw.data, Sourced(1.0, "", "header")
     bias, gain = metadata.bias, metadata.gain

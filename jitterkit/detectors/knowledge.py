@@ -65,7 +65,7 @@ def _with_line_time(detector: Characteristics, metadata: Metadata) -> Metadata:
 
 
 def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
-    """The lowest level that ends the range, ADU, and which of a detector's numbers sets it."""
+    """Return the lowest level that ends the range, ADU, and which of a detector's numbers sets it."""
     gain, noise, bias = (metadata.value(name) for name in ASSUMED)
     levels = {"saturation": detector.saturation if detector.saturation is not None else math.inf}
     levels["bits"] = detector.largest
@@ -80,7 +80,7 @@ def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
 
 
 def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray | float:
-    """A number of a frame: the detector's map where the metadata hold that map's nominal value."""
+    """Return a number of a frame: the detector's map where the metadata hold that map's nominal value."""
     value, stated = getattr(detector, name), metadata.value(name)
     return value if np.ndim(value) and _same(stated, detector.nominal(name)) else stated
 

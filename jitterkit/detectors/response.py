@@ -90,7 +90,7 @@ def decouple(coupled: np.ndarray, share: float) -> np.ndarray:
 
 
 def decoupled_variance(variance: np.ndarray | float, share: float) -> np.ndarray | float:
-    """Variance of white noise after :func:`decouple`.
+    """Return the variance of white noise after :func:`decouple`.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def narrow(broadened: np.ndarray, coefficient: float) -> np.ndarray:
 
 
 def beside(mask: np.ndarray) -> np.ndarray:
-    """The four neighbours of the pixels of a mask (ny, nx), and the pixels themselves."""
+    """Return the four neighbours of the pixels of a mask (ny, nx), and the pixels themselves."""
     wide = np.pad(mask, 1)
     return mask | wide[:-2, 1:-1] | wide[2:, 1:-1] | wide[1:-1, :-2] | wide[1:-1, 2:]
 
@@ -193,12 +193,12 @@ def measured(charge: np.ndarray, coefficients: Sequence[float], top: float) -> n
 
 
 def slope(charge: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
-    """Derivative of :func:`measured` with respect to the charge; one at zero and below."""
+    """Return the derivative of :func:`measured` with respect to the charge; one at zero and below."""
     return _law(coefficients).deriv()(np.clip(charge, 0.0, top))
 
 
 def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
-    """The charge that is measured as given: the inverse of :func:`measured`.
+    """Return the charge that is measured as given: the inverse of :func:`measured`.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class CompressedFit(NamedTuple):
         )
 
     def of_locus(self) -> np.ndarray:
-        """Covariance of the coordinates of the locus."""
+        """Return the covariance of the coordinates of the locus."""
         indices = [self.names.index(name) for name in self.locus.names]
         return self.covariance[np.ix_(indices, indices)]
 

@@ -84,7 +84,7 @@ class _Nodes(NamedTuple):
     reach: int
 
     def trim(self, image) -> np.ndarray:
-        """Pixels to which every shift brings light from within the frame."""
+        """Return the pixels to which every shift brings light from within the frame."""
         return _trimmed(np.asarray(image), self.reach)
 
 
@@ -151,7 +151,7 @@ def _shifted_templates(template: Parameters, otf: OTF, per_pixel: int, reach: in
 
 
 def _displaced(template: Parameters, otf: OTF, x: float, y: float) -> np.ndarray:
-    """The sharp template (ny, nx), without background, moved by ``x, y`` arcsec."""
+    """Return the sharp template (ny, nx), without background, moved by ``x, y`` arcsec."""
     scene = template.scene.shifted(x, y)
     still = Parameters(
         scene, Stable.of(), template.aberrations, diffusion=template.diffusion, shutter=template.shutter
@@ -186,7 +186,7 @@ def _problem(data: Data, nodes: _Nodes, background: np.ndarray) -> tuple[KernelP
 
 
 def _border(shares: np.ndarray) -> float:
-    """Share of the light on the outermost nodes."""
+    """Return the share of the light on the outermost nodes."""
     side = int(np.sqrt(len(shares)))
     square = shares.reshape(side, side)
     return 1 - float(square[1:-1, 1:-1].sum() / square.sum())
@@ -205,7 +205,7 @@ def _summary(shares: np.ndarray, response: np.ndarray, nodes: _Nodes, method: st
 
 
 def _response(problem: KernelProblem, best: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) of the best shares, by linear response: those at zero stay there."""
+    """Return the covariance (n, n) of the best shares, by linear response: those at zero stay there."""
     alive = np.flatnonzero(best)
     response = np.zeros_like(problem.curvature)
     response[np.ix_(alive, alive)] = np.linalg.inv(problem.curvature[np.ix_(alive, alive)])

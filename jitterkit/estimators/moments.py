@@ -134,7 +134,7 @@ def _windows(template: Parameters, data: Data, otf: OTF) -> list[np.ndarray]:
 
 
 def _chosen(windows: list[np.ndarray], sharp: _Point, data: Data, otf: OTF) -> np.ndarray:
-    """The window with the least noise; with the least mean square error, where it sees a blur."""
+    """Return the window with the least noise; with the least mean square error, where it sees a blur."""
     steps, covariances = zip(*(sharp.step(window) for window in windows), strict=True)
     noise = np.array([np.trace(covariance[3:, 3:]) for covariance in covariances])
     least = int(np.argmin(noise))

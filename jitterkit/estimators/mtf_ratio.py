@@ -183,7 +183,7 @@ def _geometry(shape: tuple[int, int], plate_scale: float) -> tuple[np.ndarray, n
 
 
 def _estimate(ratio: _Ratio) -> KernelEstimate:
-    """Moments with a normal's shape, or with their own where the spectra tell it."""
+    """Return the moments with a normal's shape, or with their own where the spectra tell it."""
     normal, pull, _ = _fit(ratio, np.zeros(4), _STEPS)
     covariance = _propagate(pull, ratio)
     if not is_detected(normal[1:], covariance):
@@ -207,7 +207,7 @@ def _estimate(ratio: _Ratio) -> KernelEstimate:
 
 
 def _of_known_shape(ratio: _Ratio, shape: float) -> KernelEstimate:
-    """Moments with a shape that is given."""
+    """Return the moments with a shape that is given."""
     normal, *_ = _fit(ratio, np.zeros(4), _STEPS)
     solution, pull, _ = _fit(ratio, normal, _STEPS, shape)
     locus = Shaped(jnp.append(jnp.asarray(solution[1:]), shape))
@@ -250,7 +250,7 @@ def _fit(
 def _model(
     solution: np.ndarray, w: np.ndarray, squares: np.ndarray, shape: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``y`` (n,) and its derivatives (4 or 5, n) by the parameters, the shape among them or given."""
+    """Return ``y`` (n,) and its derivatives (4 or 5, n) by the parameters, the shape among them or given."""
     shape = float(solution[4]) if len(solution) > 4 else shape
     if shape > _HEAVY:
         z = np.maximum(1 + shape * w / 6, 0.5)
@@ -266,7 +266,7 @@ def _model(
 
 
 def _propagate(pull: np.ndarray, ratio: _Ratio) -> np.ndarray:
-    """Covariance of the estimate from the variance of each windowed pixel.
+    """Return the covariance of the estimate from the variance of each windowed pixel.
 
     To first order ``dy = 2 Re(dD/D)``, so the estimate is a linear function of the pixels, and its
     weight on each of them is a Fourier transform of the pull of the frequencies.  Unlike the fit's

@@ -72,12 +72,12 @@ class ShapedBlur(NamedTuple):
 
     @property
     def locus(self) -> Locus:
-        """The blur itself."""
+        """Return the blur itself."""
         return self.parameters.locus
 
     @property
     def kurtosis(self) -> float:
-        """Excess kurtosis."""
+        """Return the excess kurtosis."""
         return float(self.locus.coords[3])
 
     @property
@@ -147,7 +147,7 @@ class CumulantStep:
         )
 
     def shape(self) -> Shape:
-        """Excess kurtosis of a blur that was fitted with a normal, everything free beside it.
+        """Return the excess kurtosis of a blur that was fitted with a normal, everything free beside it.
 
         Its fourth cumulants are the kurtosis times what the second moments make of them.
 

@@ -82,7 +82,7 @@ def _correlation(spectrum: PowerSpectrum) -> np.ndarray:
 
 
 def _along(correlation: np.ndarray, lengths: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Second derivative (lengths, angles) of the correlation along the ray at each angle.
+    """Return the second derivative (lengths, angles) of the correlation along the ray at each angle.
 
     It is the negative autocorrelation of the derivative.
     """

@@ -172,7 +172,7 @@ def _true_gain(spectrum: PowerSpectrum, best: _Streak) -> float:
 
 
 def _expected_power(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
-    """Mean power (ny, nx) with the nulls of a streak, the scene's spectrum following the data."""
+    """Return the mean power (ny, nx) with the nulls of a streak, the scene's spectrum following the data."""
     nulls = _seen_through_window(transfer_squared(spectrum, length, angle))
     scale, weight, noise = max(length, _WIDEST), spectrum.weight, np.float32(spectrum.noise)
     share = np.maximum(smoothed(weight, spectrum.shape, scale), 1e-4)
@@ -193,7 +193,7 @@ def _seen_through_window(nulls: np.ndarray) -> np.ndarray:
 
 
 def _likelihood(spectrum: PowerSpectrum, length: float, angle: float) -> float:
-    """Logarithm of the power's probability, exponential about a mean that itself scatters."""
+    """Return the logarithm of the power's probability, exponential about a mean that itself scatters."""
     mean = _expected_power(spectrum, length, angle)
     terms = np.log(mean) + (1 + _TAIL) * np.log1p(spectrum.power / (_TAIL * mean))
     return -float((spectrum.weight * terms).sum(dtype=float))

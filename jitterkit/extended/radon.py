@@ -92,7 +92,7 @@ def _projections(
 
 
 def _match(mean: np.ndarray, share: np.ndarray, limit: float) -> tuple[float, float]:
-    """Length [pixels] whose nulls correlate best with a projection, and that correlation."""
+    """Return the length [pixels] whose nulls correlate best with a projection, and that correlation."""
     lengths = np.arange(2.5, limit, _STEP[0])
     u = np.arange(mean.size) / (2 * mean.size)
     # a null is filled by the window over some three of these frequencies

@@ -121,7 +121,7 @@ def estimate_from_reference(
 
 
 def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Moments (3,), their covariance [pixels], and whether a streak fits better than a normal."""
+    """Return the moments (3,), their covariance [pixels], and whether a streak fits better than a normal."""
 
     def normal(q, fx, fy):
         return np.exp(np.clip(-2 * np.pi**2 * (q[0] * fx**2 + 2 * q[1] * fx * fy + q[2] * fy**2), -60, 2))

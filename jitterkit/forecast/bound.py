@@ -58,7 +58,7 @@ class Forecast:
     masked: int = 0
 
     def error(self, name: str) -> float:
-        """Least standard error of a free parameter.
+        """Return the least standard error of a free parameter.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Forecast:
         return self.covariance / np.outer(sigma, sigma)
 
     def jitter(self) -> dict[str, tuple[float, float]]:
-        """Size and axis of the jitter with their errors, by name: arcsec, and degrees.
+        """Return the size and axis of the jitter with their errors, by name: arcsec, and degrees.
 
         Returns
         -------
@@ -209,7 +209,7 @@ def expected_data(
     exposure: float = 0.0,
     censored: bool = False,
 ) -> Data:
-    """A frame as it is expected, without noise, and how far a detector's pixels are to be trusted.
+    """Return a frame as it is expected, without noise, and how far a detector's pixels are to be trusted.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def expected_data(
 
 
 def _root(variance: float, error: float) -> tuple[float, float]:
-    """A standard deviation and its error from a variance and its own; zero of a negative one."""
+    """Return a standard deviation and its error from a variance and its own; zero of a negative one."""
     root = math.sqrt(max(variance, 0.0))
     return (root, _quotient(error, 2 * root)) if error > 0 else (root, 0.0)
 

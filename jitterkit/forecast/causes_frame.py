@@ -146,7 +146,7 @@ class Setting:
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Names of what is the same in every frame: aberrations, seeing and diffusion."""
+        """Return the names of what is the same in every frame: aberrations, seeing and diffusion."""
         return (*self.otf.names, "diffusion")
 
     def under(self, locus: Locus) -> Parameters:
@@ -168,7 +168,7 @@ class Setting:
         return information.changed(locus.names[: len(new)], new, slope)
 
     def slopes(self, locus: Locus) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """The expected image (ny, nx) and its derivatives, by the names of :meth:`frame`."""
+        """Return the expected image (ny, nx) and its derivatives, by the names of :meth:`frame`."""
         parameters = self.under(locus)
         names, free = free_parameters(parameters, self.otf, self._held)
         image, jacobian = (np.asarray(a) for a in image_and_jacobian(parameters, self.otf, free))
@@ -218,7 +218,7 @@ def choose_defocus(setting: Setting) -> Setting:
 
 
 def _information_on_defocus(setting: Setting, name: str) -> float:
-    """Information about it, the scene unknown and other causes known."""
+    """Return the information about it, the scene unknown and other causes known."""
     information = setting.frame(Stable.of())
     others = [cause for cause in setting.shared if cause != name]
     return float(information.knowing(others).about((name,)).matrix[0, 0])

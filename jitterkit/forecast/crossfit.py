@@ -67,7 +67,7 @@ class CrossFit:
 
     @property
     def error(self) -> float:
-        """Error of the separation that the fit believes it has, arcsec."""
+        """Return the error of the separation that the fit believes it has, arcsec."""
         return self.fit.error("separation")
 
     @property
@@ -83,7 +83,7 @@ class CrossFit:
 
     @property
     def misfit(self) -> float:
-        """Chi-squared that the wrong locus adds to a frame; its noise is about ``sqrt(2 pixels)``."""
+        """Return chi-squared that the wrong locus adds to a frame; its noise is about ``sqrt(2 pixels)``."""
         return self.fit.chi2
 
 

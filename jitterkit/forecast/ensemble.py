@@ -47,7 +47,7 @@ class Draws(NamedTuple):
     evidence: np.ndarray
 
     def by_frame(self) -> np.ndarray:
-        """Separations (n,) with the locus that each frame's own evidence chooses."""
+        """Return the separations (n,) with the locus that each frame's own evidence chooses."""
         best = np.argmax(self.evidence, axis=0)
         return self.separations[best, np.arange(len(best))]
 

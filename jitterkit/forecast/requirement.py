@@ -172,7 +172,7 @@ def _beyond_quadrature(locus: Locus) -> bool:
 
 
 def _after(loss: Callable[[list[Locus]], float], build: Callable[..., list[Locus]]):
-    """The loss as a function of the size."""
+    """Return the loss as a function of the size."""
     return lambda size: loss(build(size))
 
 
@@ -188,12 +188,12 @@ def _rms(loci: list[Locus]) -> float:
 
 
 def _over_phases(values: Sequence[float]) -> float:
-    """Mean over the phases of a vibration; of another motion there is one value."""
+    """Return the mean over the phases of a vibration; of another motion there is one value."""
     return float(np.average(values, weights=_SHARES if len(values) > 1 else None))
 
 
 def largest_size(loss: Callable[[float], float], allowed: float, guess: float = 0.1) -> float:
-    """The size at which a loss first reaches what is allowed.
+    """Return the size at which a loss first reaches what is allowed.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ class Sweep:
     forecasts: np.ndarray
 
     def error(self, name: str = "separation") -> np.ndarray:
-        """Least error of a parameter at every point of the grid."""
+        """Return the least error of a parameter at every point of the grid."""
         every = np.array([one.error(name) for one in self.forecasts.ravel()])
         return every.reshape(self.forecasts.shape)
 

@@ -120,7 +120,7 @@ class FitResponse:
         return FitResponse(free, self.slopes[kept], self.weights, known, self.spread)
 
     def covariance(self) -> np.ndarray:
-        """Covariance (p, p) of the parameters.
+        """Return the covariance (p, p) of the parameters.
 
         Raises
         ------
@@ -215,7 +215,7 @@ def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicE
 
 
 def _share(shifts: np.ndarray, opposite: np.ndarray | None, leverage: np.ndarray, target: float) -> float:
-    """Share of a size at which odd and even parts of its shifts make at most a target together."""
+    """Return the share of a size at which odd and even parts of its shifts make at most a target together."""
     back = -shifts if opposite is None else opposite.reshape(len(shifts), -1) @ leverage
     odd, even = (float(np.linalg.norm(shifts + sign * back)) / 2 for sign in (-1, 1))
     both = odd + math.sqrt(odd**2 + 4 * even * target)

@@ -151,7 +151,7 @@ def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
 def _light(
     path: Path, images: Sequence[NamedImage], band: tuple[float, float] | None, wavelength: float | None
 ) -> dict[str, Any]:
-    """The table [spectrum]."""
+    """Read the table [spectrum]."""
     if band is not None and wavelength is not None:
         problem = f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)

@@ -98,7 +98,7 @@ def _is_opd(image: NamedImage) -> bool:
 
 
 def _amplitude(path: Path, image: NamedImage) -> np.ndarray:
-    """The amplitude transmission; of a file of the intensity its root."""
+    """Return the amplitude transmission; of a file of the intensity its root."""
     content = str(image.header.get("CONTENTS", image.header.get("PLANE1", ""))).lower()
     if image.pixels.min() < 0:
         problem = f"{path}: the transmission in HDU {image.hdu} goes down to {image.pixels.min():.4g}"

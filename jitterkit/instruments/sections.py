@@ -110,7 +110,7 @@ def _number_or_map(section: Section, key: str) -> float | np.ndarray:
 
 
 def _map(path: Path) -> np.ndarray:
-    """A map in single precision, which is finer than any detector is known; NaN where it is masked."""
+    """Return a map in single precision, which is finer than any detector is known; NaN where it is masked."""
     with open_frames(path) as frames:
         frame = frames[0]
     return np.where(frame.mask, np.nan, frame.data).astype(np.float32)

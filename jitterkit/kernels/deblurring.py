@@ -135,7 +135,7 @@ def fill_masked(image: np.ndarray, usable: np.ndarray) -> np.ndarray:
 
 
 def _noise(image: np.ndarray) -> float:
-    """Standard deviation of white noise in an image that is smooth over most of its area."""
+    """Return the standard deviation of white noise in an image that is smooth over most of its area."""
     return 1.4826 * float(np.median(np.abs(convolve(image, _LAPLACE, mode="reflect"))))
 
 

@@ -106,7 +106,7 @@ def kernel_quality(
 
 
 def kernel_transfer(kernel: np.ndarray, plate_scale: float, fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
-    """Transfer function of a kernel about its middle pixel.
+    """Return the transfer function of a kernel about its middle pixel.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _checked(kernel) -> np.ndarray:
 
 
 def _core(kernel: np.ndarray) -> np.ndarray:
-    """The pixels that hang together with the peak."""
+    """Return the pixels that hang together with the peak."""
     labels = components(kernel > _CORE * kernel.max()).labels
     return labels == labels.ravel()[kernel.argmax()]
 

@@ -155,11 +155,11 @@ class _Field:
         return cls(grid, optics, used, varied, match, power, light, noise)
 
     def single(self) -> np.ndarray:
-        """Chi-squared explained by one star at each position."""
+        """Return chi-squared explained by one star at each position."""
         return ratio(np.clip(self.match, 0, None) ** 2, self.power * self.noise)
 
     def beside(self, first: Position):
-        """Chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
+        """Return chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
         if first not in self.seen:
             self.seen[first] = self._beside(first)
         return self.seen[first]
@@ -180,7 +180,7 @@ class _Field:
         return gain, flux_one, flux_two
 
     def companions(self, first: Position, least: float, most: int) -> list[Position]:
-        """The best positions for a second star, each the best within ``least`` of itself."""
+        """Return the best positions for a second star, each the best within ``least`` of itself."""
         gain, _, _ = self.beside(first)
         y, x = np.meshgrid(*self._axes(), indexing="ij")
         gain = np.where(np.hypot(x - first[0], y - first[1]) >= least, gain, 0.0)

@@ -99,7 +99,7 @@ class Residual:
 
     @cached_property
     def sigmas(self) -> np.ndarray:
-        """``(data - image)/sigma`` (ny, nx); zero where a pixel does not count."""
+        """Return ``(data - image)/sigma`` (ny, nx); zero where a pixel does not count."""
         return (np.asarray(self.data.electrons) - self.image) * np.sqrt(self._weight)
 
     def star(self) -> tuple[Star, float]:
@@ -255,7 +255,7 @@ class Residual:
 
     @cached_property
     def _power(self) -> np.ndarray:
-        """Information on the flux of a star at each pixel."""
+        """Return the information on the flux of a star at each pixel."""
         grid = self.otf.grid
         squares = fft.rfft2(fft.irfft2(self._spectrum, s=grid.fine_shape) ** 2)
         power = correlate(embed(self._weight, grid), squares, grid)
@@ -263,13 +263,13 @@ class Residual:
 
     @cached_property
     def _significance(self) -> np.ndarray:
-        """Flux of a star at each pixel, in its standard errors."""
+        """Return the flux of a star at each pixel, in its standard errors."""
         match, power = self._products
         return match / np.sqrt(power)
 
     @cached_property
     def _of_pixels(self) -> np.ndarray:
-        """Chi-squared of the most outstanding pixel within one of each."""
+        """Return chi-squared of the most outstanding pixel within one of each."""
         return ndimage.maximum_filter(self.sigmas**2, size=3)
 
     @property

@@ -137,7 +137,7 @@ def _finished(start: Start, data: Data, optics: Optics, hold: Collection[str], r
 
 
 def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:
-    """Pairs to try: companions of the star that the best so far has found, then any."""
+    """Yield the pairs to try: companions of the star that the best so far has found, then any."""
     if best is not None:
         (x, _), (y, _), _ = best.parameters.scene.sources()
         yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)

@@ -99,7 +99,7 @@ class RegistrationResult:
         return bool(_excess(parameters, self.otf, self.data) < _SURE)
 
     def in_frame(self, parameters: Parameters) -> Parameters:
-        """Parameters about the frame's centre."""
+        """Return the parameters about the frame's centre."""
         y, x = self.offset
         return parameters.shifted(x, y)
 
@@ -261,7 +261,7 @@ class ReferenceFrame:
 
 @eqx.filter_jit
 def _excess(parameters: Parameters, otf: OTF, data: Data):
-    """Standard deviations by which chi-squared exceeds what is expected of it."""
+    """Return the standard deviations by which chi-squared exceeds what is expected of it."""
     chi2, pixels, spread = chi_squared(expected_image(parameters, otf), data)
     return (chi2 - pixels) / spread
 

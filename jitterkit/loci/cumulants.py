@@ -84,7 +84,7 @@ class WithCumulants(Locus):
 
     @property
     def inner(self) -> Locus:
-        """The locus at its present size."""
+        """Return the locus at its present size."""
         return self.locus.at(self.coords[: -len(self._own)])
 
     @classmethod

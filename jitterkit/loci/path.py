@@ -87,7 +87,7 @@ class Path(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """A straight line of the greater variance, bent to a parabola of the lesser."""
+        """Return a straight line of the greater variance, bent to a parabola of the lesser."""
         major, minor, angle = principal_axes(moments)
         length, s = np.sqrt(12) * major, np.linspace(-0.5, 0.5, _KNOTS)
         height = max(minor / np.sqrt(_PARABOLA), _BEND * length)
@@ -105,7 +105,7 @@ class Path(Locus):
         return exact_to(greatest_speed(self.points(_MANY)) / (self._knots - 1), self.nodes)
 
     def describe(self) -> dict[str, float]:
-        """``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
+        """Return ``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
         positions = self._at(np.linspace(-0.5, 0.5, self._knots))
         return {
             f"{axis}{k}": float(v)
@@ -125,7 +125,7 @@ class Path(Locus):
         return len(self.names) // 2 + 1
 
     def _at_nodes(self):
-        """Offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
+        """Return the offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
         positions, weights = (
             jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots, self.nodes)
         )
@@ -133,7 +133,7 @@ class Path(Locus):
         return x, y, weights
 
     def _at(self, times: np.ndarray) -> np.ndarray:
-        """Offsets (n, 2) from the mean at times from -1/2 to 1/2."""
+        """Return the offsets (n, 2) from the mean at times from -1/2 to 1/2."""
         positions, weights = gauss_legendre(self.nodes, self._knots - 1)
         mean = weights @ _spline(self._knots, positions)
         return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T

@@ -97,5 +97,5 @@ class Skewed(Elliptic):
 
 
 def _regular(moments: np.ndarray) -> np.ndarray:
-    """Second moments (2, 2) without a vanishing axis."""
+    """Return the second moments (2, 2) without a vanishing axis."""
     return moments + np.finfo(float).eps * max(np.trace(moments), np.finfo(float).tiny) * np.eye(2)

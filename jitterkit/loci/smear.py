@@ -52,7 +52,7 @@ class Smear(Product):
         return cls(Linear.of(length, angle), Mvn(jnp.asarray([minor, 0.0, minor])))
 
     def describe(self) -> dict[str, float]:
-        """``length`` and ``angle`` of the smear; the normal's sigmas and ``sigma_angle``."""
+        """Return ``length`` and ``angle`` of the smear; the normal's sigmas and ``sigma_angle``."""
         smear, rest = (part.describe() for part in self.factors())
         sigmas = {name: rest[name] for name in ("sigma_major", "sigma_minor")}
         return {**smear, **sigmas, "sigma_angle": rest["angle"]}

@@ -43,6 +43,6 @@ class Tones(Product):
         return cls.of(scale * major, angle, scale * max(minor, _LEAST * major), angle + 90)
 
     def describe(self) -> dict[str, float]:
-        """``length1``, ``angle1``, ``length2`` and ``angle2``, arcsec and degrees."""
+        """Return ``length1``, ``angle1``, ``length2`` and ``angle2``, arcsec and degrees."""
         parts = enumerate(self.factors(), start=1)
         return {f"{name}{k}": value for k, part in parts for name, value in part.describe().items()}

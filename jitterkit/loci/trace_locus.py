@@ -127,7 +127,7 @@ class Trace(Locus):
         return exact_to(float(longest * mean ** (1 / power)), self._order)
 
     def describe(self) -> dict[str, float]:
-        """``sigma_major``, ``sigma_minor`` [arcsec] and ``angle`` [deg] of its moments."""
+        """Return ``sigma_major``, ``sigma_minor`` [arcsec] and ``angle`` [deg] of its moments."""
         major, minor, angle = principal_axes(self.moments())
         return {"sigma_major": major, "sigma_minor": minor, "angle": angle}
 
@@ -140,11 +140,11 @@ class Trace(Locus):
 
     @property
     def _order(self) -> int:
-        """Nodes in every piece."""
+        """Return the nodes in every piece."""
         return max(_NODES, -(-_IN_ALL // (len(self.times) - 1)))
 
     def _nodes(self):
-        """Offsets (m, 2) at the nodes of every piece, and their weights (m,)."""
+        """Return the offsets (m, 2) at the nodes of every piece, and their weights (m,)."""
         s, w = gauss_legendre(self._order)
         middle, step = (self.positions[1:] + self.positions[:-1]) / 2, jnp.diff(self.positions, axis=0)
         positions = middle[:, None] + s[:, None] * step[:, None]
@@ -250,7 +250,7 @@ _HALF_TURN = 180 * 3600
 
 
 def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
-    """Factors to s, arcsec and arcsec or arcsec/s; and whether the columns are rates."""
+    """Return the factors to s, arcsec and arcsec or arcsec/s; and whether the columns are rates."""
     names, units = zip(*map(heading, cells), strict=True) if cells else ((), ())
     named_rates = names[1:] == ("wx", "wy")
     if not cells or not is_trace(cells) or not (named_rates or names[1:] == ("x", "y")):

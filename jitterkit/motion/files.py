@@ -109,7 +109,7 @@ class _Header(NamedTuple):
     roots: bool = False
 
     def numbers(self, row: CsvRow) -> dict[str, float]:
-        """The numbers of a line by column, in the units of :data:`_UNITS`."""
+        """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
         values = dict(zip(self.names, row_numbers(row, self.names), strict=True))
         scaled = {name: values[name] * factor for name, factor in zip(self.names, self.factors, strict=True)}
         return {name: scaled[name] ** 2 if self.roots and name in "xy" else scaled[name] for name in scaled}
@@ -137,7 +137,7 @@ def _header(cells: list[str]) -> _Header | None:
 
 
 def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
-    """The rows of densities and the lines of a file."""
+    """Return the rows of densities and the lines of a file."""
     tables: dict[str, list[dict[str, float]]] = {}
     lines: list[Line] = []
     header: _Header | None = None
@@ -160,7 +160,7 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
 
 
 def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, log: Log) -> PowerSpectrum:
-    """The spectrum of a table of densities."""
+    """Return the spectrum of a table of densities."""
     if not rows:
         return PowerSpectrum()
     f = np.array([row["f"] for row in rows])

@@ -63,7 +63,7 @@ class Exposures:
     planned: int
 
     def split(self) -> Split:
-        """Mean over the exposures, for comparison with that of a spectrum.
+        """Return the mean over the exposures, for comparison with that of a spectrum.
 
         The displacement is about the mean of the record: what is slower than that is not in it.
         """

@@ -112,7 +112,7 @@ def _whole(line: Line, exposure: float) -> Locus:
 
 
 def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generator) -> np.ndarray:
-    """Normal motion (n + 1, 2) at equal steps."""
+    """Return the normal motion (n + 1, 2) at equal steps."""
     positions = np.zeros((n + 1, 2))
     if not len(spectrum.frequencies):
         return positions
@@ -132,14 +132,14 @@ def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generat
 
 
 def _powers(spectrum: PowerSpectrum, bounds: np.ndarray) -> np.ndarray:
-    """Second moments (b, 3) of the bands between ascending bounds."""
+    """Return the second moments (b, 3) of the bands between ascending bounds."""
     ends, integrals = panel_integrals(spectrum, edges=bounds)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(integrals[:, 0], axis=0)])
     return np.diff(np.stack([np.interp(bounds, ends, column) for column in total.T], axis=1), axis=0)
 
 
 def _draws(powers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Complex amplitudes (b, 2) of normal motion with given second moments a band."""
+    """Return the complex amplitudes (b, 2) of normal motion with given second moments a band."""
     real, imaginary = rng.standard_normal((2, len(powers), 2))
     one = real + 1j * imaginary
     xx, xy, yy = np.maximum(powers[:, 0], 0), powers[:, 1], np.maximum(powers[:, 2], 0)

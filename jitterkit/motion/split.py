@@ -26,7 +26,7 @@ _LAST = 8
 
 
 def legendre_weight(n: int, cycles) -> np.ndarray:
-    """Share of a tone's variance in the n-th Legendre term of an exposure.
+    """Return the share of a tone's variance in the n-th Legendre term of an exposure.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def part_weights(cycles) -> np.ndarray:
 
 
 def difference_weight(frequencies, exposure: float, cadence: float) -> np.ndarray:
-    """Variance of the motion between two frames, per variance of a tone.
+    """Return the variance of the motion between two frames, per variance of a tone.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def split_spectrum(spectrum: PowerSpectrum, exposure: float) -> Split:
 
 
 def cumulative_split(spectrum: PowerSpectrum, exposure: float) -> tuple[np.ndarray, np.ndarray]:
-    """The split of all motion up to a frequency, at frequencies close enough to draw it.
+    """Return the split of all motion up to a frequency, at frequencies close enough to draw it.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class Anchor(eqx.Module):
         return sum(part.nbytes for part in jax.tree.leaves(self))
 
     def otf(self, aberrations) -> OTF:
-        """The first-order expansion about aberrations [nm] near the state.
+        """Return the first-order expansion about aberrations [nm] near the state.
 
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
         """
@@ -201,7 +201,7 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
 
 
 def _positions(anchor: Anchor) -> np.ndarray:
-    """Places of the modes in which B may differ."""
+    """Return the indices of the modes in which B may differ."""
     return np.array([anchor.names.index(name) for name in anchor.further.of_b], int)
 
 
@@ -212,7 +212,7 @@ def _real(spectra):
 
 
 def _complex(parts, grid: Grid):
-    """Spectra (n, My, Mx//2 + 1) from their real and their imaginary parts (n, m)."""
+    """Return the spectra (n, My, Mx//2 + 1) from their real and their imaginary parts (n, m)."""
     half = parts.shape[1] // 2
     ny, nx = grid.fine_shape
     return jnp.reshape(jax.lax.complex(parts[:, :half], parts[:, half:]), (len(parts), ny, nx // 2 + 1))
@@ -248,7 +248,7 @@ class AnchoredOptics:
         return self.system.phase(aberrations)
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """Transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
+        """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
         if self._distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
         here = self.anchor.otf(aberrations)
@@ -263,7 +263,7 @@ class AnchoredOptics:
         return float(_THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3)
 
     def _distance(self, aberrations) -> float:
-        """Rms phase [rad] from the anchor."""
+        """Return the rms phase [rad] from the anchor."""
         modes = len(self.anchor.state)
         state, beside = self.anchor.further.split(aberrations, modes)
         return self.system.phase_of(state - np.asarray(self.anchor.state), beside)

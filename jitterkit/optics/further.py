@@ -40,7 +40,7 @@ class Further:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of those parameters that are no modes of the pupil."""
+        """Return the names of those parameters that are no modes of the pupil."""
         shifts = ((WAVELENGTH, self.wavelength_sigma), (PLATE_SCALE, self.plate_scale_sigma))
         return (*(name for name, sigma in shifts if sigma), *(f"{mode}_b" for mode in self.of_b))
 

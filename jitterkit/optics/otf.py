@@ -98,13 +98,13 @@ class OTF(eqx.Module):
         return self.names if len(scene.colours) > 1 else self.names[: len(self.names) - len(self.of_b)]
 
     def plate_scale_shift(self, aberrations: Float[Array, " k"]) -> Float[Array, ""] | None:
-        """Relative shift of the plate scale among some aberrations; None where there is none."""
+        """Return the relative shift of the plate scale among some aberrations; None where there is none."""
         if PLATE_SCALE not in self.names or len(aberrations) < len(self.names):
             return None
         return aberrations[self.names.index(PLATE_SCALE)]
 
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
-        """Transfer function at nearby aberrations [nm], to first order about ``state``.
+        """Return the transfer function at nearby aberrations [nm], to first order about ``state``.
 
         A shift of the wavelength counts to second order, because nothing is expanded anew about it.  What is
         left out shows in a bright frame 5 nm from the state, so expand anew.

@@ -189,7 +189,7 @@ def obstructed_circle(
     noll: Sequence[int] = (4, 5, 6, 7, 8, 9, 10),
     samples: int = 256,
 ) -> Pupil:
-    """A circular telescope with a central obscuration and straight struts.
+    """Return a circular telescope with a central obscuration and straight struts.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class Spectrum:
 
     @property
     def mean(self) -> float:
-        """Mean wavelength, nm."""
+        """Return the mean wavelength, nm."""
         return float(np.dot(self.wavelengths, self.weights))
 
     @property
@@ -110,7 +110,7 @@ class Spectrum:
 
 
 def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
+    """Return the nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
     middle, half = (at.max() + at.min()) / 2, (at.max() - at.min()) / 2
     scaled = (at - middle) / half
     basis = np.sqrt(weight / weight.sum())[None]
@@ -129,7 +129,7 @@ def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.n
 
 
 def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
-    """A spectrum flat in photons per wavelength between two wavelengths.
+    """Return a spectrum flat in photons per wavelength between two wavelengths.
 
     Parameters
     ----------

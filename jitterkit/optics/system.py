@@ -26,15 +26,15 @@ class Optics(Protocol):
 
     @property
     def nominal(self) -> OTF:
-        """Transfer function to start from."""
+        """Return the transfer function to start from."""
         ...
 
     def phase(self, aberrations) -> float:
-        """Rms phase [rad] of a wavefront error [nm]."""
+        """Return the rms phase [rad] of a wavefront error [nm]."""
         ...
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """Transfer function about ``aberrations`` [nm]."""
+        """Return the transfer function about ``aberrations`` [nm]."""
         ...
 
     def near(self, aberrations, slopes: OTF) -> OTF:
@@ -77,7 +77,7 @@ class OpticalSystem:
 
     @cached_property
     def nominal(self) -> OTF:
-        """Transfer function without aberrations, computed once."""
+        """Return the transfer function without aberrations, computed once."""
         return self.otf(None)
 
     @cached_property
@@ -143,7 +143,7 @@ class FixedOptics:
     nominal: OTF
 
     def phase(self, aberrations) -> float:
-        """Zero: there are no aberrations to change."""
+        """Return zero: there are no aberrations to change."""
         return 0.0
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:

@@ -20,7 +20,7 @@ ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 
 
 
 def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
-    """The axes given, or those of a new figure of so many inches that no global state knows."""
+    """Return the axes given, or those of a new figure of so many inches that no global state knows."""
     return Figure(figsize=size, layout="constrained").subplots() if ax is None else ax
 
 

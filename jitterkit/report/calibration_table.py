@@ -124,7 +124,7 @@ _LEVELS = (
 
 
 def levels_table(calibration: Calibration, command: str = "") -> QTable:
-    """The levels of light, a row each, with units; empty without flats."""
+    """Return the levels of light, a row each, with units; empty without flats."""
     transfer = calibration.transfer
     levels = () if transfer is None else transfer.levels
     columns = [(column, [getattr(level, name) for level in levels]) for name, column in _LEVELS]

@@ -31,7 +31,7 @@ Panels = list[Any]
 def template_images(
     estimate: KernelEstimate, template: Parameters, otf: OTF
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The expected image (ny, nx) of a template without jitter, and with an estimate's.
+    """Return the expected image (ny, nx) of a template without jitter, and with an estimate's.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def template_images(
 
 
 def blurred_image(estimate: KernelEstimate, template: Parameters, otf: OTF) -> np.ndarray:
-    """The second of :func:`template_images` alone."""
+    """Return the second of :func:`template_images` alone."""
     locus = Mvn.near(estimate.moments) if estimate.locus is None else estimate.locus
     return np.asarray(expected_image(template.with_locus(locus), otf))
 
@@ -201,7 +201,7 @@ def _ratios(estimate, image, template, plate_scale, variance, angles) -> list[Tr
 
 
 def _fit(estimate: KernelEstimate, plate_scale: float) -> Callable:
-    """The transfer function that was fitted; of moments with their signs, unclipped."""
+    """Return the transfer function that was fitted; of moments with their signs, unclipped."""
     if estimate.locus is not None:
         return estimate.locus.transfer
     kernel = estimate.kernel

@@ -179,11 +179,11 @@ class _Listing:
         self._several = set(paths[counts > 1].tolist())
 
     def failed(self) -> list[Row]:
-        """The first failures."""
+        """Return the first failures."""
         return self._rows(self._failed[:MAX_FAILURES])
 
     def kinds(self) -> tuple[list[FailureKind], int]:
-        """The commonest kinds of failure, and how many more there are; none of few failures."""
+        """Return the commonest kinds of failure, and how many more there are; none of few failures."""
         if self.failures <= _FEW:
             return [], 0
         kinds = group_failures(self._row(int(index), _FAILURE_COLUMNS) for index in self._failed)
@@ -197,7 +197,7 @@ class _Listing:
         return [self._row(int(index)) for index in indices]
 
     def _row(self, index: int, names: Iterable[str] | None = None) -> Row:
-        """A row with its ``number`` from 1 and its ``name``."""
+        """Return a row with its ``number`` from 1 and its ``name``."""
         row = {
             name: self._columns[name][index].item()
             for name in names or self._columns

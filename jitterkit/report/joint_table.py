@@ -61,7 +61,7 @@ _JITTER = (
 
 
 def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTable:
-    """A row a frame.
+    """Return a row a frame.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
 
 
 def _direction(angle: float, velocity: np.ndarray) -> float:
-    """The end of a smear's axis to which the image went [deg], as the motion between frames has it."""
+    """Return the end of a smear's axis to which the image went [deg], as the motion between frames has it."""
     along = float(velocity @ [math.cos(math.radians(angle)), math.sin(math.radians(angle))])
     if not math.isfinite(along) or along == 0:
         return math.nan
@@ -126,7 +126,7 @@ def _direction(angle: float, velocity: np.ndarray) -> float:
 
 
 def separation_series(fit: SequenceFit) -> Series | None:
-    """The separations of the frames that count [arcsec], with times [s]; None of too few to study."""
+    """Return the separations of the frames that count [arcsec], with times [s]; None of too few to study."""
     kept = [(f.separation, f.separation_err, f.record.time) for f in fit.frames() if f.kept]
     return Series.of(*np.array(kept).T) if len(kept) >= _SERIES else None
 
@@ -214,7 +214,7 @@ def _mean_correction(kept: list[Any]) -> float:
 
 
 def _folded(name: str, value: float) -> float:
-    """A shared parameter as a person would give it."""
+    """Return a shared parameter as a person would give it."""
     return direction_angle(value) if name == "theta" else value
 
 
@@ -295,5 +295,5 @@ def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
 
 
 def averaging_floor(series: Series | None) -> Floor | None:
-    """The floor under the averages of a series, where there is enough of it."""
+    """Return the floor under the averages of a series, where there is enough of it."""
     return None if series is None else fit_floor(series)

@@ -239,7 +239,7 @@ def _estimate(spectrum: PowerSpectrum) -> str:
 
 
 def _range(spectrum: PowerSpectrum, exposure: float) -> tuple[float, float]:
-    """Frequencies to show: all there are, and a decade about the critical one."""
+    """Return the frequencies to show: all there are, and a decade about the critical one."""
     f = [*spectrum.frequencies[spectrum.frequencies > 0], *(line.frequency for line in spectrum.lines)]
     critical = [0.3 / exposure, 3 / exposure]
     return min(f + critical) / 1.5, max(f + critical) * 1.5

@@ -115,7 +115,7 @@ class ResidualStack:
 
     @property
     def position(self) -> np.ndarray:
-        """Mean position ``(y, x)`` of the scenes from the centre, pixels."""
+        """Return the mean position ``(y, x)`` of the scenes from the centre, pixels."""
         return self.beside / _FINE / self.frames
 
     @property

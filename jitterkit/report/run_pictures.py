@@ -111,7 +111,7 @@ def _drawn(part: str, ax: Any, alt: str, caption: str = "", wide: bool = False) 
 
 
 def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
-    """Separations with time, and what their averages do."""
+    """Yield the separations with time, and what their averages do."""
     good = fitted(table)
     series = separation_series(table, clock) if good.sum() >= _MANY else None
     if series is None:
@@ -197,7 +197,7 @@ def _describe_outliers(flags: np.ndarray) -> str:
 
 
 def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
-    """The ellipse with time, and what the kernels were."""
+    """Yield the ellipse with time, and what the kernels were."""
     good = jittered(table)
     yield _drawn(
         "jitter",

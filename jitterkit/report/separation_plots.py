@@ -118,7 +118,7 @@ def plot_separations(
 
 
 def shown_times(clock: Clock) -> np.ndarray:
-    """Places of frames in the unit that suits their span."""
+    """Return the positions of frames in the unit that suits their span."""
     return clock.at / suited_time(_span(clock), clock.unit)[0]
 
 
@@ -138,7 +138,7 @@ def _span(clock: Clock) -> float:
 
 
 def _sizes(errors: np.ndarray) -> np.ndarray:
-    """Errors that are known; an arcsecond where none is."""
+    """Return the errors that are known; an arcsecond where none is."""
     finite = errors[np.isfinite(errors)]
     return finite if len(finite) else np.ones(1)
 
@@ -186,7 +186,7 @@ def _draw_failures(ax: Axes, at: np.ndarray) -> None:
 
 
 def _mean(summary: dict[str, Any] | None, values: np.ndarray) -> tuple[float, float]:
-    """Weighted mean and its error; the median without an error where there is no summary."""
+    """Return the weighted mean and its error; the median without an error where there is no summary."""
     if summary is not None and math.isfinite(summary["separation"]["mean"]):
         return summary["separation"]["mean"], summary["separation"]["error"]
     return (float(np.median(values)) if len(values) else 0.0), math.nan

@@ -138,7 +138,7 @@ def _ecsv(table: QTable) -> list[str]:
 
 
 def _quoted(line: str) -> str:
-    """A row whose first cell does not pass for a comment: a file may be called ``#1.fits``.
+    """Return a row whose first cell does not pass for a comment: a file may be called ``#1.fits``.
 
     >>> _quoted("#1.fits 0 ok"), _quoted("1.fits 0 ok")
     ('"#1.fits" 0 ok', '1.fits 0 ok')

@@ -171,7 +171,7 @@ def _rows(frame: Frame, file_rows: bool) -> str:
 
 
 def _names(measured: BlurMeasurement) -> tuple[str, str]:
-    """``cube_3`` and ``cube.fits_3`` for the fourth frame of ``cube.fits``."""
+    """Return ``cube_3`` and ``cube.fits_3`` for the fourth frame of ``cube.fits``."""
     frame = measured.frame
     full = name = "array" if frame.path is None else frame.path.name
     for end in (".gz", ".fz"):

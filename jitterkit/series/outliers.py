@@ -111,7 +111,7 @@ def find_outliers(series: Series, *, degree: int = 1, expected: float = 0.01, mo
 
 
 def _in_place(series: Series, column: np.ndarray, empty) -> np.ndarray:
-    """A column of the measurements that are there, with gaps where they are not."""
+    """Return a column of the measurements that are there, with gaps where they are not."""
     full = np.full(len(series.values), empty)
     full[series.good] = column
     return full

@@ -104,12 +104,12 @@ class Series:
 
     @property
     def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values, errors and times of the measurements that are there."""
+        """Return the values, errors and times of the measurements that are there."""
         good = self.good
         return self.values[good], self.errors[good], self.times[good]
 
     def gridded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weights and means on a grid of the cadence, from the first measurement to the last.
+        """Return the weights and means on a grid of the cadence, from the first measurement to the last.
 
         Returns
         -------

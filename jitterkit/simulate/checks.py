@@ -87,6 +87,6 @@ def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
 
 
 def _finest(otf: OTF) -> float:
-    """Highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
+    """Return the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
     fy, fx = otf.grid.frequencies
     return float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))

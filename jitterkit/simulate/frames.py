@@ -222,7 +222,7 @@ def simulate_sequence(
 
 
 def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
-    """Values (frames, width), zero if not given, from one row for all frames or one for each."""
+    """Return the values (frames, width), zero if not given, from one row for all frames or one for each."""
     given = np.zeros(width) if values is None else np.asarray(values, float)
     if given.shape not in ((width,), (frames, width)):
         problem = f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."

@@ -72,7 +72,7 @@ def coarse_sampling(across: float) -> tuple[float, tuple[str, ...]]:
 
 
 def root_error(square: float, error: float) -> float:
-    """Error of a root, finite at zero: that of the square over twice the root far from it."""
+    """Return the error of a root, finite at zero: that of the square over twice the root far from it."""
     return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0))) / 2
 
 

@@ -138,7 +138,7 @@ def _agree(values: np.ndarray, weights: np.ndarray) -> bool:
 
 
 def _scatter(residual: np.ndarray, noise: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Covariance of residuals (n, 3) beyond their noise, without its negative part."""
+    """Return the covariance of residuals (n, 3) beyond their noise, without its negative part."""
     n = len(residual)
     share = 1 / (np.trace(noise, axis1=1, axis2=2) + np.trace(before)) ** 2
     outer = residual[:, :, None] * residual[:, None, :] * n / max(n - 1, 1)

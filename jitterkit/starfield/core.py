@@ -80,7 +80,7 @@ def misfit_under(stack: Psf, psf: Psf, otf: OTF, line: Locus) -> Misfit:
 def length_model_error(
     misfit: Misfit, model: str, length: float, elongation: float
 ) -> tuple[float, tuple[str, ...]]:
-    """Error that a poor fit adds to a length, and a remark.
+    """Return the error that a poor fit adds to a length, and a remark.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def length_model_error(
 
 
 def _centred(stamp: np.ndarray, side: int) -> np.ndarray:
-    """A stamp cut to another odd side, or filled up with zeros."""
+    """Return a stamp cut to another odd side, or filled up with zeros."""
     half, wanted = stamp.shape[0] // 2, side // 2
     cut = max(half - wanted, 0)
     return np.pad(stamp[cut : stamp.shape[0] - cut, cut : stamp.shape[1] - cut], max(wanted - half, 0))

@@ -170,7 +170,7 @@ class _Regions:
 
     @property
     def core(self) -> float:
-        """Radius within which nothing else may lie [pixels]."""
+        """Return the radius within which nothing else may lie [pixels]."""
         return min(_CORE[0] * self.typical, _CORE[1] * float(np.median(self.fwhm[self.bright])))
 
 

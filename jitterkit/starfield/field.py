@@ -130,7 +130,7 @@ def estimate_field(
 
 
 def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
-    """PSF of a sharp frame, in stamps as wide as the trailed stars'."""
+    """Return the PSF of a sharp frame, in stamps as wide as the trailed stars'."""
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
         problem = f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}"

@@ -166,7 +166,7 @@ def _designs(z: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _fit(e: np.ndarray, weight: np.ndarray, design: np.ndarray) -> _Fit:
-    """Weighted least squares of (n, 2) ellipticities."""
+    """Return the weighted least squares of (n, 2) ellipticities."""
     normal = np.einsum("nik,nij,njl->kl", design, weight, design)
     covariance = np.linalg.inv(normal)
     terms = covariance @ np.einsum("nik,nij,nj->k", design, weight, e)
@@ -222,7 +222,7 @@ def _rotation(e: np.ndarray, weight: np.ndarray, z: np.ndarray, start: _Fit) -> 
 
 
 def _worded(found, direction, shares, way: str, centre) -> tuple[str, str]:
-    """The kind and its sentence, from what was found."""
+    """Return the kind and its sentence, from what was found."""
     angle, angle_err = direction
     if found["rotation"]:
         return "rotation", (
@@ -254,7 +254,7 @@ def _worded(found, direction, shares, way: str, centre) -> tuple[str, str]:
 
 
 def _direction(e: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
-    """Axis of a constant ellipticity and its error, degrees."""
+    """Return the axis of a constant ellipticity and its error, degrees."""
     size = max(float(np.hypot(*e)), 1e-300)
     across = np.array([-e[1], e[0]]) / size
     error = np.degrees(np.sqrt(across @ covariance @ across) / size / 2)

@@ -181,7 +181,7 @@ def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind:
 
 @eqx.filter_jit
 def _equations(own, coords, otf, kind, data):
-    """Normal equations of stars ``(m, ...)`` in all their parameters."""
+    """Return the normal equations of stars ``(m, ...)`` in all their parameters."""
 
     def one(own, data):
         x, y, flux, sky = own

@@ -91,7 +91,7 @@ def adaptive_moments(stars: Stars) -> Moments:
 
 
 def _fixed_point(images: np.ndarray) -> np.ndarray:
-    """Centre and moments ``(x, y, Sxx, Sxy, Syy)`` of each star (n, 5)."""
+    """Return the centre and moments ``(x, y, Sxx, Sxy, Syy)`` of each star (n, 5)."""
     state = np.tile([0.0, 0.0, _START, 0.0, _START], (len(images), 1))
     for _ in range(_PASSES):
         weight, dx, dy = _weight(state, images.shape[-1])
@@ -105,7 +105,7 @@ def _fixed_point(images: np.ndarray) -> np.ndarray:
 
 
 def _weight(state: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The matched normals (n, s, s), and the offsets (n, s) from their centres in x and y."""
+    """Return the matched normals (n, s, s), and the offsets (n, s) from their centres in x and y."""
     grid = np.arange(side) - side // 2
     cx, cy, sxx, sxy, syy = state.T[:, :, None]
     dx, dy = grid - cx, grid - cy
@@ -134,7 +134,7 @@ def _equations(state: np.ndarray, images: np.ndarray) -> np.ndarray:
 
 
 def _covariance(state: np.ndarray, images: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (n, 3, 3) of the moments, and the flux (n,) of the matched normal."""
+    """Return the covariance (n, 3, 3) of the moments, and the flux (n,) of the matched normal."""
     steps = _STEP * np.eye(5)
     slope = np.stack(
         [(_equations(state + h, images) - _equations(state - h, images)) / (2 * _STEP) for h in steps], axis=2

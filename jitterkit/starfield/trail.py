@@ -216,7 +216,7 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 
 
 def _own_elongation(psf: Psf) -> tuple[str, ...]:
-    """A remark where the reference's own stars are long."""
+    """Return a remark where the reference's own stars are long."""
     found = elongation(psf)
     if found is None:
         return ()
@@ -264,7 +264,7 @@ def _line(
 
 
 def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:
-    """Errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
+    """Return the errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
     own = covariance_on_axis(covariance, axis)
     return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))
 

@@ -84,7 +84,7 @@ class Point:
 
     @property
     def error(self) -> float:
-        """Bias and added scatter together, in squares, as a share of the bound."""
+        """Return the bias and added scatter together, in squares, as a share of the bound."""
         return math.hypot(self.bias, self.scatter) / self.bound
 
 

@@ -36,7 +36,7 @@ _DRAWS, _CHAINS, _WARMUP = 150, 1, 60
 
 
 def separations(method: str, processor: FrameProcessor, frames: Iterable[Frame]) -> np.ndarray:
-    """Separations of calibrated frames of one instrument.
+    """Return the separations of calibrated frames of one instrument.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Fitting:
         return cls(processor.with_warm_starts(known), share, method)
 
     def separations(self, frames: Iterable[Frame]) -> np.ndarray:
-        """Separations of calibrated frames with their errors (n, 2), arcsec.
+        """Return the separations of calibrated frames with their errors (n, 2), arcsec.
 
         Raises
         ------

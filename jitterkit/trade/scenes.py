@@ -106,7 +106,7 @@ class TradeScene:
 def truest(
     instrument: Instrument, shape: tuple[int, int] | None = None, plate_scale: float | None = None
 ) -> Optics:
-    """The most exact optics that the pupil of an instrument carries, on a frame's grid if not its own.
+    """Return the most exact optics that the pupil of an instrument carries, on a frame's grid if not its own.
 
     Raises
     ------

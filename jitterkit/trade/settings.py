@@ -89,7 +89,7 @@ class Settings:
                 raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     def instrument(self, instrument: Instrument) -> Instrument:
-        """The instrument as it is modelled.
+        """Return the instrument as it is modelled.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class Settings:
         return replace(self, pad=pad, samples=None if self.samples is None else max(self.samples, own))
 
     def options(self, instrument: Instrument, options: FitOptions | None = None) -> FitOptions:
-        """The options of a fit: others, with what is held and when it has arrived."""
+        """Return the options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
         held = instrument.aberrations if self.aberrations == "held" else self.without
         nodes = options.nodes if self.nodes is None else self.nodes
@@ -147,7 +147,7 @@ PRESETS = {
 
 
 def preset(name: str, instrument: Instrument) -> Settings:
-    """The settings of a preset for an instrument.
+    """Return the settings of a preset for an instrument.
 
     Parameters
     ----------
@@ -172,5 +172,5 @@ def preset(name: str, instrument: Instrument) -> Settings:
 
 
 def own_pad(instrument: Instrument) -> int:
-    """Pixels of padding that an instrument is modelled with where no setting says otherwise."""
+    """Return the pixels of padding that an instrument is modelled with where no setting says otherwise."""
     return DEFAULT_PAD if instrument.pad is None else instrument.pad
