@@ -40,7 +40,7 @@ _CONFIGURED = {
     # a worker that died is to be replaced, however often: one that happens to be between two lives some
     # seconds after an earlier death would be given up
     "distributed.deploy.lost-worker-timeout": "52 weeks",
-    # with what dask sets here, malloc asks the system for every large array anew: a fourth of the rate
+    # with what dask sets here, malloc asks the system for every large array again: a fourth of the rate
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }
 

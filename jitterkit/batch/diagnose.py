@@ -43,7 +43,7 @@ class Limits:
     """Hold the limits between one status or flag and another."""
 
     side: int = 8
-    """Pixels along a side below which a pair cannot be told from one star."""
+    """Pixels along a side below which a pair cannot be distinguished from one star."""
     used: int = 32
     """Usable pixels below which several pairs fit alike: of fits to 10 to 16 one in thirty was off by 20
     errors."""
@@ -54,7 +54,7 @@ class Limits:
     below: float = 5.0
     """Standard errors below zero from which a background is none."""
     counts: float = 20.0
-    """Electrons from which a Poisson law is nearly normal, so that an outlier can be told."""
+    """Electrons from which a Poisson law is nearly normal, so that an outlier can be recognised."""
     outlier: float = 8.0
     """Sigmas: chance makes one pixel in 1e15 stand out so far."""
 
@@ -140,7 +140,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
-    """Say why a frame does not fit where that can be told, and that a pair is not one.
+    """Say why a frame does not fit where that can be determined, and that a pair is not one.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
 
 
 def _flag_plate_scale(result: FitResult) -> FitResult:
-    """Add a remark to a result whose separation and plate scale can hardly be told apart."""
+    """Add a remark to a result whose separation and plate scale can hardly be distinguished."""
     if not {"separation", PLATE_SCALE} <= set(result.names):
         return result
     factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))

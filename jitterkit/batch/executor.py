@@ -217,7 +217,7 @@ class _Read:
 
 
 def _read(task: FrameTask, path: Path, index: int, raw: RawFrame | JitterkitError) -> _Read:
-    """Calibrate a frame where it is read; whatever goes wrong is tried again, and told, in a thread."""
+    """Calibrate a frame where it is read; whatever fails is tried again, and reported, in a thread."""
     if isinstance(raw, JitterkitError):
         return _Read(Outcome(path, index, FitResult.from_error(Status.UNREADABLE, raw)))
     try:

@@ -46,7 +46,7 @@ __all__ = ["AUTO", "SCORE", "FrameProcessor"]
 log = logging.getLogger(__name__)
 
 _SYSTEMS = 8
-"""Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
+"""Optics kept, one a grid: a scale that is solved again in each frame must not fill the memory."""
 
 _MISLED = (Status.POOR_FIT, Status.NOT_CONVERGED, Status.NO_PAIR, Status.FAILED)
 """What may come of a warm start; such a frame is fitted again from a cold start."""

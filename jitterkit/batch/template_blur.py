@@ -97,7 +97,7 @@ class TemplateBlurEstimator:
         return pearson(expected_image(end.parameters, found.otf), found.data)
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
-        """Say that no scene with a blur describes a frame, and why not where that can be told."""
+        """Say that no scene with a blur describes a frame, and why not where that can be determined."""
         said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
         names = () if "background" in self.processor.options.hold else ("background",)
         poor = FitResult(

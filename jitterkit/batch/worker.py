@@ -28,7 +28,7 @@ T = TypeVar("T")
 def _distributed() -> Any:
     try:
         import distributed
-    except ImportError:  # told when a cluster is asked for
+    except ImportError:  # reported when a cluster is asked for
         return None
     return distributed
 

@@ -1,4 +1,4 @@
-"""From stacks to everything that a detector needs to be told.
+"""From stacks to all the numbers of a detector.
 
 Reach for :func:`calibrate`; its :class:`Calibration` holds what was measured, and only what was.
 :class:`Settings` say how frames are combined and pixels judged.

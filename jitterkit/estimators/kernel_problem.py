@@ -25,10 +25,10 @@ from jitterkit.optics.otf import OTF
 
 _GRIDS = ((5, 1), (3, 2), (2, 4))
 """Nodes per pixel along each axis, and pixels on either side of the middle one: tried in turn until the
-kernel has room.  With 3 nodes a pixel, the moments of a drift of 0.225 arcsec are 9 % too large."""
+kernel fits.  With 3 nodes a pixel, the moments of a drift of 0.225 arcsec are 9 % too large."""
 
 _BORDER = 0.02
-"""Share of the light on the outermost nodes above which the kernel has no room."""
+"""Share of the light on the outermost nodes above which the kernel does not fit."""
 
 _RIDGE = 1e-11
 """Added to the curvature, as a share of its trace: what the data leave open stays small and the search for
@@ -113,7 +113,7 @@ def solve_kernel(
     Raises
     ------
     UndeterminedError
-        If the kernel has no room on the largest grid: a blur of several pixels, or none to be seen.
+        If the kernel does not fit on the largest grid: a blur of several pixels, or none to be seen.
     """
     for per_pixel, reach in _GRIDS:
         if min(otf.grid.shape) <= 4 * reach:

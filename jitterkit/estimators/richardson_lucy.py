@@ -47,7 +47,7 @@ def estimate_richardson_lucy(
     Raises
     ------
     UndeterminedError
-        If the kernel has no room: a blur of several pixels, or a frame too faint.
+        If the kernel does not fit: a blur of several pixels, or a frame too faint.
 
     Notes
     -----

@@ -21,7 +21,7 @@ _THRESHOLD = 3.0
 """Standard deviations of the image averaged over 3 x 3 pixels."""
 
 _GATE = 8.0
-"""Pixels: shorter trails are not told from a PSF that is not round."""
+"""Pixels: shorter trails are not distinguished from a PSF that is not round."""
 
 _ELONGATION = 4.0
 """Least ratio of the variances along and across a trail."""

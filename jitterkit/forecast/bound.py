@@ -183,10 +183,8 @@ def forecast(
     ConfigurationError
         If an option names a parameter that there is not.
 
-    Notes
-    -----
-    *Assumes* that the errors are small against what the model's curvature shows: at the tip of a streak (zero
-    length) the bound is that of the cone's axis, which no estimator has.
+    Notes ----- *Assumes* that the errors are small against what the model's curvature shows: at a streak of
+    zero length (zero length) the bound is that of the cone's axis, which no estimator has.
     """
     options = FitOptions() if options is None else options
     parameters = parameters.completed(otf)

@@ -3,7 +3,7 @@
 Reach for :func:`systematic_errors`.  To first order, from one frame's information: a change ``δ`` of the
 image moves the fit by ``(J'WJ + Λ)⁻¹ J'Wδ``, where ``J`` are the slopes of the image by the free parameters,
 ``W`` the weights of its pixels and ``Λ`` what is known beforehand.  The rest, ``δ'Wδ`` less what the fit took
-up, is added to chi-squared, and is what a parameter of the effect would be told by.
+up, is added to chi-squared, and would determine a parameter of the effect.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
 
 
 def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -> Metadata:
-    """Add what the sky does to a separation, once: a scale that stars have told holds some of it already."""
+    """Add what the sky does to a separation, once: a scale measured from stars holds some of it already."""
     sky, source, scale = instrument.sky, instrument.source("sky"), metadata.known()["plate_scale"]
     if sky is not None:
         solved = scale.source.startswith("header WCS")

@@ -2,7 +2,7 @@
 
 A check and a picture, not a measurement: deconvolution makes noise into structure.  What is to be measured
 is fitted to the blurred frame (:mod:`jitterkit.refit`).  The algorithms are scikit-image's; here they get
-what they silently expect (a scale, room at the borders, no holes) and the answer is put back on the
+what they silently expect (a scale, space at the borders, no holes) and the answer is put back on the
 image's own scale.  Reach for ``richardson-lucy`` for stars, ``wiener`` for the ground.
 """
 

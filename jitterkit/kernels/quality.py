@@ -1,4 +1,4 @@
-"""How good a kernel is, in a handful of numbers: reach for :func:`kernel_quality`.
+"""How good a kernel is, in a few numbers: reach for :func:`kernel_quality`.
 
 A kernel is a density, so it sums to one and is nowhere negative; what an estimator or a drawing adds to
 that (fringes, detached bumps, a displaced centre, a transfer function of its own) shows in these numbers.

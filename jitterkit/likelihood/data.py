@@ -90,7 +90,7 @@ class Data(eqx.Module):
         frame : Frame
         censored : bool
             Whether full pixels count with the probability of being full, or are left out together with
-            those that :meth:`clear` finds too near.  To leave them out costs what they would have told
+            those that :meth:`clear` finds too near.  To leave them out costs their information
             (a tenth of the separation's error, at 700 full pixels of TOLIMAN's brightest); to count them
             asks that the response is linear up to the ceiling.
         """

@@ -1,4 +1,4 @@
-"""Find a star or a pair in a frame, without being told where to look.
+"""Find a star or a pair in a frame, without a given position.
 
 The frame is fitted, by linear least squares, with two star templates and a constant.  One template is
 held while the other is tried at every pixel, which takes one Fourier transform; then the two change
@@ -124,7 +124,7 @@ class _Field:
 
     On the frame's pixels: ``match`` is data with template, ``power`` template with itself, both with
     the constant projected out; ``light`` is the template's sum over the used pixels.  On the fine
-    array: ``used`` and ``data``.  ``seen`` holds what :meth:`beside` has told.
+    array: ``used`` and ``data``.  ``seen`` holds the results of :meth:`beside`.
     """
 
     grid: Grid

@@ -1,7 +1,8 @@
 """Stars and single pixels that stand out of what a model leaves of a frame.
 
-A star is told from a pixel by how much of the pixel it explains: all of it, if it is one, and otherwise no
-more than the share of its own light in one pixel.  The two are parted where their ratio is, halfway.
+A star is distinguished from a pixel by how much of the pixel it explains: all of it, if it is one, and
+otherwise no more than the share of its own light in one pixel.  The two are parted where their ratio is,
+halfway.
 """
 
 from __future__ import annotations

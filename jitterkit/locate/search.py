@@ -3,7 +3,7 @@
 A faint companion of a bright star hides in the mismatch between the star and its template.  So the
 search goes round: candidates are fitted briefly with the jitter and the aberrations free, and if the
 best of them does not describe the frame, the template takes its jitter and aberrations and the
-search begins anew.  What stands out in the end is a further star.
+search begins again.  What stands out in the end is a further star.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
-_APART = 3.0  # resolutions between stars that are told apart before the blur is known
+_APART = 3.0  # resolutions between stars that are distinguished before the blur is known
 _WORTH_IT = 0.97  # a round that improves the deviance by less was the last
 
 

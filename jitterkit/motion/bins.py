@@ -61,7 +61,7 @@ def recognise_rows(frequencies: np.ndarray, density: np.ndarray) -> str:
     Raises
     ------
     ConfigurationError
-        If it cannot be told and the power differs by more than 1 %.
+        If it cannot be determined and the power differs by more than 1 %.
     """
     n = len(frequencies)
     linear = _is_uniform(frequencies)

@@ -79,8 +79,8 @@ def read_motion(
     Raises
     ------
     ConfigurationError
-        If the file is not such a table, or it cannot be told what its rows are; the message names file, line
-        and remedy.
+        If the file is not such a table, or the kind of its rows cannot be determined; the message names file,
+        line and remedy.
     """
     path = Path(path)
     if kind is not None:

@@ -202,7 +202,7 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
     opd = pupil.opd + jnp.tensordot(state[:count], pupil.basis, 1)
     light = pupil.transmission * jnp.exp(jnp.tensordot(state[count:], pupil.shading, 1))
     phases = (2 * jnp.pi / wavelengths)[:, None, None] * opd
-    # Outside the loop, or the compiler evaluates sine and cosine anew for every derivative.
+    # Outside the loop, or the compiler evaluates sine and cosine again for every derivative.
     fields = light * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)
     modes = len(state) if order else 0
     pairs = np.triu_indices(modes) if order > 1 else np.triu_indices(0)

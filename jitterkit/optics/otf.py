@@ -106,8 +106,8 @@ class OTF(eqx.Module):
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
         """Return the transfer function at nearby aberrations [nm], to first order about ``state``.
 
-        A shift of the wavelength counts to second order, because nothing is expanded anew about it.  What is
-        left out shows in a bright frame 5 nm from the state, so expand anew.
+        A shift of the wavelength counts to second order, because nothing is expanded again about it.  What is
+        left out shows in a bright frame 5 nm from the state, so expand again.
         """
         if not self.names:
             return self.value

@@ -110,7 +110,7 @@ class Spectrum:
 
 
 def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
+    """Return the nodes and weights of a discrete measure: Lanczos, orthogonalised again at every step."""
     middle, half = (at.max() + at.min()) / 2, (at.max() - at.min()) / 2
     scaled = (at - middle) / half
     basis = np.sqrt(weight / weight.sum())[None]

@@ -9,11 +9,11 @@ from jitterkit.loci import Locus, PartialShm, Path, Product, Shaped, Streak
 __all__ = ["at_zero_length", "regularizing_priors"]
 
 _SIGMAS = 3.0
-"""Standard errors from zero below which a streak's length cannot be told from zero."""
+"""Standard errors from zero below which a streak's length cannot be distinguished from zero."""
 
 
 def at_zero_length(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> set[str]:
-    """Return the names of the coordinates of streaks whose length cannot be told from zero.
+    """Return the names of the coordinates of streaks whose length cannot be distinguished from zero.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@
    doubt, or nothing else does, they are the answer.  So are a pair and four stars or more that are not
    much fainter.
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
-   than blur and resolution, with a companion beyond doubt, is the answer.  If one of them is much fainter,
+   than blur and resolution, with a companion that is certain, is the answer.  If one of them is much fainter,
    step 2 comes first.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
    stands out of its residual, and its blur is not that of two stars: a long one.
@@ -52,8 +52,8 @@ _OF_PAIRS = set(Binary.own) - set(Star.own)
 """Parameters that one star has not."""
 
 _WIDE, _FAR_OUT, _CLEAR = 1.0, 6.0, 8.0
-"""Of a pair beyond doubt: its separation in resolutions, and in 1 sigma of its blur (a star that vibrates is
-fitted by two with 4.4 at most); its faint star's flux in errors."""
+"""Of a pair that is certain: its separation in resolutions, and in 1 sigma of its blur (a star that vibrates
+is fitted by two with 4.4 at most); its faint star's flux in errors."""
 
 _COMPANY, _LIKE_B = 3, 0.06
 """Further stars from which a pair is none, if one of them is less than three magnitudes fainter than B."""

@@ -56,8 +56,8 @@ def log_evidence(fit: FitResult) -> float:
     A normal is as likely to be a straight line as not, so that random motion in one plane is not taken
     for a vibration because it is straight.
 
-    A locus of several parts of which one cannot be told from nothing has no evidence: a simpler one is the
-    same.
+    A locus of several parts of which one cannot be distinguished from nothing has no evidence: a simpler one
+    is the same.
 
     A path's steps have a regularizing prior, a normal density N of a width in proportion to its rms.  Over
     paths drawn from N, T has a density q in ln T: ``N/q`` is flat in ln T, and has at each T the shapes that

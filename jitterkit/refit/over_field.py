@@ -70,7 +70,7 @@ def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[n
 
 
 def describe_field_variation(parameters: Parameters, otf: OTF, image, data: Data) -> str:
-    """Say in a sentence that the blur differs from star to star; empty where that cannot be told.
+    """Say in a sentence that the blur differs from star to star; empty where that cannot be determined.
 
     Parameters
     ----------

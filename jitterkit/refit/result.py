@@ -116,7 +116,7 @@ class FitResult:
     estimate : KernelEstimate or None
         The image-domain estimate the fit started from.
     candidates : tuple of Candidate
-        The loci compared, best first; one alone where nothing more than moments can be told.
+        The loci compared, best first; one alone where nothing more than moments can be determined.
     shape, shape_err : float
         Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
         a fit where it is known well; NaN

@@ -33,10 +33,10 @@ def scene_together(choices: Sequence[SceneChoice]) -> str | None:
 
     Notes
     -----
-    Each frame that shows one scene without any doubt has a vote.  Where none does, or as many show the one as
+    Each frame that shows one scene for certain has a vote.  Where none does, or as many show the one as
     the other, the evidences decide for one star by odds of 20 to 1.  They do not decide for a pair: a drift
     that is the same in every frame looks like a pair that persists, and the evidence of one star takes the
-    jitter of each frame for its own.  A field of stars is never in doubt.
+    jitter of each frame for its own.  A field of stars is always certain.
     """
     votes = Counter(choice.scene for choice in choices if choice.evidence is None).most_common(2)
     if votes and (len(votes) < 2 or votes[0][1] > votes[1][1]):

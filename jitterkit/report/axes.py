@@ -1,7 +1,7 @@
 """Axes, and what every picture puts on them alike: colours, outlines, colour bars, words.
 
-Reach for :func:`axes_or_new`, with which a function of this room begins, and for :func:`say` where there
-is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
+Reach for :func:`axes_or_new`, with which a function of this package begins, and for :func:`note_in_axes`
+where there is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
 """
 
 from __future__ import annotations

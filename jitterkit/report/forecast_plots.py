@@ -1,8 +1,8 @@
 """Pictures of forecasts: errors against the size of the jitter, and how much of it may be.
 
 As in :mod:`~jitterkit.report.plots`, every function that draws on one pair of axes takes ``ax=None`` and
-returns them.  Curves are told apart by the shade of one colour map, from dark to light, and by a word at
-their ends, so that they can be told apart in grey too.
+returns them.  Curves are distinguished by the shade of one colour map, from dark to light, and by a word at
+their ends, so that they can be distinguished in grey too.
 
 :func:`plot_matrices` draws Fisher information and covariance, whose elements span decades and have signs;
 :func:`plot_matrix` draws any symmetric matrix of named parameters.

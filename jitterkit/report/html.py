@@ -40,7 +40,7 @@ MAX_FAILURES = 300
 """Failures listed one by one, the first of them; their kinds are counted over all."""
 
 _FEW, _KINDS = 12, 30
-"""Failures that a list shows as well as a count of kinds does, and kinds that the page has room for."""
+"""Failures that a list shows as well as a count of kinds does, and kinds that fit the page."""
 
 _FAILURE_COLUMNS = ("file", "frame", "path", "status", "reason", "message")
 _LONGEST = 600

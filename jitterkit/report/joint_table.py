@@ -34,10 +34,10 @@ _CERTAIN = 9.0
 """Chi-squared of one degree of freedom from which a slope is said to be there: three sigmas."""
 
 _UNSURE = 0.3
-"""Of a frame's error, from which what a rolling shutter adds is told: 5 % more of it."""
+"""Of a frame's error, from which what a rolling shutter adds is reported: 5 % more of it."""
 
 _SERIES = 16
-"""Frames from which noise can be told from noise."""
+"""Frames from which noise can be distinguished from noise."""
 
 
 _FIRST = (

@@ -53,7 +53,7 @@ _COUNTED = (
 )
 _FAR = 4
 _CLEAR = 1e-3
-"""Chance below which a slope is told."""
+"""Chance below which a slope is reported."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ MANY = 300
 """Points beyond which error bars turn into a haze."""
 
 _ROOMY = 80
-"""Points up to which there is room for large ones."""
+"""Points up to which there is space for large ones."""
 
 _STRETCHES, _EACH = 120, 25
 """Means of a long run: a bar every 8 pixels of a page, each of so many frames or more on average."""

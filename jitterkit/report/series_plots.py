@@ -102,7 +102,7 @@ def plot_series(
     outliers : Outliers, optional
         Their flags; hollow diamonds.
     time_unit : str
-        Of the times; seconds are told in what suits them.
+        Of the times; seconds are given in a suitable unit.
     zoom : bool
         Let the axis hold the means of many points rather than the points.
 

@@ -66,7 +66,7 @@ def plot_trade(
 
 
 def _write(ax: Axes, known: Mapping[str, tuple[float, float]], presets, front) -> None:
-    """Write a name at each point where it covers no other, presets first; where there is no room, none."""
+    """Write a name at each point where it covers no other, presets first; where there is no space, none."""
     written: list[Bbox] = []
     whole = ax.get_figure(root=True)
     assert whole is not None

@@ -45,7 +45,7 @@ class Products:
     Raises
     ------
     ConfigurationError
-        If a directory cannot be written, or holds products already and they may not be replaced: told
+        If a directory cannot be written, or holds products already and they may not be replaced; raised
         before any work is done.
     """
 

@@ -1,6 +1,6 @@
 """A series of measurements of one number: values, their errors, and when.
 
-Reach for :meth:`Series.of`, which every function of this room takes; it checks the three once, and leaves
+Reach for :meth:`Series.of`, which every function of this package takes; it checks the three once, and leaves
 missing measurements in their positions, so that what is said of a series can be read beside the frames.
 """
 

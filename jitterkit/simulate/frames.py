@@ -1,7 +1,7 @@
 """Frames whose truth is known: the forward model, then the detector.
 
 :func:`simulate_frame` makes one frame, :func:`simulate_sequence` many with little more work than the
-first: the optics are expanded anew only where the aberrations change, and nothing is compiled twice.
+first: the optics are expanded again only where the aberrations change, and nothing is compiled twice.
 Both use the model that a fit uses, expanded exactly at the aberrations; what they cannot show is
 where that model differs from nature.  :mod:`jitterkit.simulate.cards` writes the truth into a header.
 """

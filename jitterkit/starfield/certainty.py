@@ -3,9 +3,9 @@
 Worse seeing or focus lengthens nothing but makes errors; galaxies, speckles and blends are long, each in its
 own way.  What is no trail is said in a sentence, which makes the status ``undetermined``.
 
-Whether a reference is sharp enough to say anything is told from the difference of the stars' adaptive
-moments, whose noise has mean zero: a PSF with noise in it, fitted to stars, asks for a little blur that
-smooths it.
+Whether a reference is sharp enough is determined from the difference of the stars'
+adaptive moments, whose noise has mean zero: a PSF with noise in it, fitted to stars, asks for a little blur
+that smooths it.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ _ALIKE = 0.4, 0.15
 """Scatter of the elongation and of the size, as shares of either, below which few stars are alike."""
 
 _LEAST = 3
-"""Stars from which a scatter can be told, and one told from the rest."""
+"""Stars from which a scatter can be determined, and one distinguished from the rest."""
 
 
 class Common(NamedTuple):

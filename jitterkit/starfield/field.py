@@ -63,7 +63,7 @@ class FieldEstimate:
     pattern : FieldPattern
         Tracking or optics.
     remarks : tuple of str
-        Conditions and doubts, in sentences.
+        Conditions and remarks, in sentences.
     """
 
     kernel: KernelEstimate

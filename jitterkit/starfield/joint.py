@@ -23,14 +23,14 @@ from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.stamps import Stars
 
 _CHUNK = 32
-"""Stars per call, the last call filled up: the number of stars must not be compiled anew."""
+"""Stars per call, the last call filled up: the number of stars must not cause a new compilation."""
 
 _STEPS = 40
 _ARRIVED = 1e-3
 """Length of a step of the shared coordinates, in standard errors, that ends the fit."""
 
 _LEAST = 3
-"""Stars from which a scatter can be told."""
+"""Stars from which a scatter can be determined."""
 
 _OUTLIER = 12.0
 """A star is left out whose disagreement, in units of the typical one's, is larger: its neighbours show."""

@@ -79,7 +79,7 @@ def adaptive_moments(stars: Stars) -> Moments:
     integrals: 1 %) or it is faint: the bias is of the order of the squared relative error.
     """
     filled = np.where(stars.used, stars.electrons, 0.0)
-    with np.errstate(all="ignore"):  # what runs away is no star, and told so
+    with np.errstate(all="ignore"):  # what runs away is no star, and flagged
         values = _fixed_point(filled)
         covariance, flux = _covariance(values, filled, stars.variance)
     limit = _EDGE * (filled.shape[-1] // 2)

@@ -16,7 +16,7 @@ from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
 ABERRATIONS = ("held", "anchored", "expanded")
-"""At what they are without any; fitted about one state of many frames; computed anew for every frame."""
+"""At what they are without any; fitted about one state of many frames; computed again for every frame."""
 
 JITTER = ("seen", "always")
 """Fitted, where the locus is ``auto``, to frames that show some; or to every frame."""
