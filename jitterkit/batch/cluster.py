@@ -47,13 +47,13 @@ _CONFIGURED = {
 _REACHED, _JOINED = 10, 60
 """Seconds to wait for a scheduler, and for the first of its workers."""
 
-_TOGETHER = 4
+_BATCHES_PER_THREAD = 4
 """Batches, at most, that a worker is given at a time: to find out about their optics costs 2 s."""
 
 _PIECE = 16
 """Frames that are tried together after a worker died of what it was given."""
 
-_HOPELESS = 8
+_MOST_DEATHS = 8
 """Parts that killed their workers, with none done, after which it is no frame's fault."""
 
 _KILLED = FitResult(
@@ -186,7 +186,7 @@ def execute_on_cluster(
     A worker keeps what the latest reference frames show, which costs 2 s to find out.
     """
     batches, threads = iter(batches), _threads_of(client)
-    ahead = list(islice(batches, _TOGETHER * threads))
+    ahead = list(islice(batches, _BATCHES_PER_THREAD * threads))
     if not ahead:
         return
     parts = _parts(chain(ahead, batches), max(1, len(ahead) // threads))
@@ -269,7 +269,7 @@ class _Scheduler(Generic[T]):
             finished = future.result()
         except distributed.KilledWorker:
             self._killed += 1
-            if self._killed >= _HOPELESS and not self._done:
+            if self._killed >= _MOST_DEATHS and not self._done:
                 raise ConfigurationError(
                     ErrorCode.WORKER_LOST,
                     f"Workers died {self._killed} times and none has finished anything; see that there is "

@@ -51,7 +51,7 @@ _SYSTEMS = 8
 _MISLED = (Status.POOR_FIT, Status.NOT_CONVERGED, Status.NO_PAIR, Status.FAILED)
 """What may come of a warm start; such a frame is fitted again from a cold start."""
 
-_SURE = (Status.POOR_FIT, Status.NO_PAIR)
+_CONCLUSIVE = (Status.POOR_FIT, Status.NO_PAIR)
 """Of these, what does not, where pair and wavefront are in no doubt: the locus does not fit."""
 
 
@@ -166,7 +166,7 @@ class FrameProcessor:
             whole, result = frame, status_from_exception(error, frame, self.plate_scale)
         known = self.known.get(self.grid(frame))
         misled = known is not None and known.changes(frame) and result.status in _MISLED
-        if misled and not (result.status in _SURE and self.repeats(frame)):
+        if misled and not (result.status in _CONCLUSIVE and self.repeats(frame)):
             return self.with_warm_starts({}).complete(frame)
         result = replace(result, seconds=time.perf_counter() - began)
         return ProcessedFrame.from_fit(whole, result, frame.plate_scale or self.plate_scale)

@@ -39,7 +39,7 @@ Rank = tuple[bool, float, int, int]
 TOP = 24
 """Frames of each kind, fitted or not, of which data for a picture are kept."""
 
-_SHOWN = ("file", "frame", "status", "locus", "separation", "separation_err", "chi2_dof")
+_READABLE_COLUMNS = ("file", "frame", "status", "locus", "separation", "separation_err", "chi2_dof")
 """Columns of a row that stand in the table ``frames`` besides, for people."""
 
 _AT_ONCE = 64
@@ -243,7 +243,8 @@ class Store:
         """
         packed, count = _pack(rows), len(rows)
         shown = [
-            (batch, start + i, *(_readable(row.get(name)) for name in _SHOWN)) for i, row in enumerate(rows)
+            (batch, start + i, *(_readable(row.get(name)) for name in _READABLE_COLUMNS))
+            for i, row in enumerate(rows)
         ]
         overlapping = "SELECT 1 FROM batches WHERE batch = ? AND start < ? AND start + max(count, 1) > ?"
         with self._file.transaction() as execute:

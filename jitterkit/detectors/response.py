@@ -197,12 +197,12 @@ def slope(charge: np.ndarray, coefficients: Sequence[float], top: float) -> np.n
     return _law(coefficients).deriv()(np.clip(charge, 0.0, top))
 
 
-def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
+def collected(signal: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
     """Return the charge that is measured as given: the inverse of :func:`measured`.
 
     Parameters
     ----------
-    measured_as : array
+    signal : array
         e-.
     coefficients, top
         As in :func:`measured`; the law must rise up to ``top``.
@@ -218,7 +218,7 @@ def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float
     bisection (Press et al., Numerical Recipes, 9.4).
     """
     law = _law(coefficients)
-    inside = np.clip(measured_as, 0.0, law(top))
+    inside = np.clip(signal, 0.0, law(top))
     low, high = np.zeros_like(inside), np.full_like(inside, top)
     charge = np.minimum(inside, top)
     for _ in range(_STEPS):
@@ -229,7 +229,7 @@ def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float
         before, charge = charge, np.where(outside, (low + high) / 2, stepped)
         if np.all(np.abs(charge - before) <= 2 * np.finfo(float).eps * top):
             break
-    return charge + (measured_as - inside) / law.deriv()(charge)
+    return charge + (signal - inside) / law.deriv()(charge)
 
 
 def turning_point(coefficients: Sequence[float]) -> float:

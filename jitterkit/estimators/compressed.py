@@ -36,7 +36,7 @@ _BENT = 0.2
 """What a change of the moments, as a share of them, adds to its effect in second order: 0.16 of it on
 TOLIMAN, for blurs of 0.1 to 0.2 arcsec rms at 1e6 to 4e7 photons."""
 
-_STEPS, _ARRIVED = 20, 1e-4
+_STEPS, _CONVERGED = 20, 1e-4
 """Largest number of steps in the coordinates of a locus; gain in log-likelihood at which they end."""
 
 
@@ -179,7 +179,7 @@ class CompressedLikelihood:
         for _ in range(_STEPS):
             uphill = slope.T @ (score - curvature @ change)
             step = np.linalg.solve(slope.T @ curvature @ slope, uphill)
-            if not step @ uphill > _ARRIVED:
+            if not step @ uphill > _CONVERGED:
                 break
             for _ in range(_STEPS):
                 there = locus.at(np.asarray(locus.coords) + step)

@@ -34,7 +34,7 @@ _RIDGE = 1e-11
 """Added to the curvature, as a share of its trace: what the data leave open stays small and the search for
 the maximum ends.  It moves the moments by less than a hundredth of an error."""
 
-_PATIENCE = 30
+_ITERATIONS_PER_NODE = 30
 """Steps of the search a node: ten times what SciPy allows, for frames without noise."""
 
 _FLOOR = 1e-3
@@ -68,7 +68,7 @@ def best_shares(problem: KernelProblem) -> np.ndarray:
     root = np.linalg.cholesky(problem.curvature)
     target = scipy.linalg.solve_triangular(root, problem.pull, lower=True)
     try:
-        shares, _ = scipy.optimize.nnls(root.T, target, maxiter=_PATIENCE * len(target))
+        shares, _ = scipy.optimize.nnls(root.T, target, maxiter=_ITERATIONS_PER_NODE * len(target))
     except RuntimeError as error:
         message = "The search for a kernel does not end: too little of the frame is left; mask less of it."
         raise UndeterminedError(ErrorCode.NOT_CONVERGED, message) from error

@@ -27,7 +27,7 @@ _WINDOWS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
 _STEPS = 12
 """At most; five suffice where the window suits the blur."""
 
-_SETTLED = 0.02
+_CONVERGED = 0.02
 """Step, in standard errors, that ends them."""
 
 
@@ -72,7 +72,7 @@ def estimate_moments(
         values[list(point.free)] += step
         if not np.all(np.isfinite(values)) or abs(step[2]) > abs(values[point.free[2]]):
             break
-        if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance))):
+        if np.all(np.abs(step) < _CONVERGED * np.sqrt(np.diag(covariance))):
             return KernelEstimate(values[list(point.free[3:])], covariance[3:, 3:], "moments")
     problem = "No blur gives the template the second moments of the frame"
     remedy = "check the template's scene, or use the score estimator where the frame is faint"

@@ -26,7 +26,7 @@ from jitterkit.likelihood.data import mean_counts, telling
 from jitterkit.metric import invert_information
 from jitterkit.refit import FitOptions
 
-_SHOWN = 5.0
+_DETECTED = 5.0
 """Standard deviations of chi-squared from which an effect shows: as for the frames of a run."""
 
 _ROUNDING = 1e-6
@@ -209,7 +209,7 @@ def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicE
         cost=cost,
         chi2=chi2 / several,
         sigmas=sigmas,
-        frames=(_SHOWN / sigmas) ** 2 if sigmas > 0 else math.inf,
+        frames=(_DETECTED / sigmas) ** 2 if sigmas > 0 else math.inf,
         needed=effect.size * _share(shifts, effect.opposite, leverage, target * math.sqrt(several)),
     )
 

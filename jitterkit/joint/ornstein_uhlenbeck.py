@@ -18,7 +18,7 @@ from jitterkit.joint.time_models import Constant, Independent, OrnsteinUhlenbeck
 
 __all__ = ["complete_time_models", "fit_ornstein_uhlenbeck", "initial_time_models"]
 
-_WORTH = 2.0
+_LEAST_GAIN = 2.0
 """Least gain in log-likelihood of the process's two numbers over a constant."""
 
 _STEP, _FORGETS = 3.0, 1e3
@@ -70,7 +70,7 @@ def fit_ornstein_uhlenbeck(
         options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1, "maxiter": 60},
     )
     still = -log_likelihood(some, Model.of(summaries, {**time_models, **dict.fromkeys(names, Constant())}))
-    if still - found.fun < _WORTH:
+    if still - found.fun < _LEAST_GAIN:
         return Constant()
     rms, timescale = np.exp(found.x)
     held = min(timescale, 100 * span)  # of one much slower than the run only rms²/timescale shows

@@ -19,7 +19,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 METHODS = ("richardson-lucy", "wiener", "unsupervised-wiener")
 
-_LADDER = (5, 10, 20, 40, 80, 160)
+_ITERATIONS = (5, 10, 20, 40, 80, 160)
 """Iterations tried one after the other until what is left looks like noise."""
 
 _BALANCE = np.geomspace(1e-9, 1e3, 37)
@@ -156,7 +156,7 @@ def _richardson_lucy(image, kernel, iterations: int | None, misfit: Callable) ->
     scale = float(image.max()) - floor or 1.0
     density = np.maximum(kernel, 0) / np.maximum(kernel, 0).sum()
     sharp = image
-    for steps in _LADDER if iterations is None else (iterations,):
+    for steps in _ITERATIONS if iterations is None else (iterations,):
         lifted = restoration.richardson_lucy((image - floor) / scale, density, steps, clip=False)
         sharp = lifted * scale + floor
         if misfit(sharp) <= 1:

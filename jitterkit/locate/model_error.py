@@ -49,7 +49,7 @@ _STAR, _STARS = 0.3, 3
 _MOST = 0.1
 """Largest model error that is estimated: the model does not describe frames that show a larger one."""
 
-_STEPS, _ARRIVED = 50, 1e-3
+_STEPS, _CONVERGED = 50, 1e-3
 
 _FEW = 30.0
 """Resolution elements with a model error from which their pixels tell how alike they are."""
@@ -167,7 +167,7 @@ def _amounts(squares: np.ndarray, noise: np.ndarray, shapes: np.ndarray) -> np.n
         variance = noise + amounts @ (shapes / scale)
         clipped = np.minimum(squares, _CLIPPED * variance) / _KEPT
         new, _ = nnls((shapes / scale / variance).T, (clipped - noise) / variance)
-        done = np.all(np.abs(new - amounts) <= _ARRIVED * new.sum())
+        done = np.all(np.abs(new - amounts) <= _CONVERGED * new.sum())
         amounts = new
         if done:
             break

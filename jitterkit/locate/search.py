@@ -28,7 +28,7 @@ __all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
-_WORTH_IT = 0.97  # a round that improves the deviance by less was the last
+_IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
 
 def locate_star(
@@ -51,10 +51,10 @@ def locate_star(
         star = find_star(data, otf, jitter)
         if star is None:
             break
-        trial = polished(data, optics, otf, star, jitter, hold, rough=rough)
-        if best is not None and not trial.deviance_dof < _WORTH_IT * best.deviance_dof:
+        candidate = polished(data, optics, otf, star, jitter, hold, rough=rough)
+        if best is not None and not candidate.deviance_dof < _IMPROVEMENT * best.deviance_dof:
             break
-        best = trial
+        best = candidate
         if best.describes(data):
             break
         otf, jitter = best.otf, best.parameters.locus
@@ -91,12 +91,12 @@ def locate_binary(
             if not all(np.abs(_positions(pair.scene) - _positions(other)).max() > near for other in tried):
                 continue
             tried.append(pair.scene)
-            trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
-            if best is None or trial.deviance_dof < best.deviance_dof:
-                best = trial
+            candidate = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
+            if best is None or candidate.deviance_dof < best.deviance_dof:
+                best = candidate
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return _finished(best, data, optics, hold, rough)
-        if best is None or best.deviance_dof > _WORTH_IT * before:
+        if best is None or best.deviance_dof > _IMPROVEMENT * before:
             break
         otf, jitter = best.otf, best.parameters.locus
     return None if best is None else _finished(best, data, optics, hold, rough)

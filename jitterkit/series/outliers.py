@@ -24,7 +24,7 @@ _MAD = 1.4826
 _KNEE, _BEND = 1.345, 4.685
 """Where Huber's and Tukey's weights turn, in sigmas, for an efficiency of 95 %."""
 
-_ROUNDS, _SETTLED = 30, 1e-4
+_ROUNDS, _CONVERGED = 30, 1e-4
 """Of a robust fit, which ends where it moves by less than that in sigmas."""
 
 
@@ -165,7 +165,7 @@ def _robust_trend(y: np.ndarray, e: np.ndarray, t: np.ndarray, degree: int) -> n
             root = np.sqrt(weigh(residual / scale))
             before = fitted
             fitted = basis @ np.linalg.lstsq(basis * root[:, None], target * root)[0]
-            if np.abs(fitted - before).max() < _SETTLED * scale:
+            if np.abs(fitted - before).max() < _CONVERGED * scale:
                 break
     return np.median(y) + fitted * e
 

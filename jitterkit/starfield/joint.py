@@ -26,7 +26,7 @@ _CHUNK = 32
 """Stars per call, the last call filled up: the number of stars must not cause a new compilation."""
 
 _STEPS = 40
-_ARRIVED = 1e-3
+_CONVERGED = 1e-3
 """Length of a step of the shared coordinates, in standard errors, that ends the fit."""
 
 _LEAST = 3
@@ -130,7 +130,7 @@ def _scoring_loop(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, k
         better = there.deviance.sum() <= here.deviance.sum() + 1e-9 * abs(here.deviance.sum())
         better = better and bool(np.all(there.own[:, 2] > 0))
         here, damping = (there, damping / 10) if better else (here, damping * 10)
-        if (better and length < _ARRIVED) or damping > 1e8:
+        if (better and length < _CONVERGED) or damping > 1e8:
             break
     return here
 

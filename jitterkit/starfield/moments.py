@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.starfield.stamps import Stars
 
-_PASSES, _ARRIVED = 60, 1e-10
+_PASSES, _CONVERGED = 60, 1e-10
 """Of the fixed point, each of which about halves what is left [pixels²]."""
 
 _START = 2.0
@@ -99,7 +99,7 @@ def _fixed_point(images: np.ndarray) -> np.ndarray:
         centre = state[:, :2] + 2 * np.stack([mx, my], axis=1)
         moments = 2 * np.stack([xx - mx**2, xy - mx * my, yy - my**2], axis=1)
         before, state = state, np.concatenate([centre, moments], axis=1)
-        if np.nanmax(np.abs(state - before), initial=0.0) < _ARRIVED:
+        if np.nanmax(np.abs(state - before), initial=0.0) < _CONVERGED:
             break
     return state
 

@@ -135,7 +135,7 @@ def _separation(fit: FitResult) -> tuple[float, float]:
     return fit.of_scene("separation"), fit.error("separation")
 
 
-TOGETHER = 1024
+FRAMES_PER_ANCHOR = 1024
 """Frames that share what one of them shows of the optics."""
 
 
@@ -158,14 +158,14 @@ class Fitting:
 
     @classmethod
     def anchored(
-        cls, processor: FrameProcessor, raw: RawFrame, frames: int = TOGETHER, method: str = "refit"
+        cls, processor: FrameProcessor, raw: RawFrame, frames: int = FRAMES_PER_ANCHOR, method: str = "refit"
     ) -> Fitting:
         """With the optics about what a first frame of several shows."""
         frame = processor.calibrate(raw)
         processor.with_warm_starts({}).warm_start(frame)  # compiles
         began = time.perf_counter()
         warm = processor.with_warm_starts({}).warm_start(frame)
-        share = (time.perf_counter() - began) / min(max(frames, 1), TOGETHER)
+        share = (time.perf_counter() - began) / min(max(frames, 1), FRAMES_PER_ANCHOR)
         known = {} if warm is None else {processor.grid(frame): warm}
         return cls(processor.with_warm_starts(known), share, method)
 

@@ -17,7 +17,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.instruments import Instrument
 from jitterkit.optics import Grid
 from jitterkit.trade.grid import GRID, can_be_had
-from jitterkit.trade.methods import TOGETHER, Fitting
+from jitterkit.trade.methods import FRAMES_PER_ANCHOR, Fitting
 from jitterkit.trade.predict import Example
 from jitterkit.trade.settings import Settings, own_pad
 from jitterkit.trade.worst_case import OWN, WorstCase
@@ -56,7 +56,7 @@ def work(settings: Settings, instrument: Instrument, parameters: int, frames: in
         return fit
     rays = instrument.pupil.opd.size / settings.binning**2 * (1 + len(instrument.aberrations))
     look = rays * (settings.samples or len(instrument.spectrum.wavelengths))
-    return fit + look / (min(frames, TOGETHER) if frames >= PLAN.fewest else 1)
+    return fit + look / (min(frames, FRAMES_PER_ANCHOR) if frames >= PLAN.fewest else 1)
 
 
 _MARGIN = 0.8
@@ -104,7 +104,7 @@ class Planner:
         In the run, that share what is computed once.
     """
 
-    def __init__(self, examples: Sequence[Example], frames: int = TOGETHER) -> None:
+    def __init__(self, examples: Sequence[Example], frames: int = FRAMES_PER_ANCHOR) -> None:
         self.worst_case, self.frames = WorstCase(examples), frames
 
     def cheapest(self, allowed: float) -> Plan:

@@ -235,6 +235,6 @@ def test_workers_that_die_whatever_they_do_end_the_run():
 
     one = cluster._Scheduler(client=None, name="any", finish=list)
     killing = SimpleNamespace(result=result)
-    assert [one._result(killing) for _ in range(cluster._HOPELESS - 1)] == [None] * 7
+    assert [one._result(killing) for _ in range(cluster._MOST_DEATHS - 1)] == [None] * 7
     with refused(ErrorCode.WORKER_LOST, 8):
         one._result(killing)
