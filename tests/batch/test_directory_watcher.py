@@ -20,7 +20,7 @@ def scanned(watcher):
     return [(path.name, index) for path, index in watcher.scan()]
 
 
-def test_a_file_that_grows_to_the_end_is_told(small, tmp_path):
+def test_a_file_that_grows_to_the_end_is_reported(small, tmp_path):
     watcher = DirectoryWatcher(tmp_path)
     for size in (100, 200, 300):
         (tmp_path / "a.fits").write_bytes(small[:size])
@@ -98,21 +98,21 @@ def taken(small, tmp_path):
     return watcher, path
 
 
-def test_a_frame_that_was_written_anew_counts_once(taken, small):
+def test_a_frame_that_was_rewritten_counts_once(taken, small):
     watcher, path = taken
     path.write_bytes(small + bytes(2880))
     assert [scanned(watcher) for _ in range(5)] == [[]] * 5
     assert list(watcher.unfinished()) == []
 
 
-def test_a_file_written_anew_page_by_page_has_each_frame_once(tmp_path):
+def test_a_file_rewritten_page_by_page_has_each_frame_once(tmp_path):
     watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.tif"
     for pages, expected in ((2, [("a.tif", 0), ("a.tif", 1)]), (1, []), (3, [("a.tif", 2)])):
         write_tiff(path, np.ones((pages, 8, 8), np.uint16), overwrite=True)
         assert [scanned(watcher) for _ in range(3)] == [[], expected, []]
 
 
-def test_a_frame_that_could_not_be_read_is_told_again_when_its_file_has_changed(taken, small, caplog):
+def test_a_frame_that_could_not_be_read_is_yielded_again_when_its_file_has_changed(taken, small, caplog):
     watcher, path = taken
     path.write_bytes(small[:2900])
     watcher.retry(path, 0)
@@ -124,7 +124,7 @@ def test_a_frame_that_could_not_be_read_is_told_again_when_its_file_has_changed(
     assert list(watcher.unfinished()) == []
 
 
-def test_a_frame_that_could_not_be_read_though_nothing_changed_is_told_again_now_and_then(taken):
+def test_a_frame_that_could_not_be_read_though_nothing_changed_is_yielded_again_now_and_then(taken):
     watcher, path = taken
     found = []
     for scan in range(2, 17):
@@ -133,7 +133,7 @@ def test_a_frame_that_could_not_be_read_though_nothing_changed_is_told_again_now
     assert found == [2, 4, 8, 16]
 
 
-def test_only_the_frames_that_could_not_be_read_are_told_again(tmp_path):
+def test_only_the_frames_that_could_not_be_read_are_yielded_again(tmp_path):
     """Two of three; the file has one page for a while then."""
     watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.tif"
     write_tiff(path, np.ones((3, 8, 8), np.uint16))
@@ -154,7 +154,7 @@ def test_a_file_of_which_nothing_was_read_and_that_is_gone_is_forgotten(taken, s
     assert list(watcher.unfinished()) == []
 
 
-def test_a_frame_that_is_taken_back_late_is_told_again(taken, small):
+def test_a_frame_that_is_taken_back_late_is_yielded_again(taken, small):
     watcher, path = taken
     for _ in range(_RETIRED_AFTER + 2):
         scanned(watcher)

@@ -107,7 +107,7 @@ def test_with_a_cadence_such_frames_count_in_the_order_of_their_names(write, tmp
     np.testing.assert_allclose([e.time for e in frames], [0.25, 3.25, 6.25])
 
 
-def test_equal_times_come_in_the_order_of_names_and_a_cadence_tells_them_apart(write, tmp_path):
+def test_equal_times_come_in_the_order_of_names_and_a_cadence_separates_them(write, tmp_path):
     for name in ("f10.fits", "f9.fits"):
         write(name, 4.0)
     write("f11.fits", 3.0)

@@ -143,7 +143,7 @@ def test_frames_are_counted_once_and_stay_counted(store, tmp_path):
         assert list(again.frame_counts(files, pytest.fail)) == [n % 3 + 1 for n in range(200)]
 
 
-def test_a_run_is_not_begun_twice_unless_it_may_be_forgotten(store, tmp_path):
+def test_a_run_is_not_started_twice_unless_it_may_be_forgotten(store, tmp_path):
     store.add(0, [row()], {0: b"arrays"})
     list(store.frame_counts([Path("a")], lambda path: 3))
     store.close()
@@ -155,7 +155,7 @@ def test_a_run_is_not_begun_twice_unless_it_may_be_forgotten(store, tmp_path):
         assert again.configuration == {"--locus": "mvn"}
 
 
-def test_a_run_that_was_interrupted_before_it_began_is_begun(tmp_path):
+def test_a_run_that_was_interrupted_before_it_began_is_started(tmp_path):
     with Store.resume(tmp_path, CONFIGURATION, {"date": "Monday"}) as store:
         store.add(0, [row()])
     with Store.resume(tmp_path, CONFIGURATION, {"date": "Tuesday"}) as store:

@@ -69,7 +69,7 @@ def test_a_ledger_cut_short_is_refused(filled):
         Store.resume(filled.parent, CONFIGURATION)
 
 
-def test_damage_anywhere_is_told_or_does_no_harm(filled):
+def test_damage_anywhere_is_reported_or_does_no_harm(filled):
     rng = np.random.default_rng(4)
     whole, rows = filled.read_bytes(), [one for batch in range(40) for one in rows_of(batch)]
     told = 0

@@ -221,7 +221,7 @@ def test_a_full_disk_ends_the_run_in_a_sentence_and_keeps_what_was_done(tmp_path
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
-def test_a_write_that_the_system_refuses_is_told_and_keeps_what_was_done(tmp_path, start, context):
+def test_a_write_that_the_system_refuses_is_reported_and_keeps_what_was_done(tmp_path, start, context):
     ours, theirs = context.Pipe()
     start(fill, str(tmp_path), theirs).join()
     code, sentence, entered, done = ours.recv()

@@ -54,7 +54,7 @@ def test_help_loads_nothing_heavy():
         ["motion", "ready/a.csv", "-o", "ready/results.ecsv"],
     ],
 )
-def test_what_is_wrong_with_paths_is_told_before_jax_is_loaded(arguments, tmp_path):
+def test_what_is_wrong_with_paths_is_reported_before_jax_is_loaded(arguments, tmp_path):
     (tmp_path / "ready").mkdir()
     for name in ("a.fits", "results.ecsv"):
         (tmp_path / "ready" / name).touch()

@@ -94,7 +94,7 @@ def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path, check_error):
         (["--plot", "x.pdf"], ErrorCode.WRONG_SUFFIX, ["x.pdf", ".png"]),
     ],
 )
-def test_what_is_wrong_is_told_in_a_sentence(arguments, code, values, check_error):
+def test_what_is_wrong_is_reported_in_a_sentence(arguments, code, values, check_error):
     check_error(runner.invoke(app, [*SMALL, *arguments]), code, *values)
 
 

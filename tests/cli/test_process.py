@@ -48,7 +48,7 @@ def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_pat
     assert how_to_go_on(stopped, out) == {"--resume", "--overwrite"}
 
 
-def test_a_file_that_was_overwritten_before_a_run_goes_on_is_told(blanks, tmp_path, check_error):
+def test_a_file_that_was_overwritten_before_a_run_goes_on_is_reported(blanks, tmp_path, check_error):
     command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--locus", "mvn"]
     assert runner.invoke(app, command).exit_code == 1
     (blanks / "07.fits").write_text("exposure = 4\n")
@@ -56,7 +56,9 @@ def test_a_file_that_was_overwritten_before_a_run_goes_on_is_told(blanks, tmp_pa
     assert runner.invoke(app, [*command, "--overwrite"]).exit_code == 1
 
 
-def test_the_line_on_the_screen_is_told_which_rows_are_of_an_earlier_session(blanks, tmp_path, monkeypatch):
+def test_the_line_on_the_screen_is_reported_which_rows_are_of_an_earlier_session(
+    blanks, tmp_path, monkeypatch
+):
     now, earlier = [], []
     monkeypatch.setattr(
         "jitterkit.cli.process.run_progress", lambda total: nullcontext((now.append, earlier.append))
@@ -68,7 +70,7 @@ def test_the_line_on_the_screen_is_told_which_rows_are_of_an_earlier_session(bla
     assert (len(now), len(earlier)) == (52, 52)
 
 
-def test_of_many_failures_some_are_told_and_the_others_counted(blanks, tmp_path):
+def test_of_many_failures_some_are_reported_and_the_others_counted(blanks, tmp_path):
     done = runner.invoke(app, ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat"])
     assert done.stderr.count("] unreadable: ") == 50
     (others,) = [line for line in done.stderr.splitlines() if line.startswith("...")]

@@ -76,7 +76,7 @@ def test_separation_and_sense_of_the_motion(fitted):
 
 
 @pytest.mark.slow
-def test_no_header_says_when_is_told_unless_the_cadence_is_given(fitted, night, tmp_path):
+def test_no_header_says_when_is_reported_unless_the_cadence_is_given(fitted, night, tmp_path):
     # The torn frame's message names its header too; this warning is the first line, before any frame's.
     warning = fitted[0].stderr.splitlines()[0]
     assert_names(warning, ["header", "follow each other"])

@@ -103,7 +103,7 @@ def test_a_shaken_sequence_rolls(here):
     assert (header["TRULOCUS"], header["TRULINE"]) == ("trace*mvn", 2e-4)
 
 
-def test_a_rolling_detector_is_told_of_a_locus_that_has_no_time(here):
+def test_a_rolling_detector_is_warned_of_a_locus_that_has_no_time(here):
     done = simulate("a.fits", "-i", "roller.toml", "--locus", "linear", "--length", "0.5")
     assert done.exit_code == 0
     advice = {"linear", "--drift", "--trace", "--spectrum"}

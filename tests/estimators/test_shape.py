@@ -63,7 +63,7 @@ def test_the_shape_of_nothing_is_not_a_number(name, otf):
 
 
 @pytest.mark.parametrize("name", ["mtf", "score"])
-def test_once_the_shape_is_told_it_no_longer_biases_the_moments(name, otf):
+def test_once_the_shape_is_determined_it_no_longer_biases_the_moments(name, otf):
     locus = Linear.of(0.5, 27.0)
     found, truth = estimate(name, locus, otf), np.asarray(locus.moments())
     assert found.shape_err < 1.2
@@ -73,7 +73,7 @@ def test_once_the_shape_is_told_it_no_longer_biases_the_moments(name, otf):
 
 
 @pytest.mark.parametrize("name", ["mtf", "score"])
-def test_until_it_is_told_the_errors_hold_what_it_might_do(name, otf):
+def test_until_it_is_determined_the_errors_hold_what_it_might_do(name, otf):
     locus = Linear.of(0.34, 27.0)
     found, truth = estimate(name, locus, otf), np.asarray(locus.moments())
     assert found.shape_err > 1.2

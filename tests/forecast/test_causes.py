@@ -155,7 +155,7 @@ def test_a_streak_shows_that_diffusion_is_round():
 
 @pytest.mark.parametrize("locus", [Mvn.of(0.0), Mvn.of(0.3), Ellipse.of(0.2, 0.1, 40.0)])
 @pytest.mark.parametrize("obscuration", [0.0, 0.05])
-def test_where_the_jitter_is_free_in_both_axes_small_or_normal_it_is_never_told_from_diffusion(
+def test_where_the_jitter_is_free_in_both_axes_small_or_normal_it_is_never_distinguished_from_diffusion(
     locus, obscuration
 ):
     setting = lit(obscuration, seeing=None, diffusion=0.1**2)
@@ -167,7 +167,7 @@ def test_where_the_jitter_is_free_in_both_axes_small_or_normal_it_is_never_told_
         assert diffusion == np.inf
 
 
-def test_defocus_is_told_from_jitter_where_the_pupil_has_rings_to_show_it():
+def test_defocus_is_distinguished_from_jitter_where_the_pupil_has_rings_to_show_it():
     found = forecast_causes(lit(aberrations=(30.0,), seeing=None), Mvn.of(0.2))
     information = dict(zip(found.names, found.errors() / found.information.alone, strict=True))
     assert information["noll4"] < 2

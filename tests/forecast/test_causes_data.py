@@ -83,7 +83,7 @@ def test_no_data_ever_make_an_error_larger(seen, sets):
         assert np.all(both <= seen.errors(sets[first].extra) * (1 + 1e-9))
 
 
-def test_what_is_exactly_degenerate_no_light_and_no_number_of_frames_tells_apart(normal):
+def test_what_is_exactly_degenerate_no_light_and_no_number_of_frames_separates(normal):
     sets = further_data(normal)
     for words in ("times the light", "8 more frames, each"):
         errors = normal.errors(named(sets, words).extra)
@@ -199,7 +199,7 @@ def test_the_cheapest_is_the_first_that_serves_or_the_first_pair(seen):
         assert [one.words for one in sets if one.words in sentence] == named_in_it
 
 
-def test_what_has_no_size_is_told_to_no_share_of_it(seen):
+def test_what_has_no_size_is_reported_to_no_share_of_it(seen):
     there = replace(seen, causes=tuple(cause._replace(value=1e-2) for cause in seen.causes))
     sentence = remedy_sentence(there, [], 1e9)
     assert "1e+11 %" in sentence
@@ -221,7 +221,7 @@ def test_without_jitter_there_is_nothing_to_tell_of_it():
     assert "refocused" not in words
 
 
-def test_of_a_jitter_that_may_be_there_but_is_not_a_frame_at_rest_tells_the_most(normal):
+def test_of_a_jitter_that_may_be_there_but_is_not_a_frame_at_rest_determines_the_most(normal):
     still = forecast_causes(normal.setting, Mvn.of(0.0))
     sets = further_data(still, FollowUp(frames=1))
     assert not any("telemetry" in one.words for one in sets)

@@ -82,7 +82,7 @@ def test_with_its_own_locus_nothing_is_biased_and_any_jitter_is_allowed(bench):
     ) == pytest.approx(1e-6, rel=0.01)
 
 
-def test_nothing_allowed_is_refused_and_so_is_a_frame_that_tells_nothing(bench):
+def test_nothing_allowed_is_refused_and_so_is_a_frame_that_determines_nothing(bench):
     with refused(ErrorCode.NOT_CONSTRAINED):
         jitter_requirements(bench.under(), bench.otf, 0.1, Detector(gain=1.0, saturation=1.0))
     with refused(ErrorCode.OUT_OF_RANGE, 0):

@@ -78,7 +78,7 @@ def chi_squared(image, truth):
 
 @pytest.mark.parametrize("line_time", [LINE, -LINE], ids=["upwards", "downwards"])
 @pytest.mark.parametrize("direction", [0.0, 35.0, 90.0, 200.0, 300.0])
-def test_a_bright_frame_of_a_drifting_telescope_cannot_tell_two_images_from_its_rows(
+def test_a_bright_frame_of_a_drifting_telescope_cannot_distinguish_two_images_from_its_rows(
     otf, row_by_row, direction, line_time
 ):
     speed, exposure = 1.0, 0.2

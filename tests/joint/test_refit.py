@@ -95,7 +95,7 @@ def test_separation_is_unbiased_and_its_error_honest(optics, rng):
     assert 0.5 < np.std(pulls) < 1.7  # 12 pulls: 0.2
 
 
-def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
+def test_a_different_streak_in_each_frame_and_optics_that_vary(optics, rng):
     count = 24
     states = np.cumsum(rng.normal(0, 0.5, (count, 2)), axis=0)
     loci = [Linear.of(size, angle) for size, angle in zip(
@@ -158,7 +158,7 @@ def test_telemetry_takes_the_place_of_the_motion_between_frames(optics):
 
 
 @pytest.mark.slow
-def test_diffusion_is_told_from_streaks_that_differ(optics, rng):
+def test_diffusion_is_distinguished_from_streaks_that_differ(optics, rng):
     loci = [Linear.of(0.5, angle) for angle in np.linspace(0, 180, 10, endpoint=False)]
     frames = []
     for exposure, locus in zip(exposures(optics, 10, rng, loci=loci), loci, strict=True):
@@ -182,7 +182,7 @@ def test_a_frame_that_does_not_belong_is_flagged_and_not_counted(optics, rng):
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
 
 
-def test_a_slow_change_is_told(optics, rng):
+def test_a_slow_change_is_reported(optics, rng):
     scenes = {"separation": 5.0 + 2e-3 * np.linspace(-1, 1, 12)}
     fit = refit_sequence(exposures(optics, 12, rng, scenes=scenes), FrameFitter(optics))
     slope = fit.slope()
@@ -229,7 +229,7 @@ def test_no_frame_at_all_is_an_error_with_the_first_reason(optics):
         refit_sequence([], FrameFitter(optics))
 
 
-def test_a_frame_alone_that_was_fitted_and_tells_nothing_is_not_constrained():
+def test_a_frame_alone_that_was_fitted_and_determines_nothing_is_not_constrained():
     records = Records(())
     records.append(FrameRecord("endless", 0.0, Status.OK, ""))
     with refused(ErrorCode.NOT_CONSTRAINED, error=JitterkitError):

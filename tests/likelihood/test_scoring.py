@@ -149,7 +149,7 @@ def test_held_parameters_do_not_move(truth, otf, data):
     assert before[0] != after[0]
 
 
-def test_an_aberration_whose_sign_the_image_cannot_tell_is_not_fitted():
+def test_an_aberration_whose_sign_the_image_cannot_distinguish_is_not_fitted():
     # a telescope of its own: the common one has no even aberrations, and noll 4 and 5 are what is tested
     pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(4, 5, 7)), flat_band(530, 640, 3)
     otf = expand(pupil, band, grid_for(pupil, band, (32, 32), 0.375, pad=8))
@@ -169,7 +169,7 @@ def test_holding_what_does_not_exist_is_refused(truth, otf):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_it_settles_in_32_bits_where_rounding_lets_no_step_be_told(seed, otf):
+def test_it_settles_in_32_bits_where_rounding_hides_every_step(seed, otf):
     # Ten roundings of a deviance of a thousand are a step of 0.035 errors squared.
     jax.clear_caches()
     with jax.enable_x64(False):

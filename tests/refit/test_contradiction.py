@@ -124,7 +124,7 @@ def test_a_prior_on_one_parameter_is_tested_too_whoever_chooses_the_locus(bench,
         assert ("prior_contradicted" in result.flags) == flagged
 
 
-def test_a_streak_at_its_tip_is_not_accused_for_what_a_cone_forbids(bench, rng):
+def test_a_streak_of_zero_length_is_not_accused_for_what_a_cone_forbids(bench, rng):
     # a prior about no jitter has negative variances as often as not; no streak has
     told, flagged = SHAPE @ SHAPE.T * 1e-10, 0
     for _ in range(12):

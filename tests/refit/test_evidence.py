@@ -161,7 +161,7 @@ def test_a_variance_below_zero_leaves_what_of_the_posterior_is_above():
     assert lost == pytest.approx(-np.log(0.022750131948), rel=1e-6)  # a normal's tail beyond 2 sigma
 
 
-def test_a_part_that_cannot_be_told_from_nothing_has_no_evidence():
+def test_a_part_that_cannot_be_distinguished_from_nothing_has_no_evidence():
     assert log_evidence(fitted("tones", Tones.of(0.4, 30.0, 0.01, 80.0), 1e-3)) == -np.inf
     assert log_evidence(fitted("smear", Smear.of(0.01, 30.0, 0.1), 1e-3)) == -np.inf
     assert log_evidence(fitted("smear", Smear.of(0.4, 30.0, 0.01), 1e-3)) == -np.inf

@@ -177,7 +177,7 @@ def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(bench, optic
 
 
 @pytest.mark.parametrize("name", ["linear", "shm"])
-def test_a_streak_fitted_to_a_still_frame_ends_at_the_tip_of_its_cone(bench, name, optics, rng):
+def test_a_streak_fitted_to_a_still_frame_ends_at_zero_length(bench, name, optics, rng):
     unsettled = 0
     for _ in range(12):
         data = bench.draw(Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)

@@ -36,7 +36,7 @@ def test_one_blur_for_all_is_not_remarked(telescope, rng):
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0), (4.0, -3.0)])
-def test_a_roll_is_told_with_its_size_wherever_its_axis_is(axis, telescope, rng):
+def test_a_roll_is_reported_with_its_size_wherever_its_axis_is(axis, telescope, rng):
     """A star moves by the roll times its distance from the axis, uniformly: a twelfth of the square."""
     roll = np.radians(4.0)
     x, y = (PLACES - axis).T
@@ -48,6 +48,6 @@ def test_a_roll_is_told_with_its_size_wherever_its_axis_is(axis, telescope, rng)
     assert float(found[2]) < 0.5
 
 
-def test_a_blur_that_grows_to_one_side_is_told(telescope, rng):
+def test_a_blur_that_grows_to_one_side_is_reported(telescope, rng):
     wider = ROUND * (1 + 0.15 * PLACES[:, :1])
     assert "differs from star to star" in said_of(telescope, wider, rng)

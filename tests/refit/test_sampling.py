@@ -155,7 +155,7 @@ def test_a_prior_is_counted(bright, bench, optics):
 
 
 @pytest.mark.slow
-def test_a_streak_near_its_tip_has_the_posterior_that_quadrature_finds(bench, optics, rng):
+def test_a_streak_of_almost_zero_length_has_the_posterior_that_quadrature_finds(bench, optics, rng):
     # only the two coordinates vary: their posterior on a grid of 61 by 61 places is known to rounding, flat
     # prior in them included; Laplace's normal law is far off
     start = bench.truth(Linear.of(0.08, 25.0), flux=1e5)

@@ -66,7 +66,7 @@ def test_the_response_foretells_the_bias_of_a_normal(bench):
     assert abs(bias) > 1e-7
 
 
-def test_beside_a_moment_that_is_held_no_shape_is_told(bench, rng):
+def test_beside_a_moment_that_is_held_no_shape_is_determined(bench, rng):
     data = bench.draw(bench.truth(Mvn.of(0.15)), rng)
     options = FitOptions(hold=("background", "mvn_xy"))
     normal, otf = fit_and_allow(data, bench.optics, bench.near(), None, options)[:2]

@@ -103,7 +103,7 @@ def test_the_error_of_the_plate_scale_is_not_averaged_down(rng):
     assert np.isnan(joint_summary(made(rng))["separation"]["scale_error"])
 
 
-def test_the_summary_is_what_the_messages_say(rng):
+def test_the_summary_is_what_the_likelihood_summaries_give(rng):
     fit = made(rng)
     summary = json.loads(json.dumps(joint_summary(fit, fit_floor(separation_series(fit)))))
     assert summary["frames"] == 30
@@ -152,7 +152,7 @@ def test_the_page_has_four_pictures(rng, odd):
 
 
 @pytest.mark.parametrize(("correlation", "factor"), [(0.5, 2 / np.sqrt(3)), (0.98, 5.0252)])
-def test_a_plate_scale_that_can_hardly_be_told_is_said(rng, correlation, factor):
+def test_a_plate_scale_that_can_hardly_be_determined_is_said(rng, correlation, factor):
     fit = made(rng)
     known = np.outer([1e-5, 1e-6], [1e-5, 1e-6]) * [[1, correlation], [correlation, 1]]
     names = ("separation", "plate_scale_shift")

@@ -118,7 +118,7 @@ def test_optics_are_not_taken_for_tracking(field, trail, rng):
 
 
 @pytest.mark.slow
-def test_a_change_of_seeing_is_told_and_leaves_the_length(field, trail, sharp):
+def test_a_change_of_seeing_is_reported_and_leaves_the_length(field, trail, sharp):
     frame, _ = field(np.random.default_rng(9), trail(4.0, 120.0), stars=120, fwhm=3.3)
     estimate = estimate_field(frame, reference=field_psf(sharp[0]))
     assert estimate.length == pytest.approx(4.0, rel=0.05)
@@ -150,7 +150,7 @@ def test_a_psf_may_have_stamps_of_another_size(field, trail, sharp, half):
     assert not estimate.remarks or half == 12
 
 
-def test_a_vibration_against_a_reference_is_told_not_to_be_a_line(field, trail, sharp):
+def test_a_vibration_against_a_reference_is_reported_not_to_be_a_line(field, trail, sharp):
     """Half the time at rest and half along a line, as no line alone is."""
     parts = [field(np.random.default_rng(5), trail(size, 30.0), stars=40, side=400)[0] for size in (0.0, 6.0)]
     frame = Frame(sum(part.electrons for part in parts), 50.0)

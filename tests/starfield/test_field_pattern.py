@@ -63,7 +63,7 @@ def test_another_law_of_growth_is_still_optics(rng, turn):
     assert pattern.kind == ("radial", "tangential")[turn > 0]
 
 
-def test_both_at_once_are_told(rng):
+def test_both_at_once_are_reported(rng):
     pattern = classified(rng, lambda x, y: [*everywhere(2.0, 20.0)(x, y), (3 * radius(x, y), away(x, y))])
     assert pattern.kind == "mixed"
     assert pattern.angle == pytest.approx(20, abs=4 * pattern.angle_err)

@@ -86,7 +86,7 @@ def test_a_blur_that_is_held_is_taken_for_known(anchored, exact, refitted):
     assert np.all((held > 0.9) & (held < 1.001))  # of three parameters fewer, which hardly matter
 
 
-def test_three_frames_whose_aberrations_wander_tell_together_what_they_tell_alone(anchored, scene):
+def test_three_frames_whose_aberrations_vary_determine_together_what_they_do_alone(anchored, scene):
     frames = [anchored.calibrate(raw) for raw in scene.noisy]
     alone, together = (separations(how, replace(anchored, known={}), frames) for how in ("refit", "joint"))
     assert together[:, 1] == pytest.approx(np.sqrt(np.mean(alone[:, 1] ** 2)), rel=0.01)
