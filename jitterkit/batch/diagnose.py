@@ -176,8 +176,10 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
     close = contrast > LIMITS.contrast and separation < LIMITS.separation * resolution(otf)
     if not (result.status.usable and close):
         return result
-    said = f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
-    return result.remarked(said, "faint_companion")
+    remark = (
+        f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
+    )
+    return result.remarked(remark, "faint_companion")
 
 
 def scale_hint(frame: Frame, expected: float) -> str:
@@ -206,8 +208,8 @@ def _flag_further_stars(result: FitResult) -> FitResult:
     apart = np.hypot(x[brightest] - x[0], y[brightest] - y[0])
     count = len(scene.others.x)
     which = "the brightest " * (count > 1)
-    said = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
-    return result.remarked(said, "further_stars")
+    remark = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
+    return result.remarked(remark, "further_stars")
 
 
 def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
@@ -218,8 +220,8 @@ def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
     if not result.status.usable:
         return result
     data = found.data.without(~np.isfinite(result.residual))
-    said = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
-    return result.remarked(said or "", "blur_varies")
+    remark = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
+    return result.remarked(remark or "", "blur_varies")
 
 
 def _flag_plate_scale(result: FitResult) -> FitResult:
@@ -229,8 +231,8 @@ def _flag_plate_scale(result: FitResult) -> FitResult:
     factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
     if not (result.status.usable and factor > LARGE_FACTOR):
         return result
-    said = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
-    return result.remarked(said, "scale_degenerate")
+    remark = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
+    return result.remarked(remark, "scale_degenerate")
 
 
 def _why_unusable(frame: Frame) -> str:

@@ -96,8 +96,8 @@ class DirectoryWatcher:
             self._seen[path.name] = self._retired.pop(path.name)
         seen = self._seen[path.name]
         if seen.whole:
-            said = "%s cannot be read after all; it is read again when it changes."
-            log.warning(said, printable(path))
+            warning = "%s cannot be read after all; it is read again when it changes."
+            log.warning(warning, printable(path))
         seen.yielded.discard(index)
         seen.whole, seen.uncertain = False, True
 

@@ -166,7 +166,7 @@ class FrameProcessor:
             whole, result = frame, status_from_exception(error, frame, self.plate_scale)
         known = self.known.get(self.grid(frame))
         misled = known is not None and known.changes(frame) and result.status in _MISLED
-        if misled and not (result.status in _CONCLUSIVE and self.repeats(frame)):
+        if misled and not (result.status in _CONCLUSIVE and self.matches_reference(frame)):
             return self.with_warm_starts({}).complete(frame)
         result = replace(result, seconds=time.perf_counter() - began)
         return ProcessedFrame.from_fit(whole, result, frame.plate_scale or self.plate_scale)
@@ -240,8 +240,8 @@ class FrameProcessor:
             return None  # the frame itself will say why
         return None if isinstance(found, FitResult) or not found.start.deviance_dof < POOR else found
 
-    def repeats(self, frame: Frame) -> bool:
-        """Return whether a frame shows what the reference frame shows: its scene is in no doubt then."""
+    def matches_reference(self, frame: Frame) -> bool:
+        """Return whether a frame shows the reference frame's pair or field; its scene is certain then."""
         known, optics = self.known[self.grid(frame)], self.optics(frame)
         found = known.register(frame, Data.of(frame), optics, self.options.hold, rough=True)
         # a cut-out about one star does not show what else is in the frame

@@ -52,7 +52,7 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     inside_files = path[0] == FILES and len(path) > 1
     if inside_files and (sentence := _come_or_gone(printable(directory), stored[FILES], now[FILES])):
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
-    what = f"{printable(directory)} was started {_said(path, before, after)}"
+    what = f"{printable(directory)} was started {_describe_difference(path, before, after)}"
     if path[0] == VERSIONS:
         raise ConfigurationError(
             ErrorCode.CONFLICT,
@@ -78,7 +78,7 @@ def _first_of(keys, a, b, path: tuple) -> tuple[tuple, Any, Any] | None:
     return next((difference for difference in found if difference), None)
 
 
-def _said(path: tuple, before: Any, after: Any) -> str:
+def _describe_difference(path: tuple, before: Any, after: Any) -> str:
     names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in path]
     name = printable("".join(names).removeprefix("."))
     if before is _ABSENT:

@@ -98,11 +98,11 @@ class TemplateBlurEstimator:
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
         """Say that no scene with a blur describes a frame, and why not where that can be determined."""
-        said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
+        message = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
         names = () if "background" in self.processor.options.hold else ("background",)
         poor = FitResult(
             Status.POOR_FIT,
-            said,
+            message,
             parameters=parameters,
             names=names,
             chi2=misfit.chi2,

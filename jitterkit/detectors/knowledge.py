@@ -50,8 +50,8 @@ def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
     name, level = ceiling(detector, metadata)
     # our own earlier word may rest on a gain that has been corrected since
     words = {detector.source(name) for name in ("saturation", "full_well", "bits")}
-    said = metadata.saturation is not None and metadata.saturation.source in words
-    metadata = replace(metadata, saturation=None) if said else metadata
+    stated = metadata.saturation is not None and metadata.saturation.source in words
+    metadata = replace(metadata, saturation=None) if stated else metadata
     return supplement(metadata, "saturation", None if math.isinf(level) else level, detector.source(name))
 
 

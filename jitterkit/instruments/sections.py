@@ -144,8 +144,8 @@ def read_spectrum_section(section: Section) -> dict[str, Any]:
     """Return the spectrum of an instrument and what its file says of the stars' colours, by field."""
     kinds = [key for key in ("band", "lines", "file") if key in section]
     if len(kinds) != 1:
-        said = " and ".join(kinds) if kinds else "neither band nor lines nor file"
-        problem = f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file."
+        given = " and ".join(kinds) if kinds else "neither band nor lines nor file"
+        problem = f"{section.file}: [spectrum] has {given}; give exactly one of band, lines, file."
         raise ConfigurationError(ErrorCode.CONFLICT if kinds else ErrorCode.MISSING_VALUE, problem)
     for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
         if key in section and kinds[0] not in wanted:

@@ -61,17 +61,23 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
     of a single code a sentence says so.  No angle is beyond 1e15.
     """
     keep = np.isfinite(table).all(axis=1)
-    said = [f"{(~keep).sum()} samples of the trace have no value and count as gaps."] * bool((~keep).any())
+    sentences = [f"{(~keep).sum()} samples of the trace have no value and count as gaps."] * bool(
+        (~keep).any()
+    )
     for name, values in zip(columns[1:], table.T[1:], strict=True):
         while (found := _code(values[keep])) is not None:
             code, count = found
             if count == 1 and abs(code) < _NO_ANGLE:
                 sentence = f"{name} is {code:g} in one sample, far from all others"
-                said.append(f"{sentence}, which counts as motion: if it stands for no value, leave it out.")
+                sentences.append(
+                    f"{sentence}, which counts as motion: if it stands for no value, leave it out."
+                )
                 break
             keep &= values != code
-            said.append(f"{name} is {code:g} in {count} samples, far from all others: they count as gaps.")
-    return table[keep], said
+            sentences.append(
+                f"{name} is {code:g} in {count} samples, far from all others: they count as gaps."
+            )
+    return table[keep], sentences
 
 
 def _code(values: np.ndarray) -> tuple[float, int] | None:

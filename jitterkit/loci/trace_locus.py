@@ -216,7 +216,7 @@ def read_trace(
         if not rates:
             refuse_unit_in_comment(path, cells[0][1])
         table = np.array([row_numbers(row, _COLUMNS, MISSING_WORDS) for row in cells[1:]]).reshape(-1, 3)
-        table, said = without_missing(table, _COLUMNS)
+        table, sentences = without_missing(table, _COLUMNS)
         if len(table) < 2:
             table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
         t, x, y = (table * factors).T
@@ -225,7 +225,7 @@ def read_trace(
             _refuse_wrapped(t, x, y)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
-    for sentence in said:
+    for sentence in sentences:
         (log or warnings.warn)(f"{path}: {sentence}")
     if integrate:
         x, y = _integral(t, np.stack([x, y], axis=1)).T

@@ -204,8 +204,8 @@ def _says_two_sided(path: Path) -> bool:
     """Return whether a comment says that densities are two-sided."""
     with path.open(encoding="utf-8-sig") as handle:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
-    said = re.findall(r"\b(not |non-?)?(one|single|1|two|double|2)[- ]?sided", comments)
-    found = {"one" if bool(no) != (kind in ("one", "single", "1")) else "two" for no, kind in said}
+    stated = re.findall(r"\b(not |non-?)?(one|single|1|two|double|2)[- ]?sided", comments)
+    found = {"one" if bool(no) != (kind in ("one", "single", "1")) else "two" for no, kind in stated}
     if len(found) > 1:
         problem = "the comments say one-sided and two-sided; leave one of the words out."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)

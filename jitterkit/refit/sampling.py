@@ -106,7 +106,7 @@ def sample_posterior(
     target = _target(data, optics, fit, priors or Priors())
     walked = _walk(target, jax.random.split(key, chains), int(warmup), int(draws))
     values, moments, density, divergent, acceptance = walked
-    effective, rhat, error_err = (np.asarray(one) for one in _judge(values))
+    effective, rhat, error_err = (np.asarray(one) for one in _summarise_draws(values))
     return Posterior(
         fit.names,
         np.asarray(values).reshape(-1, len(fit.names)),
@@ -216,7 +216,7 @@ def _chain(target: _Target, key, warmup: int, draws: int):
 
 
 @jax.jit
-def _judge(values):
+def _summarise_draws(values):
     """Effective size, R-hat and Monte-Carlo error of the standard deviation: of draws (chains, draws, p)."""
     diagnostics = _blackjax().diagnostics
     squares = (values - values.mean(axis=(0, 1))) ** 2

@@ -101,7 +101,7 @@ class Weighing:
         start = frame.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
-        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit, evidence)
+        return SceneChoice(start, log_odds, f"{_describe(one)}, or {_describe(two)}", alike, fit, evidence)
 
     def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
         """Return a frame's evidence for one star and for a pair, without their priors."""
@@ -233,8 +233,8 @@ def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
     return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
 
 
-def _said(reading: _Reading) -> str:
-    """In words."""
+def _describe(reading: _Reading) -> str:
+    """Describe a reading in words."""
     fit = reading.fit
     if fit.parameters is None:
         return "neither"

@@ -83,12 +83,12 @@ def plot_transfer(calibration: Calibration, ax: Axes | None = None) -> Axes:
     signals = [level.signal for level in lit]
     at = np.geomspace(min(signals) / 30, max(signals) * 2, 300)
     line = transfer.variance(at)
-    said = with_error(transfer.gain, transfer.gain_error)
-    ax.plot(at, line, color=INK, lw=1.4, label=f"gain {said} e-/ADU")
+    text = with_error(transfer.gain, transfer.gain_error)
+    ax.plot(at, line, color=INK, lw=1.4, label=f"gain {text} e-/ADU")
     ax.errorbar(*_points(used, "variance"), label="frame to frame", **_POINTS)
     if spatial and prnu > 0:
-        said = f"with PRNU of {100 * prnu:.2g} %"
-        ax.plot(at, line + (prnu * at) ** 2, color=RUST, lw=1.1, ls="--", label=said)
+        text = f"with PRNU of {100 * prnu:.2g} %"
+        ax.plot(at, line + (prnu * at) ** 2, color=RUST, lw=1.1, ls="--", label=text)
         x, y = ([getattr(level, name) for level in spatial] for name in ("signal", "spatial_variance"))
         ax.plot(x, y, "^", ms=5.5, color=RUST, mfc="none", mew=1.2, label="pixel to pixel")
     for number, level in enumerate(level for level in lit if level.saturated):
@@ -136,8 +136,8 @@ def plot_dark(calibration: Calibration, ax: Axes | None = None) -> Axes:
     _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), _ALL)
     hot = f"hot above {limit:.3g} e-/s: {calibration.count('hot')}"
     ax.axvline(limit, ymax=_BELOW, color=RUST, lw=1.2, ls="--", label=hot)
-    said = with_error(measured.number, measured.number_error)
-    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {said} e-/s")
+    text = with_error(measured.number, measured.number_error)
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {text} e-/s")
     ax.set(xlabel="dark current [e-/s]", title="dark current")
     return _finish(ax, loc="upper right")
 
@@ -173,8 +173,8 @@ def plot_read_noise(calibration: Calibration, ax: Axes | None = None) -> Axes:
         return note_in_axes(ax, "no bias frames")
     high = max(float(np.percentile(measured.values, 99.9)), 2 * measured.number)
     _histogram(ax, measured.values, 0.0, high, _ALL)
-    said = with_error(measured.number, measured.number_error)
-    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"root mean square {said} e-")
+    text = with_error(measured.number, measured.number_error)
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"root mean square {text} e-")
     ax.set(xlabel="read noise [e-]", title="read noise")
     return _finish(ax, loc="upper right")
 

@@ -82,11 +82,11 @@ def _aberrations(worst_case: WorstCase, plan: Plan) -> Iterator[str]:
     if not names:
         return
     fitted = [name for name in names if name not in without]
-    said = f"fitted: {', '.join(fitted) or 'none'}"
+    text = f"fitted: {', '.join(fitted) or 'none'}"
     if without:
         cost = angle_size(worst_case.cost_of(without, plan.settings), 2)
-        said += f"; left out: {', '.join(without)}, which may cost {cost}"
-    yield f"aberrations {said}"
+        text += f"; left out: {', '.join(without)}, which may cost {cost}"
+    yield f"aberrations {text}"
     known = worst_case.instrument.aberration_sigma
     if known is None:
         limit, end = _UNKNOWN, "; with aberration_sigma in the instrument's file it would be held to that"

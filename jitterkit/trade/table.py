@@ -64,6 +64,6 @@ def _used(settings: Settings | None, instrument: Instrument) -> dict[str, Any]:
     """Settings by name, with what an instrument says itself where they say nothing."""
     if settings is None:
         return {}
-    said = {name: value for name, value in vars(settings).items() if value is not None}
+    stated = {name: value for name, value in vars(settings).items() if value is not None}
     own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
-    return {"pad": own_pad(instrument), "samples": own, "region": max(instrument.shape)} | said
+    return {"pad": own_pad(instrument), "samples": own, "region": max(instrument.shape)} | stated
