@@ -253,7 +253,7 @@ class _Work:
     def result(
         self, gain: tuple[float, float], transfer: PhotonTransfer | None, response: Response | None
     ) -> Calibration:
-        """Everything in electrons."""
+        """Return the calibration, all in electrons."""
         shape = self.bad.shape
         if response is not None:
             usable = (self.bad & (FLAGS["blank"] | FLAGS["hot"])) == 0

@@ -71,7 +71,7 @@ class Linearity:
         return float(charge)
 
     def slope(self, charge: float) -> float:
-        """By how much the signal rises with the charge; one where there is little."""
+        """Return the slope of the signal with the charge; one where there is little."""
         return float(_law(self.coefficients).deriv()(charge))
 
 

@@ -238,7 +238,7 @@ def _own_variance(values: np.ndarray) -> np.ndarray:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Mean of the middle half of sorted values: as robust as the median here, and not a whole number."""
+    """Return the mean of the middle half of sorted values: as robust as the median, but no whole number."""
     left_out = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
     middle: np.ndarray = values[left_out : len(values) - left_out].mean(axis=0)
     return middle

@@ -196,7 +196,7 @@ def _abscissa(signal: float, linearity: Linearity | None) -> float:
 
 
 def _of_bends(used: list[Level], linearity: Linearity | None, slope: float) -> list[float]:
-    """By how much, relatively, the slope turns with the error of each coefficient of the law."""
+    """Return the relative change of the slope with the error of each coefficient of the law."""
     if linearity is None:
         return []
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T

@@ -166,7 +166,7 @@ def _signal(raw: RawFrame, metadata: Metadata) -> tuple[RawFrame, np.ndarray, So
 
 
 def _rise(signal: np.ndarray, variance: np.ndarray, good: np.ndarray) -> float | None:
-    """By how much the variance rises with the signal; None where the frame shows too little light."""
+    """Return the slope of the variance with the signal; None where the frame shows too little light."""
     level = float(np.median(signal[good]))
     smooth = median_filter(np.where(good, signal, level), 3)
     order = smooth[good]
@@ -194,7 +194,7 @@ def _smoothed(variance: np.ndarray, photons: np.ndarray, good: np.ndarray) -> np
 
 
 def _of_neighbours(image: np.ndarray) -> np.ndarray:
-    """For each pixel the median of 25 near it: of every second row and column, without its own."""
+    """Return for each pixel the median of 25 near it: of every second row and column, without its own."""
     ny, nx = image.shape
     padded = np.pad(image, ((0, ny % 2), (0, nx % 2)), mode="edge")
     found = np.empty_like(padded)

@@ -108,7 +108,7 @@ class CompressedLikelihood:
 
     @classmethod
     def of(cls, step: CumulantStep, covariance: np.ndarray | None = None) -> CompressedLikelihood | None:
-        """From a step of the orders :data:`ORDERS`, made where a fit has settled.
+        """Build from a step of the orders :data:`ORDERS`, taken where a fit has converged.
 
         Parameters
         ----------

@@ -119,7 +119,7 @@ class _Point(NamedTuple):
 
 
 def _windows(template: Parameters, data: Data, otf: OTF) -> list[np.ndarray]:
-    """For each window, weights (6, n) of the light and its first and second moments under it."""
+    """Return the weights (6, n) of the light and its first and second moments under each window."""
     used = np.asarray(data.used)
     y, x = ((np.arange(n) - (n - 1) / 2) * otf.grid.plate_scale for n in used.shape)
     xs, ys, _ = (np.asarray(s) for s in template.scene.sources())

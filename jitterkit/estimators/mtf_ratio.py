@@ -158,7 +158,7 @@ class _Ratio(NamedTuple):
 
     @classmethod
     def of(cls, counts, variance, sharp, plate_scale: float) -> _Ratio:
-        """From a frame, its variance and its sharp template, all (ny, nx)."""
+        """Compute the ratio from a frame, its variance and its sharp template, all (ny, nx)."""
         window, squares, indices = _geometry(counts.shape, plate_scale)
         variance = variance * window**2
         noise = float(variance.sum())

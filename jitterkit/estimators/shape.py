@@ -132,7 +132,7 @@ class CumulantStep:
         data: Data,
         orders: tuple[int, ...] = (3, 4),
     ) -> CumulantStep:
-        """From where a fit of the parameters with some names ended, and the optics expanded near there."""
+        """Take the step from the end of a fit of some parameters, with the optics expanded near it."""
         wider = parameters.with_locus(WithCumulants(parameters.locus, orders))
         every, asked = parameter_names(wider, otf.names), map(cumulant_names, orders)
         order = [every.index(name) for name in chain(names, *asked)]

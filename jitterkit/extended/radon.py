@@ -77,7 +77,7 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
 def _projections(
     spectrum: PowerSpectrum, values: np.ndarray, angles: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each angle the mean of the values at every frequency along it, and their total weight."""
+    """Return for each angle the mean of the values at every frequency along it, and their weight."""
     half = values.shape[1] // 2  # of a frequency and its negative, one
     values, weight = values[:, half:].ravel(), spectrum.weight[:, half:].ravel()
     bins = max(spectrum.shape)

@@ -44,7 +44,7 @@ _STEP = 2.0
 
 
 def with_mode(otf: OTF, name: str, value: float, slope) -> OTF:
-    """The same optics with one more thing that may vary.
+    """Wrap optics with one more parameter that may vary.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def seeing_power(fwhm: float) -> float:
 
 
 def with_seeing(otf: OTF, fwhm: float, ratio: float = 1.0) -> OTF:
-    """The same optics behind an atmosphere, whose :func:`seeing_power` may vary.
+    """Wrap optics behind an atmosphere, whose :func:`seeing_power` may vary.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Setting:
         return otf if self.seeing is None else with_seeing(otf, self.seeing, self.ratio)
 
     def _curvature(self, otf: OTF):
-        """Half the second derivative by defocus, where the sum of both signs lies above none."""
+        """Return half the second derivative by defocus, from the images of both signs and of none."""
         step = _STEP * np.array([name == "noll4" for name in otf.names[: len(self.aberrations)]])
         up, down = (
             self.optics.otf(np.array(self.aberrations) + s * step, derivatives=False).value for s in (1, -1)
@@ -150,7 +150,7 @@ class Setting:
         return (*self.otf.names, "diffusion")
 
     def under(self, locus: Locus) -> Parameters:
-        """All parameters of a frame under a jitter."""
+        """Return all parameters of a frame under a jitter."""
         parameters = Parameters(self.scene, locus, self.otf.state, diffusion=self.diffusion)
         return parameters.completed(self.otf)
 

@@ -39,21 +39,21 @@ class Information:
         return cls(tuple(errors), np.diag([error**-2.0 for error in errors.values()]))
 
     def __add__(self, other: Information) -> Information:
-        """That of both data together."""
+        """Return the information of both data together."""
         names = tuple(dict.fromkeys((*self.names, *other.names)))
         return Information(names, self._spread(names) + other._spread(names))
 
     def times(self, n: float) -> Information:
-        """That of ``n`` such data."""
+        """Return the information of ``n`` such data."""
         return Information(self.names, n * self.matrix)
 
     def knowing(self, known: Collection[str]) -> Information:
-        """That about the others, where some parameters are known."""
+        """Return the information about the others, where some parameters are known."""
         names = tuple(name for name in self.names if name not in known)
         return Information(names, self._spread(names))
 
     def about(self, names: Sequence[str]) -> Information:
-        """That about some parameters, in their order, where all others are unknown (Schur's complement).
+        """Return the information about some parameters, where all others are unknown (Schur's complement).
 
         A name that is not among the parameters has no information.
         """
@@ -72,7 +72,7 @@ class Information:
         return Information(tuple(names), self._spread(names))
 
     def changed(self, old: Sequence[str], new: Sequence[str], slope: np.ndarray) -> Information:
-        """That in other coordinates: the ``new`` are ``slope`` (n, n) times the ``old``."""
+        """Return the information in other coordinates: the ``new`` are ``slope`` (n, n) times the ``old``."""
         indices = [self.names.index(name) for name in old]
         back = np.eye(len(self.names))
         back[np.ix_(indices, indices)] = np.linalg.inv(slope)

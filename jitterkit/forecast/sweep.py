@@ -31,7 +31,7 @@ class Sweep:
         return every.reshape(self.forecasts.shape)
 
     def points(self) -> dict[str, np.ndarray]:
-        """Each setting at every point of the grid, in the order of ``forecasts.ravel()``."""
+        """Return each setting at every point of the grid, in the order of ``forecasts.ravel()``."""
         grids = np.meshgrid(*self.axes.values(), indexing="ij")
         return {name: grid.ravel() for name, grid in zip(self.axes, grids, strict=True)}
 

@@ -21,7 +21,7 @@ _STATUS = tuple(Status)
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """One frame of a sequence and its own parameters.
+    """Hold one frame of a sequence and its own parameters.
 
     Attributes
     ----------

@@ -129,7 +129,7 @@ def _checked(kernel, method: str, rng) -> np.ndarray:
 
 
 def fill_masked(image: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Every unusable pixel with the value of the nearest usable one."""
+    """Fill every unusable pixel with the value of the nearest usable one."""
     nearest = distance_transform_edt(~usable, return_distances=False, return_indices=True)
     return image[tuple(nearest)]
 

@@ -148,7 +148,7 @@ class ReferenceFrame:
         anchor: Anchor,
         hold: Collection[str] = (),
     ) -> ReferenceFrame | None:
-        """From what fits one frame.
+        """Build from the parameters that fit one frame.
 
         Parameters
         ----------

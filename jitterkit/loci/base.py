@@ -58,11 +58,11 @@ class Locus(eqx.Module):
     cumulants: ClassVar[tuple[float, float] | None] = None
 
     def at(self, coords: Float[Array | np.ndarray, " k"]) -> Self:
-        """The same kind of locus at other coordinates."""
+        """Return a locus of the same kind at other coordinates."""
         return eqx.tree_at(lambda locus: locus.coords, self, coords)
 
     def sampled(self, nodes: int) -> Self:
-        """The same with so many nodes in the integral over time, where they are to be chosen.
+        """Return the locus with so many nodes in the integral over time, where they may be chosen.
 
         A formula stays as it is, and so does a measured trace, whose samples say how many there are.
         """

@@ -83,7 +83,7 @@ class Product(Locus):
         return sizes
 
     def points(self, n: int) -> np.ndarray:
-        """Every combination of about ``n ** (1 / parts)`` points of each part."""
+        """Combine about ``n ** (1 / parts)`` points of each part with each other."""
         each = max(2, round(n ** (1 / max(len(self.parts), 1))))
         total = np.zeros((1, 2))
         for part in self.factors():

@@ -105,7 +105,7 @@ class Shaped(Elliptic):
         return self._on_rings(half_square, rng.uniform(0, 2 * np.pi, n))
 
     def _half_square(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Half the squared radius in sigmas, of mean one, from numbers uniform in [0, 1)."""
+        """Return half the squared radius in sigmas, of mean one, from numbers uniform in [0, 1)."""
         kurtosis = max(float(self.coords[3]), _RING)
         if kurtosis < 0:
             nu = max(-3 / kurtosis - 2, _NARROW)

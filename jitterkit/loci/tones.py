@@ -37,7 +37,7 @@ class Tones(Product):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """One tone along each principal axis."""
+        """Start with one tone along each principal axis."""
         major, minor, angle = principal_axes(moments)
         scale = Shm.variance**-0.5
         return cls.of(scale * major, angle, scale * max(minor, _LEAST * major), angle + 90)

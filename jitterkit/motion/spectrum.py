@@ -128,7 +128,7 @@ class PowerSpectrum:
         return replace(self.resampled(np.concatenate([ends[:1], inner, ends[1:]])), lines=lines)
 
     def resampled(self, frequencies) -> PowerSpectrum:
-        """The same with other rows."""
+        """Return a spectrum with other rows."""
         return replace(self, frequencies=frequencies, density=self.at(frequencies))
 
 

@@ -127,7 +127,7 @@ class Anchor(eqx.Module):
         return _renewed(self, *self.further.split(aberrations, len(self.names)))
 
     def within(self, grid: Grid) -> Anchor:
-        """The same on a smaller grid of the same pixels, whose fine sides are even or odd as these are.
+        """Return the anchor on a smaller grid of the same pixels, whose fine sides are even or odd alike.
 
         The point spread function is cut there; what it has beyond is lost.
         """

@@ -145,7 +145,7 @@ class OTF(eqx.Module):
         return scene.coloured(self.colours.of(len(scene.colours)))
 
     def multiplied(self, factor) -> OTF:
-        """The same with another factor (My, Mx//2 + 1) in the transfer function of every source."""
+        """Return the optics with another factor (My, Mx//2 + 1) in the transfer function of every source."""
         chromatic = None if self.chromatic is None else self.chromatic * factor
         difference = None if self.difference is None else self.difference * factor
         bend = None if self.bend is None else self.bend * factor
@@ -159,7 +159,7 @@ class OTF(eqx.Module):
         )
 
     def diffused(self, sigma: float) -> OTF:
-        """The same with charge diffused in the detector: a round normal, ``sigma`` arcsec along each axis."""
+        """Return the optics with charge diffusion: a round normal, ``sigma`` arcsec along each axis."""
         fy, fx = self.grid.frequencies
         return self.multiplied(Mvn.of(sigma).transfer(fx, fy))
 
@@ -181,7 +181,7 @@ class OTF(eqx.Module):
 
 
 def with_further(otf: OTF, further: Further, slopes: Complex[Array, "c s my mx"], bend, beside, of_b) -> OTF:
-    """The same optics with what else may vary of an instrument.
+    """Return the optics with the further parameters of an instrument.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Spectrum:
         return len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}) > 1
 
     def sampled(self, samples: int) -> Spectrum:
-        """The same light at another number of wavelengths.
+        """Return the spectrum at another number of wavelengths.
 
         Parameters
         ----------

@@ -82,7 +82,7 @@ class OpticalSystem:
 
     @cached_property
     def _gram(self) -> np.ndarray:
-        """Mean products (k, k) of the modes over the lit pupil: phases, and relative changes of the light."""
+        """Return mean products (k, k) of the modes over the lit pupil: phases, and relative light."""
         light, wavenumber = np.asarray(self.pupil.transmission), 2 * np.pi / min(self.spectrum.wavelengths)
         parts = wavenumber * np.asarray(self.pupil.basis), 2 * np.asarray(self.pupil.shading)
         blocks = [np.einsum("iyx,jyx,yx->ij", part, part, light, optimize=True) for part in parts]
@@ -97,7 +97,7 @@ class OpticalSystem:
         return self.phase_of(*self.further.split(aberrations, len(self.pupil.names)))
 
     def phase_of(self, change: np.ndarray, beside: np.ndarray) -> float:
-        """The same of changes of the pupil's modes, and of what B has more of some."""
+        """Return the rms phase [rad] of changes of the pupil's modes, and of B's difference in some."""
         modes = self.pupil.names
         of_b = change.copy()
         of_b[[modes.index(name) for name in self.of_b]] += beside
@@ -147,7 +147,7 @@ class FixedOptics:
         return 0.0
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """The same whatever is asked for."""
+        """Return the transfer function, which does not depend on the arguments."""
         return self.nominal
 
     def near(self, aberrations, slopes: OTF) -> OTF:

@@ -143,7 +143,7 @@ def spread(values, gap: float) -> np.ndarray:
 
 
 def _pixels(plate_scale: float):
-    """From arcsec to pixels, and back."""
+    """Convert arcsec to pixels, and back."""
     return lambda size: np.asarray(size) / plate_scale, lambda count: np.asarray(count) * plate_scale
 
 

@@ -30,7 +30,7 @@ MOST_PICTURES = 24
 
 @dataclass(frozen=True)
 class FrameReport:
-    """All that a report keeps of a frame: some text and one encoded picture.
+    """Hold a frame for a report: some text and one encoded picture.
 
     Attributes
     ----------

@@ -58,7 +58,7 @@ _CLEAR = 1e-3
 
 @dataclass(frozen=True)
 class RunPicture:
-    """One picture of the page.
+    """Hold one picture of the page.
 
     Attributes
     ----------

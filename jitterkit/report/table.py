@@ -73,7 +73,7 @@ def _plain(value: Any) -> Any:
 
 
 def _layout(aberrations: Iterable[str]) -> list[Column]:
-    """All columns in order: the aberrations follow the jitter."""
+    """Return all columns in order: the aberrations follow the jitter."""
     index = next(n for n, column in enumerate(COLUMNS) if column.name == "background")
     extra = [column for name in aberrations for column in aberration_columns(name)]
     return [*COLUMNS[:index], *extra, *COLUMNS[index:]]

@@ -93,7 +93,7 @@ class Series:
         return np.isfinite(self.values)
 
     def without(self, flags: np.ndarray) -> Series:
-        """The same with some measurements missing."""
+        """Return the series with some measurements missing."""
         return replace(self, values=np.where(flags, np.nan, self.values))
 
     @property

@@ -65,7 +65,7 @@ class Trend:
         return self._basis(times) @ self.terms
 
     def error_at(self, times) -> np.ndarray:
-        """One sigma of :meth:`at`."""
+        """Return one sigma of :meth:`at`."""
         basis = self._basis(times)
         return np.sqrt(np.sum((basis @ self.covariance) * basis, axis=-1))
 

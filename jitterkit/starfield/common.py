@@ -30,7 +30,7 @@ _LEAST = 3
 
 
 class Common(NamedTuple):
-    """Mean of the moments of a field.
+    """Return the mean of the moments of a field.
 
     Attributes
     ----------

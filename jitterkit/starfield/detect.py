@@ -248,5 +248,5 @@ def _blended(image: np.ndarray, labels: np.ndarray, whole: np.ndarray) -> np.nda
 
 
 def _half_width(sigma: float) -> int:
-    """Half a stamp for stars of a size: seven sigmas of what is seen above the sky."""
+    """Return half the side of a stamp for stars of a size: seven sigmas of the light above the sky."""
     return next((h for h in _HALVES if h >= 7 * sigma), _HALVES[-1])

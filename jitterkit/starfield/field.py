@@ -172,7 +172,7 @@ def roundest(frames: Sequence[Frame]) -> int:
 def _record(
     source: str, stars: Stars, moments: Moments, common: Common, trail: Trail, psf: Psf | None, scale: float
 ) -> FieldEstimate:
-    """Everything in arcsec."""
+    """Build the estimate, all in arcsec."""
     area = scale**2
     ny, nx = stars.frame_shape
     sound = common.used

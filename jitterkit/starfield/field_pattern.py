@@ -153,7 +153,7 @@ def classify_field(
 
 
 def _designs(z: np.ndarray) -> dict[str, np.ndarray]:
-    """Each model's derivatives (n, 2, k)."""
+    """Return each model's derivatives (n, 2, k)."""
     one, zero = np.ones(z.shape), np.zeros(z.shape)
     constant = np.stack([np.stack([one, zero], -1), np.stack([zero, one], -1)], axis=1)
     pattern = np.stack([(z**2).real, (z**2).imag], axis=1)[..., None]

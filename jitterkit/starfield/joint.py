@@ -156,7 +156,7 @@ def _profiled(point: _Point, information: np.ndarray | None = None) -> tuple[np.
 
 
 def _covariance(score: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """From the information or from the scatter of the scores, whichever is larger."""
+    """Return the covariance by the information or by the scatter of the scores, whichever is larger."""
     noise = np.linalg.inv(information.sum(0))
     if len(score) < _LEAST:
         return noise
@@ -165,7 +165,7 @@ def _covariance(score: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
-    """Each star's deviance, score and information, its own four parameters first."""
+    """Return each star's deviance, score and information, its own four parameters first."""
     n, parts = len(stars), []
     for first in range(0, n, _CHUNK):
         rows = np.minimum(np.arange(first, first + _CHUNK), n - 1)

@@ -180,7 +180,7 @@ class Fitting:
         return separations(self.method, self.processor, frames)
 
     def timed(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
-        """The same of raw frames, and the seconds that one takes, calibration included.
+        """Return the separations of raw frames, and the seconds a frame, calibration included.
 
         The median, but of frames together their mean.
         """

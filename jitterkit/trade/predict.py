@@ -117,7 +117,7 @@ class Example:
 
     @cached_property
     def _at_rest(self) -> Example:
-        """The same without what noise has made of its jitter."""
+        """Return the example with the jitter that noise has caused set to zero."""
         truth = self.truth.with_locus(Mvn.near(jnp.zeros(3)))
         return replace(self, result=replace(self.result, parameters=truth))
 

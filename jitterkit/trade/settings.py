@@ -110,7 +110,7 @@ class Settings:
         return replace(instrument, **changes)
 
     def at_least(self, instrument: Instrument) -> Settings:
-        """The same, with no less padding and no fewer wavelengths than an instrument has itself."""
+        """Return settings with at least the padding and the wavelengths of an instrument."""
         pad = None if self.pad is None else max(self.pad, own_pad(instrument))
         own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
         return replace(self, pad=pad, samples=None if self.samples is None else max(self.samples, own))
@@ -129,7 +129,7 @@ class Settings:
         )
 
     def applied(self, processor: FrameProcessor) -> FrameProcessor:
-        """The same as another processor, with these settings.
+        """Return a copy of another processor with these settings.
 
         In as many bits as JAX is set to, and with aberrations anchored where the state is known.
         """
