@@ -1,6 +1,6 @@
 """jitterkit: telescope jitter from images, and the binary separation behind it.
 
-Nothing is imported here, so that ``import jitterkit`` costs nothing.  The rooms, in the order in which
+Nothing is imported here, so that ``import jitterkit`` costs nothing.  The packages, in the order in which
 the light passes through them:
 
 ``frames``        read and write FITS and TIFF, with where each number came from

@@ -36,7 +36,7 @@ FWHM_PER_SIGMA = math.sqrt(8.0 * math.log(2.0))
 
 
 def offsets(n: int, scale: float) -> np.ndarray:
-    """Coordinates of ``n`` pixel centres about the middle of their row.
+    """Return the coordinates of ``n`` pixel centres about the middle of their row.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _fold(degrees: float, period: float) -> float:
 
 
 def theta_from_dlux(position_angle: float) -> float:
-    """Direction from A to B for a dLuxToliman ``position_angle``, and back.
+    """Return the direction from A to B for a dLuxToliman ``position_angle``, and back.
 
     dLuxToliman places A at ``+(sin PA, cos PA) sep/2`` and B opposite, so that the direction from A
     to B is ``270 - PA``.  The map is its own inverse.

@@ -222,12 +222,10 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     image : (ny, nx) array
         Its sum is the flux times the share of the light that falls inside the frame.
 
-    Notes
-    -----
-    Assumes one transfer function over the frame (isoplanatic), linear in the spectral index of a source.
-    Aberrations away from ``otf.state`` enter to first order, and so does what differs between B and A beside
-    its colour; a plate scale shifts places and stars' images, not the jitter.  Fails softly when the padding
-    is smaller than the jitter: light then wraps around.
+    Notes ----- Assumes one transfer function over the frame (isoplanatic), linear in the spectral index of a
+    source. Aberrations away from ``otf.state`` enter to first order, and so does what differs between B and A
+    beside its colour; a plate scale shifts positions and stars' images, not the jitter.  Fails softly when
+    the padding is smaller than the jitter: light then wraps around.
     """
     blur, optics, stars = _factors(parameters, otf)
     spectrum = blur * _light(optics, stars)
@@ -402,10 +400,10 @@ def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np
     slopes = [_light((jacobian, chromatic, None), stars)]
     if beside.size:
         slopes.append(_light((None, None, otf.jacobian[np.array(otf.of_b)[beside]]), stars))
-    if PLATE_SCALE in otf.names and (slot := otf.names.index(PLATE_SCALE)) in rows:
+    if PLATE_SCALE in otf.names and (index := otf.names.index(PLATE_SCALE)) in rows:
         at = jnp.asarray(otf.plate_scale_shift(parameters.aberrations))
         moved = _pushforward(at[None], lambda s: _point_sources(parameters.scene, otf, s[0]))(np.array([0]))
-        slopes[0] = slopes[0].at[common.tolist().index(slot)].add(_light(optics, moved)[0])
+        slopes[0] = slopes[0].at[common.tolist().index(index)].add(_light(optics, moved)[0])
     return jnp.concatenate(slopes)
 
 

@@ -22,7 +22,7 @@ _BLURRIER = 5.0
 
 @dataclass(frozen=True)
 class KernelEstimate:
-    """What an image says about the blur in it.
+    """Hold the blur that was estimated from an image.
 
     Attributes
     ----------
@@ -69,12 +69,12 @@ class KernelEstimate:
 
     @property
     def errors(self) -> np.ndarray:
-        """Standard errors of the moments, arcsec²."""
+        """Return the standard errors of the moments, arcsec²."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def axes(self) -> tuple[float, float, float]:
-        """``(major, minor, angle)``: 1 sigma per axis [arcsec] and degrees."""
+        """Return ``(major, minor, angle)``: 1 sigma per axis [arcsec] and degrees."""
         return principal_axes(self.moments)
 
     @cached_property
@@ -84,17 +84,17 @@ class KernelEstimate:
 
     @property
     def is_undetected(self) -> bool:
-        """Whether no jitter at all would give such moments once in a thousand frames, or more often."""
+        """Return whether no jitter would give such moments once in a thousand frames, or more often."""
         return self.significance <= _DETECTED
 
 
 def is_detected(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether moments (3,) with their covariance (3, 3) are beyond what no jitter at all would give."""
+    """Return whether moments (3,) with their covariance (3, 3) are inconsistent with no jitter."""
     return significance(moments, covariance) > _DETECTED
 
 
 def significance(moments: np.ndarray, covariance: np.ndarray) -> float:
-    """Chi-squared (3 degrees of freedom) of second moments against no jitter at all.
+    """Return chi-squared (3 degrees of freedom) of second moments against no jitter at all.
 
     Parameters
     ----------

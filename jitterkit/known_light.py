@@ -30,7 +30,7 @@ __all__ = ["KnownLight", "without_light"]
 
 @dataclass(frozen=True, eq=False)
 class KnownLight:
-    """What is known of a frame beside its model.  Build it with :meth:`of`.
+    """Hold the known light of a frame beside its model.  Build it with :meth:`of`.
 
     Attributes
     ----------

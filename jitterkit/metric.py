@@ -18,7 +18,7 @@ LARGE_FACTOR = 2.0
 
 
 class Metric(NamedTuple):
-    """What steps are made and measured with: information, and the curvature that it makes with a prior.
+    """Hold information and curvature, by which steps are computed and measured.
 
     The curvature, in units of ``scale`` that make its diagonal one, is ``vectors @ diag(sizes) @ vectors.T``.
     """
@@ -38,16 +38,16 @@ class Metric(NamedTuple):
         return cls(information, curvature, scale, jnp.maximum(sizes, 0.0), vectors)
 
     def step(self, score, damping=LEAST_DAMPING):
-        """The damped step that a score asks for."""
+        """Return the damped step that a score asks for."""
         along = self.vectors.T @ (score / self.scale)
         return self.vectors @ (along / (self.sizes + damping)) / self.scale
 
-    def wrong(self, move, change):
-        """Share of a move by which the curvature is wrong about the change of the score in it."""
+    def prediction_error(self, move, change):
+        """Return the error of the predicted change of the score in a move, as a share of the move."""
         return self.length(change + self.curvature @ move) / jnp.sqrt(move @ self.curvature @ move)
 
     def length(self, score):
-        """Length of the undamped step, in standard errors."""
+        """Return the length of the undamped step, in standard errors."""
         return jnp.sqrt(jnp.abs(score @ self.step(score)))
 
 
@@ -82,15 +82,15 @@ def invert_information(information) -> tuple[np.ndarray, bool]:
     return (vectors / values) @ vectors.T / np.outer(scale, scale), True
 
 
-def error_factor(covariance: np.ndarray, slot: int, other: int) -> float:
+def error_factor(covariance: np.ndarray, index: int, other: int) -> float:
     """Return how many times as large a parameter's error is as it would be if another were known.
 
     Parameters
     ----------
     covariance : (p, p) array
-    slot, other : int
-        Places of the two parameters.
+    index, other : int
+        Of the two parameters.
     """
-    variance = covariance[slot, slot]
-    known = variance - covariance[slot, other] ** 2 / covariance[other, other]
+    variance = covariance[index, index]
+    known = variance - covariance[index, other] ** 2 / covariance[other, other]
     return float(np.sqrt(variance / known)) if known > 0 else np.inf

@@ -11,7 +11,7 @@ _SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64
 
 
 def real(value):
-    """An array of real numbers.
+    """Return an array of real numbers.
 
     An array of JAX's stays one; anything else becomes one of NumPy's, with which small sums are fast.
     """
@@ -19,5 +19,5 @@ def real(value):
 
 
 def single(tree):
-    """The numbers of a tree of arrays in 32 bits; what is no number stays as it is."""
+    """Return the numbers of a tree of arrays in 32 bits; what is no number stays as it is."""
     return jax.tree.map(lambda a: a.astype(_SINGLE.get(a.dtype, a.dtype)), tree)

@@ -82,7 +82,7 @@ class Scene(eqx.Module):
 
     @abstractmethod
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether such a scene can be: a fit must not step where it cannot."""
+        """Return whether a scene is possible: a fit must not step where it is not."""
 
     def canonical(self) -> Self:
         """The same sources by the parameters a person would give."""
@@ -199,7 +199,7 @@ class Binary(Scene):
         self.indices = None if indices is None else real(indices)
 
     def stars(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
-        """Offsets x and y [arcsec] and fluxes of A and B."""
+        """Return the offsets x and y [arcsec] and fluxes of A and B."""
         angle = jnp.radians(self.theta)
         side = jnp.stack([-self.separation, self.separation]) / 2
         faint = 1 / (1 + self.contrast)  # not 1 - share, which rounds a faint star away
@@ -215,7 +215,7 @@ class Binary(Scene):
         return (self.flux > 0) & (self.contrast > 0)
 
     def canonical(self) -> Self:
-        """A the brighter, a positive separation, its direction in [0, 360)."""
+        """Return the pair with A the brighter, a positive separation, its direction in [0, 360)."""
         contrast, separation = float(self.contrast), float(self.separation)
         turn = 180.0 * ((contrast < 1) != (separation < 0))
         return type(self)(
@@ -255,7 +255,7 @@ class Star(Scene):
         self.others = None
 
     def stars(self) -> tuple[Float[Array, "1"], Float[Array, "1"], Float[Array, "1"]]:
-        """Offsets x and y [arcsec] and flux of the star."""
+        """Return the offsets x and y [arcsec] and flux of the star."""
         return self.x[None], self.y[None], self.flux[None]
 
     def _with(self, others: FurtherStars) -> "Stars":
@@ -267,7 +267,7 @@ class Star(Scene):
 
 
 class Stars(Star):
-    """Several point sources of any places and fluxes.
+    """Several point sources of any positions and fluxes.
 
     Attributes
     ----------
@@ -291,13 +291,13 @@ class Stars(Star):
 
     @classmethod
     def of(cls, x, y, flux, indices=None) -> "Stars":
-        """From places [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
+        """From positions [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
         every = _arrays(FurtherStars(x, y, flux).brightest_first())
         (x, *_), (y, *_), (flux, *_) = every
         return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)), indices)
 
     def canonical(self) -> "Stars":
-        """The brightest star first."""
+        """Return the stars, the brightest first."""
         return self.of(*self.sources(), self.indices)
 
 

@@ -1,13 +1,12 @@
-"""Damped Fisher scoring: the one way in which jitterkit climbs a likelihood.
+"""Damped Fisher scoring: the one way in which jitterkit maximises a likelihood.
 
 The step is ``(F + λ diag F)⁻¹ g`` with the expected information F and the score g (Levenberg and
 Marquardt's damping of what the paper calls natural gradient descent).  It is invariant to the units
 of the parameters, and the loop is a single compiled program: no Python between its steps.
 
-Only the score decides where a climb ends, so only the score is exact: one image in 64 bits and its adjoint.
-The information takes a derivative of the image by every parameter, several times the work; it is computed in
-32 bits, at the start, and again only where a step shows that it is wrong.
-"""
+Only the score decides where the iteration ends, so only the score is exact: one image in 64 bits and its
+adjoint. The information takes a derivative of the image by every parameter, several times the work; it is
+computed in 32 bits, at the start, and again only where a step shows that it is wrong."""
 
 from __future__ import annotations
 
@@ -26,24 +25,24 @@ from jitterkit.likelihood import Data, deviance_and_score, information_at
 from jitterkit.metric import LEAST_DAMPING, Metric, invert_information
 from jitterkit.optics.otf import OTF
 
-__all__ = ["DROWNED", "Climb", "Prior", "climb", "climb_a_little"]
+__all__ = ["ROUNDING_TOLERANCE", "Prior", "ScoringResult", "fisher_scoring", "fisher_scoring_without_prior"]
 
-DROWNED = 0.1
-"""Standard errors that a fit which rounding keeps from going on may have left."""
+ROUNDING_TOLERANCE = 0.1
+"""Largest distance from the maximum, in standard errors, at which rounding may end a fit."""
 
-_CAUGHT = 1e-4
-"""Standard errors that may be left where no step leads on: at a kink, where a pixel reaches the floor."""
+_KINK_TOLERANCE = 1e-4
+"""Largest distance from the maximum, in standard errors, at a kink (a pixel reaches its lower bound)."""
 
-_SLOW, _WRONG = 0.25, 0.005
-"""Share by which the information may be wrong about a step, to go on with it; and about the way from where it
-was computed, to be used at the end.  Errors were then off by 0.8 % at most, of 120 frames of TOLIMAN and a
+_RENEWAL_ERROR, _FINAL_ERROR = 0.25, 0.005
+"""Relative error of the information up to which it serves: about a step, for more steps; about the way from
+where it was computed, at the end.  Errors were then off by 0.8 % at most, in 120 frames of TOLIMAN and of a
 small telescope at 2e3 to 3.8e7 photons that were started 1 to 30 errors away."""
 
 _DAMPING_START, _DAMPING_MOST = 1e-3, 1e8
 
 
 class Prior(eqx.Module):
-    """A normal prior on the free parameters, and one on what the jitter amounts to.
+    """A normal prior on the free parameters, and one on the second moments of the jitter.
 
     Attributes
     ----------
@@ -64,21 +63,21 @@ class Prior(eqx.Module):
 
     @classmethod
     def none(cls, size: int) -> Prior:
-        """No prior on any of ``size`` parameters."""
+        """Return a prior that says nothing about any of ``size`` parameters."""
         return cls(np.zeros(size), np.zeros((size, size)))
 
     def costs(self, values, moments) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """What the prior adds to the deviance: its quadratic forms of the parameters and of the moments."""
+        """Return the prior's terms of the deviance: quadratic in the parameters and in the moments."""
         off, beside = values - self.mean, moments - self.moments
         return off @ (self.precision @ off), beside @ self.moments_precision @ beside
 
     def stiffness(self, slope) -> Float[Array, "p p"]:
-        """What it adds to the information, where the moments change by ``slope`` (3, p)."""
+        """Return the prior's term of the information, where the moments change by ``slope`` (3, p)."""
         return self.precision + slope.T @ self.moments_precision @ slope
 
 
-class Climb(NamedTuple):
-    """Where a climb ended.
+class ScoringResult(NamedTuple):
+    """Hold the end point of an iteration.
 
     Attributes
     ----------
@@ -90,7 +89,7 @@ class Climb(NamedTuple):
     objective : float
         Deviance plus the prior's quadratic forms.
     score : (p,) array
-        Slope of the log-posterior at the end: zero at a maximum, not at the tip of a cone.
+        Slope of the log-posterior at the end: zero at a maximum, but not at a streak of zero length.
     converged : bool
         Whether the step that remains is shorter than the tolerance.
     iterations : int
@@ -106,7 +105,7 @@ class Climb(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """A place on the way, and what the posterior is like there."""
+    """Hold a point of the iteration, with the posterior and its slope there."""
 
     values: Array
     objective: Array
@@ -114,7 +113,7 @@ class _Point(NamedTuple):
 
 
 class _State(NamedTuple):
-    """How far a climb has come.
+    """Hold the state of an iteration.
 
     Attributes
     ----------
@@ -128,7 +127,7 @@ class _State(NamedTuple):
         By how much the metric is wrong about the way from the origin, as a share of it.
     moved : bool
         Whether a step has been made since then.
-    serves : bool
+    usable : bool
         Whether the metric is good enough to go on with.
     iterations : int
         Steps tried; -1 until the start is evaluated.
@@ -143,24 +142,24 @@ class _State(NamedTuple):
     left: Array
     wrong: Array
     moved: Array
-    serves: Array
+    usable: Array
     converged: Array
     iterations: Array
     finished: Array
 
 
-def climb(
+def fisher_scoring(
     start: Parameters,
     otf: OTF,
     data: Data,
     free: tuple[int, ...],
     prior: Prior,
     *,
-    steps: int = 50,
+    max_steps: int = 50,
     tolerance: float = 1e-4,
     known: Float[Array | np.ndarray, "p p"] | None = None,
-) -> Climb:
-    """Climb to the maximum of the posterior.
+) -> ScoringResult:
+    """Maximise the posterior from a starting point.
 
     Parameters
     ----------
@@ -171,24 +170,24 @@ def climb(
     free : tuple of int
         Positions in the parameter vector that vary, ascending.
     prior : Prior
-    steps : int
-        Evaluations at most, rejected ones included.
+    max_steps : int
+        Largest number of evaluations, rejected ones included.
     tolerance : float
-        Length of a step, in standard errors, below which the climb has arrived.
+        Length of a step, in standard errors, below which the iteration has converged.
     known : (p, p) array, optional
         Information near the start, to begin with: it is renewed where it turns out to be wrong.
 
     Returns
     -------
-    climb : Climb
+    result : ScoringResult
     """
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
-    return _climb(start, otf, data, free, prior, known, np.asarray(steps), np.asarray(tolerance))
+    return _scoring_loop(start, otf, data, free, prior, known, np.asarray(max_steps), np.asarray(tolerance))
 
 
 @eqx.filter_jit
-def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
+def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance) -> ScoringResult:
     vector, unravel = to_vector(start)
     index = np.asarray(free, int)
 
@@ -207,57 +206,61 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
         pull = prior.precision @ (values - prior.mean) + beside
         return _Point(values, jnp.where(valid, objective, jnp.inf), score - pull)
 
-    def metric_at(values, begun) -> Metric:
-        given = ~begun & jnp.any(known != 0) & jnp.all(jnp.isfinite(known))
+    def metric_at(values, started) -> Metric:
+        given = ~started & jnp.any(known != 0) & jnp.all(jnp.isfinite(known))
         information = jax.lax.cond(
             given, lambda: known, lambda: information_at(parameters_at(values), otf, data, free)
         )
         return Metric.of(information, prior.stiffness(jax.jacfwd(moments_at)(values)))
 
     def step(state: _State) -> _State:
-        here, metric, begun = state.here, state.metric, state.iterations >= 0
-        move = jnp.where(begun, metric.step(here.score, state.damping), 0.0)
+        here, metric, started = state.here, state.metric, state.iterations >= 0
+        move = jnp.where(started, metric.step(here.score, state.damping), 0.0)
         there = evaluate(here.values + move)
         better = there.objective <= here.objective * (1 + rounding)
-        wrong = metric.wrong(move, there.score - here.score)
+        wrong = metric.prediction_error(move, there.score - here.score)
         here = jax.tree.map(lambda new, old: jnp.where(better, new, old), there, here)
-        origin = jax.tree.map(lambda old, new: jnp.where(begun, old, new), state.origin, here)
+        origin = jax.tree.map(lambda old, new: jnp.where(started, old, new), state.origin, here)
         way = here.values - origin.values, here.score - origin.score
-        moved = state.moved | (begun & better)
+        moved = state.moved | (started & better)
         damping = jnp.where(better, state.damping / 10, state.damping * 10)
         damping = jnp.clip(damping, LEAST_DAMPING, _DAMPING_MOST)
         left = metric.length(here.score)
-        # a step of so many standard errors changes the objective by their square, which rounding may drown
-        drowned = ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < DROWNED)
-        caught = ~better & (damping == _DAMPING_MOST) & (left < _CAUGHT)
+        # a step of so many standard errors changes the objective by their square, which rounding may hide
+        lost_in_rounding = (
+            ~better & (left**2 < rounding * jnp.abs(here.objective)) & (left < ROUNDING_TOLERANCE)
+        )
+        at_kink = ~better & (damping == _DAMPING_MOST) & (left < _KINK_TOLERANCE)
         return state._replace(
             here=here,
             origin=origin,
-            damping=jnp.where(begun, damping, state.damping),
+            damping=jnp.where(started, damping, state.damping),
             left=left,
-            wrong=jnp.where(moved, metric.wrong(*way), 0.0),
+            wrong=jnp.where(moved, metric.prediction_error(*way), 0.0),
             moved=moved,
-            serves=~begun | jnp.where(better, wrong < _SLOW, ~state.moved),
-            converged=(left < tolerance) | drowned | caught,
+            usable=~started | jnp.where(better, wrong < _RENEWAL_ERROR, ~state.moved),
+            converged=(left < tolerance) | lost_in_rounding | at_kink,
             iterations=state.iterations + 1,
         )
 
-    def climb_on(state: _State) -> _State:
-        """Renew the metric, and climb while it serves."""
-        out_of_steps, begun = state.iterations >= steps, state.iterations >= 0
-        metric = metric_at(state.here.values, begun)
-        left = jnp.where(begun, metric.length(state.here.score), jnp.inf)
+    def renew_and_iterate(state: _State) -> _State:
+        """Renew the metric, and iterate while it serves."""
+        out_of_steps, started = state.iterations >= max_steps, state.iterations >= 0
+        metric = metric_at(state.here.values, started)
+        left = jnp.where(started, metric.length(state.here.score), jnp.inf)
         state = state._replace(
             metric=metric,
             origin=state.here,
             left=left,
             wrong=jnp.zeros_like(left),
             moved=jnp.asarray(False),
-            serves=jnp.asarray(True),
+            usable=jnp.asarray(True),
             converged=left < tolerance,
         )
-        state = jax.lax.while_loop(lambda s: ~s.converged & s.serves & (s.iterations < steps), step, state)
-        return state._replace(finished=out_of_steps | (state.converged & (state.wrong < _WRONG)))
+        state = jax.lax.while_loop(
+            lambda s: ~s.converged & s.usable & (s.iterations < max_steps), step, state
+        )
+        return state._replace(finished=out_of_steps | (state.converged & (state.wrong < _FINAL_ERROR)))
 
     # what rounding leaves to be decided: of the deviance, and of a step in standard errors
     rounding = 10 * jnp.finfo(vector.dtype).eps
@@ -278,8 +281,8 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
         jnp.asarray(-1),  # the first only evaluates the start
         no,
     )
-    last = jax.lax.while_loop(lambda s: ~s.finished, climb_on, state)
-    return Climb(
+    last = jax.lax.while_loop(lambda s: ~s.finished, renew_and_iterate, state)
+    return ScoringResult(
         parameters_at(last.here.values),
         last.metric.information,
         last.metric.curvature,
@@ -290,15 +293,15 @@ def _climb(start, otf, data, free, prior, known, steps, tolerance) -> Climb:
     )
 
 
-def climb_a_little(
+def fisher_scoring_without_prior(
     start: Parameters,
     otf: OTF,
     data: Data,
     hold: Collection[str],
-    steps: int,
+    max_steps: int,
     known: Float[Array | np.ndarray, "p p"] | None = None,
-) -> tuple[Climb, np.ndarray]:
-    """Climb a few steps without a prior.
+) -> tuple[ScoringResult, np.ndarray]:
+    """Take a few steps of Fisher scoring without a prior.
 
     Parameters
     ----------
@@ -307,19 +310,19 @@ def climb_a_little(
     data : Data
     hold : collection of str
         Parameters to keep as they are.
-    steps : int
-        Evaluations, rejected ones included.
+    max_steps : int
+        Largest number of evaluations, rejected ones included.
     known : (p, p) array, optional
         Information near the start.
 
     Returns
     -------
-    end : Climb
+    end : ScoringResult
     covariance : (k, k) array
         Of the locus's free coordinates there; NaN where the frame does not determine the parameters.
     """
     names, free = free_parameters(start, otf, hold)
-    end = climb(start, otf, data, free, Prior.none(len(free)), steps=steps, known=known)
-    slots = [names.index(name) for name in start.locus.names if name in names]
+    end = fisher_scoring(start, otf, data, free, Prior.none(len(free)), max_steps=max_steps, known=known)
+    index = [names.index(name) for name in start.locus.names if name in names]
     covariance, _ = invert_information(end.information)
-    return end, covariance[np.ix_(slots, slots)]
+    return end, covariance[np.ix_(index, index)]

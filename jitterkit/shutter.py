@@ -64,22 +64,22 @@ class Shutter(eqx.Module):
 
     @abstractmethod
     def window(self, fx, fy, delay):
-        """Transfer function of the window that begins ``delay`` [s] after the central row's.
+        """Return the transfer function of the window that begins ``delay`` [s] after the central row's.
 
         Only what the locus does not hold: ``fx`` and ``fy`` in cycles/arcsec broadcast.
         """
 
     def completed(self, locus: Locus) -> Locus:
-        """The whole jitter of the central row, given what the parameters' locus holds of it."""
+        """Return the whole jitter of the central row, given what the parameters' locus holds of it."""
         return locus
 
     def transfers(self, fx, fy, ny: int):
-        """Transfer functions ``(nodes, ...)`` of the windows whose images are blended."""
+        """Return the transfer functions ``(nodes, ...)`` of the windows whose images are blended."""
         delays = jnp.asarray(_points(self.nodes) * (ny - 1) / 2) * self.line_time
         return jax.vmap(lambda delay: self.window(fx, fy, delay))(delays)
 
     def blend(self, ny: int) -> np.ndarray:
-        """Weights ``(nodes, ny)`` of each image in each row of a frame; each row's sum to one."""
+        """Return the weights ``(nodes, ny)`` of each image in each row of a frame; each row's sum to one."""
         return _cardinal(self.nodes, offsets(ny, 2 / max(ny - 1, 1)))
 
 
@@ -128,7 +128,7 @@ class Following(Shutter):
     ----------
     times : (n,) array
         Ascending, s from the beginning of the central row's window; every row's window lies within.
-    places : (n, 2) array
+    positions : (n, 2) array
         Pointing along x and y, arcsec, from its mean over the central row's window; straight between the
         times.
     exposure : float
@@ -137,7 +137,7 @@ class Following(Shutter):
 
     line_time: Float[Array, ""]
     times: Float[Array, " n"]
-    places: Float[Array, "n 2"]
+    positions: Float[Array, "n 2"]
     exposure: Float[Array, ""]
     nodes: int = eqx.field(static=True)
 
@@ -181,11 +181,11 @@ class Following(Shutter):
             )
         kept = slice(max(np.searchsorted(t, first, "right") - 1, 0), np.searchsorted(t, last, "left") + 1)
         at_start = np.array([np.interp(start, t, x), np.interp(start, t, y)])
-        places = np.stack([x, y], axis=1)[kept] - at_start + np.asarray(central.places[0])
+        positions = np.stack([x, y], axis=1)[kept] - at_start + np.asarray(central.positions[0])
         return cls(
             line_time=jnp.asarray(line_time, float),
             times=jnp.asarray(t[kept] - start),
-            places=jnp.asarray(places),
+            positions=jnp.asarray(positions),
             exposure=jnp.asarray(exposure, float),
             nodes=_checked_nodes(nodes),
         )
@@ -201,12 +201,12 @@ class Following(Shutter):
         """The part of one window; samples outside it are gathered at its ends, where they weigh nothing."""
         shares = jnp.clip((self.times - delay) / self.exposure, 0.0, 1.0)
         at = delay + self.exposure * shares
-        places = [jnp.interp(at, self.times, self.places[:, axis]) for axis in (0, 1)]
-        return Trace(jnp.zeros(0), shares, jnp.stack(places, axis=1))
+        positions = [jnp.interp(at, self.times, self.positions[:, axis]) for axis in (0, 1)]
+        return Trace(jnp.zeros(0), shares, jnp.stack(positions, axis=1))
 
 
 def with_enough_nodes(shutter: _Kind, ny: int, highest: float, tolerance: float = _TOLERANCE) -> _Kind:
-    """A shutter with as many nodes as its motion needs.
+    """Return a shutter with as many nodes as its motion needs.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _points(nodes: int) -> np.ndarray:
 
 
 def _cardinal(nodes: int, at: np.ndarray) -> np.ndarray:
-    """The polynomials (nodes, m) that are one at their own point and zero at the others."""
+    """Return the polynomials (nodes, m) that are one at their own point and zero at the others."""
     basis = np.polynomial.chebyshev.chebvander
     return np.linalg.solve(basis(_points(nodes), nodes - 1).T, basis(at, nodes - 1).T)
 

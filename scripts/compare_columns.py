@@ -179,9 +179,9 @@ def _status_differences(first, second, names):
     empty = np.full(len(names), "")
     messages = [table.get("message", empty) for table in (first, second)]
     for n in np.flatnonzero(first["status"] != second["status"]):
-        told = (str(message[n]) for message in messages)
+        texts = (str(message[n]) for message in messages)
         yield CellDifference(
-            str(names[n]), "status", str(first["status"][n]), str(second["status"][n]), *told
+            str(names[n]), "status", str(first["status"][n]), str(second["status"][n]), *texts
         )
 
 
@@ -197,9 +197,9 @@ def _locus_differences(first, second, names):
         shift = np.nan
         if {"separation", "separation_err"} <= first.keys() and "separation" in second:
             shift = (second["separation"][n] - first["separation"][n]) / first["separation_err"][n]
-        told = (str(evidence[n]) for evidence in evidences)
+        texts = (str(evidence[n]) for evidence in evidences)
         loci = str(first["locus"][n]), str(second["locus"][n])
-        yield LocusDifference(str(names[n]), *loci, *told, float(shift))
+        yield LocusDifference(str(names[n]), *loci, *texts, float(shift))
 
 
 def _text_differences(name, first, second, names):

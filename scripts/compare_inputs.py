@@ -95,14 +95,14 @@ def draw_field(rng: np.random.Generator, stars: int, side: int, length: float, a
     The expected image is rounded before the noise is drawn, so that the last digit of a cosine does not
     change a draw.
     """
-    image, places = np.full((side, side), 100.0), np.zeros((0, 2))
-    while len(places) < stars:
-        place = rng.uniform(HALF, side - HALF - 1, 2)
-        if np.all(np.hypot(*(places - place).T) > 30):
-            places = np.vstack([places, place])
-    for place in places:
-        ix, iy = np.rint(place).astype(int)
-        star = draw_star(*(place - (ix, iy)), length, angle)
+    image, positions = np.full((side, side), 100.0), np.zeros((0, 2))
+    while len(positions) < stars:
+        position = rng.uniform(HALF, side - HALF - 1, 2)
+        if np.all(np.hypot(*(positions - position).T) > 30):
+            positions = np.vstack([positions, position])
+    for position in positions:
+        ix, iy = np.rint(position).astype(int)
+        star = draw_star(*(position - (ix, iy)), length, angle)
         image[iy - HALF : iy + HALF + 1, ix - HALF : ix + HALF + 1] += 3e3 * 100 ** rng.uniform() * star
     return rng.poisson(image.round(6)) + rng.normal(0, 5, image.shape).round(3)
 

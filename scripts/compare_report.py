@@ -51,12 +51,12 @@ def agree(results: Sequence[TaskResult], tolerance: float) -> bool:
 
 def markdown(results: Sequence[TaskResult], tolerance: float, about: Sequence[str]) -> str:
     """Return the whole report."""
-    verdict = "agree" if agree(results, tolerance) else "DIFFER"
+    conclusion = "agree" if agree(results, tolerance) else "DIFFER"
     problems = [f"* **{result.name}: {result.problem}**" for result in results if result.problem]
     parts = [
         "# Comparison of versions",
         "\n".join(f"* {line}" for line in about),
-        f"At a tolerance of {tolerance:g} the versions **{verdict}**.",
+        f"At a tolerance of {tolerance:g} the versions **{conclusion}**.",
         *(["\n".join(problems)] if problems else []),
         _summary(results, tolerance),
         *([_times(results)] if any(result.times for result in results) else []),
@@ -88,8 +88,8 @@ def _summary(results: Sequence[TaskResult], tolerance: float) -> str:
             where = (f"{worst.name} of {worst.row}", worst.unit) if differs else ("", "")
             largest = ("" if worst is None else f"{worst.largest:.3g}", *where)
             counts = (found.compared, *map(len, (found.statuses, found.loci, found.texts, found.not_numbers)))
-            verdict = "agree" if found.agrees(tolerance) else "**differ**"
-            rows.append([f"{result.name}, {output}", verdict, *map(str, counts), *largest])
+            conclusion = "agree" if found.agrees(tolerance) else "**differ**"
+            rows.append([f"{result.name}, {output}", conclusion, *map(str, counts), *largest])
     return "## Largest differences\n\n" + _rows(heads, rows, 2)
 
 

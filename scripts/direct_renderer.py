@@ -106,8 +106,8 @@ def noll_mode(number: int, samples: int) -> np.ndarray:
     order = 0
     while (order + 1) * (order + 2) // 2 < number:
         order += 1
-    place = number - order * (order + 1) // 2
-    azimuth = 2 * (place // 2) if order % 2 == 0 else 2 * ((place - 1) // 2) + 1
+    position = number - order * (order + 1) // 2
+    azimuth = 2 * (position // 2) if order % 2 == 0 else 2 * ((position - 1) // 2) + 1
     axis = (np.arange(samples) - (samples - 1) / 2) * 2 / samples
     x, y = axis[None], axis[:, None]
     radius, angle = np.hypot(x, y), np.arctan2(y, x)

@@ -59,7 +59,7 @@ def worst(checks: Iterable[Check]) -> Check:
 def telescope(
     shape=(SIDE, SIDE), scale=SCALE, spectrum=None, samples=128, noll=(5, 7), **detector
 ) -> Instrument:
-    """A plain telescope with two aberrations; its detector counts electrons unless told otherwise."""
+    """A plain telescope with two aberrations; its detector counts electrons unless given otherwise."""
     ideal = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
     pupil = partial(plain, 0.125, 0.04, struts=3, strut_width=0.004, noll=noll, samples=samples)
     return Instrument(

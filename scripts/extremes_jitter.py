@@ -70,8 +70,8 @@ def ten_pixels():
 
 @row("the same, of loci without a formula", "refused where their quadrature or series ends")
 def beyond_the_nodes():
-    places = np.array([[-8.0, 0.0], [0.0, 3.0], [8.0, 0.0]])
-    loci = [PartialShm.of(3.75, 25.0, 3.0), Path.of(places), Shaped.of(1.5, 0.0, 25.0, -1.2)]
+    positions = np.array([[-8.0, 0.0], [0.0, 3.0], [8.0, 0.0]])
+    loci = [PartialShm.of(3.75, 25.0, 3.0), Path.of(positions), Shaped.of(1.5, 0.0, 25.0, -1.2)]
     return [
         refused(lambda a=locus: simulate_frame(TELESCOPE, binary(), a), "take a smaller one")
         for locus in loci

@@ -40,18 +40,18 @@ def guided(options: argparse.Namespace) -> int:
             *("-max_len=60000", "-len_control=0", "-print_final_stats=1"),
         ]
         command = [sys.executable, __file__, *flags, str(corpus)]
-        told = subprocess.run(
+        done = subprocess.run(
             command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace", check=False
         )
-    lines = [line for line in told.stderr.splitlines() if line.startswith(("#", "stat::"))]
+    lines = [line for line in done.stderr.splitlines() if line.startswith(("#", "stat::"))]
     shown = [line for line in lines if "INITED" in line or line.startswith("stat::")] + lines[-12:]
     print("\n".join(dict.fromkeys(shown)))
     findings = sorted(options.keep.glob(f"guided-{options.kind}-*.txt"))
     for finding in findings:
         print(f"  {finding.stem}: {finding.read_text()}")
-    if told.returncode:
-        print(told.stderr[-3000:])
-    return 1 if told.returncode or findings else 0
+    if done.returncode:
+        print(done.stderr[-3000:])
+    return 1 if done.returncode or findings else 0
 
 
 def _child(arguments: list[str]) -> None:

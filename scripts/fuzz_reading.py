@@ -45,11 +45,11 @@ def ended(path: Path) -> str:
 
 
 def _where(error: BaseException) -> str:
-    trace, place = error.__traceback__, ""
+    trace, position = error.__traceback__, ""
     while trace is not None:
-        place = f"{Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}"
+        position = f"{Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}"
         trace = trace.tb_next
-    return place
+    return position
 
 
 class FindingError(Exception):

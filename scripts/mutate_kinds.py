@@ -26,8 +26,8 @@ _COMPARED = {ast.Lt: ("<", ">"), ast.Gt: (">", "<"), ast.LtE: ("<=", ">="), ast.
 _COMPARED |= {ast.Eq: ("==", "!="), ast.NotEq: ("!=", "==")}
 _EXTREMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum"}
 _MASK = re.compile(
-    r"(.*_)?(mask|masked|used?|usable|unusable|good|bad|missing|blank|valid|lawful|finite|keep|kept|known|seen"
-    r"|inside|shown|chosen|there|told|sound|bright|sized|both|near|null|lit|saturated|full)"
+    r"(.*_)?(mask|masked|used?|usable|unusable|good|bad|missing|blank|valid|finite|keep|kept|known|seen"
+    r"|inside|shown|chosen|there|determined|informed|sound|bright|sized|both|near|null|lit|saturated|full)"
 )
 _LIMIT = re.compile(r"iteration|steps|expansions", re.IGNORECASE)
 _COUNT = re.compile(r"n|count|number|pixels|frames|size")

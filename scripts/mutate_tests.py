@@ -67,12 +67,12 @@ def stages(root: Path, module: str, wide: bool = False) -> list[tuple[str, ...]]
         The second set is the test folder of its subpackage.
     """
     path = PurePosixPath(module)
-    room = path.parts[1].removesuffix(".py")
-    imported = _importing(root, room)
-    if (root / "tests" / room).is_dir():
-        folders: tuple[str, ...] = (room,)
+    package = path.parts[1].removesuffix(".py")
+    imported = _importing(root, package)
+    if (root / "tests" / package).is_dir():
+        folders: tuple[str, ...] = (package,)
     else:
-        folders = _FOLDERS.get(room, tuple(name for name, _ in imported.most_common(1)))
+        folders = _FOLDERS.get(package, tuple(name for name, _ in imported.most_common(1)))
     files = [file for folder in folders for file in sorted((root / "tests" / folder).rglob("test_*.py"))]
     near = [file for file in files if _is_named_after(file, path) or _imports(file, path)]
     near += [file for file in sorted((root / "tests").glob("test_*.py")) if _is_named_after(file, path)]
@@ -100,12 +100,14 @@ def _mentions(file: Path, module: Path) -> bool:
     return bool(set(names) & set(re.findall(r"\w+", file.read_text(encoding="utf-8"))))
 
 
-def _importing(root: Path, room: str) -> Counter[str]:
+def _importing(root: Path, package: str) -> Counter[str]:
     """Count the imports of a subpackage by folder of tests."""
     counts: Counter[str] = Counter()
     for file in sorted((root / "tests").glob("*/*.py")):
         text = file.read_text(encoding="utf-8")
-        counts[file.parent.name] += len(re.findall(rf"^\s*(?:from|import) jitterkit\.{room}\b", text, re.M))
+        counts[file.parent.name] += len(
+            re.findall(rf"^\s*(?:from|import) jitterkit\.{package}\b", text, re.M)
+        )
     return +counts
 
 

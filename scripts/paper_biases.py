@@ -100,7 +100,7 @@ def _goodness(misfit: float, spread: float) -> str:
 
 
 def pixels(study: Study) -> Part:
-    """Points for pixels, how few draws tell a microarcsecond, and streaks that cannot be told."""
+    """Points for pixels, how few draws tell a microarcsecond, and streaks that cannot be determined."""
     part = Part()
     frame, scene = Data(study.images()[1]), study.parameters()
     biases = {}

@@ -165,10 +165,10 @@ def matrices(study: Study) -> Part:
     for name, words, found in zip(
         ("paper", "exact"), ("the paper's", "exact"), study.forecasts(), strict=True
     ):
-        told = f"Fisher matrix and covariance without jitter, {words} numerics (the paper's fig. 1)."
+        caption = f"Fisher matrix and covariance without jitter, {words} numerics (the paper's fig. 1)."
         figure = plot_matrices(found)
         figure.suptitle(f"{words} numerics")
-        part.pictures[f"matrices_{name}"] = (figure, told)
+        part.pictures[f"matrices_{name}"] = (figure, caption)
     return part
 
 

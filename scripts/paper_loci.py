@@ -152,7 +152,7 @@ def normals(study: Study) -> Part:
     axes = {"sigma_major": _sizes(study) / FWHM_PER_SIGMA, "angle": _angles(study)}
     finer = replace(study.sampled, samples=SAMPLES_OF_NORMAL)
     words = "the paper's numerics, σ_min² = σ_maj²(1 - η)", "exact"
-    for name, told, optics, make in zip(
+    for name, title, optics, make in zip(
         ("paper", "exact"), words, (finer, study.exact), (normal_of_shear, Mvn.sheared), strict=True
     ):
         began = time.perf_counter()
@@ -171,10 +171,10 @@ def normals(study: Study) -> Part:
             plate_scale=PLATE_SCALE,
             exposure=paper.EXPOSURE.value,
         )
-        figure.suptitle(told)
+        figure.suptitle(title)
         part.pictures[f"normals_{name}"] = (
             figure,
-            f"Error under normal jitter (the paper's fig. 4), {told}.",
+            f"Error under normal jitter (the paper's fig. 4), {title}.",
         )
     _compare_normals(study, part)
     return part

@@ -7,7 +7,7 @@ import math
 from jitterkit.errors import JitterkitError
 from jitterkit.refit import FitResult, Status
 from jitterkit.trade import Settings, TradeScene
-from jitterkit.trade.ladder import without_noise
+from jitterkit.trade.grid import without_noise
 from jitterkit.trade.predict import Example
 
 __all__ = ["bias_of", "fitted", "loss"]

@@ -71,9 +71,9 @@ def put_section(text: str, name: str, command: str, measured: str, output: str) 
     before, *sections = re.split(
         r"^(?=## )", text or f"# {name.replace('_', ' ').capitalize()}\n\n", flags=re.M
     )
-    places = [place for place, old in enumerate(sections) if old.startswith(heading)]
-    for place in places[:1]:
-        sections[place] = section
-    if not places:
+    positions = [position for position, old in enumerate(sections) if old.startswith(heading)]
+    for position in positions[:1]:
+        sections[position] = section
+    if not positions:
         sections.insert(0, section)  # the latest first
     return "\n\n".join(part.strip("\n") for part in (before, *sections)) + "\n"

@@ -46,14 +46,14 @@ def test_a_program_has_the_same_name_whatever_the_folder(kind, tmp_path):
     if kind == "test":
         parts = {"use": "import compiled_programs", "configure": "compiled_programs.use(Path(sys.argv[1]))"}
     names = []
-    for place in (tmp_path / "one" / "compiled", tmp_path / "two" / "compiled"):
-        place.mkdir(parents=True)
+    for position in (tmp_path / "one" / "compiled", tmp_path / "two" / "compiled"):
+        position.mkdir(parents=True)
         env = os.environ | {
             "PYTHONPATH": str(Path(compiled_programs.__file__).parent),
-            "JITTERKIT_CACHE": str(place.parent),
+            "JITTERKIT_CACHE": str(position.parent),
         }
-        subprocess.run([sys.executable, "-c", COMPILE.format(**parts), str(place)], env=env, check=True)
-        names.append({path.name for path in place.iterdir() if path.name.endswith("-cache")})
+        subprocess.run([sys.executable, "-c", COMPILE.format(**parts), str(position)], env=env, check=True)
+        names.append({path.name for path in position.iterdir() if path.name.endswith("-cache")})
     assert names[0] == names[1] != set()
 
 

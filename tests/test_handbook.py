@@ -58,8 +58,8 @@ def test_the_readme_is_short():
 @pytest.mark.parametrize("name", PAGES)
 def test_every_link_leads_somewhere(name):
     for target in re.findall(r"\]\(([^)]+)\)", re.sub(r"```.*?```", "", TEXTS[name], flags=re.S)):
-        place, _, anchor = target.partition("#")
-        path = (PAGES[name].parent / place).resolve() if place else PAGES[name]
+        position, _, anchor = target.partition("#")
+        path = (PAGES[name].parent / position).resolve() if position else PAGES[name]
         assert path.exists(), target
         if anchor:
             headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.M)
@@ -155,8 +155,8 @@ def _stars(rng, trail):
     """A field of round stars on 240 x 240 pixels, or of stars that a drift along x has drawn out."""
     rows, columns = np.mgrid[:240, :240]
     image = np.full((240, 240), 100.0)
-    places = [(30 + 36 * i, 30 + 36 * j) for i in range(6) for j in range(6)]
-    for (y, x), flux in zip(places, rng.uniform(2e4, 6e4, len(places)), strict=True):
+    positions = [(30 + 36 * i, 30 + 36 * j) for i in range(6) for j in range(6)]
+    for (y, x), flux in zip(positions, rng.uniform(2e4, 6e4, len(positions)), strict=True):
         for shift in np.linspace(-trail / 2, trail / 2, 1 if trail == 0 else 41):
             spot = np.exp(-((columns - x - shift) ** 2 + (rows - y) ** 2) / (2 * 1.8**2)) / (
                 2 * np.pi * 1.8**2
@@ -173,38 +173,44 @@ def _smeared(length):
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory):
     """A directory with the files that the handbook speaks of."""
-    place = tmp_path_factory.mktemp("handbook")
-    (place / "sample_frames").symlink_to(ROOT / "sample_frames")
+    position = tmp_path_factory.mktemp("handbook")
+    (position / "sample_frames").symlink_to(ROOT / "sample_frames")
     (_, text), *_ = blocks(TEXTS["instruments"], "toml")
-    (place / "testbed.toml").write_text(text, encoding="utf-8")
+    (position / "testbed.toml").write_text(text, encoding="utf-8")
     rng = np.random.default_rng(5)
     for name, count in (("night", 4), ("incoming", 1)):
-        (place / name).mkdir()
+        (position / name).mkdir()
         for k in range(count):
-            made = [str(place / name / f"{k:04}.fits"), "-i", str(place / "testbed.toml"), "--seed", str(k)]
+            made = [
+                str(position / name / f"{k:04}.fits"),
+                "-i",
+                str(position / "testbed.toml"),
+                "--seed",
+                str(k),
+            ]
             run("simulate", *made, *shlex.split("--separation 5 --theta 30 --locus linear --length 0.2"))
     levels = {"bias": [0.0] * 4, "dark": [0.0] * 4, "flat": np.repeat([500.0, 2000.0, 5000.0, 8000.0], 2)}
     for kind, electrons in levels.items():
-        (place / kind).mkdir()
+        (position / kind).mkdir()
         for k, level in enumerate(electrons):
             read = np.round(30 + (rng.poisson(level, (48, 44)) + rng.normal(0, 2.4, (48, 44))) / 3.7)
             header = fits.Header(
                 {"EXPTIME": 0.0 if kind == "bias" else 1.0 if kind == "dark" else level / 1e4}
             )
-            fits.writeto(place / kind / f"{k}.fits", np.clip(read, 0, 4095).astype(np.uint16), header)
-    fits.writeto(place / "sharp.fits", _stars(rng, 0.0))
-    fits.writeto(place / "trailed.fits", _stars(rng, 6.0))
-    tifffile.imwrite(place / "photo.tif", _smeared(12).astype(np.float32))
-    return place
+            fits.writeto(position / kind / f"{k}.fits", np.clip(read, 0, 4095).astype(np.uint16), header)
+    fits.writeto(position / "sharp.fits", _stars(rng, 0.0))
+    fits.writeto(position / "trailed.fits", _stars(rng, 6.0))
+    tifffile.imwrite(position / "photo.tif", _smeared(12).astype(np.float32))
+    return position
 
 
 @pytest.fixture
 def workplace(inputs, tmp_path, monkeypatch):
     """A copy of it for one page, into which the page writes."""
-    place = tmp_path / "place"
-    shutil.copytree(inputs, place, symlinks=True)
-    monkeypatch.chdir(place)
-    return place
+    position = tmp_path / "place"
+    shutil.copytree(inputs, position, symlinks=True)
+    monkeypatch.chdir(position)
+    return position
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from jitterkit.instruments import read_instrument
 from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.description import describe_instrument
 from jitterkit.instruments.sky import Sky
-from jitterkit.joint import Exposure, Looker, refit_sequence
+from jitterkit.joint import Exposure, FrameFitter, refit_sequence
 from jitterkit.known_light import KnownLight, without_light
 from jitterkit.loci import Mvn
 from jitterkit.refit import Status
@@ -27,7 +27,7 @@ from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.shutter import Drifting
 from jitterkit.simulate import simulate_frame
 from jitterkit.trade import TradeScene
-from jitterkit.trade.ladder import without_noise
+from jitterkit.trade.grid import without_noise
 from jitterkit.trade.methods import separations
 
 PAIR = Binary(5.0, 30.0, 0.3, -0.2, 4e6, 2.5)
@@ -133,7 +133,7 @@ def test_the_frames_of_a_sequence_are_freed_of_it_too(telescope, optics, shifts,
         raw = RawFrame.from_array(image, unit="electron", read_noise=1.0, exposure=0.1)
         exposures.append(Exposure(str(i), 0.1 * i, calibrate(raw, known)))
     values = [
-        refit_sequence(exposures, Looker(optics, known_light=light)).separation
+        refit_sequence(exposures, FrameFitter(optics, known_light=light)).separation
         for light in (None, KnownLight.of(known))
     ]
     (blind, _), (found, error) = values
@@ -180,11 +180,11 @@ def test_the_light_of_known_stars_is_left_out(telescope, otf, parity, says):
 
     primary = wcs.pixel_to_world(*pixel(*A))
     angle = primary.position_angle(wcs.pixel_to_world(*pixel(2 * PAIR.x - A[0], 2 * PAIR.y - A[1]))).deg
-    places = []
+    positions = []
     for separation, position_angle in ((4.0, 100.0), (6.5, 320.0)):
         sky: SkyCoord = primary.directional_offset_by(position_angle * units.deg, separation * units.arcsec)
-        places.append(np.array(wcs.world_to_pixel(sky)))
-    x, y = (np.array(places) - [21.5, 23.5]).T * 0.375
+        positions.append(np.array(wcs.world_to_pixel(sky)))
+    x, y = (np.array(positions) - [21.5, 23.5]).T * 0.375
     light = np.full(2, float(PAIR.stars()[2][0]) * 10**-2.2)
     scene = PAIR.joined(FurtherStars(x, y, light))
     image = np.asarray(expected_image(Parameters(scene, BLUR, NONE, 3.0), otf))

@@ -40,16 +40,16 @@ def small(scripts):
 
 
 def test_the_public_streaks_are_sums_of_five_phasors(scripts):
-    places = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
+    positions = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
     # time of a sinusoid of amplitude 0.3 within half a step of each place
     within = np.arcsin(np.clip(np.array([-2, -1.5, -0.5, 0.5, 1.5, 2]) / 2, -1, 1)) / np.pi
     along = FX * np.cos(np.radians(25.0)) + FY * np.sin(np.radians(25.0))
     for name, weights in (("linear", np.full(5, 0.2)), ("shm", np.diff(within))):
         locus = scripts["numerics"].PUBLIC_LOCI[name].of(0.6, 25.0)
-        expected = np.exp(-2j * np.pi * np.outer(along, places)) @ weights
+        expected = np.exp(-2j * np.pi * np.outer(along, positions)) @ weights
         np.testing.assert_allclose(locus.transfer(FX, FY), expected.real, atol=1e-14)
         variance, none, angle = axis_variances(locus.moments())
-        assert (variance, none, angle) == pytest.approx((weights @ places**2, 0, 25.0), abs=1e-12)
+        assert (variance, none, angle) == pytest.approx((weights @ positions**2, 0, 25.0), abs=1e-12)
 
 
 def test_five_equal_images_have_the_variance_of_harmonic_motion(scripts):

@@ -1,7 +1,7 @@
 """Frames processed by the workers of dask.distributed, here or on other machines.
 
 Reach for :func:`connected`, which gives the client of a cluster that is there or of workers started here, and
-hand that to :func:`execute_on_cluster`, which takes the place of
+hand that to :func:`execute_on_cluster`, which takes the position of
 :func:`~jitterkit.batch.executor.execute`.  Only paths travel to the workers and only what is kept of frames
 comes back: what one process gives, to the last digit.
 
@@ -40,20 +40,20 @@ _CONFIGURED = {
     # a worker that died is to be replaced, however often: one that happens to be between two lives some
     # seconds after an earlier death would be given up
     "distributed.deploy.lost-worker-timeout": "52 weeks",
-    # with what dask sets here, malloc asks the system for every large array anew: a fourth of the rate
+    # with what dask sets here, malloc asks the system for every large array again: a fourth of the rate
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
 }
 
 _REACHED, _JOINED = 10, 60
 """Seconds to wait for a scheduler, and for the first of its workers."""
 
-_TOGETHER = 4
+_BATCHES_PER_THREAD = 4
 """Batches, at most, that a worker is given at a time: to find out about their optics costs 2 s."""
 
 _PIECE = 16
 """Frames that are tried together after a worker died of what it was given."""
 
-_HOPELESS = 8
+_MOST_DEATHS = 8
 """Parts that killed their workers, with none done, after which it is no frame's fault."""
 
 _KILLED = FitResult(
@@ -140,7 +140,7 @@ def _client(scheduler: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence dask, which tells at length of what is told here in a sentence."""
+    """Silence dask's long messages; a sentence is logged here instead."""
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "tornado")]
     levels = [logger.level for logger in loggers]
     try:
@@ -186,7 +186,7 @@ def execute_on_cluster(
     A worker keeps what the latest reference frames show, which costs 2 s to find out.
     """
     batches, threads = iter(batches), _threads_of(client)
-    ahead = list(islice(batches, _TOGETHER * threads))
+    ahead = list(islice(batches, _BATCHES_PER_THREAD * threads))
     if not ahead:
         return
     parts = _parts(chain(ahead, batches), max(1, len(ahead) // threads))
@@ -269,7 +269,7 @@ class _Scheduler(Generic[T]):
             finished = future.result()
         except distributed.KilledWorker:
             self._killed += 1
-            if self._killed >= _HOPELESS and not self._done:
+            if self._killed >= _MOST_DEATHS and not self._done:
                 raise ConfigurationError(
                     ErrorCode.WORKER_LOST,
                     f"Workers died {self._killed} times and none has finished anything; see that there is "
@@ -278,11 +278,11 @@ class _Scheduler(Generic[T]):
             return None
         except (distributed.scheduler.NoValidWorkerError, distributed.scheduler.NoWorkerError):
             raise ConfigurationError(
-                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and go on with --resume."
+                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and continue with --resume."
             ) from None
         except CancelledError:
             raise ConfigurationError(
-                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and go on with --resume."
+                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and continue with --resume."
             ) from None
         self._done += 1
         return finished
@@ -294,8 +294,8 @@ class _Scheduler(Generic[T]):
     def _frame_by_frame(self, part: Batch) -> Iterator[T]:
         """Try each frame of a part that killed alone, with nothing else at any worker."""
         part = replace(part, references=self._sound(part))
-        for place, item in enumerate(part.items):
-            frame = part.part(place, place + 1)
+        for index, item in enumerate(part.items):
+            frame = part.part(index, index + 1)
             done = self._alone(frame)
             yield from [self._finish(frame, [Outcome(*item, _KILLED)])] if done is None else done
 

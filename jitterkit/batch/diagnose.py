@@ -23,7 +23,7 @@ from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF
 from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
-from jitterkit.refit.over_field import say_if_blur_varies
+from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
 
 __all__ = [
@@ -40,10 +40,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Limits:
-    """Where one status or flag ends and another begins."""
+    """Hold the limits between one status or flag and another."""
 
     side: int = 8
-    """Pixels along a side below which a pair cannot be told from one star."""
+    """Pixels along a side below which a pair cannot be distinguished from one star."""
     used: int = 32
     """Usable pixels below which several pairs fit alike: of fits to 10 to 16 one in thirty was off by 20
     errors."""
@@ -54,7 +54,7 @@ class Limits:
     below: float = 5.0
     """Standard errors below zero from which a background is none."""
     counts: float = 20.0
-    """Electrons from which a Poisson law is nearly normal, so that an outlier can be told."""
+    """Electrons from which a Poisson law is nearly normal, so that an outlier can be recognised."""
     outlier: float = 8.0
     """Sigmas: chance makes one pixel in 1e15 stand out so far."""
 
@@ -136,11 +136,11 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
     result = _flag_plate_scale(result)
-    return result.remarked(found.doubt, "maybe_pair") if result.status.usable else result
+    return result.remarked(found.ambiguity, "maybe_pair") if result.status.usable else result
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
-    """Say why a frame does not fit where that can be told, and that a pair is not one.
+    """Say why a frame does not fit where that can be determined, and that a pair is not one.
 
     Parameters
     ----------
@@ -176,8 +176,10 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
     close = contrast > LIMITS.contrast and separation < LIMITS.separation * resolution(otf)
     if not (result.status.usable and close):
         return result
-    said = f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
-    return result.remarked(said, "faint_companion")
+    remark = (
+        f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
+    )
+    return result.remarked(remark, "faint_companion")
 
 
 def scale_hint(frame: Frame, expected: float) -> str:
@@ -206,8 +208,8 @@ def _flag_further_stars(result: FitResult) -> FitResult:
     apart = np.hypot(x[brightest] - x[0], y[brightest] - y[0])
     count = len(scene.others.x)
     which = "the brightest " * (count > 1)
-    said = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
-    return result.remarked(said, "further_stars")
+    remark = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
+    return result.remarked(remark, "further_stars")
 
 
 def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
@@ -218,19 +220,19 @@ def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
     if not result.status.usable:
         return result
     data = found.data.without(~np.isfinite(result.residual))
-    said = say_if_blur_varies(p, found.optics.otf(p.aberrations), result.image, data)
-    return result.remarked(said or "", "blur_varies")
+    remark = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
+    return result.remarked(remark or "", "blur_varies")
 
 
 def _flag_plate_scale(result: FitResult) -> FitResult:
-    """Add a remark to a result whose separation and plate scale can hardly be told apart."""
+    """Add a remark to a result whose separation and plate scale can hardly be distinguished."""
     if not {"separation", PLATE_SCALE} <= set(result.names):
         return result
     factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
     if not (result.status.usable and factor > LARGE_FACTOR):
         return result
-    said = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
-    return result.remarked(said, "scale_degenerate")
+    remark = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
+    return result.remarked(remark, "scale_degenerate")
 
 
 def _why_unusable(frame: Frame) -> str:

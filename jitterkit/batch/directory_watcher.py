@@ -1,7 +1,7 @@
-"""Files that come into a directory, each told once it is whole.
+"""Watch a directory for new frames, each yielded when its file is complete.
 
-Reach for :class:`DirectoryWatcher`.  It looks when it is asked to, and asks the file system for nothing but
-names, sizes and times: so it works on network file systems too, where cameras write and no event is told.
+Reach for :class:`DirectoryWatcher`.  It scans when it is called, and asks the file system for nothing but
+names, sizes and times: so it works on network file systems too, where cameras write and there are no events.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ __all__ = ["DirectoryWatcher"]
 
 log = logging.getLogger(__name__)
 
-_RESTING = 64
-"""Looks, a minute of them, for which a file that was taken must rest until it is never looked at again:
-frames may be added to it."""
+_RETIRED_AFTER = 64
+"""Scans, a minute of them, without a change after which a complete file is no longer scanned: frames may be
+added to it until then."""
 
 
 @dataclass(slots=True)
 class _Seen:
-    """A file: its size and time, for how many looks it had them, how many frames it held, which were told.
+    """Hold a file's size and time, scans without a change, number of frames, and the frames yielded.
 
-    It is ``doubtful`` once it has changed, or could not be read.
+    It is ``uncertain`` once it has changed, or could not be read.
     """
 
     stamp: tuple[int, int]
-    looks: int = 0
+    scans: int = 0
     frames: int = 0
-    told: set[int] = field(default_factory=set)
+    yielded: set[int] = field(default_factory=set)
     whole: bool = False
-    doubtful: bool = False
+    uncertain: bool = False
 
 
 class DirectoryWatcher:
@@ -48,86 +48,86 @@ class DirectoryWatcher:
     Parameters
     ----------
     directory : Path
-        Its own files count that :func:`~jitterkit.frames.find_files` would take, not those below it.
+        Its own files that :func:`~jitterkit.frames.find_files` would find, not those below it.
     hdu : int, optional
-        To look at in a FITS file; until it has that one it is not whole.
+        To read in a FITS file, which is not complete without it.
     done : container of (str, int)
-        Names of files, as a table shows them, and places of frames that are not to be told again.
+        Names of files, as in a table, and indices of frames that are not to be yielded again.
 
     Attributes
     ----------
     changed : bool
-        Whether at the last look any file was new or had changed.
+        Whether at the last scan any file was new or had changed.
 
     Notes
     -----
-    A file is taken that has had its size and time for two looks and can be read to its end.  One that cannot
-    is read again after 2, 4, 8, ... looks at rest: its writer may keep its size and time, and it is dear to
-    read.  Frames that are added to a file are taken too.
+    A file is complete that has had its size and time for two scans and can be read to its end.  One that
+    cannot is read again after 2, 4, 8, ... scans without a change: its writer may keep its size and time, and
+    reading is slow.  Frames that are added to a file are yielded too.
 
-    A frame counts once: of one that is written anew, in a file of the same name, what was read first stays.
-    One that was told and could not be read (:meth:`again`) is told again, of whatever the file holds then.
+    A frame counts once: if it is rewritten, in a file of the same name, what was read first stays.  One that
+    was yielded and could not be read (:meth:`retry`) is yielded again, with the content of the file then.
 
-    *Fails when* a writer adds to a file that has rested for a minute, or rests for two looks while what it
-    has written can be read: what it mends in a frame afterwards is not seen.
+    *Fails when* a writer adds to a file that was unchanged for a minute, or pauses for two scans while what
+    it has written can be read: later changes of a frame are not seen.
     """
 
     def __init__(self, directory: Path, hdu: int | None = None, done: Container = frozenset()) -> None:
         self._directory, self._hdu, self._done = directory, hdu, done
         self._seen: dict[str, _Seen] = {}
-        self._settled: dict[str, _Seen] = {}
+        self._retired: dict[str, _Seen] = {}
         self.changed = self._lost = False
 
-    def look(self) -> Iterator[Item]:
-        """Look once; yields the frames that have become whole, in order of name."""
+    def scan(self) -> Iterator[Item]:
+        """Scan once; yield the frames that have become complete, in order of name."""
         self.changed = False
         for name in sorted(self._names()):
             path = self._directory / name
-            if self._rests(name, path):
-                yield from self._taken(self._seen[name], path)
-                self._settle(name)
+            if self._is_unchanged(name, path):
+                yield from self._whole_frames(self._seen[name], path)
+                self._retire(name)
 
-    def again(self, path: Path, index: int) -> None:
-        """Take back a frame that was told, and then could not be read: its file may be in the making anew.
+    def retry(self, path: Path, index: int) -> None:
+        """Take back a frame that was yielded, and then could not be read: its file may be being rewritten.
 
-        It is told again when the file is whole, and has rested since it changed, or for 2, 4, 8, ... looks.
+        It is yielded again when the file is complete, and unchanged for a scan, or for 2, 4, 8, ... scans.
         """
-        if path.name in self._settled:
-            self._seen[path.name] = self._settled.pop(path.name)
+        if path.name in self._retired:
+            self._seen[path.name] = self._retired.pop(path.name)
         seen = self._seen[path.name]
         if seen.whole:
-            said = "%s cannot be read after all; it is looked at again when it changes."
-            log.warning(said, printable(path))
-        seen.told.discard(index)
-        seen.whole, seen.doubtful = False, True
+            warning = "%s cannot be read after all; it is read again when it changes."
+            log.warning(warning, printable(path))
+        seen.yielded.discard(index)
+        seen.whole, seen.uncertain = False, True
 
     def unfinished(self) -> Iterator[Item]:
-        """Yield the frames that were not told of files that could not be read, or were changing.
+        """Yield the frames not yet yielded of files that could not be read, or were changing.
 
-        Of a file that cannot even be opened the first.  None of files that were left to be looked at.
+        For a file that cannot be opened, the first frame.  Files still to be scanned are excluded.
         """
         for name, seen in sorted(self._seen.items()):
-            if seen.doubtful and not seen.whole:
+            if seen.uncertain and not seen.whole:
                 path = self._directory / name
                 frames = _count(path, self._hdu)
                 missing = self._missing(seen, path, range(frames) if frames else count())
                 yield from missing if frames else islice(missing, 1)
 
     def pending(self) -> str:
-        """What there is that nobody asked for, in words: ``"3 frames of a.fits and 2 files"``, or nothing."""
+        """Describe what is still to be yielded: ``"3 frames of a.fits and 2 files"``, or nothing."""
         words, waiting = [], 0
         for name, seen in sorted(self._seen.items()):
             frames = sum(1 for _ in self._missing(seen, self._directory / name, range(seen.frames or 1)))
             if seen.whole and frames:
                 words.append(f"{_counted(frames, 'frame')} of {printable(name)}")
-            waiting += frames > 0 and not seen.whole and not seen.doubtful
+            waiting += frames > 0 and not seen.whole and not seen.uncertain
         return " and ".join(words + [_counted(waiting, "file")] * (waiting > 0))
 
     def _names(self) -> list[str]:
-        """Of files that are new or may yet change; none while the directory cannot be listed."""
+        """Return the names of files that are new or may change; none while the directory cannot be listed."""
         try:
             with os.scandir(self._directory) as entries:
-                present = [entry for entry in entries if entry.name not in self._settled]
+                present = [entry for entry in entries if entry.name not in self._retired]
         except OSError as error:
             if not self._lost:
                 log.warning("%s cannot be listed (%s); waiting for it.", self._directory, error.strerror)
@@ -136,12 +136,12 @@ class DirectoryWatcher:
         self._lost = False
         names = [entry.name for entry in present if _may_be_frames(entry)]
         for gone in self._seen.keys() - set(names):
-            if not self._seen[gone].told:
+            if not self._seen[gone].yielded:
                 del self._seen[gone]
         return names
 
-    def _rests(self, name: str, path: Path) -> bool:
-        """Whether a file is as it was at the look before."""
+    def _is_unchanged(self, name: str, path: Path) -> bool:
+        """Return whether a file is unchanged since the scan before."""
         try:
             status = path.stat()
         except OSError:  # gone since
@@ -149,32 +149,32 @@ class DirectoryWatcher:
         stamp = (status.st_size, status.st_mtime_ns)
         seen = self._seen.get(name)
         if seen is not None and seen.stamp == stamp:
-            seen.looks += 1
+            seen.scans += 1
             return True
-        told = set() if seen is None else seen.told
-        self._seen[name] = _Seen(stamp, told=told, doubtful=seen is not None)
+        yielded = set() if seen is None else seen.yielded
+        self._seen[name] = _Seen(stamp, yielded=yielded, uncertain=seen is not None)
         self.changed = True
         return False
 
-    def _taken(self, seen: _Seen, path: Path) -> Iterator[Item]:
-        if seen.whole or seen.looks.bit_count() != 1:
+    def _whole_frames(self, seen: _Seen, path: Path) -> Iterator[Item]:
+        if seen.whole or seen.scans.bit_count() != 1:
             return
         seen.frames = _count(path, self._hdu) if is_whole(path, hdu=self._hdu) else 0
         seen.whole = seen.frames > 0
-        seen.doubtful = seen.doubtful or not seen.whole
+        seen.uncertain = seen.uncertain or not seen.whole
         for item in self._missing(seen, path, range(seen.frames)):
-            seen.told.add(item[1])
+            seen.yielded.add(item[1])
             yield item
 
-    def _missing(self, seen: _Seen, path: Path, places: Iterable[int]) -> Iterator[Item]:
-        """Those frames that have not been told, in this session or before."""
+    def _missing(self, seen: _Seen, path: Path, indices: Iterable[int]) -> Iterator[Item]:
+        """Return the frames that have not been yielded, in this session or before."""
         name = printable(path.name)
-        return ((path, i) for i in places if i not in seen.told and (name, i) not in self._done)
+        return ((path, i) for i in indices if i not in seen.yielded and (name, i) not in self._done)
 
-    def _settle(self, name: str) -> None:
+    def _retire(self, name: str) -> None:
         seen = self._seen[name]
-        if seen.whole and seen.looks > _RESTING:
-            self._settled[name] = self._seen.pop(name)
+        if seen.whole and seen.scans > _RETIRED_AFTER:
+            self._retired[name] = self._seen.pop(name)
 
 
 def _may_be_frames(entry: os.DirEntry) -> bool:
@@ -183,7 +183,7 @@ def _may_be_frames(entry: os.DirEntry) -> bool:
 
 
 def _count(path: Path, hdu: int | None) -> int:
-    """Frames of a file, 0 of one that cannot be opened."""
+    """Count the frames of a file; 0 if it cannot be opened."""
     try:
         with open_frames(path, hdu=hdu) as file:
             return len(file)

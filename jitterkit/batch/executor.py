@@ -45,14 +45,14 @@ _KEEP = 5.0
 
 
 class FrameTask(Protocol):
-    """What is done with every frame: :class:`~jitterkit.batch.processor.FrameProcessor`, for one.
+    """Process a frame: :class:`~jitterkit.batch.processor.FrameProcessor`, for one.
 
     What a method raises becomes a status of the frame; only a lack of memory is tried again.
     """
 
     @property
     def plate_scale(self) -> float | None:
-        """The instrument's [arcsec]; None where there is no instrument."""
+        """Return the instrument's plate scale [arcsec]; None where there is no instrument."""
         ...
 
     def for_batch(self, batch: Batch, hdu: int | None) -> Self:
@@ -73,7 +73,7 @@ class FrameTask(Protocol):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one frame.
+    """Hold the outcome of one frame.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class _Read:
 
 
 def _read(task: FrameTask, path: Path, index: int, raw: RawFrame | JitterkitError) -> _Read:
-    """Calibrate a frame where it is read; whatever goes wrong is tried again, and told, in a thread."""
+    """Calibrate a frame where it is read; whatever fails is tried again, and reported, in a thread."""
     if isinstance(raw, JitterkitError):
         return _Read(Outcome(path, index, FitResult.from_error(Status.UNREADABLE, raw)))
     try:

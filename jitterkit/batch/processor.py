@@ -20,7 +20,15 @@ from jitterkit.batch import steps
 from jitterkit.batch.diagnose import status_from_exception
 from jitterkit.batch.plan import Batch, FrameReader, Item
 from jitterkit.batch.records import ProcessedFrame, SceneEstimate
-from jitterkit.batch.warm_start import AUTO, SCORE, GridKey, Look, WarmStart, WarmStartCache, from_looks
+from jitterkit.batch.warm_start import (
+    AUTO,
+    SCORE,
+    GridKey,
+    SearchedFrame,
+    WarmStart,
+    WarmStartCache,
+    from_searched_frames,
+)
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_of_memory
 from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
@@ -38,12 +46,12 @@ __all__ = ["AUTO", "SCORE", "FrameProcessor"]
 log = logging.getLogger(__name__)
 
 _SYSTEMS = 8
-"""Optics kept, one a grid: a scale that is solved anew in each frame must not fill the memory."""
+"""Optics kept, one a grid: a scale that is solved again in each frame must not fill the memory."""
 
 _MISLED = (Status.POOR_FIT, Status.NOT_CONVERGED, Status.NO_PAIR, Status.FAILED)
 """What may come of a warm start; such a frame is fitted again from a cold start."""
 
-_SURE = (Status.POOR_FIT, Status.NO_PAIR)
+_CONCLUSIVE = (Status.POOR_FIT, Status.NO_PAIR)
 """Of these, what does not, where pair and wavefront are in no doubt: the locus does not fit."""
 
 
@@ -106,7 +114,7 @@ class FrameProcessor:
 
     @property
     def plate_scale(self) -> float:
-        """The instrument's, arcsec."""
+        """Return the instrument's plate scale, arcsec."""
         return self.instrument.plate_scale
 
     def process(self, raw: RawFrame) -> ProcessedFrame:
@@ -158,7 +166,7 @@ class FrameProcessor:
             whole, result = frame, status_from_exception(error, frame, self.plate_scale)
         known = self.known.get(self.grid(frame))
         misled = known is not None and known.changes(frame) and result.status in _MISLED
-        if misled and not (result.status in _SURE and self.repeats(frame)):
+        if misled and not (result.status in _CONCLUSIVE and self.matches_reference(frame)):
             return self.with_warm_starts({}).complete(frame)
         result = replace(result, seconds=time.perf_counter() - began)
         return ProcessedFrame.from_fit(whole, result, frame.plate_scale or self.plate_scale)
@@ -210,7 +218,7 @@ class FrameProcessor:
             return None
         if warm := self._cache.warm_start(self.grid(frame), self.optics(frame), choice, self.options):
             return warm
-        return WarmStart(choice.scene, choice.doubt) if self.scene == AUTO else None  # nothing can change
+        return WarmStart(choice.scene, choice.ambiguity) if self.scene == AUTO else None  # nothing can change
 
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """Return what scene a frame shows at first sight; None if it shows none."""
@@ -232,8 +240,8 @@ class FrameProcessor:
             return None  # the frame itself will say why
         return None if isinstance(found, FitResult) or not found.start.deviance_dof < POOR else found
 
-    def repeats(self, frame: Frame) -> bool:
-        """Return whether a frame shows what the reference frame shows: its scene is in no doubt then."""
+    def matches_reference(self, frame: Frame) -> bool:
+        """Return whether a frame shows the reference frame's pair or field; its scene is certain then."""
         known, optics = self.known[self.grid(frame)], self.optics(frame)
         found = known.register(frame, Data.of(frame), optics, self.options.hold, rough=True)
         # a cut-out about one star does not show what else is in the frame
@@ -263,14 +271,14 @@ class FrameProcessor:
 
     @property
     def priors(self) -> Priors:
-        """Those of every frame: the options', and what the instrument says of aberrations that are fitted."""
+        """Return the priors of every frame: the options', and the instrument's on fitted aberrations."""
         known = Priors.alike(self.instrument.aberrations, self.instrument.aberration_sigma)
         return known.joined(self.options.priors)
 
     def options_of(self, frame: Frame) -> FitOptions:
         """Return the options with what is known of this frame's jitter and optics."""
-        told = Priors() if self.prior is None else self.prior.of(frame.name, frame.digest)
-        return replace(self.options, priors=self.priors.joined(told))
+        priors = Priors() if self.prior is None else self.prior.of(frame.name, frame.digest)
+        return replace(self.options, priors=self.priors.joined(priors))
 
     def _fit(self, frame: Frame) -> Fitted:
         """Locate, estimate, fit and diagnose a frame."""
@@ -289,7 +297,7 @@ class FrameProcessor:
         self, references: tuple[Item, ...], hdu: int | None, scene_only: bool
     ) -> dict[GridKey, WarmStart]:
         """Look at reference frames until one is in no doubt of its scene; at all for their scene only."""
-        looks: dict[GridKey, list[Look]] = {}
+        searched: dict[GridKey, list[SearchedFrame]] = {}
         if scene_only and self.scene != AUTO:
             return {}
         with FrameReader(hdu) as reader:
@@ -302,11 +310,13 @@ class FrameProcessor:
                     if out_of_memory(error):
                         raise
                     continue  # the frame's own row will say why
-                seen = looks.setdefault(self.grid(frame), [])
+                seen = searched.setdefault(self.grid(frame), [])
                 if scene_only or not any(choice.is_sure for _, choice in seen):
                     choice = self.choose_scene(frame)
                     seen += [] if choice is None else [(frame, choice)]
-        starts = {key: from_looks(seen, self.warm_start, scene_only) for key, seen in looks.items()}
+        starts = {
+            key: from_searched_frames(seen, self.warm_start, scene_only) for key, seen in searched.items()
+        }
         return {key: start for key, start in starts.items() if start is not None}
 
 

@@ -26,7 +26,7 @@ __all__ = ["BlurMeasurement", "ProcessedFrame", "SceneEstimate"]
 
 @dataclass(frozen=True, eq=False)
 class SceneEstimate:
-    """Where the fits of a frame start: its stars are located, its blur is estimated.
+    """Hold the starting point of a frame's fits: its stars are located, its blur is estimated.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class SceneEstimate:
     searched : OTF or None
         About aberrations very near the scene's, where it was searched for; None where the frame was
         registered to another, which tells too that the parameters describe it.
-    doubt : str
+    ambiguity : str
         What else the frame may show that looks the same, in a sentence.
     fit : FitResult or None
         With the best of the loci, by the processor's options, where it has been made already.
@@ -52,7 +52,7 @@ class SceneEstimate:
     estimate: KernelEstimate
     optics: Optics
     searched: OTF | None = None
-    doubt: str = ""
+    ambiguity: str = ""
     fit: FitResult | None = None
     left_out: int = 0
 
@@ -113,7 +113,7 @@ class ProcessedFrame:
 
 @dataclass(frozen=True, eq=False)
 class BlurMeasurement:
-    """What the image of one frame says about its blur.
+    """Hold the measured blur of one frame.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class BlurMeasurement:
     angle_err : float
         Of the major axis, degrees.
     message : str
-        Verdict and conditions, in sentences.
+        Pattern and conditions, in sentences.
     scene : str
         Name of the scene that the optics were fitted with; empty where there was none.
     """

@@ -1,4 +1,4 @@
-"""Whether a run that is resumed is the run that was begun: its settings, and the files that it has looked at.
+"""Check that a resumed run is the run that was started: its settings, and the files that it has read.
 
 Reach for :func:`refuse_difference` and :func:`recounted`: rows of two configurations, or of two contents of
 a file, in one table would be worse than none.
@@ -31,14 +31,14 @@ _NOT_MADE: tuple[Any, ...] = (None, {}, _ABSENT)
 """What stands for a setting that is left alone, or that there was not when a run began."""
 
 
-def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
+def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     """Compare two configurations and refuse the second if anything in it is different.
 
     Parameters
     ----------
     directory : Path
         Of the run.
-    begun, now : dict
+    stored, now : dict
         As JSON gives them back: nested dicts and lists of text, numbers, booleans and None.
 
     Raises
@@ -46,14 +46,14 @@ def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
     ConfigurationError
         It names the first difference.
     """
-    if (difference := _first_difference(begun, now)) is None:
+    if (difference := _first_difference(stored, now)) is None:
         return
-    place, before, after = difference
-    inside_files = place[0] == FILES and len(place) > 1
-    if inside_files and (sentence := _come_or_gone(printable(directory), begun[FILES], now[FILES])):
+    path, before, after = difference
+    inside_files = path[0] == FILES and len(path) > 1
+    if inside_files and (sentence := _come_or_gone(printable(directory), stored[FILES], now[FILES])):
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
-    what = f"{printable(directory)} was begun {_said(place, before, after)}"
-    if place[0] == VERSIONS:
+    what = f"{printable(directory)} was started {_describe_difference(path, before, after)}"
+    if path[0] == VERSIONS:
         raise ConfigurationError(
             ErrorCode.CONFLICT,
             f"{what}, and the last digits need the same versions; install those, or give another directory.",
@@ -61,25 +61,25 @@ def refuse_difference(directory: Path, begun: Any, now: Any) -> None:
     raise ConfigurationError(ErrorCode.CONFLICT, f"{what}; give the same, or another directory.")
 
 
-def _first_difference(a: Any, b: Any, place: tuple = ()) -> tuple[tuple, Any, Any] | None:
-    """Where two values first differ, and both values there; None if they do not."""
+def _first_difference(a: Any, b: Any, path: tuple = ()) -> tuple[tuple, Any, Any] | None:
+    """Return the key path where two values first differ, and both values there; None if they are equal."""
     if isinstance(a, dict) and isinstance(b, dict):
-        return _first_of(dict.fromkeys([*a, *b]), a.get, b.get, place)
+        return _first_of(dict.fromkeys([*a, *b]), a.get, b.get, path)
     if isinstance(a, list) and isinstance(b, list):
-        return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, place)
+        return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, path)
     same = a == b or (a != a and b != b)  # NaN is NaN
     same = same or all(value in _NOT_MADE for value in (a, b))
-    return None if same else (place, a, b)
+    return None if same else (path, a, b)
 
 
-def _first_of(keys, a, b, place: tuple) -> tuple[tuple, Any, Any] | None:
+def _first_of(keys, a, b, path: tuple) -> tuple[tuple, Any, Any] | None:
     pairs = ((key, a(key, _ABSENT), b(key, _ABSENT)) for key in keys)
-    found = (_first_difference(x, y, (*place, key)) for key, x, y in pairs)
+    found = (_first_difference(x, y, (*path, key)) for key, x, y in pairs)
     return next((difference for difference in found if difference), None)
 
 
-def _said(place: tuple, before: Any, after: Any) -> str:
-    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
+def _describe_difference(path: tuple, before: Any, after: Any) -> str:
+    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in path]
     name = printable("".join(names).removeprefix("."))
     if before is _ABSENT:
         return f"without {name}, not with {name} {_short(after)}"
@@ -88,18 +88,18 @@ def _said(place: tuple, before: Any, after: Any) -> str:
     return f"with {name} {_short(before)}, not {_short(after)}"
 
 
-def _come_or_gone(directory: str, begun: list[str], now: list[str]) -> str:
-    """What to do about files that are new, or about some that are missing; nothing if both, or neither."""
-    new, gone = _without(now, begun), _without(begun, now)
+def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
+    """Say what to do about new files, or about missing ones; empty if there are both, or neither."""
+    new, gone = _without(now, stored), _without(stored, now)
     if new and not gone:
         return (
-            f"{directory} was begun without {len(new)} of these files ({_some(new)}); process what is new "
-            "into another directory, give --overwrite instead of --resume to begin anew with all, or let "
+            f"{directory} was started without {len(new)} of these files ({_some(new)}); process what is new "
+            "into another directory, give --overwrite instead of --resume to start again with all, or let "
             "'jitterkit watch' follow a directory that grows."
         )
     if gone and not new:
         return (
-            f"{directory} was begun with {len(gone)} file{'s' * (len(gone) > 1)} more than these "
+            f"{directory} was started with {len(gone)} file{'s' * (len(gone) > 1)} more than these "
             f"({_some(gone)}); put back what is missing, or give another directory."
         )
     return ""
@@ -125,12 +125,12 @@ Stamp = tuple[int, int]
 _GRAINS = (1_000_000_000, 1_000, 100)
 """Times [ns] of which file systems keep whole multiples: HFS+ and ext3, many servers of NFS, those of SMB."""
 
-_REMEDY = "put it back as it was, time and all, or give --overwrite instead of --resume to begin anew."
+_REMEDY = "put it back as it was, time and all, or give --overwrite instead of --resume to start again."
 
 
 @dataclass(frozen=True)
 class Counted:
-    """What a run knows of a file.
+    """Hold the stored count of a file's frames.
 
     Attributes
     ----------
@@ -191,25 +191,25 @@ def recounted(
     *Fails when* a file is replaced by one of its size within the grain of the file system's clock, or with
     its time set back.
     """
-    present = {place: stamp for place, path in enumerate(files[: len(known)]) if (stamp := _stamp(path))}
-    changed = {place: now for place, now in present.items() if not _is_same(known[place].stamp, now)}
+    present = {index: stamp for index, path in enumerate(files[: len(known)]) if (stamp := _stamp(path))}
+    changed = {index: now for index, now in present.items() if not _is_same(known[index].stamp, now)}
     if not changed:
         return {}
     frames = [one.frames for one in known]
     planned = _batches(files, frames, size, done)
     looked_at = {path for batch in planned for path, _ in (*batch.items, *batch.references)}
-    if spoilt := [place for place in changed if files[place] in looked_at]:
+    if spoilt := [index for index in changed if files[index] in looked_at]:
         raise ConfigurationError(ErrorCode.CHANGED, _spoilt(files, known, changed, spoilt))
-    again = {place: Counted(count(files[place]), stamp) for place, stamp in changed.items()}
-    shifted = [place for place, one in again.items() if one.frames != frames[place]]
-    if _batches(files, _with(frames, again), size, done) != planned:
+    recounted_files = {index: Counted(count(files[index]), stamp) for index, stamp in changed.items()}
+    shifted = [index for index, one in recounted_files.items() if one.frames != frames[index]]
+    if _batches(files, _with(frames, recounted_files), size, done) != planned:
         first = shifted[0]
         raise ConfigurationError(
             ErrorCode.CHANGED,
             f"The number of frames in {printable(files[first])} was {frames[first]} and is "
-            f"{again[first].frames} now, and frames after those have been done; {_REMEDY}",
+            f"{recounted_files[first].frames} now, and frames after those have been done; {_REMEDY}",
         )
-    return again
+    return recounted_files
 
 
 def _stamp(path: Path) -> Stamp | None:
@@ -225,7 +225,7 @@ def _is_same(then: Stamp | None, now: Stamp) -> bool:
 
 
 def _is_same_time(a: int, b: int) -> bool:
-    """Whether two times are equal, or one is the other rounded to a grain."""
+    """Return whether two times are equal, or one is the other rounded to a grain."""
     return a == b or any(abs(a - b) < grain and (a % grain == 0) != (b % grain == 0) for grain in _GRAINS)
 
 
@@ -233,8 +233,10 @@ def _batches(files: Sequence[Path], frames: Sequence[int], size: int, done: Coll
     return [batch for batch in plan_batches(files[: len(frames)], frames, size) if batch.number in done]
 
 
-def _with(frames: Sequence[int], again: Mapping[int, Counted]) -> list[int]:
-    return [again[place].frames if place in again else n for place, n in enumerate(frames)]
+def _with(frames: Sequence[int], recounted_files: Mapping[int, Counted]) -> list[int]:
+    return [
+        recounted_files[index].frames if index in recounted_files else n for index, n in enumerate(frames)
+    ]
 
 
 def _spoilt(

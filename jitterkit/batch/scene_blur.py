@@ -62,7 +62,7 @@ class SceneBlurEstimator:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Return the name of the estimator."""
         if self.reference is None:
             return "starfield" if self.stars else self.method
         return "reference"
@@ -117,12 +117,12 @@ class SceneBlurEstimator:
 
     @cached_property
     def _sharp(self) -> Frame | None:
-        """The reference, calibrated."""
+        """Return the reference, calibrated."""
         return None if self.reference is None else self._electrons(self.reference)
 
     @cached_property
     def _shows_stars(self) -> bool:
-        """Whether frames show stars: what the user says, or what the reference shows."""
+        """Return whether frames show stars, by the user's choice or by the reference."""
         if self.stars is not None or self._sharp is None:
             return bool(self.stars)
         return not self._starless
@@ -139,7 +139,7 @@ class SceneBlurEstimator:
 
     def _field(self, frame: Frame) -> BlurMeasurement:
         found = estimate_field(frame, reference=self._sharp)
-        message = " ".join([found.verdict.sentence, *found.remarks])
+        message = " ".join([found.pattern.sentence, *found.remarks])
         sizes = found.length, found.length_err, found.angle_err
         return BlurMeasurement(frame, found.kernel, frame.plate_scale, found, *sizes, message)
 

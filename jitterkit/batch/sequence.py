@@ -70,7 +70,7 @@ class FileExposures:
     ) -> None:
         self.processor, self.hdu, self.cadence = processor, hdu, cadence
         files = sorted(find_files(paths), key=_natural)
-        times = {path: time for path in files if (time := _begun(path, hdu)) is not None}
+        times = {path: time for path in files if (time := _start_time(path, hdu)) is not None}
         known = {path: time for path, time in times.items() if math.isfinite(time)}
         self.timed = cadence is not None or bool(known)
         self._times = {} if cadence is not None and len(known) < len(times) else known
@@ -92,21 +92,21 @@ class FileExposures:
 
     @cached_property
     def optics(self) -> Optics:
-        """The optics of the sequence: on the grid of its first frame.
+        """Return the optics of the sequence: on the grid of its first frame.
 
         Raises
         ------
         JitterkitError
             If there is no frame that can be read.
         """
-        told, code = "there is none.", ErrorCode.NO_IMAGE
+        message, code = "there is none.", ErrorCode.NO_IMAGE
         for path in self.files:
             try:
                 with open_frames(path, hdu=self.hdu) as file:
                     return self.processor.optics(self.processor.calibrate(file[0]))
             except JitterkitError as error:
-                told, code = str(error), error.code
-        raise JitterkitError(code, f"No frame of the sequence can be used; the last: {told}")
+                message, code = str(error), error.code
+        raise JitterkitError(code, f"No frame of the sequence can be used; the last: {message}")
 
     def _exposure(self, raw: RawFrame, clock: _Clock, known: Duplicates) -> Exposure:
         try:
@@ -121,8 +121,8 @@ class FileExposures:
             return Exposure(raw.name, clock.lost(), None, result)
         if optics is self.optics:
             return Exposure(raw.name, when, frame)
-        told = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."
-        return Exposure(raw.name, when, None, FitResult(Status.MISMATCH, told))
+        message = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."
+        return Exposure(raw.name, when, None, FitResult(Status.MISMATCH, message))
 
 
 def _natural(path: Path) -> list[tuple[str, int, str]]:
@@ -131,7 +131,7 @@ def _natural(path: Path) -> list[tuple[str, int, str]]:
     return [("0", int(part), part) if part.isdecimal() else (part, 0, part) for part in parts]
 
 
-def _begun(path: Path, hdu: int | None) -> float | None:
+def _start_time(path: Path, hdu: int | None) -> float | None:
     """Return the time in a file's header [s], NaN if it has none or a day; None if it cannot be read."""
     try:
         with open_frames(path, hdu=hdu) as file:
@@ -142,7 +142,7 @@ def _begun(path: Path, hdu: int | None) -> float | None:
 
 
 class _Clock:
-    """When frames were taken: by their headers, or one after the other."""
+    """Determine when frames were taken: by their headers, or one after the other."""
 
     def __init__(self, cadence: float | None, times: Mapping[Path, float]) -> None:
         self._cadence, self._times = cadence, times
@@ -157,29 +157,29 @@ class _Clock:
         return self._cadence is None and bool(self._times)
 
     def lost(self) -> float:
-        """The time of a frame of which nothing is known; its place in the sequence counts."""
+        """Return the time of a frame of which nothing is known; its place in the sequence counts."""
         self._count += 1
         return math.nan
 
     def middle(self, frame: Frame) -> float:
-        """Middle of an exposure, s from the beginning of the first."""
+        """Return the middle of an exposure, s from the beginning of the first."""
         exposure = frame.exposure or 0.0
         step = self._cadence or exposure or 1.0
         if not self._reads_times:
             self._count += 1
             return (self._count - 1) * step + exposure / 2
         assert frame.path is not None
-        begun, known = self._times.get(frame.path), frame.metadata.time
-        if begun is None or known is None:
+        start, known = self._times.get(frame.path), frame.metadata.time
+        if start is None or known is None:
             raise FrameError(
                 ErrorCode.MISSING_VALUE,
                 frame.path,
                 "does not say when it was taken, as others do",
                 "give the --cadence",
             )
-        begun += frame.index * step * frame.several - ("-AVG" in known.source) * exposure / 2
-        self._zero = begun if self._zero is None else self._zero
-        return begun - self._zero + exposure / 2
+        start += frame.index * step * frame.several - ("-AVG" in known.source) * exposure / 2
+        self._zero = start if self._zero is None else self._zero
+        return start - self._zero + exposure / 2
 
     def occupy(self, raw: RawFrame, middle: float, exposure: float | None) -> None:
         """Note the time that an exposure takes, and whether it overlaps that of an earlier file or frame.
@@ -190,16 +190,16 @@ class _Clock:
             return
         end, path, name = self._last
         ordinal = raw.index if raw.after is None else raw.after
-        begun = middle - exposure / 2 - (raw.index - ordinal) * exposure * self._reads_times
+        start = middle - exposure / 2 - (raw.index - ordinal) * exposure * self._reads_times
         apart = not self._reads_times or raw.path != path
-        if apart and end - begun > _SHUTTER * exposure + self._rounding:
-            self._overlaps.append(f"{raw.name} begins {end - begun:.3g} s before {name} ends")
-        if begun + exposure > end:
-            self._last = begun + exposure, raw.path, raw.name
+        if apart and end - start > _SHUTTER * exposure + self._rounding:
+            self._overlaps.append(f"{raw.name} begins {end - start:.3g} s before {name} ends")
+        if start + exposure > end:
+            self._last = start + exposure, raw.path, raw.name
 
     @property
     def overlap(self) -> str:
-        """A sentence on the exposures that overlap; empty where none do."""
+        """Return a sentence on the exposures that overlap; empty where none do."""
         if not self._overlaps:
             return ""
         others = f", and {len(self._overlaps) - 1} more overlap" if len(self._overlaps) > 1 else ""

@@ -70,7 +70,7 @@ def check_size(sharp: Frame, name: str, size: tuple[int, int]) -> None:
 
 
 def is_same(raw: RawFrame, reference: RawFrame) -> bool:
-    """Whether a frame is the reference itself, by whatever name its file was given."""
+    """Return whether a frame is the reference itself, whatever the name of its file."""
     if raw.path is None or reference.path is None:
         return raw is reference
     same = (raw.index, raw.hdu) == (reference.index, reference.hdu)
@@ -78,7 +78,7 @@ def is_same(raw: RawFrame, reference: RawFrame) -> bool:
 
 
 def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
-    """The frame of a set of star fields whose stars are sharpest: the others' reference.
+    """Return the frame of a set of star fields whose stars are sharpest: the others' reference.
 
     Parameters
     ----------
@@ -92,13 +92,13 @@ def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
         If no frame has three isolated stars.
     """
     frames: list[Frame] = []
-    places: list[tuple[Path, int]] = []
+    positions: list[tuple[Path, int]] = []
     for path in find_files(paths):
         with suppress(FrameError), open_frames(path, hdu=hdu) as file:  # its row will say what is wrong
             for raw in file:
                 frames.append(Detector().calibrate(raw))
-                places.append((path, raw.index))
-    path, index = places[roundest(frames)]
+                positions.append((path, raw.index))
+    path, index = positions[roundest(frames)]
     with open_frames(path, hdu=hdu) as file:
         return file[index]
 
@@ -123,7 +123,7 @@ def _check_view(sharp: Frame, sizes: Iterator[tuple[str, tuple[int, int]]]) -> N
 
 
 def _shows_something(image: np.ndarray) -> bool:
-    """Whether neighbouring pixels have anything in common; those of white noise have not."""
+    """Return whether neighbouring pixels are correlated; those of white noise are not."""
     off = image - image.mean()
     products = np.mean(off[:, 1:] * off[:, :-1]), np.mean(off[1:] * off[:-1])
     return bool(max(products) > _CHANCE * np.mean(off**2) / np.sqrt(off.size))

@@ -77,7 +77,7 @@ def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any
         raw = find_region(raw, (min(ny, raw.shape[0]), min(nx, raw.shape[1])))
     frame = instrument.detector.calibrate(raw)
     flags = (*frame.flags, *["masked"] * bool(raw.mask.any()), *["cut_out"] * large)
-    return frame.told(flags=flags, digest=digest)
+    return frame.with_fields(flags=flags, digest=digest)
 
 
 def locate(
@@ -125,13 +125,13 @@ def locate(
         return found
     if (result := undecided(found)) is not None:
         return result
-    start, doubt = found.start, found.doubt
-    if not doubt and warm is not None and warm.scene == found.scene:
-        doubt = warm.doubt
+    start, ambiguity = found.start, found.ambiguity
+    if not ambiguity and warm is not None and warm.scene == found.scene:
+        ambiguity = warm.ambiguity
     dropped = int(np.count_nonzero(data.used) - np.count_nonzero(clean.used))
     moments = np.asarray(start.parameters.locus.moments())
     normal = KernelEstimate(moments, start.covariance, SCORE, source=frame.name, digest=frame.digest)
-    return SceneEstimate(clean, start.parameters, normal, optics, start.otf, doubt, found.fit, dropped)
+    return SceneEstimate(clean, start.parameters, normal, optics, start.otf, ambiguity, found.fit, dropped)
 
 
 def search(
@@ -231,8 +231,8 @@ def _choose(
     choice = None
     # a frame of a run need not be as the run is
     if start is not None and (expected == scene or start.describes(data)):
-        told = ("", False) if seen is None else (seen.readings, True)
-        choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *told)
+        readings = ("", False) if seen is None else (seen.readings, True)
+        choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
     elif scene == AUTO:
         choice = choose_scene(data, optics, options, rough=rough)
     if choice is None:

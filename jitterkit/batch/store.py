@@ -1,6 +1,6 @@
-"""What a run has done so far, kept so that nothing is lost or done twice.
+"""The stored results of a run, so that nothing is lost or processed twice.
 
-Reach for :meth:`Store.create` to begin a run and :meth:`Store.resume` to go on with one.  The rows of a
+Reach for :meth:`Store.create` to start a run and :meth:`Store.resume` to continue one.  The rows of a
 batch or a part of one, what its pictures are drawn from, sums over frames and the fact that it was done enter
 ``ledger.sqlite`` together or not at all; once :meth:`Store.add` returns they survive a kill and the loss of
 power.  Table, summary and report are made from the store, in the order of the plan, whoever did which batch
@@ -39,17 +39,17 @@ Rank = tuple[bool, float, int, int]
 TOP = 24
 """Frames of each kind, fitted or not, of which data for a picture are kept."""
 
-_SHOWN = ("file", "frame", "status", "locus", "separation", "separation_err", "chi2_dof")
+_READABLE_COLUMNS = ("file", "frame", "status", "locus", "separation", "separation_err", "chi2_dof")
 """Columns of a row that stand in the table ``frames`` besides, for people."""
 
 _AT_ONCE = 64
 """Files counted between two writes: a flush of the disk costs as much as opening a file or more."""
 
 
-def rank(row: Row, batch: int, place: int) -> Rank:
+def rank(row: Row, batch: int, index: int) -> Rank:
     """Rank a frame among those of its kind; one without a fit comes behind those with a bad one."""
     misfit = row["chi2_dof"]
-    return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, place
+    return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, index
 
 
 def top(ranks: Iterable[Rank], most: int = TOP) -> list[Rank]:
@@ -80,11 +80,11 @@ def wanted(
 
     Returns
     -------
-    places : list of int
+    indices : list of int
         Positions behind ``start``.
     """
-    new = [rank(row, batch, start + place) for place, row in rows.items()]
-    return sorted(place - start for _, _, number, place in set(top([*ranks, *new], most)) & set(new))
+    new = [rank(row, batch, start + index) for index, row in rows.items()]
+    return sorted(index - start for _, _, number, index in set(top([*ranks, *new], most)) & set(new))
 
 
 class Store:
@@ -97,9 +97,9 @@ class Store:
     path : Path
         ``ledger.sqlite`` in the run's directory.
     configuration : dict
-        What the run was begun with.
+        The configuration with which the run was started.
     notes : dict
-        What else was noted when it was begun.
+        Further notes from the start of the run.
 
     Notes
     -----
@@ -152,18 +152,18 @@ class Store:
         """
         store = cls(Path(directory) / STORE)
         with store._closed_on_error():
-            if store._begun and not overwrite:
+            if store._has_run and not overwrite:
                 raise ConfigurationError(
                     ErrorCode.EXISTS,
-                    f"{printable(store.path)} holds a run already; give --resume to go on with it, "
-                    "--overwrite to begin again, or another directory.",
+                    f"{printable(store.path)} holds a run already; give --resume to continue it, "
+                    "--overwrite to start again, or another directory.",
                 )
             for name in results if overwrite else ():  # first: whatever kills it now, none outlive their run
                 try:
                     (store.path.parent / name).unlink(missing_ok=True)
                 except OSError as error:
                     raise unwritable(store.path.parent / name, error.strerror) from None
-            store._begin(configuration, notes or {})
+            store._start_run(configuration, notes or {})
         return store
 
     @classmethod
@@ -180,7 +180,7 @@ class Store:
         Parameters
         ----------
         directory, configuration, notes, results
-            As for :meth:`create`; the notes of a run that had begun stay as they were.
+            As for :meth:`create`; the notes of a run that was started stay as they were.
 
         Raises
         ------
@@ -193,11 +193,11 @@ class Store:
             _refuse_results(path.parent, results)  # before there is an empty ledger beside them
         store = cls(path)
         with store._closed_on_error():
-            if store._begun:
+            if store._has_run:
                 refuse_difference(path.parent, store.configuration, _as_json(configuration))
             else:
                 _refuse_results(path.parent, results)
-                store._begin(configuration, notes or {})
+                store._start_run(configuration, notes or {})
         return store
 
     def __enter__(self) -> Self:
@@ -243,7 +243,8 @@ class Store:
         """
         packed, count = _pack(rows), len(rows)
         shown = [
-            (batch, start + i, *(_readable(row.get(name)) for name in _SHOWN)) for i, row in enumerate(rows)
+            (batch, start + i, *(_readable(row.get(name)) for name in _READABLE_COLUMNS))
+            for i, row in enumerate(rows)
         ]
         overlapping = "SELECT 1 FROM batches WHERE batch = ? AND start < ? AND start + max(count, 1) > ?"
         with self._file.transaction() as execute:
@@ -252,8 +253,8 @@ class Store:
             execute("INSERT INTO batches VALUES (?, ?, ?, ?)", (batch, start, count, packed))
             for values in shown:
                 execute("INSERT INTO frames VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
-            for place, data in (pictures or {}).items():
-                usable, order, *position = rank(rows[place], batch, start + place)
+            for index, data in (pictures or {}).items():
+                usable, order, *position = rank(rows[index], batch, start + index)
                 execute("INSERT INTO pictures VALUES (?, ?, ?, ?, ?)", (*position, usable, -order, data))
             for name, data in (stacks or {}).items():
                 execute("INSERT OR REPLACE INTO stacks VALUES (?, ?)", (name, zlib.compress(data, 1)))
@@ -290,14 +291,14 @@ class Store:
     def ranks(self) -> list[Rank]:
         """Return the ranks of the frames of which data for a picture are kept, for :func:`wanted`."""
         ranks = self._file.read("SELECT usable, misfit, batch, place FROM pictures")
-        return [(bool(usable), -misfit, batch, place) for usable, misfit, batch, place in ranks]
+        return [(bool(usable), -misfit, batch, index) for usable, misfit, batch, index in ranks]
 
     def pictures(self) -> list[tuple[Row, bytes]]:
         """Return rows of the worst frames, with what their pictures are drawn from, in order of the plan."""
         query = """SELECT batch, start, place, data FROM pictures JOIN batches USING (batch)
             WHERE place >= start AND place < start + count ORDER BY batch, place"""
         found = self._file.read(query)
-        return [(self._rows_of(batch, start)[place - start], data) for batch, start, place, data in found]
+        return [(self._rows_of(batch, start)[index - start], data) for batch, start, index, data in found]
 
     def stacks(self) -> dict[str, bytes]:
         """Return the latest sums of each name."""
@@ -343,12 +344,12 @@ class Store:
         """
         known = self._counted()
         yield from (one.frames for one in known)
-        place, fresh = len(known), (counted(path, count) for path in files[len(known) :])
-        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), place)):
+        index, fresh = len(known), (counted(path, count) for path in files[len(known) :])
+        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), index)):
             with self._file.transaction() as execute:
                 self._keep_counts(execute, chunk)
             yield from (one.frames for one in chunk.values())
-            place += len(chunk)
+            index += len(chunk)
 
     def _counted(self) -> list[Counted]:
         found = self._file.read("SELECT frames, size, time FROM files ORDER BY position")
@@ -360,10 +361,10 @@ class Store:
             execute("INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)", values)
 
     @property
-    def _begun(self) -> bool:
+    def _has_run(self) -> bool:
         return bool(self._file.read("SELECT 1 FROM run WHERE name = 'configuration'"))
 
-    def _begin(self, configuration: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+    def _start_run(self, configuration: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
         self.configuration, self.notes = _as_json(configuration), _as_json(notes)
         with self._file.transaction() as execute:
             for table in ("run", "files", "batches", "frames", "pictures", "stacks"):
@@ -386,11 +387,11 @@ class Store:
 
 
 def _refuse_results(directory: Path, results: Iterable[str]) -> None:
-    """Refuse to go on in a directory with results of a run of which there is no ledger."""
+    """Raise if a directory has results of a run but no ledger of it."""
     if present := [name for name in results if (directory / name).exists()]:
         raise ConfigurationError(
             ErrorCode.EXISTS,
-            f"{printable(directory)} holds {present[0]} but no run in a ledger to go on with; give "
+            f"{printable(directory)} holds {present[0]} but no ledger of a run to continue; give "
             "--overwrite instead of --resume to replace it, or another directory.",
         )
 

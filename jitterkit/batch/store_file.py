@@ -194,7 +194,7 @@ def _translated(path: Path, error: Exception) -> ConfigurationError:
     if code == sqlite3.SQLITE_FULL:
         return ConfigurationError(
             ErrorCode.NOT_WRITABLE,
-            f"{file} cannot grow ({error}); make room and resume the run: what it did is kept.",
+            f"{file} cannot grow ({error}); free some space and resume the run: its results so far are kept.",
         )
     if code in _BROKEN:
         return ConfigurationError(

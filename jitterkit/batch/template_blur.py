@@ -17,7 +17,7 @@ from jitterkit.likelihood import Misfit, pearson
 from jitterkit.loci import Shaped
 from jitterkit.refit import POOR, FitResult, Status
 from jitterkit.refit.outliers import OUTLIERS, left_out
-from jitterkit.scoring import climb_a_little
+from jitterkit.scoring import fisher_scoring_without_prior
 
 __all__ = ["TemplateBlurEstimator"]
 
@@ -47,12 +47,12 @@ class TemplateBlurEstimator:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Return the name of the estimator."""
         return self.processor.kernel
 
     @property
     def plate_scale(self) -> float:
-        """The instrument's, arcsec."""
+        """Return the instrument's plate scale, arcsec."""
         return self.processor.plate_scale
 
     def for_batch(self, batch: Batch, hdu: int | None) -> Self:
@@ -70,9 +70,9 @@ class TemplateBlurEstimator:
         found = self.processor.estimate(frame)
         if isinstance(found, FitResult):
             return found
-        message = " ".join(filter(None, [found.doubt, left_out(found.left_out)]))
+        message = " ".join(filter(None, [found.ambiguity, left_out(found.left_out)]))
         if found.left_out:
-            frame = frame.told(flags=(*frame.flags, OUTLIERS))
+            frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
         # what is registered to another frame is described by what fits that
         searched = found.searched is not None or self.name != SCORE
         misfit = pearson(found.blurred(), found.data) if searched else None
@@ -91,16 +91,18 @@ class TemplateBlurEstimator:
     def _fitted(self, found: SceneEstimate) -> Misfit:
         """Return what is left with everything free: the template was fitted with a normal's shape."""
         shaped = found.parameters.with_locus(Shaped.near(found.parameters.locus.moments()))
-        end, _ = climb_a_little(shaped, found.otf, found.data, self.processor.options.hold, _STEPS)
+        end, _ = fisher_scoring_without_prior(
+            shaped, found.otf, found.data, self.processor.options.hold, _STEPS
+        )
         return pearson(expected_image(end.parameters, found.otf), found.data)
 
     def _poor(self, frame: Frame, parameters: Parameters, misfit: Misfit) -> FitResult:
-        """Say that no scene with a blur describes a frame, and why not where that can be told."""
-        said = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
+        """Say that no scene with a blur describes a frame, and why not where that can be determined."""
+        message = f"{Status.POOR_FIT.value}: chi²/dof is {_per_pixel(misfit):.4g}."
         names = () if "background" in self.processor.options.hold else ("background",)
         poor = FitResult(
             Status.POOR_FIT,
-            said,
+            message,
             parameters=parameters,
             names=names,
             chi2=misfit.chi2,

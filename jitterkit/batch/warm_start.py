@@ -1,4 +1,4 @@
-"""What reference frames show of their telescope, so that later frames need not be searched.
+"""Optics and scene of reference frames, so that later frames need not be searched.
 
 A :class:`WarmStart` holds for the frames on one grid; :class:`WarmStartCache` keeps those of the latest
 reference frames.
@@ -19,15 +19,15 @@ from jitterkit.estimators.score import estimate_from_normal
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
-from jitterkit.linearisation import SETTLED
+from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ReferenceFrame
 from jitterkit.loci import Mvn
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
 from jitterkit.refit import FitOptions, SceneChoice
-from jitterkit.refit.fit import settled
+from jitterkit.refit.fit import linearisation_tolerance
 from jitterkit.refit.together import scene_together
 
-__all__ = ["AUTO", "SCORE", "GridKey", "Look", "WarmStart", "WarmStartCache", "from_looks"]
+__all__ = ["AUTO", "SCORE", "GridKey", "SearchedFrame", "WarmStart", "WarmStartCache", "from_searched_frames"]
 
 GridKey = tuple[tuple[int, int], float]
 """Shape ``(ny, nx)`` and plate scale [arcsec]."""
@@ -44,24 +44,24 @@ _ANCHOR_BYTES = 100_000_000
 
 @dataclass(frozen=True)
 class WarmStart:
-    """What is known of the frames on one grid before they are looked at.
+    """Hold what is known of the frames on one grid before they are fitted.
 
     Attributes
     ----------
     scene : str
         Name of the scene that they show, or :data:`AUTO` where they leave that open.
-    doubt : str
-        What else they may show that looks the same, in a sentence.
+    ambiguity : str
+        Another scene that looks the same, in a sentence.
     anchored : AnchoredOptics or None
         None for optics that cannot change.
     reference : ReferenceFrame or None
-        What they may be registered to; then stars and blur need not be searched for.
+        The frame to which they may be registered; then stars and blur need not be searched for.
     choices : mapping
-        What reference frames have shown by themselves at first sight, by their digests.
+        The choices of reference frames that were searched alone, by their digests.
     """
 
     scene: str
-    doubt: str = ""
+    ambiguity: str = ""
     anchored: AnchoredOptics | None = None
     reference: ReferenceFrame | None = None
     choices: Mapping[str, SceneChoice] = field(default_factory=dict)
@@ -108,37 +108,39 @@ class WarmStart:
                 return None
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
         estimate = replace(estimate, source=frame.name, digest=frame.digest)
-        return SceneEstimate(data, start.in_frame(parameters), estimate, optics, doubt=self.doubt)
+        return SceneEstimate(data, start.in_frame(parameters), estimate, optics, ambiguity=self.ambiguity)
 
 
-Look = tuple[Frame, SceneChoice]
-"""A reference frame, and what it shows at first sight."""
+SearchedFrame = tuple[Frame, SceneChoice]
+"""A reference frame, and its scene by a search."""
 
 
-def from_looks(
-    looks: Sequence[Look], warm_start: Callable[[Frame, SceneChoice], WarmStart | None], scene_only: bool
+def from_searched_frames(
+    searched: Sequence[SearchedFrame],
+    warm_start: Callable[[Frame, SceneChoice], WarmStart | None],
+    scene_only: bool,
 ) -> WarmStart | None:
-    """Return what reference frames on one grid show.
+    """Return the warm start from reference frames on one grid.
 
     Parameters
     ----------
     looks : sequence of (Frame, SceneChoice)
     warm_start : callable
-        From one of these to what it shows.
+        From one of these to its warm start.
     scene_only : bool
-        Whether they are too few to show more than their scene.
+        Whether they are too few to give more than their scene.
 
     Returns
     -------
     warm_start : WarmStart or None
-        Of the first frame that is in no doubt; where all are, what they show together.
+        Of the first frame that is sure of its scene; if none is, of their joint choice.
     """
-    if not scene_only and (sure := [look for look in looks if look[1].is_sure]):
+    if not scene_only and (sure := [look for look in searched if look[1].is_sure]):
         return warm_start(*sure[0])
-    scene = scene_together([choice for _, choice in looks])
+    scene = scene_together([choice for _, choice in searched])
     if scene_only:
-        return WarmStart(scene or AUTO, choices={frame.digest: choice for frame, choice in looks})
-    alike = [look for look in looks if look[1].scene == scene]
+        return WarmStart(scene or AUTO, choices={frame.digest: choice for frame, choice in searched})
+    alike = [look for look in searched if look[1].scene == scene]
     if alike:
         return warm_start(*alike[0])
     return None if scene is None else WarmStart(scene)
@@ -148,7 +150,7 @@ class WarmStartCache:
     """The warm starts of the latest reference frames, and the anchors of the optics of those before.
 
     An anchor's state is rounded to a whole nm, so that reference frames between which little has changed
-    share one: what a cache returns does not depend on what was asked before.
+    share one: what a cache returns does not depend on earlier calls.
     """
 
     def __init__(self) -> None:
@@ -178,11 +180,12 @@ class WarmStartCache:
             return None
         state = np.asarray(parameters.aberrations)
         anchor = self._anchor(grid, optics, np.round(state))
-        strict = settled(options.tolerance) / SETTLED  # it has to be as good as if more showed
+        # as exact as for a frame with more light
+        strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
         light = float(parameters.scene.flux) / strict**2
         anchored = AnchoredOptics.about(optics, anchor, light, state)
         reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
-        return WarmStart(choice.scene, choice.doubt, anchored, reference)
+        return WarmStart(choice.scene, choice.ambiguity, anchored, reference)
 
     def _anchor(self, grid: GridKey, optics: OpticalSystem, state: np.ndarray) -> Anchor:
         key = (grid, *state)

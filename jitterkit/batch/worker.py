@@ -28,7 +28,7 @@ T = TypeVar("T")
 def _distributed() -> Any:
     try:
         import distributed
-    except ImportError:  # told when a cluster is asked for
+    except ImportError:  # reported when a cluster is asked for
         return None
     return distributed
 
@@ -52,9 +52,9 @@ _SHARED = (
 
 
 class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type: ignore[misc]
-    """What a worker needs to process frames as this process would.
+    """Hold the settings that a worker needs to process frames as this process would.
 
-    Whatever worker joins later, or takes the place of one that died, gets it too.
+    Whatever worker joins later, or replaces one that died, gets it too.
 
     Parameters
     ----------

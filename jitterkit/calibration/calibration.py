@@ -1,4 +1,4 @@
-"""From stacks to everything that a detector needs to be told.
+"""From stacks to all the numbers of a detector.
 
 Reach for :func:`calibrate`; its :class:`Calibration` holds what was measured, and only what was.
 :class:`Settings` say how frames are combined and pixels judged.
@@ -220,11 +220,11 @@ class _Work:
         return rate
 
     def flat(self, stacks: Sequence[Stack], rate: np.ndarray | float) -> tuple[list[Level], Response | None]:
-        """Levels of light, and the response they sum up to."""
+        """Return the levels of light, and the response they sum up to."""
         if not stacks:
             return [], None
         if self.level is None:
-            problem = "flats say nothing without the bias they stand on"
+            problem = "flats cannot be used without the bias beneath them"
             remedy = "give --bias, or its level by --bias-level"
             raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
         zero: Master | float = self.level if self.master is None else self.master
@@ -253,7 +253,7 @@ class _Work:
     def result(
         self, gain: tuple[float, float], transfer: PhotonTransfer | None, response: Response | None
     ) -> Calibration:
-        """Everything in electrons."""
+        """Return the calibration, all in electrons."""
         shape = self.bad.shape
         if response is not None:
             usable = (self.bad & (FLAGS["blank"] | FLAGS["hot"])) == 0

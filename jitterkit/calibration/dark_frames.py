@@ -18,7 +18,7 @@ NOISY = 5.0
 
 
 def bias_map(master: Master, good: np.ndarray) -> MeasuredMap:
-    """The mean reading of each pixel.
+    """Return the mean reading of each pixel.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def bias_map(master: Master, good: np.ndarray) -> MeasuredMap:
 
 
 def noisy_pixels(master: Master, times: float = NOISY) -> np.ndarray:
-    """Pixels whose noise is several times that of the pixels around them.
+    """Return the pixels whose noise is several times that of the pixels around them.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def noisy_pixels(master: Master, times: float = NOISY) -> np.ndarray:
 
 
 def read_noise_map(master: Master, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
-    """The noise of reading each pixel.
+    """Return the noise of reading each pixel.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class DarkSlope:
         values = [master.mean, master.variance / master.kept]
         if not self._sums:
             self._sums = [np.zeros(master.mean.shape) for _ in range(5)]
-        for place, (factor, value) in enumerate(
+        for index, (factor, value) in enumerate(
             (
                 (weight, values[0]),
                 (weight * seconds, values[0]),
@@ -138,11 +138,11 @@ class DarkSlope:
                 (weight**2 * seconds**2, values[1]),
             )
         ):
-            self._sums[place] += factor * value
+            self._sums[index] += factor * value
         self._points.append((seconds, weight))
 
     def rate(self) -> tuple[np.ndarray, np.ndarray]:
-        """Slope of each pixel and its standard error [ADU/s].
+        """Return the slope of each pixel and its standard error [ADU/s].
 
         Raises
         ------
@@ -178,7 +178,7 @@ class DarkSlope:
         )
 
     def map(self, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
-        """The dark current of each pixel [e-/s].
+        """Return the dark current of each pixel [e-/s].
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ class DarkSlope:
 
 
 def hot_pixels(rate: np.ndarray, usable: np.ndarray, times: float = HOT) -> tuple[np.ndarray, float]:
-    """Pixels whose dark current lies far above that of the others.
+    """Return the pixels whose dark current lies far above that of the others.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class Response:
         return np.asarray(self._sum)
 
     def dead_pixels(self, usable: np.ndarray, share: float = DEAD) -> np.ndarray:
-        """Pixels whose response is below a share of that of the pixels around.
+        """Return the pixels whose response is below a share of that of the pixels around.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Response:
     def map(
         self, good: np.ndarray, *, smooth: bool = False, bend: float = 1.0
     ) -> tuple[MeasuredMap, MeasuredMap]:
-        """The response of each pixel, one on average over good pixels.
+        """Return the response of each pixel, one on average over good pixels.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ def lamp(levels: np.ndarray, errors: np.ndarray) -> np.ndarray:
 
 
 def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """A smooth surface through an image: a polynomial of the third order in x and y.
+    """Return a smooth surface through an image: a polynomial of the third order in x and y.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 def _medians(image: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Median of each tile of an image at its place, -1 to 1 along either axis."""
+    """Return the median of each tile of an image at its position, -1 to 1 along either axis."""
     ny, nx = image.shape
     rows, columns = (np.array_split(np.arange(n), min(_TILES, max(n // 8, 1))) for n in (ny, nx))
     found = []

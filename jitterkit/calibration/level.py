@@ -113,7 +113,7 @@ def measure_level(
 
 
 def unlit_level(bias: Master, good: np.ndarray) -> Level:
-    """The level without light: the noise of bias frames.
+    """Return the level without light: the noise of bias frames.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _noise_of(master: Master, pixels: np.ndarray) -> Level:
 
 
 def _spatial(light: np.ndarray, lit: np.ndarray) -> float:
-    """Variance of the mean frame over its pixels, a smooth surface taken out."""
+    """Return the variance of the mean frame over its pixels, a smooth surface taken out."""
     flat = surface(np.where(lit, light, 0.0), lit)
     residual = (light / flat)[lit]
     return float(np.var(residual) * np.mean(light[lit]) ** 2 / np.mean(residual) ** 2)

@@ -51,7 +51,7 @@ class Linearity:
     freedom: int
 
     def in_electrons(self, gain: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Coefficients and their errors with the charge in electrons [e-^-k]."""
+        """Return the coefficients and their errors with the charge in electrons [e-^-k]."""
         factors = [gain ** -(k + 1) for k in range(len(self.coefficients))]
         values, errors = (
             tuple(c * f for c, f in zip(row, factors, strict=True))
@@ -64,14 +64,14 @@ class Linearity:
         return _law(self.coefficients)(charge)
 
     def charge(self, signal: float) -> float:
-        """The charge that is measured as a signal [ADU]."""
+        """Return the charge that is measured as a signal [ADU]."""
         law, charge = _law(self.coefficients), signal
         for _ in range(30):
             charge -= (law(charge) - signal) / law.deriv()(charge)
         return float(charge)
 
     def slope(self, charge: float) -> float:
-        """By how much the signal rises with the charge; one where there is little."""
+        """Return the slope of the signal with the charge; one where there is little."""
         return float(_law(self.coefficients).deriv()(charge))
 
 

@@ -79,7 +79,7 @@ class Master:
 
     @property
     def error(self) -> np.ndarray:
-        """Standard error of the mean of each pixel [ADU], from its own scatter."""
+        """Return the standard error of the mean of each pixel [ADU], from its own scatter."""
         error: np.ndarray = np.sqrt(self.variance / self.kept)
         return error
 
@@ -172,13 +172,13 @@ def kept_variance(clip: float, frames: int) -> float:
 def _deviations(strip: np.ndarray, origin: np.ndarray, factors: np.ndarray, pedestal: float) -> np.ndarray:
     # of the first frame's values, so that single precision loses nothing
     deviations = np.empty(strip.shape, dtype=np.float32)
-    for place, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
-        deviations[place] = (plane - pedestal) / factor - origin
+    for index, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
+        deviations[index] = (plane - pedestal) / factor - origin
     return deviations
 
 
 def _moments(deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and unbiased variance along the stack; the mean is taken off in place."""
+    """Return the mean and unbiased variance along the stack; the mean is taken off in place."""
     centre = deviations.mean(axis=0, dtype=np.float64)
     deviations -= centre
     return centre, np.einsum("ijk,ijk->jk", deviations, deviations) / (len(deviations) - 1.0)
@@ -212,13 +212,13 @@ def _clip(
 
 
 def _usual(variance: np.ndarray, frames: int) -> float:
-    """The variance of a typical pixel: the median of chi square is not its mean."""
+    """Return the variance of a typical pixel: the median of chi square is not its mean."""
     median = float(np.median(variance)) * (frames - 1) / stats.chi2.median(frames - 1)
     return max(median, _LEAST_VARIANCE)
 
 
 def _tiles(variance: np.ndarray, frames: int) -> np.ndarray:
-    """The usual variance around each pixel of a strip."""
+    """Return the usual variance around each pixel of a strip."""
     usual = np.empty_like(variance)
     for left in range(0, variance.shape[1], _TILE):
         usual[:, left : left + _TILE] = _usual(variance[:, left : left + _TILE], frames)
@@ -238,7 +238,7 @@ def _own_variance(values: np.ndarray) -> np.ndarray:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Mean of the middle half of sorted values: as robust as the median here, and not a whole number."""
+    """Return the mean of the middle half of sorted values: as robust as the median, but no whole number."""
     left_out = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
     middle: np.ndarray = values[left_out : len(values) - left_out].mean(axis=0)
     return middle

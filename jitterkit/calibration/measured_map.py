@@ -45,7 +45,7 @@ class MeasuredMap:
 
     @property
     def true_spread(self) -> float:
-        """The spread less what the errors make of it; zero where they make all of it."""
+        """Return the spread less what the errors make of it; zero where they make all of it."""
         return max(self.spread**2 - self.error**2, 0.0) ** 0.5
 
     @property
@@ -57,9 +57,9 @@ class MeasuredMap:
         """Say whether the frames were enough."""
         unit = f" {self.unit}" if self.unit else ""
         ratio = f"pixels differ by {self.true_spread:.3g}{unit}, a pixel is known to {self.error:.3g}{unit}"
-        verdict = "the map serves" if self.serves else "one number serves better than the map"
+        conclusion = "the map serves" if self.serves else "one number serves better than the map"
         more = ""
         if 0 < self.true_spread <= self.error:
             wanted = int(np.ceil(self.frames * (self.error / self.true_spread) ** 2 * 2))
             more = f", until there are some {wanted} frames" if wanted < _MANY else ""
-        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {verdict}{more}."
+        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {conclusion}{more}."

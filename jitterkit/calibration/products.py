@@ -114,7 +114,7 @@ def _cards(measured: MeasuredMap, calibration: Calibration) -> dict[str, Any]:
 
 
 def _detector(calibration: Calibration, full_well: float | None) -> dict[str, Any]:
-    """The table of the detector: what was measured, and nothing else."""
+    """Return the table of the detector: what was measured, and nothing else."""
     found: dict[str, Any] = {"gain": _short(calibration.gain)} if calibration.transfer else {}
     for measured in calibration.maps:
         if measured.serves:

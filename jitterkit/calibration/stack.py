@@ -121,7 +121,7 @@ class Stack:
 
     @property
     def level(self) -> float:
-        """Median of the levels of the frames [ADU]."""
+        """Return the median of the levels of the frames [ADU]."""
         return float(np.median([shot.level for shot in self.shots]))
 
     @property
@@ -131,12 +131,12 @@ class Stack:
 
     @property
     def name(self) -> str:
-        """``"flat, 0.5 s"``."""
+        """Return ``"flat, 0.5 s"``."""
         return self.kind if self.exposure is None else f"{self.kind}, {self.exposure:g} s"
 
-    def take(self, places: Iterable[int]) -> Self:
-        """The stack of some of the frames."""
-        chosen = list(places)
+    def take(self, indices: Iterable[int]) -> Self:
+        """Return the stack of some of the frames."""
+        chosen = list(indices)
         pixels = None if self.pixels is None else self.pixels[chosen]
         return replace(self, shots=tuple(self.shots[i] for i in chosen), pixels=pixels)
 
@@ -168,8 +168,8 @@ class Stack:
         numbered = enumerate(self.shots)
         for path, members in groupby(numbered, key=lambda member: member[1].path):
             with open_frames(Path(str(path))) as file:
-                for place, shot in members:
-                    band[place] = file[shot.index].data[first:last]
+                for index, shot in members:
+                    band[index] = file[shot.index].data[first:last]
         return band
 
 

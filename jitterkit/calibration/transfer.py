@@ -70,7 +70,7 @@ class PhotonTransfer:
 
     @property
     def used(self) -> tuple[Level, ...]:
-        """The levels fitted."""
+        """Return the levels fitted."""
         return tuple(level for level in self.levels if not level.saturated)
 
     @property
@@ -85,7 +85,7 @@ class PhotonTransfer:
         return sum(rises) / sum(n * signal for n, signal in lit)
 
     def variance(self, signal: np.ndarray) -> np.ndarray:
-        """The line fitted: variance at a signal above the bias, both in ADU."""
+        """Return the line fitted: variance at a signal above the bias, both in ADU."""
         line = [_abscissa(float(s), self.linearity) for s in np.ravel(signal)]
         slope, read = _kept(self.coupling) / self.gain, self.read_noise / self.gain
         return np.reshape(np.array(line) * slope + read**2, np.shape(signal))
@@ -126,7 +126,7 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
     x = np.array([_abscissa(level.signal, linearity) for level in used])
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
     if len(used) == 1:
-        problem = f"one level of light, {used[0].signal:.5g} ADU, does not tell gain from read noise"
+        problem = f"one level of light, {used[0].signal:.5g} ADU, does not separate gain from read noise"
         raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; give --bias, or flats of another exposure.")
     (slope, start), covariance, chi2, freedom = _line(x, y, e)
     if not slope > 0:
@@ -134,10 +134,10 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
         remedy = "check that these are flats, as they were read"
         raise ConfigurationError(ErrorCode.IMPLAUSIBLE, f"{problem}; {remedy}.")
     coupling, coupling_error = _coupling(used, x, slope)
-    doubts = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]
-    doubts += [8 * coupling_error] if coupling else []
+    errors = [covariance[0, 0] ** 0.5 / slope, *_of_bends(used, linearity, slope)]
+    errors += [8 * coupling_error] if coupling else []
     gain = _kept(coupling) / slope
-    gain_error = gain * math.hypot(*doubts)
+    gain_error = gain * math.hypot(*errors)
     noise = max(start, 0.0) ** 0.5
     noise_error = gain * covariance[1, 1] ** 0.5 / (2 * noise) if noise else math.nan
     transfer = PhotonTransfer(
@@ -169,7 +169,7 @@ def mark_saturated(levels: Sequence[Level]) -> list[Level]:
 
 
 def _share(before: Sequence[Level], level: Level) -> float:
-    """Variance over what the line through the levels before foretells, and its errors."""
+    """Return the variance over what the line through the levels before predicts, and its errors."""
     x, y, e = np.array([(o.signal, o.variance, o.variance_error) for o in before]).T
     (slope, start), covariance, *_ = _line(x, y, e)
     foretold = slope * level.signal + start
@@ -196,7 +196,7 @@ def _abscissa(signal: float, linearity: Linearity | None) -> float:
 
 
 def _of_bends(used: list[Level], linearity: Linearity | None, slope: float) -> list[float]:
-    """By how much, relatively, the slope turns with the error of each coefficient of the law."""
+    """Return the relative change of the slope with the error of each coefficient of the law."""
     if linearity is None:
         return []
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
@@ -232,7 +232,7 @@ def _coupling(used: list[Level], x: np.ndarray, slope: float) -> tuple[float, fl
 
 
 def _kept(coupling: float) -> float:
-    """Share of a pixel's shot-noise variance that coupling leaves it."""
+    """Return the share of a pixel's shot-noise variance that coupling leaves it."""
     return (1 - 4 * coupling) ** 2 + 4 * coupling**2
 
 

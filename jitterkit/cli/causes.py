@@ -40,8 +40,8 @@ def causes(
 
     Prints the error of each cause in one frame, if the others are known and if none is; which of them one
     frame cannot distinguish; and the errors with further data, from the cheapest to the most expensive, by
-    the expected Fisher information. A cause is told where its error is below the target, not told where it is
-    as large as the cause.
+    the expected Fisher information. A cause is determined where its error is below the target, and
+    undetermined where it is as large as the cause.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def causes(
     goal, known = _share(target, "--target"), _share(telemetry, "--telemetry")
     sizes = jitter.size_values()
     prepare_jax()
-    from jitterkit.forecast.causes import tell_causes
-    from jitterkit.forecast.causes_data import Offer, further_data
+    from jitterkit.forecast.causes import forecast_causes
+    from jitterkit.forecast.causes_data import FollowUp, further_data
     from jitterkit.instruments import load_instrument
     from jitterkit.report.causes_plots import plot_causes
     from jitterkit.report.causes_text import causes_sentences, causes_table, data_table, remedy_sentence
@@ -78,8 +78,8 @@ def causes(
         sizes = {"sigma_major": _USUAL * telescope.plate_scale} | sizes
     locus = build_locus(jitter.locus, sizes)
     setting = _setting(telescope, pair.parameters(telescope), locus, diffusion, seeing, aberration or [])
-    found = tell_causes(replace(setting, hold=options.held(background)), locus)
-    sets = further_data(found, Offer(frames=frames, telemetry=known, diversity=refocus))
+    found = forecast_causes(replace(setting, hold=options.held(background)), locus)
+    sets = further_data(found, FollowUp(frames=frames, telemetry=known, diversity=refocus))
     table, remedy = data_table(found, sets), remedy_sentence(found, sets, goal)
     sentences = causes_sentences(found)
     print_table(causes_table(found, goal), align="<")

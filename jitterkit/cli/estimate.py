@@ -130,7 +130,7 @@ def estimate(
     from jitterkit.report.table import write_table
     from jitterkit.run.estimate import estimate_files
 
-    measurer: Any
+    blur_estimator: Any
     metadata = detector.metadata()
     if replaced or blind:
         from jitterkit.batch.scene_blur import SceneBlurEstimator
@@ -139,8 +139,8 @@ def estimate(
         if str(reference) == _ROUNDEST:
             sharp, stars = sharpest(paths, hdu), True
             log(f"{sharp.name} is the roundest and serves as reference")
-        measurer = SceneBlurEstimator(sharp, stars, estimator or "blind", metadata)
-        measurer.check(paths, hdu)
+        blur_estimator = SceneBlurEstimator(sharp, stars, estimator or "blind", metadata)
+        blur_estimator.check(paths, hdu)
     else:
         from jitterkit.batch import FrameProcessor
         from jitterkit.batch.template_blur import TemplateBlurEstimator
@@ -151,10 +151,10 @@ def estimate(
         error = options.parse_model_error(model_error)
         fit = FitOptions(hold=options.held(background), model_error=error)
         processor = FrameProcessor(telescope, metadata, kernel=estimator or "score", scene=scene, options=fit)
-        measurer = TemplateBlurEstimator(processor)
+        blur_estimator = TemplateBlurEstimator(processor)
     write = exports.products(overwrite).write
     with progress_bar(len(paths), "files") as advance:
-        table = estimate_files(paths, measurer, hdu=hdu, watch=advance, keep=write)
+        table = estimate_files(paths, blur_estimator, hdu=hdu, watch=advance, keep=write)
     if output is not None:
         write_table(output, table, overwrite=overwrite)
     print_table(table[[name for name in table.colnames if _is_printed(name, table[name])]])

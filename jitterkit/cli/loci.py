@@ -123,7 +123,7 @@ def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, An
 
     refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
     with naming(path):
-        t, x, y = read_trace(path, tell=log)
+        t, x, y = read_trace(path, log=log)
         trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
     duration = float(t[-1] - t[0])
     if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over

@@ -74,7 +74,7 @@ def motion(
     from jitterkit.report.motion_table import motion_sentences, motion_table
 
     telescope = load_instrument(instrument)
-    moved = read_motion(file, kind=kind, rates=rates, tell=log)
+    moved = read_motion(file, kind=kind, rates=rates, log=log)
     seconds = telescope.exposure if exposure is None else exposure
     seconds = options.required(seconds, telescope, "exposure; give --exposure")
     assessed = assess_motion(moved, seconds, cadence=cadence, bandwidth=bandwidth)

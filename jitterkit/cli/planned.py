@@ -86,24 +86,24 @@ class Plan:
         """Fit some frames, and log what is expected of the settings that suit them."""
         from jitterkit.report.words import angle_size
         from jitterkit.trade.explain import explain
-        from jitterkit.trade.outlook import examples_of
         from jitterkit.trade.plan import Planner
+        from jitterkit.trade.worst_case import examples_of
 
         allowed, seconds = _parsed(self.tolerance, self.budget)
         log("fitting some frames to choose the settings ...")
         planner = Planner(*examples_of(files, processor, hdu))
         if allowed is not None:
             kind, size = allowed
-            plan = planner.cheapest(size * planner.outlook.sigma if kind == "error" else size)
+            plan = planner.cheapest(size * planner.worst_case.sigma if kind == "error" else size)
         elif seconds is not None:
             plan = planner.within(seconds)
         else:
             plan = planner.as_they_are()
         log(
             f"{1e3 * plan.seconds:.3g} ms per frame; the model's omissions may bias the separation by "
-            f"{angle_size(plan.loss, 2)}, at an error of {angle_size(planner.outlook.sigma)} per frame"
+            f"{angle_size(plan.loss, 2)}, at an error of {angle_size(planner.worst_case.sigma)} per frame"
         )
-        for sentence in explain(planner.outlook, plan) if self.explain else ():
+        for sentence in explain(planner.worst_case, plan) if self.explain else ():
             log(f"  {sentence}")
         return plan.settings
 

@@ -128,7 +128,7 @@ def _traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order:
     exposure = _exposure(telescope, "a --trace to move it")
     if not set(sizes) <= {"start"} or locus != "stable":
         trace_of(path, exposure, locus, sizes)  # refuses
-    t, x, y = read_trace(path, tell=log)
+    t, x, y = read_trace(path, log=log)
     begin = sizes.get("start", t[0] + _wait(telescope))
     with naming(path):
         return Pointing(Stable.of(), shutters=_following(telescope, (t, x, y), begin, row_order))
@@ -148,7 +148,7 @@ def shaken(
 
     from jitterkit.motion import PowerSpectrum, read_motion, simulate_exposures
 
-    motion = read_motion(path, kind=kind, tell=log)
+    motion = read_motion(path, kind=kind, log=log)
     if not isinstance(motion, PowerSpectrum):
         raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{path} is a trace; give it by --trace.")
     exposure = _exposure(telescope, "a --spectrum to shake it")
@@ -194,8 +194,8 @@ def _record(loci, means, exposure: float):
 
     traces = [_parts(locus)[0] for locus in loci]
     t = [exposure * (k + np.asarray(trace.times[:-1])) for k, trace in enumerate(traces)]
-    positions = [np.asarray(trace.places[:-1]) + mean for trace, mean in zip(traces, means, strict=True)]
-    end = np.asarray(traces[-1].places[-1:]) + means[-1]
+    positions = [np.asarray(trace.positions[:-1]) + mean for trace, mean in zip(traces, means, strict=True)]
+    end = np.asarray(traces[-1].positions[-1:]) + means[-1]
     x, y = np.concatenate([*positions, end]).T
     return np.append(np.concatenate(t), exposure * len(traces)), x, y
 

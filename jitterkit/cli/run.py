@@ -71,7 +71,7 @@ def _list_frames(run) -> None:
 
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
-    from jitterkit.report.sequence import describe_run_fit, say_loci
+    from jitterkit.report.sequence import describe_loci, describe_run_fit
     from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
     fitted = int(sum(run.table["status"] == "ok"))
@@ -88,7 +88,7 @@ def _echo_result(run) -> None:
     elif fitted:
         size = ellipse_size(jitter["major"], jitter["minor"])
         typer.echo(f"jitter, 1 sigma, {size} from {fitted} frames")
-    if loci := say_loci(run.summary["loci"]):
+    if loci := describe_loci(run.summary["loci"]):
         log(loci)
     if misfit := describe_run_fit(run.summary["fit"]):
         typer.echo(misfit)

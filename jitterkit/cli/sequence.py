@@ -78,18 +78,18 @@ def sequence(
     prepare_jax()
     from jitterkit.batch import FileExposures, FrameProcessor
     from jitterkit.instruments import load_instrument
-    from jitterkit.joint import Looker, SequenceOptions, refit_sequence
+    from jitterkit.joint import FrameFitter, SequenceOptions, refit_sequence
     from jitterkit.loci.trace_locus import read_trace
     from jitterkit.refit import Status
 
     processor = FrameProcessor(load_instrument(instrument), detector.metadata())
     exposures = FileExposures(files, processor, hdu=hdu, cadence=cadence)
     how = SequenceOptions(
-        laws=_laws(law or []),
+        time_models=_time_models(law or []),
         rolling=not global_shutter,
-        telemetry=None if telemetry is None else read_trace(telemetry, tell=log),
+        telemetry=None if telemetry is None else read_trace(telemetry, log=log),
     )
-    looker = Looker(
+    fitter = FrameFitter(
         exposures.optics,
         locus,
         options.held(background),
@@ -100,7 +100,7 @@ def sequence(
         known_light=processor.known_light,
     )
     with progress_bar(len(exposures.files), "files") as advance:
-        fit = refit_sequence(exposures, looker, how, lambda number, name: advance(f"pass {number}: {name}"))
+        fit = refit_sequence(exposures, fitter, how, lambda number, name: advance(f"pass {number}: {name}"))
     if not exposures.timed:
         log(
             "No header holds a time of day: the frames are used in the natural order of their names, without "
@@ -110,20 +110,20 @@ def sequence(
         log(exposures.overlap)
     _write_outputs(fit, output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
-    if not fit.combined.kept.all() or len(fit.messages) + duplicates < len(fit.records):
+    if not fit.combined.kept.all() or len(fit.summaries) + duplicates < len(fit.records):
         raise typer.Exit(SOME_FAILED)
 
 
-def _laws(texts: list[str]) -> dict[str, Any]:
-    from jitterkit.joint import parse_law
+def _time_models(texts: list[str]) -> dict[str, Any]:
+    from jitterkit.joint import parse_time_model
 
-    laws = {}
+    time_models = {}
     for text in texts:
         name, equals, words = text.partition("=")
         problem = f"--law {text!r} is not NAME=LAW; write, for example, aberrations=constant."
         refuse_if(not equals, ErrorCode.MALFORMED, problem)
-        laws[name.strip()] = parse_law(words.strip())
-    return laws
+        time_models[name.strip()] = parse_time_model(words.strip())
+    return time_models
 
 
 def _write_outputs(fit, output: Path, overwrite: bool) -> None:
@@ -155,6 +155,6 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames{scale}")
     if (right := summary["separation"]["corrected"]) == right:  # not NaN
         typer.echo(f"separation_corrected {with_error(right, fit.separation[1])} arcsec")
-    for sentence in joint_table.say_joint(summary):
+    for sentence in joint_table.describe_joint_fit(summary):
         log(sentence)
     log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

@@ -27,7 +27,7 @@ def as_interrupt() -> Iterator[None]:
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether the end was asked for; the second time it comes at once."""
+    """Yield a function that returns whether the end was requested; a second request ends at once."""
     interrupted = False
 
     def end(number: int, *_: Any) -> None:

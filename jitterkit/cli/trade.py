@@ -53,7 +53,7 @@ def trade(
     from jitterkit.report.trade_plots import plot_trade
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_scene
-    from jitterkit.trade import PRESETS, TradeScene, climb_ladder, front
+    from jitterkit.trade import PRESETS, TradeScene, front, measure_grid
     from jitterkit.trade.public import public_points
     from jitterkit.trade.table import trade_table
 
@@ -64,7 +64,7 @@ def trade(
     check_scene(binary, locus)
     scene = TradeScene.of(telescope, binary, locus, frames, np.random.default_rng(seed))
     points = []
-    for point in climb_ladder(telescope, scene, locus="auto" if jitter.locus == "stable" else jitter.locus):
+    for point in measure_grid(telescope, scene, locus="auto" if jitter.locus == "stable" else jitter.locus):
         numbers = f"{1e3 * point.seconds:.1f} ms per frame, error {point.error:.2g} of the least"
         log(f"{point.name}: {point.message or numbers}")
         points.append(point)

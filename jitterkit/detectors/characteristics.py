@@ -177,7 +177,7 @@ class Characteristics:
         True where a pixel is unusable, on the whole detector.
     sources : mapping, optional
         Where each number comes from, by its name; begin with a word of
-        :data:`jitterkit.frames.metadata.RANKS`.
+        :data:`jitterkit.frames.metadata.PRECEDENCE`.
     dark_current : float or map, optional
         e-/s; a hot pixel has more.
     flat : map, optional
@@ -255,7 +255,7 @@ class Characteristics:
         return self.sources.get(name, "argument Detector")
 
     def nominal(self, name: str) -> float | None:
-        """A number, or the median of a map, by its name; None where it is not known."""
+        """Return a number, or the median of a map, by its name; None where it is not known."""
         if name not in self._nominals:
             self._nominals[name] = nominal(getattr(self, name))
         return self._nominals[name]

@@ -169,7 +169,7 @@ def sourced_detector(preset: str, numbers: Mapping[str, tuple[float, str]]) -> D
 
 
 def imx183() -> Detector:
-    """The camera FLIR BFS-U3-200S6M; the module's introduction says what is known of it."""
+    """Return the camera FLIR BFS-U3-200S6M; the module's introduction says what is known of it."""
     return sourced_detector("imx183", _IMX183)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import RANKS, Known, Metadata
+from jitterkit.frames.metadata import PRECEDENCE, Metadata, Sourced
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.vision import median_filter
 
@@ -58,10 +58,10 @@ def in_counts(raw: RawFrame) -> RawFrame:
     if exposure is None or exposure.value == 0 or exposure.source.startswith(GUESSED):
         problem = f"has pixels in {unit} ({known.source}), and its exposure is not known"
         raise FrameError(ErrorCode.MISSING_VALUE, where, problem, "give --exposure, in s")
-    counted = Known(unit.removesuffix("/s"), "", f"{known.source} in {unit} times {exposure.source}")
+    counted = Sourced(unit.removesuffix("/s"), "", f"{known.source} in {unit} times {exposure.source}")
     metadata = raw.metadata.override(counted.source, unit=counted)
     bias = metadata.bias
-    if counted.value == "adu" and (bias is None or bias.rank >= RANKS.index("instrument file")):
+    if counted.value == "adu" and (bias is None or bias.precedence >= PRECEDENCE.index("instrument file")):
         metadata = metadata.override("argument, as the pixels are a rate", bias=0.0)
     variance = None if raw.variance is None else raw.variance * exposure.value**2
     return replace(raw, data=raw.data * exposure.value, variance=variance, metadata=metadata)
@@ -125,14 +125,14 @@ def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
     """
     said, source, good = metadata.read_noise, raw.variance_source, ~raw.mask
     variance = np.asarray(raw.variance)
-    if said is not None and said.rank <= RANKS.index("sidecar"):
+    if said is not None and said.precedence <= PRECEDENCE.index("sidecar"):
         return _without(raw, f"{source} is not used, as the read noise is given ({said.source})")
     if not good.any():
         return replace(raw, variance=None)
     raw, signal, gain = _signal(raw, metadata)
     rise = _rise(signal, variance, good)
     if rise is not None and rise > 0 and gain.source.startswith(GUESSED):
-        gain = Known(1 / rise, "e-/ADU", f"{source}, by its rise with the pixels")
+        gain = Sourced(1 / rise, "e-/ADU", f"{source}, by its rise with the pixels")
         raw = replace(raw, metadata=raw.metadata.override(gain.source, gain=gain))
     share = 1.0 if rise is None else rise * gain.value
     if share > _WRONG:
@@ -146,7 +146,7 @@ def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
     if level <= 0:
         problem = f"{raw.variance_source} is smaller than the photon noise of the pixels"
         return _without(raw, f"{problem} and is not used: check the gain and the units")
-    known = Known(level**0.5, "e-", source)
+    known = Sourced(level**0.5, "e-", source)
     return replace(raw, variance=variance, metadata=raw.metadata.override(source, read_noise=known))
 
 
@@ -154,19 +154,19 @@ def _without(raw: RawFrame, warning: str) -> RawFrame:
     return replace(raw, variance=None, metadata=raw.metadata.warn(warning))
 
 
-def _signal(raw: RawFrame, metadata: Metadata) -> tuple[RawFrame, np.ndarray, Known]:
-    """The frame, its pixels above the bias, and the gain that makes electrons of them."""
+def _signal(raw: RawFrame, metadata: Metadata) -> tuple[RawFrame, np.ndarray, Sourced]:
+    """Return the frame, its pixels above the bias, and the gain that makes electrons of them."""
     if raw.unit == "electron":
-        return raw, raw.data, Known(1.0, "", "header")
+        return raw, raw.data, Sourced(1.0, "", "header")
     bias, gain = metadata.bias, metadata.gain
     if bias is None or bias.source.startswith(GUESSED):
-        bias = Known(0.0, "ADU", "argument, as pixels with a variance are calibrated")
+        bias = Sourced(0.0, "ADU", "argument, as pixels with a variance are calibrated")
         raw = replace(raw, metadata=raw.metadata.override(bias.source, bias=bias))
-    return raw, raw.data - bias.value, gain or Known(1.0, "e-/ADU", "assumed")
+    return raw, raw.data - bias.value, gain or Sourced(1.0, "e-/ADU", "assumed")
 
 
 def _rise(signal: np.ndarray, variance: np.ndarray, good: np.ndarray) -> float | None:
-    """By how much the variance rises with the signal; None where the frame shows too little light."""
+    """Return the slope of the variance with the signal; None where the frame shows too little light."""
     level = float(np.median(signal[good]))
     smooth = median_filter(np.where(good, signal, level), 3)
     order = smooth[good]
@@ -194,7 +194,7 @@ def _smoothed(variance: np.ndarray, photons: np.ndarray, good: np.ndarray) -> np
 
 
 def _of_neighbours(image: np.ndarray) -> np.ndarray:
-    """For each pixel the median of 25 near it: of every second row and column, without its own."""
+    """Return for each pixel the median of 25 near it: of every second row and column, without its own."""
     ny, nx = image.shape
     padded = np.pad(image, ((0, ny % 2), (0, nx % 2)), mode="edge")
     found = np.empty_like(padded)

@@ -16,7 +16,7 @@ import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.response import measured
-from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Known, Metadata
+from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata, Sourced
 
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
 """What is taken where nobody says: a counter of electrons without noise."""
@@ -33,8 +33,8 @@ def supplement(metadata: Metadata, name: str, value: Any, source: str) -> Metada
 
     Of two sources of one rank the one already there is heard: a frame is nearer to itself.
     """
-    present: Known | None = getattr(metadata, name)
-    if present is not None and present.rank <= Known(value, "", source).rank:
+    present: Sourced | None = getattr(metadata, name)
+    if present is not None and present.precedence <= Sourced(value, "", source).precedence:
         return metadata
     return metadata.override(source, **{name: value})
 
@@ -50,20 +50,22 @@ def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
     name, level = ceiling(detector, metadata)
     # our own earlier word may rest on a gain that has been corrected since
     words = {detector.source(name) for name in ("saturation", "full_well", "bits")}
-    said = metadata.saturation is not None and metadata.saturation.source in words
-    metadata = replace(metadata, saturation=None) if said else metadata
+    stated = metadata.saturation is not None and metadata.saturation.source in words
+    metadata = replace(metadata, saturation=None) if stated else metadata
     return supplement(metadata, "saturation", None if math.isinf(level) else level, detector.source(name))
 
 
 def _with_line_time(detector: Characteristics, metadata: Metadata) -> Metadata:
-    told, order = detector.line_time, metadata.row_order
-    if told and not order:
+    stated, order = detector.line_time, metadata.row_order
+    if stated and not order:
         metadata = metadata.warn(ROWS_ARE_COLUMNS)
-    return supplement(metadata, "line_time", told * order if told else told, detector.source("line_time"))
+    return supplement(
+        metadata, "line_time", stated * order if stated else stated, detector.source("line_time")
+    )
 
 
 def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
-    """The lowest level that ends the range, ADU, and which of a detector's numbers sets it."""
+    """Return the lowest level that ends the range, ADU, and which of a detector's numbers sets it."""
     gain, noise, bias = (metadata.value(name) for name in ASSUMED)
     levels = {"saturation": detector.saturation if detector.saturation is not None else math.inf}
     levels["bits"] = detector.largest
@@ -78,9 +80,9 @@ def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
 
 
 def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray | float:
-    """A number of a frame: the detector's map where the metadata hold that map's nominal value."""
-    value, told = getattr(detector, name), metadata.value(name)
-    return value if np.ndim(value) and _same(told, detector.nominal(name)) else told
+    """Return a number of a frame: the detector's map where the metadata hold that map's nominal value."""
+    value, stated = getattr(detector, name), metadata.value(name)
+    return value if np.ndim(value) and _same(stated, detector.nominal(name)) else stated
 
 
 def sets_saturation(detector: Characteristics, metadata: Metadata) -> bool:

@@ -24,7 +24,7 @@ ONLY_MAPS = ("flat", "pixel_shift_x", "pixel_shift_y")
 
 
 def as_map(values: Any) -> Any:
-    """A map as an array of floats (those of 32 bits stay), a number as one, None as None."""
+    """Return a map as an array of floats (those of 32 bits stay), a number as one, None as None."""
     if values is None or np.ndim(values) == 0:
         return values
     array = np.asarray(values)
@@ -32,7 +32,7 @@ def as_map(values: Any) -> Any:
 
 
 def nominal(values: np.ndarray | float | None) -> float | None:
-    """The number that stands for a map: its median, of what is finite."""
+    """Return the number that stands for a map: its median, of what is finite."""
     if values is None or np.ndim(values) == 0:
         return None if values is None else float(values)
     finite = np.asarray(values)[np.isfinite(values)]

@@ -128,7 +128,7 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
 
 
 def _of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
-    """Electrons are another's work, and are taken as finished."""
+    """Take electrons as they are: another program has calibrated them."""
     level = _in_electrons(detector, metadata)
     variance = raw.variance
     if variance is None:
@@ -137,7 +137,7 @@ def _of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) 
 
 
 def _ends(detector: Characteristics, metadata: Metadata) -> tuple[float, float]:
-    """The ADU from which readings are not to be trusted, and the charge of a full well, e-.
+    """Return the ADU from which readings are not to be trusted, and the charge of a full well, e-.
 
     A well that is full is read rightly: with coupling it shows a lower reading than the well's, beside an
     empty neighbour, so that it is looked for in the charge.
@@ -168,7 +168,7 @@ def _piece(detector: Characteristics, name: str, raw: RawFrame) -> Values:
 
 
 def _bad(detector: Characteristics, raw: RawFrame) -> np.ndarray:
-    """Pixels that the maps call bad or dead."""
+    """Return the pixels that the maps call bad or dead."""
     bad = np.zeros(raw.shape, dtype=bool)
     if detector.bad_pixels is not None:
         bad |= np.asarray(_piece(detector, "bad_pixels", raw), dtype=bool)
@@ -176,7 +176,7 @@ def _bad(detector: Characteristics, raw: RawFrame) -> np.ndarray:
 
 
 def _believed(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Characteristics:
-    """The detector, without the converter and the full well that readings far above them prove wrong.
+    """Return the detector, without the converter and the full well that readings far above them prove wrong.
 
     They come from another camera then, or the gain is wrong: a header of a frame in electrons may have one
     from after it was converted.
@@ -206,7 +206,7 @@ def _flags(
 
 
 def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:
-    """The saturation level, e-; a header gives it in the unit of its own pixels."""
+    """Return the saturation level, e-; a header gives it in the unit of its own pixels."""
     saturation = metadata.saturation
     if saturation is None:
         return math.inf

@@ -90,7 +90,7 @@ def decouple(coupled: np.ndarray, share: float) -> np.ndarray:
 
 
 def decoupled_variance(variance: np.ndarray | float, share: float) -> np.ndarray | float:
-    """Variance of white noise after :func:`decouple`.
+    """Return the variance of white noise after :func:`decouple`.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def narrow(broadened: np.ndarray, coefficient: float) -> np.ndarray:
 
 
 def beside(mask: np.ndarray) -> np.ndarray:
-    """The four neighbours of the pixels of a mask (ny, nx), and the pixels themselves."""
+    """Return the four neighbours of the pixels of a mask (ny, nx), and the pixels themselves."""
     wide = np.pad(mask, 1)
     return mask | wide[:-2, 1:-1] | wide[2:, 1:-1] | wide[1:-1, :-2] | wide[1:-1, 2:]
 
@@ -193,16 +193,16 @@ def measured(charge: np.ndarray, coefficients: Sequence[float], top: float) -> n
 
 
 def slope(charge: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
-    """Derivative of :func:`measured` with respect to the charge; one at zero and below."""
+    """Return the derivative of :func:`measured` with respect to the charge; one at zero and below."""
     return _law(coefficients).deriv()(np.clip(charge, 0.0, top))
 
 
-def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
-    """The charge that is measured as given: the inverse of :func:`measured`.
+def collected(signal: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
+    """Return the charge that is measured as given: the inverse of :func:`measured`.
 
     Parameters
     ----------
-    measured_as : array
+    signal : array
         e-.
     coefficients, top
         As in :func:`measured`; the law must rise up to ``top``.
@@ -218,7 +218,7 @@ def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float
     bisection (Press et al., Numerical Recipes, 9.4).
     """
     law = _law(coefficients)
-    inside = np.clip(measured_as, 0.0, law(top))
+    inside = np.clip(signal, 0.0, law(top))
     low, high = np.zeros_like(inside), np.full_like(inside, top)
     charge = np.minimum(inside, top)
     for _ in range(_STEPS):
@@ -229,7 +229,7 @@ def collected(measured_as: np.ndarray, coefficients: Sequence[float], top: float
         before, charge = charge, np.where(outside, (low + high) / 2, stepped)
         if np.all(np.abs(charge - before) <= 2 * np.finfo(float).eps * top):
             break
-    return charge + (measured_as - inside) / law.deriv()(charge)
+    return charge + (signal - inside) / law.deriv()(charge)
 
 
 def turning_point(coefficients: Sequence[float]) -> float:

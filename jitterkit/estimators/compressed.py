@@ -36,8 +36,8 @@ _BENT = 0.2
 """What a change of the moments, as a share of them, adds to its effect in second order: 0.16 of it on
 TOLIMAN, for blurs of 0.1 to 0.2 arcsec rms at 1e6 to 4e7 photons."""
 
-_STEPS, _ARRIVED = 20, 1e-4
-"""Of a climb in the coordinates of a locus, at most; gain of a step in log-likelihood that is the last."""
+_STEPS, _CONVERGED = 20, 1e-4
+"""Largest number of steps in the coordinates of a locus; gain in log-likelihood at which they end."""
 
 
 class CompressedFit(NamedTuple):
@@ -80,9 +80,9 @@ class CompressedFit(NamedTuple):
         )
 
     def of_locus(self) -> np.ndarray:
-        """Covariance of the coordinates of the locus."""
-        slots = [self.names.index(name) for name in self.locus.names]
-        return self.covariance[np.ix_(slots, slots)]
+        """Return the covariance of the coordinates of the locus."""
+        indices = [self.names.index(name) for name in self.locus.names]
+        return self.covariance[np.ix_(indices, indices)]
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class CompressedLikelihood:
 
     @classmethod
     def of(cls, step: CumulantStep, covariance: np.ndarray | None = None) -> CompressedLikelihood | None:
-        """From a step of the orders :data:`ORDERS`, made where a fit has settled.
+        """Build from a step of the orders :data:`ORDERS`, taken where a fit has converged.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class CompressedLikelihood:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """What was fitted beside the moments."""
+        """Return the parameters that were fitted beside the moments."""
         return tuple(name for name in self.names if name not in Mvn.names)
 
     def fit(self, kind: type[Locus]) -> CompressedFit | None:
@@ -145,7 +145,7 @@ class CompressedLikelihood:
         if kind.cumulants is None and kind is not Shaped:
             return None
         try:
-            locus, change, slope = self._climb(kind)
+            locus, change, slope = self._scoring_loop(kind)
             names, covariance = self._covariance(locus, slope)
         except np.linalg.LinAlgError:
             return None
@@ -171,15 +171,15 @@ class CompressedLikelihood:
             follow,
         )
 
-    def _climb(self, kind: type[Locus]) -> tuple[Locus, np.ndarray, np.ndarray]:
-        """Where a locus fits best, the change of moments and cumulants to there, and its slope."""
+    def _scoring_loop(self, kind: type[Locus]) -> tuple[Locus, np.ndarray, np.ndarray]:
+        """Return the best-fitting locus, the change of moments and cumulants to it, and its slope."""
         score, curvature, _ = self._following
         locus = kind.near(self.normal.moments())
         change, slope = self._change(locus)
         for _ in range(_STEPS):
             uphill = slope.T @ (score - curvature @ change)
             step = np.linalg.solve(slope.T @ curvature @ slope, uphill)
-            if not step @ uphill > _ARRIVED:
+            if not step @ uphill > _CONVERGED:
                 break
             for _ in range(_STEPS):
                 there = locus.at(np.asarray(locus.coords) + step)
@@ -211,7 +211,7 @@ class CompressedLikelihood:
         return float(score @ change - 0.5 * change @ curvature @ change)
 
     def _covariance(self, locus: Locus, slope: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-        """Of everything that would be fitted with a locus, in the order of its names."""
+        """Return the covariance of all parameters fitted with a locus, in the order of its names."""
         beside, first = self.beside, self.names.index(Mvn.names[0])
         names = (*beside[:first], *locus.names, *beside[first:])
         turn = np.zeros((len(self.score), len(names)))
@@ -229,10 +229,10 @@ def shaped_blur(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str])
         As for :func:`~jitterkit.estimators.shape.fit_shape`; the step is of the orders :data:`ORDERS`.
     """
     compressed = CompressedLikelihood.of(step)
-    told = None if compressed is None else compressed.fit(Shaped)
-    if told is None or not told.left_out < CLOSE:
+    fitted = None if compressed is None else compressed.fit(Shaped)
+    if fitted is None or not fitted.left_out < CLOSE:
         return fit_shape(step, otf, data, hold)
-    return ShapedBlur(told.at(step.parameters, otf.names), told.of_locus())
+    return ShapedBlur(fitted.at(step.parameters, otf.names), fitted.of_locus())
 
 
 def _cumulant(locus: Locus, order: int) -> tuple[float, np.ndarray]:

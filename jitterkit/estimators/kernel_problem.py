@@ -25,16 +25,16 @@ from jitterkit.optics.otf import OTF
 
 _GRIDS = ((5, 1), (3, 2), (2, 4))
 """Nodes per pixel along each axis, and pixels on either side of the middle one: tried in turn until the
-kernel has room.  With 3 nodes a pixel, the moments of a drift of 0.225 arcsec are 9 % too large."""
+kernel fits.  With 3 nodes a pixel, the moments of a drift of 0.225 arcsec are 9 % too large."""
 
 _BORDER = 0.02
-"""Share of the light on the outermost nodes above which the kernel has no room."""
+"""Share of the light on the outermost nodes above which the kernel does not fit."""
 
 _RIDGE = 1e-11
 """Added to the curvature, as a share of its trace: what the data leave open stays small and the search for
 the maximum ends.  It moves the moments by less than a hundredth of an error."""
 
-_PATIENCE = 30
+_ITERATIONS_PER_NODE = 30
 """Steps of the search a node: ten times what SciPy allows, for frames without noise."""
 
 _FLOOR = 1e-3
@@ -68,7 +68,7 @@ def best_shares(problem: KernelProblem) -> np.ndarray:
     root = np.linalg.cholesky(problem.curvature)
     target = scipy.linalg.solve_triangular(root, problem.pull, lower=True)
     try:
-        shares, _ = scipy.optimize.nnls(root.T, target, maxiter=_PATIENCE * len(target))
+        shares, _ = scipy.optimize.nnls(root.T, target, maxiter=_ITERATIONS_PER_NODE * len(target))
     except RuntimeError as error:
         message = "The search for a kernel does not end: too little of the frame is left; mask less of it."
         raise UndeterminedError(ErrorCode.NOT_CONVERGED, message) from error
@@ -84,7 +84,7 @@ class _Nodes(NamedTuple):
     reach: int
 
     def trim(self, image) -> np.ndarray:
-        """Pixels to which every shift brings light from within the frame."""
+        """Return the pixels to which every shift brings light from within the frame."""
         return _trimmed(np.asarray(image), self.reach)
 
 
@@ -113,12 +113,12 @@ def solve_kernel(
     Raises
     ------
     UndeterminedError
-        If the kernel has no room on the largest grid: a blur of several pixels, or none to be seen.
+        If the kernel does not fit on the largest grid: a blur of several pixels, or none to be seen.
     """
     for per_pixel, reach in _GRIDS:
         if min(otf.grid.shape) <= 4 * reach:
             break
-        nodes = _place(template, otf, per_pixel, reach)
+        nodes = _shifted_templates(template, otf, per_pixel, reach)
         problem, best = _problem(data, nodes, np.asarray(background_of(template, otf.grid)))
         if best.sum() > 0 and _border(best) < _BORDER:
             return _summary(solver(problem), _response(problem, best), nodes, method)
@@ -129,19 +129,21 @@ def solve_kernel(
     )
 
 
-def _place(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes:
-    """The template at every node: evaluated at each place within a pixel, and moved by whole pixels."""
+def _shifted_templates(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes:
+    """The template at every node: evaluated at each position within a pixel, and moved by whole pixels."""
     side, scale = per_pixel * (2 * reach + 1), otf.grid.plate_scale
     steps = np.arange(side) - (side - 1) / 2  # in nodes
     whole = np.rint(steps / per_pixel).astype(int)
-    places = np.round(steps / per_pixel - whole, 9).tolist()  # within a pixel
+    fractions = np.round(steps / per_pixel - whole, 9).tolist()  # within a pixel
     images = {
-        (j, i): _displaced(template, otf, i * scale, j * scale) for j in set(places) for i in set(places)
+        (j, i): _displaced(template, otf, i * scale, j * scale)
+        for j in set(fractions)
+        for i in set(fractions)
     }
     rows = [
         _trimmed(np.roll(images[j, i], (q, p), (0, 1)), reach).ravel()
-        for j, q in zip(places, whole, strict=True)
-        for i, p in zip(places, whole, strict=True)
+        for j, q in zip(fractions, whole, strict=True)
+        for i, p in zip(fractions, whole, strict=True)
     ]
     y, x = np.meshgrid(steps, steps, indexing="ij")
     offsets = np.stack([x.ravel(), y.ravel()], axis=1) * scale / per_pixel
@@ -149,7 +151,7 @@ def _place(template: Parameters, otf: OTF, per_pixel: int, reach: int) -> _Nodes
 
 
 def _displaced(template: Parameters, otf: OTF, x: float, y: float) -> np.ndarray:
-    """The sharp template (ny, nx), without background, moved by ``x, y`` arcsec."""
+    """Return the sharp template (ny, nx), without background, moved by ``x, y`` arcsec."""
     scene = template.scene.shifted(x, y)
     still = Parameters(
         scene, Stable.of(), template.aberrations, diffusion=template.diffusion, shutter=template.shutter
@@ -184,7 +186,7 @@ def _problem(data: Data, nodes: _Nodes, background: np.ndarray) -> tuple[KernelP
 
 
 def _border(shares: np.ndarray) -> float:
-    """Share of the light on the outermost nodes."""
+    """Return the share of the light on the outermost nodes."""
     side = int(np.sqrt(len(shares)))
     square = shares.reshape(side, side)
     return 1 - float(square[1:-1, 1:-1].sum() / square.sum())
@@ -203,7 +205,7 @@ def _summary(shares: np.ndarray, response: np.ndarray, nodes: _Nodes, method: st
 
 
 def _response(problem: KernelProblem, best: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) of the best shares, by linear response: those at zero stay there."""
+    """Return the covariance (n, n) of the best shares, by linear response: those at zero stay there."""
     alive = np.flatnonzero(best)
     response = np.zeros_like(problem.curvature)
     response[np.ix_(alive, alive)] = np.linalg.inv(problem.curvature[np.ix_(alive, alive)])

@@ -27,7 +27,7 @@ _WINDOWS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
 _STEPS = 12
 """At most; five suffice where the window suits the blur."""
 
-_SETTLED = 0.02
+_CONVERGED = 0.02
 """Step, in standard errors, that ends them."""
 
 
@@ -40,10 +40,10 @@ def estimate_moments(
     ----------
     data : Data
     template : Parameters
-        Scene and aberrations; its locus is ignored.  Its place and flux need not be exact.
+        Scene and aberrations; its locus is ignored.  Its position and flux need not be exact.
     otf : OTF
     hold : collection of str
-        For the sake of a common signature: all but blur, place and flux is held at the template's values.
+        For the sake of a common signature: all but blur, position and flux is held at the template's values.
 
     Returns
     -------
@@ -62,9 +62,9 @@ def estimate_moments(
     200 times with the widest, which in turn is within 1 % for a drift up to 1.5 arcsec, 3 % at 3.
     Masked pixels count in neither image.
     """
-    place = template.with_locus(Mvn.near(jnp.zeros(3)))
-    window = _chosen(_windows(place, data, otf), _Point.at(place, data, otf), data, otf)
-    vector, unravel = to_vector(place)
+    start = template.with_locus(Mvn.near(jnp.zeros(3)))
+    window = _chosen(_windows(start, data, otf), _Point.at(start, data, otf), data, otf)
+    vector, unravel = to_vector(start)
     values = np.array(vector)
     for _ in range(_STEPS):
         point = _Point.at(unravel(values), data, otf)
@@ -72,7 +72,7 @@ def estimate_moments(
         values[list(point.free)] += step
         if not np.all(np.isfinite(values)) or abs(step[2]) > abs(values[point.free[2]]):
             break
-        if np.all(np.abs(step) < _SETTLED * np.sqrt(np.diag(covariance))):
+        if np.all(np.abs(step) < _CONVERGED * np.sqrt(np.diag(covariance))):
             return KernelEstimate(values[list(point.free[3:])], covariance[3:, 3:], "moments")
     problem = "No blur gives the template the second moments of the frame"
     remedy = "check the template's scene, or use the score estimator where the frame is faint"
@@ -119,7 +119,7 @@ class _Point(NamedTuple):
 
 
 def _windows(template: Parameters, data: Data, otf: OTF) -> list[np.ndarray]:
-    """For each window, weights (6, n) of the light and its first and second moments under it."""
+    """Return the weights (6, n) of the light and its first and second moments under each window."""
     used = np.asarray(data.used)
     y, x = ((np.arange(n) - (n - 1) / 2) * otf.grid.plate_scale for n in used.shape)
     xs, ys, _ = (np.asarray(s) for s in template.scene.sources())
@@ -134,7 +134,7 @@ def _windows(template: Parameters, data: Data, otf: OTF) -> list[np.ndarray]:
 
 
 def _chosen(windows: list[np.ndarray], sharp: _Point, data: Data, otf: OTF) -> np.ndarray:
-    """The window with the least noise; with the least mean square error, where it sees a blur."""
+    """Return the window with the least noise; with the least mean square error, where it sees a blur."""
     steps, covariances = zip(*(sharp.step(window) for window in windows), strict=True)
     noise = np.array([np.trace(covariance[3:, 3:]) for covariance in covariances])
     least = int(np.argmin(noise))

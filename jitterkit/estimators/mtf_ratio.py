@@ -6,7 +6,7 @@ The logarithm of a blur's transfer function by powers of its moments Σ, to the 
 k decides them (see ``Shaped``; for positive k there is a closed form).  While k does not matter it is a
 straight line in Σ: no starting value, and no iteration but of the weights; two to three milliseconds a
 frame.  It attains 1.6 times the Cramér-Rao bound, because the noise is taken for even over the frame and
-phases are not used.  The template's separation, angle and contrast must be right (its place too, where
+phases are not used.  The template's separation, angle and contrast must be right (its position too, where
 pixels are masked); aberrations it lacks are taken for jitter.
 """
 
@@ -22,7 +22,7 @@ from scipy import fft
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.estimators.shape import doubted, is_decisive
+from jitterkit.estimators.shape import inflate_covariance, is_decisive
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -145,7 +145,7 @@ class _Ratio(NamedTuple):
         Of the windowed pixels.
     squares : (3, n) array
         ``w`` is their product with the moments.
-    slots : (n,) int array
+    indices : (n,) int array
         Where the frequencies lie among those of ``rfft2``.
     """
 
@@ -154,36 +154,36 @@ class _Ratio(NamedTuple):
     noise: float
     variance: np.ndarray
     squares: np.ndarray
-    slots: np.ndarray
+    indices: np.ndarray
 
     @classmethod
     def of(cls, counts, variance, sharp, plate_scale: float) -> _Ratio:
-        """From a frame, its variance and its sharp template, all (ny, nx)."""
-        window, squares, slots = _geometry(counts.shape, plate_scale)
+        """Compute the ratio from a frame, its variance and its sharp template, all (ny, nx)."""
+        window, squares, indices = _geometry(counts.shape, plate_scale)
         variance = variance * window**2
         noise = float(variance.sum())
-        frame, template = (fft.rfft2(image * window).ravel()[slots] for image in (counts, sharp))
+        frame, template = (fft.rfft2(image * window).ravel()[indices] for image in (counts, sharp))
         power, reference = np.abs(frame) ** 2 - noise, np.abs(template) ** 2
         # a blur only takes power away; a factor of two is left for the flux
         some = np.flatnonzero((power > 0) & (2 * reference > _LEAST_SNR * noise))
         log_ratio = np.log(power[some] / reference[some])
-        return cls(log_ratio, template[some], noise, variance, squares[:, some], slots[some])
+        return cls(log_ratio, template[some], noise, variance, squares[:, some], indices[some])
 
 
 @lru_cache(maxsize=4)
 def _geometry(shape: tuple[int, int], plate_scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Window (ny, nx), derivatives of w (3, n) and the slots (n,) of the band: the same for every frame."""
+    """Window (ny, nx), derivatives of w (3, n) and the indices (n,) of the band: the same for every frame."""
     axes = fft.fftfreq(shape[0], plate_scale), fft.rfftfreq(shape[1], plate_scale)
     fy, fx = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     radius = np.hypot(fx, fy) * 2 * plate_scale
-    slots = np.flatnonzero((radius > _BAND[0]) & (radius < _BAND[1]))
-    fx, fy = fx[slots], fy[slots]
+    indices = np.flatnonzero((radius > _BAND[0]) & (radius < _BAND[1]))
+    fx, fy = fx[indices], fy[indices]
     squares = 4 * np.pi**2 * np.stack([fx**2, 2 * fx * fy, fy**2])
-    return np.outer(*(hann(n, sym=False) for n in shape)), squares, slots
+    return np.outer(*(hann(n, sym=False) for n in shape)), squares, indices
 
 
 def _estimate(ratio: _Ratio) -> KernelEstimate:
-    """Moments with a normal's shape, or with their own where the spectra tell it."""
+    """Return the moments with a normal's shape, or with their own where the spectra tell it."""
     normal, pull, _ = _fit(ratio, np.zeros(4), _STEPS)
     covariance = _propagate(pull, ratio)
     if not is_detected(normal[1:], covariance):
@@ -191,7 +191,7 @@ def _estimate(ratio: _Ratio) -> KernelEstimate:
     solution, pull, metric = _fit(ratio, np.append(normal, 0.0), 1)
     shape, error = float(solution[4]), float(np.sqrt(_propagate(pull[3:], ratio)[0, 0]))
     if not is_decisive(error):
-        covariance = doubted(covariance, -metric[1:4, 4] / metric[4, 4])
+        covariance = inflate_covariance(covariance, -metric[1:4, 4] / metric[4, 4])
         return KernelEstimate(normal[1:], covariance, "mtf", shape=shape, shape_err=error)
     solution, pull, _ = _fit(ratio, solution, _STEPS)
     covariance = _propagate(pull, ratio)
@@ -207,7 +207,7 @@ def _estimate(ratio: _Ratio) -> KernelEstimate:
 
 
 def _of_known_shape(ratio: _Ratio, shape: float) -> KernelEstimate:
-    """Moments with a shape that is given."""
+    """Return the moments with a shape that is given."""
     normal, *_ = _fit(ratio, np.zeros(4), _STEPS)
     solution, pull, _ = _fit(ratio, normal, _STEPS, shape)
     locus = Shaped(jnp.append(jnp.asarray(solution[1:]), shape))
@@ -250,7 +250,7 @@ def _fit(
 def _model(
     solution: np.ndarray, w: np.ndarray, squares: np.ndarray, shape: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``y`` (n,) and its derivatives (4 or 5, n) by the parameters, the shape among them or given."""
+    """Return ``y`` (n,) and its derivatives (4 or 5, n) by the parameters, the shape among them or given."""
     shape = float(solution[4]) if len(solution) > 4 else shape
     if shape > _HEAVY:
         z = np.maximum(1 + shape * w / 6, 0.5)
@@ -266,7 +266,7 @@ def _model(
 
 
 def _propagate(pull: np.ndarray, ratio: _Ratio) -> np.ndarray:
-    """Covariance of the estimate from the variance of each windowed pixel.
+    """Return the covariance of the estimate from the variance of each windowed pixel.
 
     To first order ``dy = 2 Re(dD/D)``, so the estimate is a linear function of the pixels, and its
     weight on each of them is a Fourier transform of the pull of the frequencies.  Unlike the fit's
@@ -274,7 +274,7 @@ def _propagate(pull: np.ndarray, ratio: _Ratio) -> np.ndarray:
     """
     ny, nx = ratio.variance.shape
     half = np.zeros((len(pull), ny * (nx // 2 + 1)), np.complex64)  # an error needs no sixteen digits
-    half[:, ratio.slots] = pull.conj()
+    half[:, ratio.indices] = pull.conj()
     half = half.reshape(len(pull), ny, -1)
     # irfft2 adds the mirror image of every frequency but of those that are their own
     half[:, :, 0] += _mirrored(half[:, :, 0])

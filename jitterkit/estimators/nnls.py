@@ -20,7 +20,7 @@ def estimate_nnls(
     ----------
     data : Data
     template : Parameters
-        Scene and aberrations; its locus is ignored.  Its place and flux need not be exact.
+        Scene and aberrations; its locus is ignored.  Its position and flux need not be exact.
     otf : OTF
     hold : collection of str
         For the sake of a common signature: everything but the kernel is held at the template's values.
@@ -33,12 +33,11 @@ def estimate_nnls(
     Raises
     ------
     UndeterminedError
-        If the kernel has no room: a blur of several pixels, or a frame too faint.
+        If the kernel does not fit: a blur of several pixels, or a frame too faint.
 
-    Notes
-    -----
-    A kernel that cannot be negative has no negative moments: with no blur in the frame, the mean of the
-    estimates lies above zero by about their error.  The kernel itself is a few spikes: it draws a
-    smooth motion as the dots that cannot be told from it (:func:`estimate_richardson_lucy` draws it smooth).
+    Notes ----- A kernel that cannot be negative has no negative moments: with no blur in the frame, the mean
+    of the estimates lies above zero by about their error.  The kernel itself is a few spikes: it draws a
+    smooth motion as the dots that cannot be distinguished from it (:func:`estimate_richardson_lucy` draws it
+    smooth).
     """
     return solve_kernel(data, template, otf, best_shares, "nnls")

@@ -34,7 +34,7 @@ def estimate_richardson_lucy(
     ----------
     data : Data
     template : Parameters
-        Scene and aberrations; its locus is ignored.  Its place and flux need not be exact.
+        Scene and aberrations; its locus is ignored.  Its position and flux need not be exact.
     otf : OTF
     hold : collection of str
         For the sake of a common signature: everything but the kernel is held at the template's values.
@@ -47,7 +47,7 @@ def estimate_richardson_lucy(
     Raises
     ------
     UndeterminedError
-        If the kernel has no room: a blur of several pixels, or a frame too faint.
+        If the kernel does not fit: a blur of several pixels, or a frame too faint.
 
     Notes
     -----

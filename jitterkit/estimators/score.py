@@ -15,13 +15,13 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.compressed import ORDERS, shaped_blur
-from jitterkit.estimators.shape import CumulantStep, doubted, fit_known_shape, is_decisive
+from jitterkit.estimators.shape import CumulantStep, fit_known_shape, inflate_covariance, is_decisive
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn, Shaped
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import climb_a_little
+from jitterkit.scoring import fisher_scoring_without_prior
 
 
 def estimate_score(
@@ -73,7 +73,7 @@ def estimate_score(
     two tones.
     """
     start = template.with_locus(Mvn.near(jnp.zeros(3)))
-    (normal, *_), covariance = climb_a_little(start, otf, data, hold, steps)
+    (normal, *_), covariance = fisher_scoring_without_prior(start, otf, data, hold, steps)
     if not np.all(np.isfinite(covariance)):
         problem = "The frame does not determine its parameters; hold some, or mask less of it."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
@@ -109,12 +109,14 @@ def estimate_from_normal(
     if not is_detected(moments, covariance):
         return KernelEstimate(moments, covariance, "score"), normal
     step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data, ORDERS)
-    told, blur = step.shape(), None
-    if is_decisive(told.error):
+    found, blur = step.shape(), None
+    if is_decisive(found.error):
         blur = shaped_blur(step, otf, data, hold)
     if blur is None:
-        covariance = doubted(covariance, np.array([told.response[name] for name in Shaped.names[:3]]))
-        shape, error = told.kurtosis, told.error
+        covariance = inflate_covariance(
+            covariance, np.array([found.response[name] for name in Shaped.names[:3]])
+        )
+        shape, error = found.kurtosis, found.error
         return KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error), normal
     moments, covariance = np.asarray(blur.locus.moments()), blur.covariance[:3, :3]
     shape, error = blur.kurtosis, blur.kurtosis_err

@@ -5,7 +5,7 @@ kurtosis one wants that a normal describes.  :func:`fit_shape` fits that kurtosi
 blur whose kurtosis is known.  The excess kurtosis enters an image by the square of the blur: while the blur
 is small it is unknown and does little harm; once the frame tells it, leaving it out biases the moments.
 :func:`is_decisive` draws the border by the error of the kurtosis, not by its value, so that no frame is
-picked by its noise; below it :func:`doubted` adds to the errors what the shape might do.
+picked by its noise; below it :func:`inflate_covariance` adds the possible effect of the shape to the errors.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from jitterkit.loci import Locus, Mvn, Shaped
 from jitterkit.loci.cumulants import CUMULANTS, WithCumulants, cumulant_names, form_cumulants
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import climb_a_little
+from jitterkit.scoring import fisher_scoring_without_prior
 
 _DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
@@ -38,7 +38,7 @@ _KURTOSIS = Shaped.names[-1]
 
 
 class Shape(NamedTuple):
-    """What one scoring step from a normal says about the shape of a blur.
+    """Hold the shape of a blur by one scoring step from a normal.
 
     Attributes
     ----------
@@ -72,22 +72,22 @@ class ShapedBlur(NamedTuple):
 
     @property
     def locus(self) -> Locus:
-        """The blur itself."""
+        """Return the blur itself."""
         return self.parameters.locus
 
     @property
     def kurtosis(self) -> float:
-        """Excess kurtosis."""
+        """Return the excess kurtosis."""
         return float(self.locus.coords[3])
 
     @property
     def kurtosis_err(self) -> float:
-        """Its standard error; zero if it was known."""
+        """Return the standard error of the kurtosis; zero if it was known."""
         return float(np.sqrt(self.covariance[3, 3])) if len(self.covariance) > 3 else 0.0
 
 
 class LackOfFit(NamedTuple):
-    """What is left in an image of its blur's higher cumulants.
+    """Hold the test of the higher cumulants that a blur lacks.
 
     Attributes
     ----------
@@ -132,13 +132,13 @@ class CumulantStep:
         data: Data,
         orders: tuple[int, ...] = (3, 4),
     ) -> CumulantStep:
-        """From where a fit of the parameters with some names ended, and the optics expanded near there."""
+        """Take the step from the end of a fit of some parameters, with the optics expanded near it."""
         wider = parameters.with_locus(WithCumulants(parameters.locus, orders))
         every, asked = parameter_names(wider, otf.names), map(cumulant_names, orders)
         order = [every.index(name) for name in chain(names, *asked)]
         free = tuple(sorted(order))
         equations = normal_equations(wider, otf, data, free, exact=False)
-        back = [free.index(place) for place in order]
+        back = [free.index(index) for index in order]
         return cls(
             parameters,
             names,
@@ -147,7 +147,7 @@ class CumulantStep:
         )
 
     def shape(self) -> Shape:
-        """Excess kurtosis of a blur that was fitted with a normal, everything free beside it.
+        """Return the excess kurtosis of a blur that was fitted with a normal, everything free beside it.
 
         Its fourth cumulants are the kurtosis times what the second moments make of them.
 
@@ -156,14 +156,14 @@ class CumulantStep:
         ConfigurationError
             If the locus is no normal, or one of its moments was held.
         """
-        slot, turn = self._to_shaped()
+        index, turn = self._to_shaped()
         covariance, _ = invert_information(self.information_of_shaped())
-        mine, called = covariance[slot], dict(zip(Mvn.names, Shaped.names, strict=False))
+        mine, called = covariance[index], dict(zip(Mvn.names, Shaped.names, strict=False))
         names = [called.get(name, name) for name in self.names]
-        names.insert(slot, _KURTOSIS)
+        names.insert(index, _KURTOSIS)
         # what is fitted beside it follows the kurtosis by the regression that the covariance describes
-        response = dict(zip(names, map(float, -mine / mine[slot]), strict=True))
-        return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[slot])), response)
+        response = dict(zip(names, map(float, -mine / mine[index]), strict=True))
+        return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[index])), response)
 
     def information_of_shaped(self) -> np.ndarray:
         """Information about what was fitted and the excess kurtosis, in the order of ``Shaped``."""
@@ -171,15 +171,17 @@ class CumulantStep:
         return turn @ self.information @ turn.T
 
     def _to_shaped(self) -> tuple[int, np.ndarray]:
-        """Where the kurtosis stands in a fit with ``Shaped``, and what it and the rest change, by rows."""
+        """Return the index of the kurtosis in a fit with ``Shaped``, and the changes by all, by rows."""
         held = [name for name in Mvn.names if name not in self.names]
         if held:
-            problem = f"The shape of a blur is told beside its second moments: do not hold {held[0]!r}."
+            problem = (
+                f"The shape of a blur is fitted together with its second moments: do not hold {held[0]!r}."
+            )
             raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
-        size, slot = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
-        turn = np.insert(np.eye(size, len(self.score)), slot, 0.0, axis=0)
-        turn[slot, size + 4 : size + 9], _ = form_cumulants(self.parameters.locus.moments(), 2)
-        return slot, turn
+        size, index = len(self.names), 1 + max(self.names.index(name) for name in Mvn.names)
+        turn = np.insert(np.eye(size, len(self.score)), index, 0.0, axis=0)
+        turn[index, size + 4 : size + 9], _ = form_cumulants(self.parameters.locus.moments(), 2)
+        return index, turn
 
     def lack_of_fit(self) -> LackOfFit:
         """Test whether the frame wants higher cumulants than the fitted locus has.
@@ -197,9 +199,9 @@ class CumulantStep:
         size = len(self.names)
         kept, asked = slice(size), slice(size, size + len(CUMULANTS))
         beside = np.linalg.solve(self.information[kept, kept], self.information[kept, asked])
-        told = self.information[asked, asked] - self.information[asked, kept] @ beside
+        remaining = self.information[asked, asked] - self.information[asked, kept] @ beside
         slope = self.score[asked] - beside.T @ self.score[kept]
-        chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(told), slope) ** 2))
+        chi2 = float(np.sum(np.linalg.solve(np.linalg.cholesky(remaining), slope) ** 2))
         return LackOfFit(float(scipy.stats.chi2.sf(chi2, len(slope))), chi2)
 
 
@@ -219,19 +221,19 @@ def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = 
     Returns
     -------
     blur : ShapedBlur or None
-        None where no such blur fits (the climb does not settle), or the frame does not determine it.
+        None where no such blur fits (the iteration does not converge), or the frame does not determine it.
     """
-    return _settle(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
+    return _fit_shape(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
 
 
 def fit_known_shape(
     normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str] = ()
 ) -> ShapedBlur | None:
-    """As :func:`fit_shape`, from a fitted normal and with the excess kurtosis held."""
-    return _settle(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
+    """Fit a blur as :func:`fit_shape` does, from a fitted normal and with the excess kurtosis held."""
+    return _fit_shape(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
 
 
-def _settle(
+def _fit_shape(
     normal: Parameters,
     kurtosis: float,
     otf: OTF,
@@ -240,13 +242,13 @@ def _settle(
     known: np.ndarray | None = None,
 ) -> ShapedBlur | None:
     start = Shaped(np.append(np.asarray(normal.locus.moments()), kurtosis))
-    end, covariance = climb_a_little(normal.with_locus(start), otf, data, hold, _STEPS, known)
+    end, covariance = fisher_scoring_without_prior(normal.with_locus(start), otf, data, hold, _STEPS, known)
     settled = bool(end.converged) and np.all(np.isfinite(covariance))
     return ShapedBlur(end.parameters, covariance) if settled else None
 
 
-def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """Covariance (3, 3) of moments fitted with a normal's shape, with what another shape would do to them.
+def inflate_covariance(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Inflate the covariance (3, 3) of moments fitted with a normal's shape by the effect of another shape.
 
     Parameters
     ----------
@@ -257,12 +259,12 @@ def doubted(covariance: np.ndarray, response: np.ndarray) -> np.ndarray:
     Returns
     -------
     covariance : (3, 3) array
-        As if the kurtosis were known to be zero within 1.2: no doubt where it has no say.
+        As if the kurtosis were known to be zero within 1.2: unchanged where it has no effect.
     """
     known = np.nan_to_num(response)
     return covariance + _DECISIVE**2 * np.outer(known, known)
 
 
 def is_decisive(shape_err):
-    """Whether a shape is known so well, by its error, that the moments must not be taken for a normal's."""
+    """Return whether a shape is known so well, by its error, that the moments are not those of a normal."""
     return shape_err < _DECISIVE

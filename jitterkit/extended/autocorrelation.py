@@ -82,7 +82,7 @@ def _correlation(spectrum: PowerSpectrum) -> np.ndarray:
 
 
 def _along(correlation: np.ndarray, lengths: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Second derivative (lengths, angles) of the correlation along the ray at each angle.
+    """Return the second derivative (lengths, angles) of the correlation along the ray at each angle.
 
     It is the negative autocorrelation of the derivative.
     """
@@ -90,7 +90,7 @@ def _along(correlation: np.ndarray, lengths: np.ndarray, angles: np.ndarray) -> 
     c, s = np.cos(np.radians(angles)), np.sin(np.radians(angles))
 
     def at(r: np.ndarray) -> np.ndarray:
-        places = [r[:, None] * s % ny, r[:, None] * c % nx]
-        return map_coordinates(correlation, places, order=1, mode="grid-wrap")
+        positions = [r[:, None] * s % ny, r[:, None] * c % nx]
+        return map_coordinates(correlation, positions, order=1, mode="grid-wrap")
 
     return at(lengths - 1) - 2 * at(lengths) + at(lengths + 1)

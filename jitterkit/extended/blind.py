@@ -98,7 +98,7 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     spectrum = power_spectrum(image)
     limit = longest(spectrum.shape)
     starts = [(length, angle) for length, angle, _ in comb_peaks(spectrum)]
-    found = [_climb(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
+    found = [_maximised(spectrum, *start, max(0.7, 0.05 * start[0]), 25) for start in starts]
     found = [streak for streak in found if streak.length < limit]
     if not found:
         problem = f"The image shows no streak's nulls: no candidate stays within {limit:.0f} pixels."
@@ -112,7 +112,7 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
 
 
 def _rival(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> _Streak | None:
-    """The next most likely streak that is another than the best, climbed to its end like the best."""
+    """Return the most likely streak that differs from the best, refined like it; None if there is none."""
     for streak in sorted(found, key=lambda streak: -streak.value):
         if _is_another(streak, best):
             end = _refined(spectrum, streak)
@@ -126,7 +126,7 @@ def _is_another(streak: _Streak, best: _Streak) -> bool:
 
 
 def _refined(spectrum: PowerSpectrum, streak: _Streak) -> _Streak:
-    return _climb(spectrum, streak.length, streak.angle, 0.2, 40)
+    return _maximised(spectrum, streak.length, streak.angle, 0.2, 40)
 
 
 def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> None:
@@ -135,12 +135,12 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: 
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
             f"The image shows no streak's nulls: the best candidate grows to {best.length:.0f} pixels, and "
-            f"no more than {limit:.0f} can be told.",
+            f"no more than {limit:.0f} can be measured.",
         )
     if best.length < _GATE:
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
-            f"The blur, some {best.length:.2f} pixels long, is too small for its nulls to be told from the "
+            f"The blur, some {best.length:.2f} pixels long, is too small to distinguish its nulls from the "
             f"scene's own (it takes {_GATE:g}).",
         )
     gain = best.value - _likelihood(spectrum, best.length, best.angle + 90)
@@ -172,7 +172,7 @@ def _true_gain(spectrum: PowerSpectrum, best: _Streak) -> float:
 
 
 def _expected_power(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
-    """Mean power (ny, nx) with the nulls of a streak, the scene's spectrum following the data."""
+    """Return the mean power (ny, nx) with the nulls of a streak, the scene's spectrum following the data."""
     nulls = _seen_through_window(transfer_squared(spectrum, length, angle))
     scale, weight, noise = max(length, _WIDEST), spectrum.weight, np.float32(spectrum.noise)
     share = np.maximum(smoothed(weight, spectrum.shape, scale), 1e-4)
@@ -193,24 +193,24 @@ def _seen_through_window(nulls: np.ndarray) -> np.ndarray:
 
 
 def _likelihood(spectrum: PowerSpectrum, length: float, angle: float) -> float:
-    """Logarithm of the power's probability, exponential about a mean that itself scatters."""
+    """Return the logarithm of the power's probability, exponential about a mean that itself scatters."""
     mean = _expected_power(spectrum, length, angle)
     terms = np.log(mean) + (1 + _TAIL) * np.log1p(spectrum.power / (_TAIL * mean))
     return -float((spectrum.weight * terms).sum(dtype=float))
 
 
-def _climb(spectrum: PowerSpectrum, length: float, angle: float, step: float, calls: int) -> _Streak:
+def _maximised(spectrum: PowerSpectrum, length: float, angle: float, step: float, calls: int) -> _Streak:
     """Maximise the likelihood in the streak's end, along and across it."""
 
-    def place(q: np.ndarray) -> tuple[float, float]:
+    def position(q: np.ndarray) -> tuple[float, float]:
         return max(float(q[0]), 0.3), angle + float(np.degrees(q[1] / length))
 
     simplex = [[length, 0.0], [length - step, 0.0], [length, 0.5 * step]]
     options = {"initial_simplex": simplex, "xatol": 0.05 * step, "fatol": 0.05, "maxfev": calls}
     end = minimize(
-        lambda q: -_likelihood(spectrum, *place(q)), simplex[0], method="Nelder-Mead", options=options
+        lambda q: -_likelihood(spectrum, *position(q)), simplex[0], method="Nelder-Mead", options=options
     )
-    at, turned = place(end.x)
+    at, turned = position(end.x)
     return _Streak(at, turned % 180, -float(end.fun))
 
 

@@ -36,7 +36,7 @@ _ERRORS = 1.0, 0.3
 
 
 def longest(shape: tuple[int, int]) -> float:
-    """The longest streak [pixels] looked for: its nulls must stay some three frequencies apart."""
+    """Return the longest streak [pixels] looked for: its nulls must stay some three frequencies apart."""
     return min(0.3 * min(shape), 120.0)
 
 
@@ -83,7 +83,7 @@ def estimate_cepstrum(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelE
 
 
 def comb_peaks(spectrum: PowerSpectrum, count: int = 4) -> list[tuple[float, float, float]]:
-    """The highest peaks of the comb as ``(length [pixels], angle [deg], score)``, the highest first.
+    """Return the highest peaks of the comb as ``(length [pixels], angle [deg], score)``, the highest first.
 
     The score is in standard deviations of a cepstrum without peaks.
     """

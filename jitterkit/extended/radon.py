@@ -65,8 +65,8 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     if length < _GATE:
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
-            f"The stripes belong to {length:.1f} pixels, too few to be told from the scene's spectrum "
-            f"(it takes {_GATE:g}).",
+            f"The stripes belong to {length:.1f} pixels, too few to be distinguished from the scene's "
+            f"spectrum (it takes {_GATE:g}).",
         )
     along, across = _ERRORS
     return streak_estimate(
@@ -77,7 +77,7 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
 def _projections(
     spectrum: PowerSpectrum, values: np.ndarray, angles: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each angle the mean of the values at every frequency along it, and their total weight."""
+    """Return for each angle the mean of the values at every frequency along it, and their weight."""
     half = values.shape[1] // 2  # of a frequency and its negative, one
     values, weight = values[:, half:].ravel(), spectrum.weight[:, half:].ravel()
     bins = max(spectrum.shape)
@@ -92,7 +92,7 @@ def _projections(
 
 
 def _match(mean: np.ndarray, share: np.ndarray, limit: float) -> tuple[float, float]:
-    """Length [pixels] whose nulls correlate best with a projection, and that correlation."""
+    """Return the length [pixels] whose nulls correlate best with a projection, and that correlation."""
     lengths = np.arange(2.5, limit, _STEP[0])
     u = np.arange(mean.size) / (2 * mean.size)
     # a null is filled by the window over some three of these frequencies

@@ -40,9 +40,9 @@ _STARTS = -0.3, 0.05, 0.3, 1.0
 """Moments to start from, in units of the widest normal that the data show: nulls make local minima, and those
 of a blurrier reference hide behind a positive one."""
 
-_LENGTHS, _CLIMBS = np.geomspace(0.3, 150.0, 60), 3
-"""Streaks [pixels] that are compared, a tenth apart, and how many of the best are climbed from: every
-null of the transfer function makes a hill of its own, and a tenth is less than half the way between two."""
+_LENGTHS, _REFINED = np.geomspace(0.3, 150.0, 60), 3
+"""Streaks [pixels] that are compared, a tenth apart, and how many of the best are refined: every null of the
+transfer function makes a maximum of its own, and a tenth is less than half the distance of two."""
 
 
 def estimate_from_reference(
@@ -121,7 +121,7 @@ def estimate_from_reference(
 
 
 def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Moments (3,), their covariance [pixels], and whether a streak fits better than a normal."""
+    """Return the moments (3,), their covariance [pixels], and whether a streak fits better than a normal."""
 
     def normal(q, fx, fy):
         return np.exp(np.clip(-2 * np.pi**2 * (q[0] * fx**2 + 2 * q[1] * fx * fy + q[2] * fy**2), -60, 2))
@@ -149,9 +149,9 @@ def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, 
     refuse_blurrier(best.x[3:], _covariance(best)[3:, 3:], tolerated=_TOLERATED)
     angle = np.radians(principal_axes(best.x[3:])[2])
     axis = np.array([np.cos(angle), np.sin(angle)])
-    ladder = [[*best.x[:3], *(length * axis)] for length in _LENGTHS]
-    ladder.sort(key=lambda p: float(np.sum(residuals(p, streak, one, two, fx, fy) ** 2)))
-    line = fitted(streak, ladder[:_CLIMBS])
+    grid = [[*best.x[:3], *(length * axis)] for length in _LENGTHS]
+    grid.sort(key=lambda p: float(np.sum(residuals(p, streak, one, two, fx, fy) ** 2)))
+    line = fitted(streak, grid[:_REFINED])
     if line.cost < best.cost - 2:
         x, y = line.x[3:]
         slopes = np.array([[2 * x, y, 0], [0, x, 2 * y]]) / 12

@@ -144,7 +144,7 @@ class Drift:
 
     @property
     def errors(self) -> np.ndarray:
-        """Standard errors of ``(x, y)``."""
+        """Return the standard errors of ``(x, y)``."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -259,7 +259,7 @@ def _windowed(frame: np.ndarray, window: np.ndarray) -> np.ndarray:
 
 
 def _overlap(one: np.ndarray, two: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The parts of two frames that show the same scene, the second moved by whole pixels (y, x)."""
+    """Return the parts of two frames that show the same scene, the second moved by whole pixels (y, x)."""
     cuts = [
         [slice(max(0, s), n + min(0, s)) for s, n in zip(sign * shift, one.shape, strict=True)]
         for sign in (-1, 1)

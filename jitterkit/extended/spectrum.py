@@ -135,7 +135,7 @@ def smoothed(values: np.ndarray, shape: tuple[int, int], length: float) -> np.nd
 
 
 def whitened(spectrum: PowerSpectrum) -> np.ndarray:
-    """Logarithm of the power (ny, nx) less its smooth part, times the weight."""
+    """Return the logarithm of the power (ny, nx) less its smooth part, times the weight."""
     weight = spectrum.weight
     logarithm = weight * np.log(spectrum.power + np.float32(0.1 * spectrum.noise))
     smooth, share = (smoothed(a, spectrum.shape, _SCENE_SCALE) for a in (logarithm, weight))

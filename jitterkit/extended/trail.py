@@ -21,7 +21,7 @@ _THRESHOLD = 3.0
 """Standard deviations of the image averaged over 3 x 3 pixels."""
 
 _GATE = 8.0
-"""Pixels: shorter trails are not told from a PSF that is not round."""
+"""Pixels: shorter trails are not distinguished from a PSF that is not round."""
 
 _ELONGATION = 4.0
 """Least ratio of the variances along and across a trail."""
@@ -157,7 +157,7 @@ def _measure(pixels: np.ndarray, chosen: np.ndarray, noise: float, left: int, lo
 
 
 def _mean(trails: list[Trail], plate_scale: float) -> KernelEstimate:
-    """Weighted mean; errors grow where the trails scatter more than they should."""
+    """Return the weighted mean; errors grow where the trails scatter more than they should."""
     first = trails[0]
     length = [t.length for t in trails]
     turn = [np.radians((t.angle - first.angle + 90) % 180 - 90) * t.length for t in trails]

@@ -58,7 +58,7 @@ class Forecast:
     masked: int = 0
 
     def error(self, name: str) -> float:
-        """Least standard error of a free parameter.
+        """Return the least standard error of a free parameter.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Forecast:
         return self.covariance / np.outer(sigma, sigma)
 
     def jitter(self) -> dict[str, tuple[float, float]]:
-        """Size and axis of the jitter with their errors, by name: arcsec, and degrees.
+        """Return the size and axis of the jitter with their errors, by name: arcsec, and degrees.
 
         Returns
         -------
@@ -128,11 +128,11 @@ class Forecast:
         """Return the length of the locus, with its error by differences over a thousandth of each error."""
         locus = self.parameters.locus
         length = locus.describe()["length"]
-        slots = [self.names.index(name) for name in locus.names if name in self.names]
-        if length == 0 or len(slots) < len(locus.names):
+        indices = [self.names.index(name) for name in locus.names if name in self.names]
+        if length == 0 or len(indices) < len(locus.names):
             return length, math.inf
-        covariance = self.covariance[np.ix_(slots, slots)]
-        steps = 1e-3 * np.sqrt(np.diag(covariance)) * np.eye(len(slots))
+        covariance = self.covariance[np.ix_(indices, indices)]
+        steps = 1e-3 * np.sqrt(np.diag(covariance)) * np.eye(len(indices))
         ends = [
             [locus.at(locus.coords + sign * step).describe()["length"] for sign in (1, -1)] for step in steps
         ]
@@ -183,10 +183,8 @@ def forecast(
     ConfigurationError
         If an option names a parameter that there is not.
 
-    Notes
-    -----
-    *Assumes* that the errors are small against what the model's curvature shows: at the tip of a streak (zero
-    length) the bound is that of the cone's axis, which no estimator has.
+    Notes ----- *Assumes* that the errors are small against what the model's curvature shows: at a streak of
+    zero length (zero length) the bound is that of the cone's axis, which no estimator has.
     """
     options = FitOptions() if options is None else options
     parameters = parameters.completed(otf)
@@ -209,7 +207,7 @@ def expected_data(
     exposure: float = 0.0,
     censored: bool = False,
 ) -> Data:
-    """A frame as it is expected, without noise, and how far a detector's pixels are to be trusted.
+    """Return a frame as it is expected, without noise, and how far a detector's pixels are to be trusted.
 
     Parameters
     ----------
@@ -231,7 +229,7 @@ def expected_data(
 
 
 def _root(variance: float, error: float) -> tuple[float, float]:
-    """A standard deviation and its error from a variance and its own; zero of a negative one."""
+    """Return a standard deviation and its error from a variance and its own; zero of a negative one."""
     root = math.sqrt(max(variance, 0.0))
     return (root, _quotient(error, 2 * root)) if error > 0 else (root, 0.0)
 

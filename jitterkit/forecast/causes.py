@@ -1,7 +1,7 @@
-"""Telling causes apart: jitter, charge diffusion, defocus and seeing all widen an image.
+"""Forecast how well causes of a width are separated: jitter, charge diffusion, defocus and seeing.
 
-Reach for :func:`tell_causes`: how well one frame tells each, alone and together, and by
-:meth:`Causes.confusions` what it takes for what.  What would tell them apart is in
+Reach for :func:`forecast_causes`: how well one frame determines each, alone and together, and by
+:meth:`Causes.degeneracies` which it cannot separate.  Observations that would separate them are in
 :mod:`~jitterkit.forecast.causes_data`.  A :class:`Cause` turns the error of its coordinate, which is regular
 at zero, into one of the size that a person gives.
 """
@@ -58,7 +58,7 @@ class Cause(NamedTuple):
         return self.per * max(self.value, 0.0) ** (1 / self.power)
 
     def size_error(self, error: float) -> float:
-        """By how much the size grows where the coordinate grows by its error; finite at zero size too."""
+        """Return the growth of the size where the coordinate grows by its error; finite at zero size too."""
         if self.power == 1:
             return self.per * error
         start = max(self.value, 0.0)
@@ -66,7 +66,7 @@ class Cause(NamedTuple):
 
 
 def causes_between(setting: Setting, locus: Locus, moments: Sequence[str]) -> tuple[Cause, ...]:
-    """The causes that a frame might show: some moments of its jitter, and what the setting has.
+    """List the causes that a frame might show: some moments of its jitter, and those of the setting.
 
     Parameters
     ----------
@@ -103,26 +103,26 @@ def _shared(setting: Setting) -> list[Cause]:
 
 
 _SHARE = 0.1
-"""Of the largest weight, above which a cause has part in a confusion."""
+"""Of the largest weight, above which a cause belongs to a degeneracy."""
 
 
-class Confusion(NamedTuple):
-    """A combination of causes that the frame tells badly.
+class Degeneracy(NamedTuple):
+    """Hold a combination of causes that the frame determines badly.
 
     Attributes
     ----------
     stretch : float
-        Its error over that which it would have if its causes looked nothing like each other; infinite where
+        Its error over that which it would have if its causes were independent; infinite where
         it leaves the image as it is.
     weights : dict of name to float
         Change of each cause along it, arcsec² of blur, the largest first; their squares sum to one.
     pivot : str
-        The cause that is taken for the others.
+        The cause that is degenerate with the others.
     others : tuple of str
         These, the largest first.
     sums : dict of name to (float, float)
-        What is known all the same: how much of one of the others is added to the pivot (a ratio of arcsec² of
-        blur), and the error of that sum, arcsec².  Sums that another confusion hides are left out.
+        Sums that are determined: how much of one of the others is added to the pivot (a ratio of arcsec² of
+        blur), and the error of that sum, arcsec².  Sums that another degeneracy hides are excluded.
     """
 
     stretch: float
@@ -134,7 +134,7 @@ class Confusion(NamedTuple):
 
 @dataclass(frozen=True)
 class Causes:
-    """Causes of an image's width, and the information of one frame about them.
+    """Hold the causes of an image's width, and the information of one frame about them.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class Causes:
     locus : Locus
     causes : tuple of Cause
     frame : Information
-        Of the causes and of what else every frame shares, the scene not known.
+        Of the causes and of all else that every frame shares, the scene being free.
     plate_scale : float
         arcsec/pixel.
     """
@@ -159,18 +159,18 @@ class Causes:
         return tuple(cause.name for cause in self.causes)
 
     @cached_property
-    def told(self) -> Information:
-        """Return what the frame tells about the causes, all else unknown."""
+    def information(self) -> Information:
+        """Return the frame's information about the causes, all else unknown."""
         return self.frame.about(self.names)
 
     def errors(self, extra: Information | None = None) -> np.ndarray:
-        """Error (n,) of each coordinate, all unknown, where further data tell something too."""
-        return self.told.errors if extra is None else (self.frame + extra).about(self.names).errors
+        """Return the error (n,) of each coordinate, all unknown, with the information of further data."""
+        return self.information.errors if extra is None else (self.frame + extra).about(self.names).errors
 
     def shares(self, errors: np.ndarray) -> np.ndarray:
-        """Errors (n,) of the coordinates as shares of the causes' sizes.
+        """Return the errors (n,) of the coordinates as shares of the causes' sizes.
 
-        Of a cause that is absent, the rms of the blur that it might be, in pixels.
+        For a cause that is absent, it is the rms of its possible blur, in pixels.
         """
         pairs = zip(self.causes, errors, self.blurs, strict=True)
         return np.array(
@@ -182,44 +182,44 @@ class Causes:
 
     @cached_property
     def blurs(self) -> np.ndarray:
-        """Variance [arcsec²] of the round blur that shows as strongly as one of each coordinate (n,).
+        """Return the variance [arcsec²] of the round blur that is as visible as one of each coordinate (n,).
 
         One for jitter and diffusion, whose coordinates are variances.
         """
-        alone = self.told.alone
+        alone = self.information.alone
         round_blur = alone[self.names.index("diffusion")]
         own = [name in JITTER or name == "diffusion" for name in self.names]
         return np.where(own, 1.0, round_blur / alone)
 
-    def confusions(self, least: float = 2.0) -> list[Confusion]:
-        """Combinations that are told worse than their parts, the worst first.
+    def degeneracies(self, least: float = 2.0) -> list[Degeneracy]:
+        """List combinations that are determined worse than their parts, the worst first.
 
         Parameters
         ----------
         least : float
-            Stretch from which one is worth telling.
+            Smallest stretch that is listed.
 
         Notes
         -----
         Eigenvectors of the information in units that make its diagonal one, with ``stretch =
         eigenvalue**-0.5``; their weights are then turned into blur.
         """
-        values, vectors = self.told.modes()
+        values, vectors = self.information.modes()
         return [
-            self._confusion(value, vector)
+            self._degeneracy(value, vector)
             for value, vector in zip(values, vectors.T, strict=True)
             if value < least**-2.0
         ]
 
-    def _confusion(self, value: float, vector: np.ndarray) -> Confusion:
-        weights = vector * self.told.alone * self.blurs
+    def _degeneracy(self, value: float, vector: np.ndarray) -> Degeneracy:
+        weights = vector * self.information.alone * self.blurs
         weights = weights / np.linalg.norm(weights)
         order = [int(i) for i in np.argsort(-np.abs(weights))]
         named = [i for i in order if abs(weights[i]) > _SHARE * abs(weights[order[0]])]
         # sums read better than differences: those with the cause that most others make up for
         pivot = max(named, key=lambda i: sum(weights[i] * weights[j] < 0 for j in named))
         sums = {self.names[i]: self._sum(weights, pivot, i) for i in named if i != pivot}
-        return Confusion(
+        return Degeneracy(
             float(value**-0.5) if value > 0 else math.inf,
             {self.names[i]: float(weights[i]) for i in order},
             self.names[pivot],
@@ -228,15 +228,15 @@ class Causes:
         )
 
     def _sum(self, weights: np.ndarray, pivot: int, other: int) -> tuple[float, float]:
-        """Return how much of the other keeps its sum with the pivot along the confusion, and its error."""
+        """Return how much of the other keeps its sum with the pivot along the degeneracy, and its error."""
         ratio = -float(weights[pivot] / weights[other])
         combination = np.zeros(len(weights))
         combination[[pivot, other]] = self.blurs[pivot], ratio * self.blurs[other]
-        return ratio, self.told.error_of(combination)
+        return ratio, self.information.error_of(combination)
 
 
-def tell_causes(setting: Setting, locus: Locus) -> Causes:
-    """Ask what one frame tells about the causes of its width.
+def forecast_causes(setting: Setting, locus: Locus) -> Causes:
+    """Forecast how well one frame determines the causes of its width.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def tell_causes(setting: Setting, locus: Locus) -> Causes:
     frame = jitter.about((*names, *setting.shared))
     causes = causes_between(setting, locus, names)
     found = Causes(setting, locus, causes, frame, setting.otf.grid.plate_scale)
-    if not np.all(np.isfinite(found.told.alone)):
-        problem = "The frame does not show its causes: too few pixels tell anything; change the flux."
+    if not np.all(np.isfinite(found.information.alone)):
+        problem = "The frame does not show its causes: too few pixels have information; change the flux."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     return found

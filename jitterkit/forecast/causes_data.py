@@ -1,8 +1,8 @@
-"""What further data would tell the causes of a width apart.
+"""Follow-up observations that separate the causes of a width.
 
-Reach for :func:`further_data`: a list of data sets from the cheapest to the dearest, each with the Fisher
+Reach for :func:`further_data`: a list of observations from the cheapest to the dearest, each with the Fisher
 information that it adds, and for :func:`cheapest`, which chooses.  A further frame has a scene and a jitter
-of its own; aberrations, diffusion and seeing it shares.
+of its own; it shares aberrations, diffusion and seeing.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ _SIZES = (0.5, 1.5)
 
 
 @dataclass(frozen=True)
-class DataSet:
-    """Data beside the frame.
+class Observation:
+    """Hold an observation that may be added to the frame.
 
     Attributes
     ----------
     words : str
     extra : Information
-        What they tell about the causes and about what every frame shares.
+        What it adds about the causes and about the other parameters that all frames share.
     """
 
     words: str
     extra: Information
 
-    def __add__(self, other: DataSet) -> DataSet:
-        """Both together."""
-        return DataSet(f"{self.words}, and {other.words}", self.extra + other.extra)
+    def __add__(self, other: Observation) -> Observation:
+        """Combine two observations."""
+        return Observation(f"{self.words}, and {other.words}", self.extra + other.extra)
 
 
 @dataclass(frozen=True)
-class Offer:
-    """Sizes of what may be measured beside the frame.
+class FollowUp:
+    """Hold the sizes of possible follow-up observations.
 
     Attributes
     ----------
@@ -81,58 +81,61 @@ class Offer:
             positive(name, value)
 
 
-def further_data(causes: Causes, offer: Offer | None = None) -> list[DataSet]:
-    """Data that might tell the causes apart, the cheapest first.
+def further_data(causes: Causes, follow_up: FollowUp | None = None) -> list[Observation]:
+    """List observations that might separate the causes, the cheapest first.
 
     Parameters
     ----------
     causes : Causes
-    offer : Offer, optional
+    follow_up : FollowUp, optional
 
     Returns
     -------
-    sets : list of DataSet
+    sets : list of Observation
         More light under the same motion (in short frames: it does not saturate); more frames; a laboratory's
         diffusion; telemetry, of the frame and of more frames; a frame at rest, and one without air; a pair
-        refocused both ways; the band in halves; a redder filter.  What the setting does not allow is left
-        out.
+        refocused both ways; the band in halves; a redder filter.  Observations that the setting does not
+        allow are excluded.
 
-    Notes
-    -----
-    *Assumes* the same light in every frame (each half of the band has half of it), and wavefront errors in nm
-    and a diffusion that do not change with the wavelength; charge from deeper in a detector wanders less far.
-    A refocused pair that tells defocus tells its square as well.
+    Notes ----- *Assumes* the same light in every frame (each half of the band has half of it), and wavefront
+    errors in nm and a diffusion that do not change with the wavelength; charge from deeper in a detector
+    diffuses less far. A refocused pair that determines defocus determines its square as well.
     """
-    offer = Offer() if offer is None else offer
+    follow_up = FollowUp() if follow_up is None else follow_up
     setting, locus = causes.setting, causes.locus
     moves = axis_variances(np.asarray(locus.moments()))[0] > 0
-    sets = [DataSet(f"{_LIGHT:g} times the light under the same motion", causes.frame.times(_LIGHT - 1))]
+    sets = [Observation(f"{_LIGHT:g} times the light under the same motion", causes.frame.times(_LIGHT - 1))]
     if moves:
-        others = [(one, setting.frame(one)) for one in _other_jitters(locus, offer.frames)]
-        more = _sum(_shared(told, setting) for _, told in others)
-        trusted = [_shared(told + _telemetry(one, offer.telemetry), setting) for one, told in others]
-        sets.append(DataSet(f"{offer.frames} more frames, each with a jitter of its own", more))
-    sets.append(DataSet(f"diffusion measured to {offer.diffusion:g} pixel", _diffusion(causes, offer)))
+        others = [(one, setting.frame(one)) for one in _other_jitters(locus, follow_up.frames)]
+        more = _sum(_shared(information, setting) for _, information in others)
+        trusted = [
+            _shared(information + _telemetry(one, follow_up.telemetry), setting)
+            for one, information in others
+        ]
+        sets.append(Observation(f"{follow_up.frames} more frames, each with a jitter of its own", more))
+    sets.append(
+        Observation(f"diffusion measured to {follow_up.diffusion:g} pixel", _diffusion(causes, follow_up))
+    )
     if moves:
-        known = _telemetry(locus, offer.telemetry)
-        words = f"telemetry of the jitter to {100 * offer.telemetry:g} %"
-        sets.append(DataSet(words, known))
-        sets.append(DataSet(f"{words}, in {offer.frames} more frames too", known + _sum(trusted)))
+        known = _telemetry(locus, follow_up.telemetry)
+        words = f"telemetry of the jitter to {100 * follow_up.telemetry:g} %"
+        sets.append(Observation(words, known))
+        sets.append(Observation(f"{words}, in {follow_up.frames} more frames too", known + _sum(trusted)))
     if locus.names:
-        sets.append(DataSet("a frame at rest", _shared(setting.frame(Stable.of()), setting)))
+        sets.append(Observation("a frame at rest", _shared(setting.frame(Stable.of()), setting)))
     if setting.seeing is not None:
         bench = replace(setting, seeing=None)
-        sets.append(DataSet("a frame at rest without air", _shared(bench.frame(Stable.of()), bench)))
-    return sets + _refocused(causes, offer.diversity) + _recoloured(causes)
+        sets.append(Observation("a frame at rest without air", _shared(bench.frame(Stable.of()), bench)))
+    return sets + _refocused(causes, follow_up.diversity) + _recoloured(causes)
 
 
-def cheapest(causes: Causes, sets: Sequence[DataSet], target: float = 0.1) -> DataSet | None:
-    """The first of some data sets, or else of their pairs, that brings every cause below a target.
+def cheapest(causes: Causes, sets: Sequence[Observation], target: float = 0.1) -> Observation | None:
+    """Return the first observation, or else pair of observations, that brings every cause below a target.
 
     Parameters
     ----------
     causes : Causes
-    sets : sequence of DataSet
+    sets : sequence of Observation
         The cheapest first.
     target : float
         Largest error, as :meth:`Causes.shares` has it.
@@ -142,8 +145,8 @@ def cheapest(causes: Causes, sets: Sequence[DataSet], target: float = 0.1) -> Da
     return next((one for one in every if np.all(causes.shares(causes.errors(one.extra)) <= target)), None)
 
 
-def _shared(told: Information, setting: Setting) -> Information:
-    return told.about(setting.shared)
+def _shared(information: Information, setting: Setting) -> Information:
+    return information.about(setting.shared)
 
 
 def _sum(parts) -> Information:
@@ -152,7 +155,7 @@ def _sum(parts) -> Information:
 
 
 def _other_jitters(locus: Locus, count: int) -> list[Locus]:
-    """The jitter turned by equal steps through 180 degrees, and of other sizes."""
+    """Return the jitter turned by equal steps through 180 degrees, and of other sizes."""
     jitters = []
     for k, size in enumerate(np.linspace(*_SIZES, count)):
         turned = size**2 * moments_on_axis(locus.moments(), -180.0 * k / count)
@@ -168,14 +171,14 @@ def _telemetry(locus: Locus, share: float) -> Information:
     return Information.prior(dict.fromkeys(names, share * along))
 
 
-def _diffusion(causes: Causes, offer: Offer) -> Information:
-    """A prior on the variance, from the error of sigma."""
-    error, sigma = offer.diffusion * causes.plate_scale, causes.setting.diffusion**0.5
+def _diffusion(causes: Causes, follow_up: FollowUp) -> Information:
+    """Return a prior on the variance, from the error of sigma."""
+    error, sigma = follow_up.diffusion * causes.plate_scale, causes.setting.diffusion**0.5
     return Information.prior({"diffusion": (sigma + error) ** 2 - sigma**2})
 
 
-def _refocused(causes: Causes, offset: float) -> list[DataSet]:
-    """A frame on each side of the focus, known how far."""
+def _refocused(causes: Causes, offset: float) -> list[Observation]:
+    """Return the observation of a frame on each side of the focus, by a known defocus."""
     setting = causes.setting
     names = setting.optics.nominal.names
     if "noll4" not in names:
@@ -190,11 +193,11 @@ def _refocused(causes: Causes, offset: float) -> list[DataSet]:
         error = float(extra.about(("noll4",)).errors[0])
         others = [name for name in extra.names if name != "noll4"]
         extra = extra.about(others) + Information.prior({SQUARE: error**2})
-    return [DataSet(f"2 frames refocused by ±{offset:g} nm", extra)]
+    return [Observation(f"2 frames refocused by ±{offset:g} nm", extra)]
 
 
-def _recoloured(causes: Causes) -> list[DataSet]:
-    """The two halves of the band, and another band, where the optics know their colours."""
+def _recoloured(causes: Causes) -> list[Observation]:
+    """Return the observations in the halves of the band, and in another band, if the optics have colours."""
     setting, optics = causes.setting, causes.setting.optics
     if not isinstance(optics, OpticalSystem):
         return []
@@ -206,14 +209,14 @@ def _recoloured(causes: Causes) -> list[DataSet]:
         parts = [
             _shared(_in_light(setting, half, share).frame(causes.locus), setting) for half, share in halves
         ]
-        sets.append(DataSet("2 frames through the halves of the band", _sum(parts)))
+        sets.append(Observation("2 frames through the halves of the band", _sum(parts)))
     other = _in_light(setting, redder, 1.0)
     words = f"a frame at {_REDDER:g} times the wavelength"
-    return [*sets, DataSet(words, _shared(other.frame(causes.locus), other))]
+    return [*sets, Observation(words, _shared(other.frame(causes.locus), other))]
 
 
 def _halves(spectrum: Spectrum) -> list[tuple[Spectrum, float]]:
-    """Both halves of a band and their shares of its light; a node in the middle counts half in both."""
+    """Return both halves of a band, with their shares of its light; a node in the middle is split."""
     wavelengths, weights = np.array(spectrum.wavelengths), np.array(spectrum.weights)
     if len(wavelengths) < 2:
         return []
@@ -224,7 +227,7 @@ def _halves(spectrum: Spectrum) -> list[tuple[Spectrum, float]]:
 
 
 def _in_light(setting: Setting, spectrum: Spectrum, share: float) -> Setting:
-    """The setting in other light, and a share of it."""
+    """Return the setting in a share of other light."""
     optics = setting.optics
     assert isinstance(optics, OpticalSystem)
     old = optics.grid

@@ -1,4 +1,4 @@
-"""What one frame tells about everything that widens an image: jitter, diffusion, defocus and seeing.
+"""Information of one frame about the causes of its width: jitter, diffusion, defocus and seeing.
 
 Reach for :class:`Setting`, a scene before a telescope; its :meth:`Setting.frame` is the information of a
 frame under a jitter.  An image is linear in its transfer function, so that whatever multiplies this by
@@ -44,7 +44,7 @@ _STEP = 2.0
 
 
 def with_mode(otf: OTF, name: str, value: float, slope) -> OTF:
-    """The same optics with one more thing that may vary.
+    """Wrap optics with one more parameter that may vary.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def seeing_power(fwhm: float) -> float:
 
 
 def with_seeing(otf: OTF, fwhm: float, ratio: float = 1.0) -> OTF:
-    """The same optics behind an atmosphere, whose :func:`seeing_power` may vary.
+    """Wrap optics behind an atmosphere, whose :func:`seeing_power` may vary.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class Setting:
         return otf if self.seeing is None else with_seeing(otf, self.seeing, self.ratio)
 
     def _curvature(self, otf: OTF):
-        """Half the second derivative by defocus, where the sum of both signs lies above none."""
+        """Return half the second derivative by defocus, from the images of both signs and of none."""
         step = _STEP * np.array([name == "noll4" for name in otf.names[: len(self.aberrations)]])
         up, down = (
             self.optics.otf(np.array(self.aberrations) + s * step, derivatives=False).value for s in (1, -1)
@@ -145,16 +145,16 @@ class Setting:
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Names of what is the same in every frame: aberrations, seeing and diffusion."""
+        """Return the names of what is the same in every frame: aberrations, seeing and diffusion."""
         return (*self.otf.names, "diffusion")
 
     def under(self, locus: Locus) -> Parameters:
-        """All parameters of a frame under a jitter."""
+        """Return all parameters of a frame under a jitter."""
         parameters = Parameters(self.scene, locus, self.otf.state, diffusion=self.diffusion)
         return parameters.completed(self.otf)
 
     def frame(self, locus: Locus) -> Information:
-        """Return what one frame under a jitter tells, its own moments named as :data:`JITTER`.
+        """Return the information of one frame under a jitter, its own moments named as :data:`JITTER`.
 
         Raises
         ------
@@ -163,11 +163,11 @@ class Setting:
         """
         found = forecast(self.under(locus), self.otf, self.detector, FitOptions(hold=self._held))
         new, slope = _on_axis(locus)
-        told = Information(found.names, found.information)
-        return told.changed(locus.names[: len(new)], new, slope)
+        information = Information(found.names, found.information)
+        return information.changed(locus.names[: len(new)], new, slope)
 
     def slopes(self, locus: Locus) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """The expected image (ny, nx) and its derivatives, by the names of :meth:`frame`."""
+        """Return the expected image (ny, nx) and its derivatives, by the names of :meth:`frame`."""
         parameters = self.under(locus)
         names, free = free_parameters(parameters, self.otf, self._held)
         image, jacobian = (np.asarray(a) for a in image_and_jacobian(parameters, self.otf, free))
@@ -212,12 +212,12 @@ def choose_defocus(setting: Setting) -> Setting:
     if "noll4" not in names or setting.aberrations[names.index("noll4")] != 0:
         return setting
     by_square = replace(setting, square=True)
-    told = _told_of_defocus(setting, "noll4"), _told_of_defocus(by_square, SQUARE)
-    return by_square if told[1] ** 0.5 > told[0] else setting
+    linear, square = _information_on_defocus(setting, "noll4"), _information_on_defocus(by_square, SQUARE)
+    return by_square if square**0.5 > linear else setting
 
 
-def _told_of_defocus(setting: Setting, name: str) -> float:
-    """Information about it, the scene unknown and other causes known."""
-    told = setting.frame(Stable.of())
+def _information_on_defocus(setting: Setting, name: str) -> float:
+    """Return the information about it, the scene unknown and other causes known."""
+    information = setting.frame(Stable.of())
     others = [cause for cause in setting.shared if cause != name]
-    return float(told.knowing(others).about((name,)).matrix[0, 0])
+    return float(information.knowing(others).about((name,)).matrix[0, 0])

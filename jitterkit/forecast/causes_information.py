@@ -1,4 +1,4 @@
-"""Fisher information by the names of its parameters, so that what several frames tell can be added.
+"""Fisher information by the names of its parameters, so that several frames can be added.
 
 Reach for :class:`Information`: its sum is that of independent data, and :meth:`Information.about` says what
 is left for some parameters when the others are not known.  Unlike an inverse, that works where the data do
@@ -16,7 +16,7 @@ _NULL = 1e-10
 """Eigenvalue of the scaled information below which it is zero: what is exactly degenerate leaves 1e-13."""
 
 _SIDE = 1e-6
-"""Share of a combination that must lie in a null direction before the data are said not to tell it."""
+"""Share of a combination in a null direction from which it counts as undetermined."""
 
 
 @dataclass(frozen=True)
@@ -39,23 +39,23 @@ class Information:
         return cls(tuple(errors), np.diag([error**-2.0 for error in errors.values()]))
 
     def __add__(self, other: Information) -> Information:
-        """That of both data together."""
+        """Return the information of both data together."""
         names = tuple(dict.fromkeys((*self.names, *other.names)))
         return Information(names, self._spread(names) + other._spread(names))
 
     def times(self, n: float) -> Information:
-        """That of ``n`` such data."""
+        """Return the information of ``n`` such data."""
         return Information(self.names, n * self.matrix)
 
     def knowing(self, known: Collection[str]) -> Information:
-        """That about the others, where some parameters are known."""
+        """Return the information about the others, where some parameters are known."""
         names = tuple(name for name in self.names if name not in known)
         return Information(names, self._spread(names))
 
     def about(self, names: Sequence[str]) -> Information:
-        """That about some parameters, in their order, where all others are unknown (Schur's complement).
+        """Return the information about some parameters, where all others are unknown (Schur's complement).
 
-        Of a name that is not among the parameters nothing is told.
+        A name that is not among the parameters has no information.
         """
         drop = [name for name in self.names if name not in names]
         size = self._size()
@@ -68,28 +68,28 @@ class Information:
         return Information(tuple(kept), left * np.outer(size[k], size[k])).padded(names)
 
     def padded(self, names: Sequence[str]) -> Information:
-        """The same in another order, with rows of zeros for names of which nothing is told."""
+        """Return the information in another order, with rows of zeros for names without information."""
         return Information(tuple(names), self._spread(names))
 
     def changed(self, old: Sequence[str], new: Sequence[str], slope: np.ndarray) -> Information:
-        """That in other coordinates: the ``new`` are ``slope`` (n, n) times the ``old``."""
-        slots = [self.names.index(name) for name in old]
+        """Return the information in other coordinates: the ``new`` are ``slope`` (n, n) times the ``old``."""
+        indices = [self.names.index(name) for name in old]
         back = np.eye(len(self.names))
-        back[np.ix_(slots, slots)] = np.linalg.inv(slope)
+        back[np.ix_(indices, indices)] = np.linalg.inv(slope)
         names = list(self.names)
-        for slot, name in zip(slots, new, strict=True):
-            names[slot] = name
+        for index, name in zip(indices, new, strict=True):
+            names[index] = name
         return Information(tuple(names), back.T @ self.matrix @ back)
 
     @property
     def alone(self) -> np.ndarray:
-        """Error (p,) of each parameter if all others were known; infinite where nothing is told."""
+        """Return the error (p,) of each parameter if all others were known; infinite where undetermined."""
         diagonal = np.diag(self.matrix).clip(0)
         return np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), np.inf)
 
     @property
     def errors(self) -> np.ndarray:
-        """Error (p,) of each parameter if all are unknown; infinite where the data do not tell it."""
+        """Return the error (p,) of each parameter if all are unknown; infinite where undetermined."""
         return np.array([self.error_of(row) for row in np.eye(len(self.names))])
 
     @property
@@ -107,7 +107,7 @@ class Information:
         return np.where(values > _NULL, values, 0.0), vectors
 
     def error_of(self, weights: np.ndarray) -> float:
-        """Error of a sum of the parameters with weights (p,), infinite where the data do not tell it."""
+        """Return the error of a sum of the parameters with weights (p,), infinite where undetermined."""
         values, vectors = self.modes()
         parts = (np.asarray(weights) / self._size()) @ vectors
         null = values == 0

@@ -21,9 +21,9 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, fit_frame, fit_locus
 
-_RESTARTS, _SETTLED = 20, 1e-4
-"""A locus that is far from right (chi-squared thousands) climbs slowly, because the expected information is
-then not the curvature: it is started again where it ended, until it moves by less than this share of the
+_RESTARTS, _CONVERGED = 20, 1e-4
+"""A locus that is far from right (chi-squared thousands) converges slowly, because the expected information
+is then not the curvature: it is started again where it ended, until it moves by less than this share of the
 error."""
 
 
@@ -67,7 +67,7 @@ class CrossFit:
 
     @property
     def error(self) -> float:
-        """Error of the separation that the fit believes it has, arcsec."""
+        """Return the error of the separation that the fit believes it has, arcsec."""
         return self.fit.error("separation")
 
     @property
@@ -83,7 +83,7 @@ class CrossFit:
 
     @property
     def misfit(self) -> float:
-        """Chi-squared that the wrong locus adds to a frame; its noise is about ``sqrt(2 pixels)``."""
+        """Return chi-squared that the wrong locus adds to a frame; its noise is about ``sqrt(2 pixels)``."""
         return self.fit.chi2
 
 
@@ -130,7 +130,7 @@ def noise_free_fit(
         otf, before = optics.otf(fit.parameters.aberrations), fit
         fit = replace(fit_frame(data, optics, fit.parameters, otf, options), locus=locus)
         moved = abs(fit.of_scene("separation") - before.of_scene("separation"))
-        if moved < _SETTLED * before.error("separation"):
+        if moved < _CONVERGED * before.error("separation"):
             return _respond(truth, fit, optics, otf, data, options)
     problem = f"{locus} does not settle on this jitter; the separation still moves by {moved:.2g} arcsec."
     raise JitterkitError(ErrorCode.NOT_CONVERGED, problem)

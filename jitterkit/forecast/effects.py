@@ -128,7 +128,7 @@ def _modes(model: Modelled) -> dict[str, _Kind]:
 
 
 def _mode(model: Modelled, number: int) -> np.ndarray | None:
-    """A mode of one nm over the model's pupil; None of a PSF, which has none."""
+    """Return a mode of one nm over the model's pupil; None of a PSF, which has none."""
     if not isinstance(model.optics, OpticalSystem):
         return None
     samples = len(model.optics.pupil.transmission)

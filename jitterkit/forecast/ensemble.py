@@ -25,7 +25,7 @@ _CHUNK = 250
 
 _THREADS = 2
 
-_SETTLED = (Status.OK, Status.POOR_FIT)
+_FITTED = (Status.OK, Status.POOR_FIT)
 """Ends of a full refit that count: a wrong locus is a poor fit, and its separation is what is asked for."""
 
 
@@ -47,7 +47,7 @@ class Draws(NamedTuple):
     evidence: np.ndarray
 
     def by_frame(self) -> np.ndarray:
-        """Separations (n,) with the locus that each frame's own evidence chooses."""
+        """Return the separations (n,) with the locus that each frame's own evidence chooses."""
         best = np.argmax(self.evidence, axis=0)
         return self.separations[best, np.arange(len(best))]
 
@@ -114,7 +114,7 @@ def refitted_draws(
     auto: bool = False,
     options: FitOptions | None = None,
 ) -> Draws:
-    """Fit noisy frames in full, each climb from the noise-free fit.
+    """Fit noisy frames in full, each starting from the noise-free fit.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def refitted_draws(
             if auto:
                 moments = truth.locus.moments()
                 results.append(fit_best_locus(data, optics, truth, moments, nominal, options))
-            usable = [r.of_scene("separation") if r.status in _SETTLED else np.nan for r in results]
+            usable = [r.of_scene("separation") if r.status in _FITTED else np.nan for r in results]
             columns.append([usable, [log_evidence(r) for r in results]])
     separations, evidence = np.transpose(columns, (1, 2, 0))
     names = tuple(fit.fit.locus for fit in fits)

@@ -43,7 +43,7 @@ class Modelled:
 
     @cached_property
     def image(self) -> np.ndarray:
-        """Expected electrons (ny, nx)."""
+        """Return the expected electrons (ny, nx)."""
         return np.asarray(expected_image(self.parameters, self.otf))
 
     def through(self, optics: OpticalSystem | FixedOptics) -> np.ndarray:

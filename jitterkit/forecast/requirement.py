@@ -24,7 +24,7 @@ from jitterkit.forward import Parameters, free_parameters
 from jitterkit.loci import Locus, PartialShm, Stable, locus_class, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
-from jitterkit.scoring import climb
+from jitterkit.scoring import fisher_scoring
 
 CYCLES = (0.05, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Of a vibration in one exposure, that stand for its regimes: low to 0.2, high from 3."""
@@ -42,7 +42,7 @@ _LEAST, _MOST, _STEP, _EXACT = 1e-9, 30.0, 1.5, 1e-3
 """arcsec: between which a size is sought; the factor by which the search goes; how exactly its logarithm is
 found."""
 
-_CLIMB, _NEAR = 400, 1e-4
+_MAX_STEPS, _NEAR = 400, 1e-4
 """Steps at most (a round blur fitted with a streak takes 280), and the standard errors that may remain."""
 
 MOTIONS = ("linear", "shm", "mvn,shear=0", "mvn,shear=0.7", "ellipse,ratio=0.5")
@@ -122,8 +122,8 @@ def jitter_requirements(
         if any(_beyond_quadrature(one) for one in loci):
             return math.nan
         errors = [forecast(still.with_locus(one), otf, detector, options).error("separation") for one in loci]
-        told = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
-        return 1 / (alone**2 * told) - 1
+        information = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
+        return 1 / (alone**2 * information) - 1
 
     def bias(loci: list[Locus]) -> float:
         assert fitted is not None
@@ -172,7 +172,7 @@ def _beyond_quadrature(locus: Locus) -> bool:
 
 
 def _after(loss: Callable[[list[Locus]], float], build: Callable[..., list[Locus]]):
-    """The loss as a function of the size."""
+    """Return the loss as a function of the size."""
     return lambda size: loss(build(size))
 
 
@@ -188,12 +188,12 @@ def _rms(loci: list[Locus]) -> float:
 
 
 def _over_phases(values: Sequence[float]) -> float:
-    """Mean over the phases of a vibration; of another motion there is one value."""
+    """Return the mean over the phases of a vibration; of another motion there is one value."""
     return float(np.average(values, weights=_SHARES if len(values) > 1 else None))
 
 
 def largest_size(loss: Callable[[float], float], allowed: float, guess: float = 0.1) -> float:
-    """The size at which a loss first reaches what is allowed.
+    """Return the size at which a loss first reaches what is allowed.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def moment_bias(
     truth : Parameters
         What the frame shows.
     fitted : str
-        Name of the locus that is fitted; the climb starts where it has the true second moments.
+        Name of the locus that is fitted; the fit starts from the true second moments.
     otf, detector, options
         As for :func:`jitterkit.forecast.forecast`.
 
@@ -261,6 +261,6 @@ def moment_bias(
     start = truth.with_locus(locus_class(fitted).near(truth.locus.moments()))
     names, free = free_parameters(start, otf, options.hold)
     prior = options.priors.over(names, start.locus)
-    end = climb(start, otf, data, free, prior, steps=_CLIMB, tolerance=_NEAR)
+    end = fisher_scoring(start, otf, data, free, prior, max_steps=_MAX_STEPS, tolerance=_NEAR)
     settled = bool(end.converged) and np.all(np.isfinite(np.asarray(end.information)))
     return float(end.parameters.binary.separation - truth.binary.separation) if settled else math.nan

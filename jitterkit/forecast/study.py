@@ -55,13 +55,13 @@ class Panel(NamedTuple):
 
     @property
     def worst(self) -> float:
-        """The largest noise-free bias of a setting, in standard errors of the mean of its draws."""
+        """Return the largest noise-free bias of a setting, in standard errors of the mean of its draws."""
         errors = self.offsets.std(axis=1, ddof=1) / np.sqrt(self.offsets.shape[1])
         return float(np.max(np.abs(self.bias) / errors))
 
     @property
     def mean(self) -> tuple[float, float]:
-        """Mean offset over all settings and draws, and its standard error, arcsec."""
+        """Return the mean offset over all settings and draws, and its standard error, arcsec."""
         spread = float(np.sqrt(np.mean(np.var(self.offsets, axis=1, ddof=1))))
         return float(self.offsets.mean()), spread / float(np.sqrt(self.offsets.size))
 

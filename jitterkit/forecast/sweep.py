@@ -26,12 +26,12 @@ class Sweep:
     forecasts: np.ndarray
 
     def error(self, name: str = "separation") -> np.ndarray:
-        """Least error of a parameter at every point of the grid."""
+        """Return the least error of a parameter at every point of the grid."""
         every = np.array([one.error(name) for one in self.forecasts.ravel()])
         return every.reshape(self.forecasts.shape)
 
     def points(self) -> dict[str, np.ndarray]:
-        """Each setting at every point of the grid, in the order of ``forecasts.ravel()``."""
+        """Return each setting at every point of the grid, in the order of ``forecasts.ravel()``."""
         grids = np.meshgrid(*self.axes.values(), indexing="ij")
         return {name: grid.ravel() for name, grid in zip(self.axes, grids, strict=True)}
 

@@ -3,7 +3,7 @@
 Reach for :func:`systematic_errors`.  To first order, from one frame's information: a change ``δ`` of the
 image moves the fit by ``(J'WJ + Λ)⁻¹ J'Wδ``, where ``J`` are the slopes of the image by the free parameters,
 ``W`` the weights of its pixels and ``Λ`` what is known beforehand.  The rest, ``δ'Wδ`` less what the fit took
-up, is added to chi-squared, and is what a parameter of the effect would be told by.
+up, is added to chi-squared, and would determine a parameter of the effect.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from jitterkit.likelihood.data import mean_counts, telling
 from jitterkit.metric import invert_information
 from jitterkit.refit import FitOptions
 
-_SHOWN = 5.0
+_DETECTED = 5.0
 """Standard deviations of chi-squared from which an effect shows: as for the frames of a run."""
 
 _ROUNDING = 1e-6
@@ -35,7 +35,7 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class SystematicError:
-    """What an effect does to a separation.
+    """Hold the effect of a systematic error on a separation.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class SystematicError:
 
 @dataclass(frozen=True)
 class FitResponse:
-    """How a fit of one frame responds to changes of its image.
+    """Hold the response of a fit of one frame to changes of its image.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class FitResponse:
         return FitResponse(free, self.slopes[kept], self.weights, known, self.spread)
 
     def covariance(self) -> np.ndarray:
-        """Covariance (p, p) of the parameters.
+        """Return the covariance (p, p) of the parameters.
 
         Raises
         ------
@@ -176,17 +176,17 @@ def systematic_errors(
     """
     model = Modelled.of(telescope, parameters)
     response = FitResponse.of(model, options)
-    slot = response.names.index("separation")
-    error = float(np.sqrt(response.covariance()[slot, slot]))
+    index = response.names.index("separation")
+    error = float(np.sqrt(response.covariance()[index, index]))
     return error, [_assess(response, effect, target) for effect in effects_of(model, sizes)]
 
 
 def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicError:
     fitted = bool(set(effect.hold) & set(response.names))
     response = response.holding(effect.hold)
-    covariance, slot = response.covariance(), response.names.index("separation")
+    covariance, index = response.covariance(), response.names.index("separation")
     weighted = response.slopes * response.weights
-    leverage = (covariance @ weighted)[slot]
+    leverage = (covariance @ weighted)[index]
     changes = effect.changes.reshape(len(effect.changes), -1)
     shifts = changes @ leverage
     if effect.per_pixel:
@@ -197,7 +197,7 @@ def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicE
         score, own = weighted @ changes.T, changes * response.weights @ changes.T
         left = own - score.T @ covariance @ score
         left[np.diag_indices_from(left)] *= np.diag(left) > _ROUNDING * np.diag(own)
-        chi2, cost = float(np.trace(left)), _cost(shifts, left, covariance[slot, slot], effect.together)
+        chi2, cost = float(np.trace(left)), _cost(shifts, left, covariance[index, index], effect.together)
     several = 1 if effect.together else len(changes)
     sigmas, bias = chi2 / several / response.spread, math.sqrt(shifts @ shifts / several)
     return SystematicError(
@@ -209,13 +209,13 @@ def _assess(response: FitResponse, effect: Effect, target: float) -> SystematicE
         cost=cost,
         chi2=chi2 / several,
         sigmas=sigmas,
-        frames=(_SHOWN / sigmas) ** 2 if sigmas > 0 else math.inf,
+        frames=(_DETECTED / sigmas) ** 2 if sigmas > 0 else math.inf,
         needed=effect.size * _share(shifts, effect.opposite, leverage, target * math.sqrt(several)),
     )
 
 
 def _share(shifts: np.ndarray, opposite: np.ndarray | None, leverage: np.ndarray, target: float) -> float:
-    """Share of a size at which odd and even parts of its shifts make at most a target together."""
+    """Return the share of a size at which odd and even parts of its shifts make at most a target together."""
     back = -shifts if opposite is None else opposite.reshape(len(shifts), -1) @ leverage
     odd, even = (float(np.linalg.norm(shifts + sign * back)) / 2 for sign in (-1, 1))
     both = odd + math.sqrt(odd**2 + 4 * even * target)

@@ -9,7 +9,7 @@ from jitterkit.frames.files import find_files
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.framefile import FrameFile
 from jitterkit.frames.header import resolve_header
-from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.reader import frame_count, is_whole, open_frames, read_frames
 from jitterkit.frames.sky import sky_position_angle
 from jitterkit.frames.writer import write_fits, write_tiff
@@ -17,9 +17,9 @@ from jitterkit.frames.writer import write_fits, write_tiff
 __all__ = [
     "Frame",
     "FrameFile",
-    "Known",
     "Metadata",
     "RawFrame",
+    "Sourced",
     "find_files",
     "frame_count",
     "is_whole",

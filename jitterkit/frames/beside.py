@@ -9,17 +9,17 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.metadata import Known
+from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.units import resolve_unit
 
 
-def unit_of(data: Any, said: Known | None) -> Known:
+def unit_of(data: Any, said: Sourced | None) -> Sourced:
     """Return the unit of the pixels.
 
     Parameters
     ----------
     data : NDData
-    said : Known or None
+    said : Sourced or None
         What its header says, used where the object has no unit.
 
     Raises
@@ -34,7 +34,7 @@ def unit_of(data: Any, said: Known | None) -> Known:
     if unit is None:
         problem = f"the unit {text!r} ({source}) is neither ADU nor electrons, nor a rate of them"
         raise JitterkitError(ErrorCode.UNKNOWN_UNIT, f"{problem}; convert the data.")
-    return Known(unit, "", source)
+    return Sourced(unit, "", source)
 
 
 def variance_of(data: Any) -> tuple[np.ndarray | None, str]:

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any
 
 from jitterkit.frames.dialects import ALIASES, DIALECTS, Dialect, Keyword
-from jitterkit.frames.metadata import QUANTITIES, Known
+from jitterkit.frames.metadata import QUANTITIES, Sourced
 from jitterkit.frames.units import factor, other_number, stated_unit
 
 _DEFAULTS: Mapping[str, str] = {"read_noise": "electron", "saturation": "adu", "bias": "adu"}
@@ -209,7 +209,7 @@ class Cards:
         first = numbers[0]
         return replace(first, value=mean, source=first.source.replace(first.key, " and ".join(keys)))
 
-    def first(self, name: str) -> Known | None:
+    def first(self, name: str) -> Sourced | None:
         """Return the first believable number of a quantity, with a warning if another keyword contradicts."""
         number = next(self.believed(name), None)
         if number is None:
@@ -220,11 +220,11 @@ class Cards:
             del self.warnings[before:]  # of numbers that are not used
             for other in filter(None, others):
                 if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
-                    told = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
+                    found = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
                     self.warnings.append(
-                        f"{number.key} = {number.value:g} is used, and {told} contradicts it"
+                        f"{number.key} = {number.value:g} is used, and {found} contradicts it"
                     )
-        return Known(number.value, QUANTITIES[name].unit, number.source)
+        return Sourced(number.value, QUANTITIES[name].unit, number.source)
 
 
 def parse_number(value: object) -> tuple[float, str] | None:

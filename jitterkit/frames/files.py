@@ -1,4 +1,4 @@
-"""Which files are frames, told by their content and not by their names.
+"""Find the files that are frames, by their content and not by their names.
 
 :func:`find_files` expands what a user typed; :func:`sniff` says what a file is, or why it is not a
 frame.  Refusals that FITS and TIFF share are here too, with the limits of what a file may claim to hold: a

@@ -79,7 +79,7 @@ class FitsFile(FrameFile):
         number = bisect.bisect_right(self._starts, index) - 1
         frame = self._image(number).read(index - self._starts[number])
         self.metadata = self._image(0).metadata
-        return frame.told(after=index - self._starts[number])
+        return frame.with_fields(after=index - self._starts[number])
 
     def _stacking(self) -> str:
         shared = any(group.image.planes > 1 and group.coordinates is None for group in self._groups)
@@ -99,7 +99,7 @@ class FitsFile(FrameFile):
 
 
 def is_plane(path: Path, hdu: int | None = None) -> bool:
-    """Tell from the layout of a file alone whether it holds one frame; raises as :class:`FitsFile` does."""
+    """Return whether a file holds one frame, by its layout alone; raises as :class:`FitsFile` does."""
     with translated(path), open_bytes(path) as handle:
         return sum(group.image.planes for group in find_images(path, handle, hdu)[0]) == 1
 

@@ -16,7 +16,7 @@ from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import rate_of_brightness, resolve
-from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
@@ -85,7 +85,7 @@ class FitsImage:
             odd.append(f"the pixels are in {metadata.value('unit')}, which is neither ADU nor electrons")
         if quality is not None:
             bits, convention = bad_bits(quality.header, cards)
-            known = Known(bits, "", f"{quality.label}, convention: {convention}")
+            known = Sourced(bits, "", f"{quality.label}, convention: {convention}")
             metadata = metadata.override(known.source, bad_bits=known)
         metadata = metadata.warn(*header.warnings, *messages, *odd, *self.group.warnings)
         return metadata.reordered(-1) if from_top else metadata
@@ -102,8 +102,8 @@ class FitsImage:
             quality[mask] = -1
             bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
             if bad > _MOST_BAD:
-                told = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
-                self.metadata = self.metadata.warn(f"{told}: if 1 means good in it, give --bad-bits 0")
+                found = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
+                self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
         if self._unverified:
@@ -174,8 +174,8 @@ def _warn_of_a_ramp(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
     """Warn of the planes of one integration of JWST: each has the light of those before it too."""
     groups = cards.find("NGROUPS")
     if cards.dialect.name == "JWST" and len(hdu.shape) == 4 and groups and hdu.planes == groups[0] > 1:
-        told = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
-        odd.append(f"{told}: give the file of its slope (_rate)")
+        found = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
+        odd.append(f"{found}: give the file of its slope (_rate)")
 
 
 def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:

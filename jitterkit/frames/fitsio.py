@@ -128,7 +128,7 @@ def all_hdus(handle: BinaryIO, **options: Any) -> fits.HDUList:
 
 
 def packed_image(handle: BinaryIO, number: int, *, blank: bool) -> fits.CompImageHDU:
-    """Return what unpacks the tiles of an image, unscaled; ``blank`` tells whether its BLANK has a value."""
+    """Return a function that unpacks tiles of an image, unscaled; ``blank``: whether BLANK has a value."""
     table = all_hdus(handle, disable_image_compression=True)[number]
     if not blank:  # astropy would compare with one that has no value
         table.header.remove("BLANK", ignore_missing=True, remove_all=True)

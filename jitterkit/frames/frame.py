@@ -103,7 +103,7 @@ class RawFrame(Placed):
 
     def with_metadata(self, metadata: Metadata) -> RawFrame:
         """Return the same pixels, of which other things are known; its ``bad_bits`` choose the mask."""
-        other = self.told(metadata=metadata)
+        other = self.with_fields(metadata=metadata)
         if other.quality is not None:
             vars(other)["mask"] = other._flagged(other.quality)
         return other

@@ -84,17 +84,16 @@ class FrameFile(ABC):
         FrameError
             If it cannot be read, or the file has changed since it was opened: nothing in it is sure then.
 
-        Notes
-        -----
-        A change is told by the size, the time of change and the inode.  *Fails when* a file is overwritten in
-        place with as many bytes within one tick of the file system's clock (some milliseconds).
+        Notes ----- A change is recognised by the size, the time of change and the inode.  *Fails when* a file
+        is overwritten in place with as many bytes within one tick of the file system's clock (some
+        milliseconds).
         """
-        place = range(self._count)[index]
+        number = range(self._count)[index]
         with translated(self.path) as caught:
-            frame = self._read(place)
+            frame = self._read(number)
             self._refuse_changed()
         metadata = frame.metadata.warn(*caught)
-        return frame.told(metadata=metadata, path=self.path, index=place, several=self._count > 1)
+        return frame.with_fields(metadata=metadata, path=self.path, index=number, several=self._count > 1)
 
     def _refuse_changed(self) -> None:
         before, now = self._stamp, _stamp(self.path)
@@ -178,7 +177,7 @@ def collected() -> Iterator[list[object]]:
 
 @contextmanager
 def overheard(log: logging.Logger) -> Iterator[list[str]]:
-    """Collect what a library logs meanwhile, one line each, in place of its being shown."""
+    """Collect what a library logs meanwhile, one line each, instead of printing it."""
     said: list[str] = []
 
     def note(record: logging.LogRecord) -> bool:
@@ -193,8 +192,8 @@ def overheard(log: logging.Logger) -> Iterator[list[str]]:
 
 
 def _stamp(path: Path) -> tuple[int, int, int]:
-    told = os.stat(path)
-    return told.st_size, told.st_mtime_ns, told.st_ino
+    status = os.stat(path)
+    return status.st_size, status.st_mtime_ns, status.st_ino
 
 
 def one_line(message: object) -> str:

@@ -2,7 +2,7 @@
 
 Of a damaged header a reader would look for the end through gigabytes.  :func:`read_hdus` follows the chain by
 what :class:`~jitterkit.frames.hdu.Hdu` believes, and :func:`find_images` chooses the images in it.
-:func:`frame_groups` tells by name (EXTNAME, EXTVER) which of them are frames, and which hold the variance and
+:func:`frame_groups` finds by name (EXTNAME, EXTVER) which of them are frames, and which hold the variance and
 the quality of a frame's pixels.
 """
 

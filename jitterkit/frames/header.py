@@ -17,7 +17,7 @@ from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
 from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
-from jitterkit.frames.metadata import Known, Metadata
+from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
 from jitterkit.frames.units import RATES, resolve_unit
@@ -33,7 +33,7 @@ _SETTING = re.compile(r"\bsetting|\bpre-?amp|\biso\b|\bmode\b", re.I)
 _SOME_UNIT = re.compile(rf"\[[^]]*\w[^]]*\]|\b{_ADU}\s*(/|per\b)|(/|\bper)\s*{_ADU}", re.I)
 
 
-def resolve_gain(cards: Cards) -> Known | None:
+def resolve_gain(cards: Cards) -> Sourced | None:
     """Find the gain that a header states.
 
     Parameters
@@ -43,13 +43,13 @@ def resolve_gain(cards: Cards) -> Known | None:
 
     Returns
     -------
-    gain : Known or None
+    gain : Sourced or None
         e-/ADU.
     """
     for card in cards.believed("gain"):
         objection = _objection(cards, card)
         if objection is None:
-            return Known(card.value, "e-/ADU", card.source)
+            return Sourced(card.value, "e-/ADU", card.source)
         cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
     return None
 
@@ -135,7 +135,7 @@ def resolve(cards: Cards, wcs: Any = None) -> Metadata:
     number = next(cards.believed("bias"), None)
     bias = None if number is None else _in(number, "adu", gain, None, cards)
     if number is not None and _SUBTRACTED.search(number.comment):
-        bias = Known(0.0, "ADU", f"{number.source}, which was subtracted")
+        bias = Sourced(0.0, "ADU", f"{number.source}, which was subtracted")
         cards.warnings.append(f"{number.key} was subtracted by its comment {number.comment!r}: the bias is 0")
     pedestal = cards.number("PEDESTAL")
     if pedestal is not None and pedestal.value:
@@ -158,11 +158,13 @@ def resolve(cards: Cards, wcs: Any = None) -> Metadata:
     ).warn(*cards.warnings, *_combined(cards))
 
 
-def _in(number: Number, unit: str, gain: Known | None, bias: Known | None, cards: Cards) -> Known | None:
+def _in(
+    number: Number, unit: str, gain: Sourced | None, bias: Sourced | None, cards: Cards
+) -> Sourced | None:
     """Convert a level between electrons and ADU; None with a warning where that cannot be done."""
     stated, word = number.counted or unit, {"adu": "ADU", "electron": "e-"}
     if stated == unit:
-        return Known(number.value, word[unit], number.source)
+        return Sourced(number.value, word[unit], number.source)
     if stated in RATES or gain is None:
         said = f"{number.key} = {number.value:g} is in {word.get(stated, stated)}"
         why = "which is not converted" if stated in RATES else "and the gain is unknown"
@@ -171,11 +173,11 @@ def _in(number: Number, unit: str, gain: Known | None, bias: Known | None, cards
     zero = 0.0 if bias is None else bias.value
     if unit == "adu":
         value = number.value / gain.value + zero
-        return Known(value, "ADU", f"{number.source} in e- over {gain.source}")
-    return Known((number.value - zero) * gain.value, "e-", f"{number.source} in ADU times {gain.source}")
+        return Sourced(value, "ADU", f"{number.source} in e- over {gain.source}")
+    return Sourced((number.value - zero) * gain.value, "e-", f"{number.source} in ADU times {gain.source}")
 
 
-def _saturation(cards: Cards, gain: Known | None, bias: Known | None, unit: str) -> Known | None:
+def _saturation(cards: Cards, gain: Sourced | None, bias: Sourced | None, unit: str) -> Sourced | None:
     """The level in the unit of the pixels, ADU or electrons, once the exposure has made counts of rates."""
     number = next(cards.believed("saturation"), None)
     if number is None:
@@ -227,7 +229,7 @@ def _combined(cards: Cards) -> list[str]:
     return []
 
 
-def _line_time(cards: Cards) -> Known | None:
+def _line_time(cards: Cards) -> Sourced | None:
     known = cards.first("line_time")
     rolling = next((k for k in ("SHUTTER", "SHUTMODE") if "rolling" in cards.text(k).lower()), None)
     if known is None and rolling is not None:
@@ -239,7 +241,7 @@ def _line_time(cards: Cards) -> Known | None:
     return known
 
 
-def _unit(cards: Cards) -> Known | None:
+def _unit(cards: Cards) -> Sourced | None:
     card = cards.find("BUNIT")
     if card is None:
         return None
@@ -249,21 +251,21 @@ def _unit(cards: Cards) -> Known | None:
         cards.warnings.append(f"BUNIT = {text!r} says no unit and is taken as ADU")
         unit = "adu"
     as_written = unit in RATES and text.lower() != unit
-    return Known(unit or text, "", f"{card[2]}, {text!r}" if as_written else card[2])
+    return Sourced(unit or text, "", f"{card[2]}, {text!r}" if as_written else card[2])
 
 
-def rate_of_brightness(cards: Cards, unit: Known | None) -> tuple[float, Known] | None:
+def rate_of_brightness(cards: Cards, unit: Sourced | None) -> tuple[float, Sourced] | None:
     """Find how a header converts surface brightness to counts.
 
     Parameters
     ----------
     cards : Cards
-    unit : Known or None
+    unit : Sourced or None
         What :func:`resolve` says of the pixels.
 
     Returns
     -------
-    factor, unit : (float, Known) or None
+    factor, unit : (float, Sourced) or None
         By what pixels in MJy/sr are multiplied, and the unit that they have then: ``"adu/s"``.  None for
         other pixels, and where the header has neither of :data:`_CONVERSIONS`.
     """
@@ -271,5 +273,5 @@ def rate_of_brightness(cards: Cards, unit: Known | None) -> tuple[float, Known] 
         return None
     for card in filter(None, map(cards.number, _CONVERSIONS)):
         if card.positive:
-            return 1 / card.value, Known("adu/s", "", f"{unit.source} in MJy/sr over {card.key}")
+            return 1 / card.value, Sourced("adu/s", "", f"{unit.source} in MJy/sr over {card.key}")
     return None

@@ -1,8 +1,8 @@
-"""What is known about a frame, and who said so.
+"""The metadata of a frame, each with its source.
 
-Reach for :class:`Metadata`.  Every number in it is a :class:`Known`: the value, its unit, and its
-source in words, so that ``jitterkit info`` can answer "where does this gain come from?".  Layers
-of knowledge may be laid down in any order with :meth:`Metadata.apply`, which obeys :data:`RANKS`:
+Reach for :class:`Metadata`.  Every number in it is a :class:`Sourced`: the value, its unit, and its
+source in words, so that ``jitterkit info`` can answer "where does this gain come from?".  Sources
+may be applied in any order with :meth:`Metadata.apply`, which obeys :data:`PRECEDENCE`:
 
     command line > sidecar > instrument file > header > preset > assumed
 """
@@ -19,7 +19,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 
 #: The first words of a source, from the most to the least authoritative.
-RANKS = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
+PRECEDENCE = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 
 
-#: What is said of a rolling shutter whose rows have become columns.
+#: The warning for a rolling shutter whose rows have become columns.
 ROWS_ARE_COLUMNS = "the file's rows are columns here, so that its line_time is not used"
 
 
 @dataclass(frozen=True)
-class Known:
+class Sourced:
     """A value with its unit and its source in words, such as ``"header EGAIN (HDU 0)"``."""
 
     value: Any
@@ -71,15 +71,15 @@ class Known:
     source: str
 
     @property
-    def rank(self) -> int:
-        """Place of the source in :data:`RANKS`, 0 the most authoritative."""
-        return _rank(self.source)
+    def precedence(self) -> int:
+        """Return the index of the source in :data:`PRECEDENCE`, 0 the most authoritative."""
+        return _precedence(self.source)
 
 
 @lru_cache(maxsize=256)
-def _rank(source: str) -> int:
-    matches = (n for n, words in enumerate(RANKS) if source.startswith(words))
-    return next(matches, RANKS.index("header"))
+def _precedence(source: str) -> int:
+    matches = (n for n, words in enumerate(PRECEDENCE) if source.startswith(words))
+    return next(matches, PRECEDENCE.index("header"))
 
 
 def checked(name: str, value: Any) -> Any:
@@ -107,62 +107,62 @@ def checked(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Metadata:
-    """Knowledge about a frame beside its pixels; None where there is none.
+    """Hold what is known about a frame beside its pixels; None where unknown.
 
     Parameters
     ----------
-    exposure : Known, optional
+    exposure : Sourced, optional
         Exposure time [s].
-    gain : Known, optional
+    gain : Sourced, optional
         Electrons per ADU [e-/ADU].
-    read_noise : Known, optional
+    read_noise : Sourced, optional
         Standard deviation of the read-out noise [e-].
-    saturation : Known, optional
+    saturation : Sourced, optional
         Level at and above which a pixel is not to be trusted [ADU]; that of a header is in electrons where
         the pixels are, and its unit says so.
-    bias : Known, optional
+    bias : Sourced, optional
         Level of an unexposed pixel [ADU].
-    plate_scale : Known, optional
+    plate_scale : Sourced, optional
         Side of a pixel on the sky [arcsec/pixel].
-    plate_scale_err : Known, optional
+    plate_scale_err : Sourced, optional
         Relative standard error of the plate scale.
-    va_factor : Known, optional
+    va_factor : Sourced, optional
         Velocity aberration: what a separation is multiplied by to be that seen from the barycentre.
-    orbit_change : Known, optional
+    orbit_change : Sourced, optional
         By how much orbital motion has widened the pair since the reference epoch [arcsec].
-    line_time : Known, optional
+    line_time : Sourced, optional
         From the start of one row's exposure to that of the row above it [s]; negative where rows are
         exposed downwards, zero where all are at once.  Rows as held in memory, which a TIFF's are not:
         see ``row_order``.
-    bad_bits : Known, optional
+    bad_bits : Sourced, optional
         Sum of the bits of a quality plane (DQ, MASK) that mark a pixel as unusable.
-    time : Known, optional
+    time : Sourced, optional
         Start (or middle, the source says which) of the exposure, ISO 8601, UTC.
-    unit : Known, optional
+    unit : Sourced, optional
         Of the pixel values, ``"adu"`` or ``"electron"``, or a rate: ``"adu/s"`` or ``"electron/s"``.  Any
         other is as a header has it, and refused by a detector; ADU is meant where this is None.
     wcs : astropy.wcs.WCS, optional
         Celestial part of the frame's world coordinates, for the *original* frame's 0-based pixels.
     warnings : tuple of str
-        What was found odd and how it was understood.
+        Irregularities that were found, and how they were interpreted.
     row_order : {1, -1, 0}
         What became of the file's rows: kept in their order (1), turned over (-1: a TIFF stores its top row
         first), or made into columns (0).
     """
 
-    exposure: Known | None = None
-    gain: Known | None = None
-    read_noise: Known | None = None
-    saturation: Known | None = None
-    bias: Known | None = None
-    plate_scale: Known | None = None
-    plate_scale_err: Known | None = None
-    va_factor: Known | None = None
-    orbit_change: Known | None = None
-    line_time: Known | None = None
-    bad_bits: Known | None = None
-    time: Known | None = None
-    unit: Known | None = None
+    exposure: Sourced | None = None
+    gain: Sourced | None = None
+    read_noise: Sourced | None = None
+    saturation: Sourced | None = None
+    bias: Sourced | None = None
+    plate_scale: Sourced | None = None
+    plate_scale_err: Sourced | None = None
+    va_factor: Sourced | None = None
+    orbit_change: Sourced | None = None
+    line_time: Sourced | None = None
+    bad_bits: Sourced | None = None
+    time: Sourced | None = None
+    unit: Sourced | None = None
     wcs: Any = None
     warnings: tuple[str, ...] = ()
     row_order: int = 1
@@ -173,7 +173,7 @@ class Metadata:
         Parameters
         ----------
         source : str
-            Where the values come from; begin with a word of :data:`RANKS`.
+            Where the values come from; begin with a word of :data:`PRECEDENCE`.
         **values
             By field name, in the field's unit; a None changes nothing.
 
@@ -190,9 +190,9 @@ class Metadata:
         return self._with({k: v for k, v in known.items() if getattr(self, k) is None})
 
     def apply(self, source: str, **values: Any) -> Metadata:
-        """Return a copy in which each value is used unless a more authoritative source has spoken.
+        """Return a copy in which each value is used unless a more authoritative source gives one.
 
-        Of two sources of the same rank the later one wins.  A ``wcs`` has no rank and only fills.
+        Of two sources of the same precedence the later one wins.  A ``wcs`` has no precedence and only fills.
         """
         known = _known(source, values)
         return self._with({k: v for k, v in known.items() if _yields(getattr(self, k), v)})
@@ -211,16 +211,15 @@ class Metadata:
         Parameters
         ----------
         order : {1, -1, 0}
-            See ``row_order``.  A ``line_time`` that was said of the file's rows becomes that of the
-            image's.
+            See ``row_order``.  A ``line_time`` of the file's rows becomes that of the image's.
         """
-        line_time, told = self.line_time, self.value("line_time", 0.0)
+        line_time, stated = self.line_time, self.value("line_time", 0.0)
         if line_time is not None:
-            line_time = replace(line_time, value=told * order if told else 0.0)
+            line_time = replace(line_time, value=stated * order if stated else 0.0)
         changed = replace(self, row_order=order, line_time=line_time)
-        return changed.warn(ROWS_ARE_COLUMNS) if told and not order else changed
+        return changed.warn(ROWS_ARE_COLUMNS) if stated and not order else changed
 
-    def known(self) -> dict[str, Known]:
+    def known(self) -> dict[str, Sourced]:
         """Return the known values by name, in the order of the fields."""
         values = {name: getattr(self, name) for name in FIELDS}
         return {name: value for name, value in values.items() if value is not None}
@@ -240,7 +239,7 @@ class Metadata:
 FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings", "row_order"))
 
 
-def _row(name: str, known: Known | None) -> tuple[str, str, str, str]:
+def _row(name: str, known: Sourced | None) -> tuple[str, str, str, str]:
     if known is None:
         return (name, "unknown", QUANTITIES[name].unit if name in QUANTITIES else "", "")
     text = f"{known.value:g}" if isinstance(known.value, float) else str(known.value)
@@ -253,16 +252,16 @@ def _known(source: str, values: Mapping[str, Any]) -> dict[str, Any]:
         allowed = ", ".join((*FIELDS, "wcs"))
         problem = f"{unknown[0]!r} is not known about a frame"
         raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; use one of {allowed}.")
-    return {k: _as_known(k, v, source) for k, v in values.items() if v is not None}
+    return {k: _as_sourced(k, v, source) for k, v in values.items() if v is not None}
 
 
-def _as_known(name: str, value: Any, source: str) -> Any:
-    if name == "wcs" or isinstance(value, Known):
+def _as_sourced(name: str, value: Any, source: str) -> Any:
+    if name == "wcs" or isinstance(value, Sourced):
         return value
     unit = QUANTITIES[name].unit if name in QUANTITIES else ("UTC" if name == "time" else "")
-    return Known(checked(name, value), unit, source)
+    return Sourced(checked(name, value), unit, source)
 
 
 def _yields(present: Any, new: Any) -> bool:
-    ranked = isinstance(present, Known) and isinstance(new, Known)
-    return present is None or (ranked and new.rank <= present.rank)
+    ranked = isinstance(present, Sourced) and isinstance(new, Sourced)
+    return present is None or (ranked and new.precedence <= present.precedence)

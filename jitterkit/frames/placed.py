@@ -1,4 +1,4 @@
-"""Pixels with a place: what the two records of an image have in common, and what their arrays must be."""
+"""Pixels with a position: the common base of the two records of an image, and the checks of arrays."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class Placed:
         origin = (self.origin[0] + x0, self.origin[1] + y0)
         return replace(self, **arrays, origin=origin)  # type: ignore[type-var]
 
-    def told(self, **facts: Any) -> Self:
-        """The same pixels, of which more is known: what was checked of them, and their digest, still holds.
+    def with_fields(self, **facts: Any) -> Self:
+        """Return the same pixels with some fields replaced; their checks and their digest stay.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Placed:
         known = {one.name for one in fields(self)} - pixels.keys()  # type: ignore[arg-type]
         if odd := sorted(facts.keys() - known):
             kind = type(self).__name__
-            raise TypeError(f"{odd[0]!r} is not among what can be told of a {kind}'s pixels.")
+            raise TypeError(f"{odd[0]!r} is not a field that can be replaced in a {kind}.")
         other = object.__new__(type(self))
         vars(other).update(vars(self), **facts)
         return other

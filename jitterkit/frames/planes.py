@@ -241,9 +241,9 @@ def _axis(image: Hdu) -> tuple[str, list[float]]:
     sides = image.shape[::-1]
     axis = next(n for n, side in enumerate(sides, 1) if n > 2 and side > 1)
     step = _number(image, f"CDELT{axis}", f"CD{axis}_{axis}")
-    value, place = _number(image, f"CRVAL{axis}"), _number(image, f"CRPIX{axis}")
+    value, pixel = _number(image, f"CRVAL{axis}"), _number(image, f"CRPIX{axis}")
     kind = image.words(f"CTYPE{axis}").upper()
-    return kind, [value + (n + 1 - place) * step for n in range(image.planes)]
+    return kind, [value + (n + 1 - pixel) * step for n in range(image.planes)]
 
 
 def _number(image: Hdu, *keys: str) -> float:

@@ -12,7 +12,7 @@ from jitterkit.frames.framefile import FrameFile
 
 
 def open_frames(path: str | Path, *, hdu: int | None = None) -> FrameFile:
-    """Open a FITS or TIFF file, told by its content, without reading pixels.
+    """Open a FITS or TIFF file, recognised by its content, without reading pixels.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def find_region(raw: RawFrame, shape: tuple[int, int] = (128, 128)) -> RawFrame:
     -----
     Pixels unlike their neighbours are replaced and the frame is binned to a sixteenth of the region;
     the median of tiles three regions wide is taken as the sky; then the mean over half a region is
-    maximised and the place refined by the centroid of the light within the region.
+    maximised and the position refined by the centroid of the light within the region.
 
     *Assumes* a sky that changes little over three regions.  The threshold is the level that noise
     exceeds anywhere in the frame with a chance of 1e-3, the noise measured from the differences of

@@ -11,7 +11,7 @@ import re
 from typing import Any
 
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.metadata import QUANTITIES, Known
+from jitterkit.frames.metadata import QUANTITIES, Sourced
 from jitterkit.frames.sky import plate_scale
 
 ARCSEC_PER_RADIAN = 206264.80624709636
@@ -29,7 +29,7 @@ _BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DE
 """Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
 
 
-def resolve_scale(cards: Cards, wcs: Any) -> Known | None:
+def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
     """Find the plate scale; a contradiction, or a number that is not used, adds a warning to the cards.
 
     Parameters
@@ -39,7 +39,7 @@ def resolve_scale(cards: Cards, wcs: Any) -> Known | None:
 
     Returns
     -------
-    scale : Known or None
+    scale : Sourced or None
         Arcsec/pixel: of the WCS in the middle of the frame, else of ``PIXSCALE`` and its like, else of
         ``FOCALLEN`` with ``XPIXSZ``.
     """
@@ -50,7 +50,7 @@ def resolve_scale(cards: Cards, wcs: Any) -> Known | None:
     return known
 
 
-def _of_sky(cards: Cards, wcs: Any) -> Known | None:
+def _of_sky(cards: Cards, wcs: Any) -> Sourced | None:
     said = cards.first("plate_scale") or _of_area(cards)
     if said is not None:
         _along_y(cards, said)
@@ -65,13 +65,13 @@ def _of_sky(cards: Cards, wcs: Any) -> Known | None:
         return _without_sky(cards, said, optics)
     for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
         if other is not None and abs(other.value / scale - 1) > agreement:
-            told = f"{other.source} = {other.value:g}"
-            cards.warnings.append(f"{told} differs from the WCS's {scale:g} arcsec/pixel")
+            found = f"{other.source} = {other.value:g}"
+            cards.warnings.append(f"{found} differs from the WCS's {scale:g} arcsec/pixel")
     # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
     fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
     corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
     source = f"header WCS (HDU {cards.layers[0][1]})"
-    return Known(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
+    return Sourced(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
 
 
 def _shape(cards: Cards) -> tuple[int, int] | None:
@@ -83,28 +83,28 @@ def _shape(cards: Cards) -> tuple[int, int] | None:
     return None
 
 
-def _without_sky(cards: Cards, said: Known | None, optics: Known | None) -> Known | None:
+def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> Sourced | None:
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
-        told = f"{optics.source} = {optics.value:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} differs from {told} arcsec/pixel")
+        found = f"{optics.source} = {optics.value:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
     elif said is not None and optics is None and _binning(cards)[0] > 1:
-        told = f"the binning of {_binning(cards)[0]:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {told}")
+        found = f"the binning of {_binning(cards)[0]:g}"
+        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {found}")
     return said or optics
 
 
-def _along_y(cards: Cards, said: Known) -> None:
+def _along_y(cards: Cards, said: Sourced) -> None:
     """Warn of a second axis with another scale."""
     key = said.source.removeprefix("header ").partition(" (")[0]
     before = len(cards.warnings)
     other = cards.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
     del cards.warnings[before:]
     if other is not None and abs(other.value / said.value - 1) > 0.01:
-        told = f"{other.key} = {other.value:g} arcsec/pixel"
-        cards.warnings.append(f"{key} = {said.value:g} is used, and {told}: pixels are not square")
+        found = f"{other.key} = {other.value:g} arcsec/pixel"
+        cards.warnings.append(f"{key} = {said.value:g} is used, and {found}: pixels are not square")
 
 
-def _of_area(cards: Cards) -> Known | None:
+def _of_area(cards: Cards) -> Sourced | None:
     """The side of a pixel whose area on the sky JWST writes, in arcsec²."""
     area = cards.number("PIXAR_A2")
     if area is None or not area.positive:
@@ -112,10 +112,10 @@ def _of_area(cards: Cards) -> Known | None:
     if re.search(r"\b(sr|ster\w*|deg\w*|rad\w*|arcmin\w*)(?![a-z])", area.words, re.I):
         cards.warnings.append(f"PIXAR_A2 = {area.value:g} is not in arcsec² ({area.words}) and is ignored")
         return None
-    return Known(math.sqrt(area.value), "arcsec/pixel", area.source)
+    return Sourced(math.sqrt(area.value), "arcsec/pixel", area.source)
 
 
-def _of_optics(cards: Cards) -> Known | None:
+def _of_optics(cards: Cards) -> Sourced | None:
     focal = cards.quantity("focal_length", "FOCALLEN")
     binned, unbinned = (
         _pixel_sides(cards, keys) for keys in (("XPIXSZ", "YPIXSZ"), ("PIXSIZE1", "PIXSIZE2"))
@@ -137,7 +137,7 @@ def _of_optics(cards: Cards) -> Known | None:
         return None
     if abs(y / x - 1) > 0.01:
         cards.warnings.append(f"pixels are {x:g} x {y:g} um, not square; {scale:g} arcsec/pixel is used")
-    return Known(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
+    return Sourced(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
 
 
 def _pixel_sides(cards: Cards, keys: tuple[str, str]) -> tuple[float, float] | None:

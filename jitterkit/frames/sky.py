@@ -43,11 +43,13 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
         sides = np.linalg.norm(local[0], axis=0)
         scale = float(scales[0]) if abs(scales[0] / scale - 1) > _SAME else scale
         if np.ptp(scales) > _VARIES * scale:
-            told = f"the scale runs from {scales.min():.5g} to {scales.max():.5g} arcsec/pixel over the frame"
-            warnings.append(f"{told}; that of its middle is used: give --plate-scale for another place")
+            found = (
+                f"the scale runs from {scales.min():.5g} to {scales.max():.5g} arcsec/pixel over the frame"
+            )
+            warnings.append(f"{found}; that of its middle is used: give --plate-scale for another position")
     if abs(sides[0] - sides[1]) > 0.01 * scale:
-        told = f"pixels are {sides[0]:g} x {sides[1]:g} arcsec, not square"
-        warnings.append(f"{told}; {scale:g} arcsec is used")
+        found = f"pixels are {sides[0]:g} x {sides[1]:g} arcsec, not square"
+        warnings.append(f"{found}; {scale:g} arcsec is used")
     return scale, warnings
 
 
@@ -62,7 +64,7 @@ def _is_even(wcs: Any, shape: tuple[int, int]) -> bool:
     if wcs.has_distortion or far**2 > _SAME:
         return False
     world = np.radians(wcs.pixel_to_world_values(*np.stack([reference, corner], axis=1)))
-    apart = np.diff([_unit_vector(*place) for place in world[[wcs.wcs.lng, wcs.wcs.lat]].T], axis=0)
+    apart = np.diff([_unit_vector(*one) for one in world[[wcs.wcs.lng, wcs.wcs.lat]].T], axis=0)
     return abs(float(np.linalg.norm(apart)) - far) <= _SAME * far
 
 
@@ -89,9 +91,9 @@ def local_pixels(wcs: Any, shape: tuple[int, int]) -> np.ndarray | None:
     moved = wcs.deepcopy()
     moved.wcs.crval = [0.0, 0.0]
     grid = np.array([(0, 0), (-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)])
-    places = (grid + 1) * ((np.array(shape) - 1) / 2)
+    positions = (grid + 1) * ((np.array(shape) - 1) / 2)
     steps = np.array([(0.0, -0.5), (0.0, 0.5), (-0.5, 0.0), (0.5, 0.0)])
-    y, x = (places[:, None] + steps).reshape(-1, 2).T
+    y, x = (positions[:, None] + steps).reshape(-1, 2).T
     with np.errstate(invalid="ignore"):
         world = moved.pixel_to_world_values(x, y)
     lon, lat = (np.reshape(world[axis], (9, 2, 2)) for axis in (wcs.wcs.lng, wcs.wcs.lat))
@@ -144,8 +146,8 @@ def _in_icrs(wcs: Any, lon: np.ndarray, lat: np.ndarray) -> tuple[np.ndarray, np
     frame = celestial_frame(wcs)
     if frame is None or isinstance(frame, ICRS):
         return None if frame is None else (np.radians(lon), np.radians(lat))
-    place = SkyCoord(lon, lat, unit="deg", frame=frame).icrs
-    return place.ra.rad, place.dec.rad
+    position = SkyCoord(lon, lat, unit="deg", frame=frame).icrs
+    return position.ra.rad, position.dec.rad
 
 
 def celestial_frame(wcs: Any) -> Any:
@@ -185,8 +187,8 @@ def turned_over(wcs: Any, rows: int) -> Any | None:
     Returns
     -------
     wcs : astropy.wcs.WCS
-        A pixel ``(x, rows - 1 - y)`` has the place on the sky that ``(x, y)`` has in the other.  None where
-        the coordinates have lookup tables.
+        A pixel ``(x, rows - 1 - y)`` has the position on the sky that ``(x, y)`` has in the other.  None
+        where the coordinates have lookup tables.
     """
     from astropy.wcs import Sip
 

@@ -12,7 +12,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.metadata import Known
+from jitterkit.frames.metadata import Sourced
 
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART", "UTSHUT", "UTC", "UT-STR")
 MJD_EPOCH = datetime(1858, 11, 17)
@@ -53,7 +53,7 @@ _SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB
 """Time scales of ``TIMESYS`` that are converted to UTC."""
 
 
-def resolve_time(cards: Cards) -> Known | None:
+def resolve_time(cards: Cards) -> Sourced | None:
     """Find when the exposure was taken.
 
     Parameters
@@ -63,7 +63,7 @@ def resolve_time(cards: Cards) -> Known | None:
 
     Returns
     -------
-    time : Known or None
+    time : Sourced or None
         Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.
     """
     day = None
@@ -75,7 +75,7 @@ def resolve_time(cards: Cards) -> Known | None:
     return day
 
 
-def _agreeing(cards: Cards, key: str, known: Known) -> Known:
+def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
     """Return a time, with a warning if another keyword says a day or more from it."""
     before = len(cards.warnings)
     for other in ("DATE-OBS", "MJD-OBS"):
@@ -90,7 +90,7 @@ def _agreeing(cards: Cards, key: str, known: Known) -> Known:
     return known
 
 
-def _date(cards: Cards, key: str) -> Known | None:
+def _date(cards: Cards, key: str) -> Sourced | None:
     card = cards.find(key)
     if card is None:
         return None
@@ -153,7 +153,7 @@ def _with_time(cards: Cards, day: Any, source: str) -> tuple[Any, str]:
     return day, source
 
 
-def _mjd(cards: Cards, key: str) -> Known | None:
+def _mjd(cards: Cards, key: str) -> Sourced | None:
     card = cards.number(key)
     if card is None:
         return None
@@ -163,7 +163,7 @@ def _mjd(cards: Cards, key: str) -> Known | None:
     return _in_utc(cards, MJD_EPOCH + timedelta(days=card.value), card.source, "milliseconds")
 
 
-def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Known:
+def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Sourced:
     """Convert to UTC by the header's time scale; a date alone is left as written."""
     offset = cards.number("TIMEOFFS")
     if offset is not None and offset.value:
@@ -178,7 +178,7 @@ def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Kn
         else:
             cards.warnings.append(f"TIMESYS = {system!r} is not UTC; the time is left as written")
     text = when.isoformat(timespec=precision) if isinstance(when, datetime) else when.isoformat()
-    return Known(text, "UTC", source)
+    return Sourced(text, "UTC", source)
 
 
 def epoch_seconds(text: str) -> float:

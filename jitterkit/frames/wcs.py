@@ -95,7 +95,7 @@ def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     """The WCS of some cards where it is celestial, and what was said of it."""
     # a tangent plane has no parameters in latitude: these are polynomials, as older SCAMP writes them
     scamp = _TAN.sub(r"\1TPV\2", cards) if _PV2.search(cards) else cards
-    with overheard(log) as said, collected() as caught:  # of distortions astropy tells the screen
+    with overheard(log) as said, collected() as caught:  # astropy prints warnings of distortions
         whole = WCS(_NO_PATH + scamp, tables)
         celestial = whole.celestial if whole.has_celestial else None
     said += map(one_line, caught)

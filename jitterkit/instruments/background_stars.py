@@ -22,7 +22,7 @@ _IN_FRAME = {"separation": "arcsec", "angle_from_b": "deg", "delta_mag": "mag"}
 
 @dataclass(frozen=True, eq=False)
 class BackgroundStars:
-    """Stars by their places relative to A, the brightest star of the target.
+    """Stars by their positions relative to A, the brightest star of the target.
 
     Attributes
     ----------
@@ -128,8 +128,8 @@ def _read(path: str | Path, units: Mapping[str, str]) -> QTable:
     except FileNotFoundError:
         raise FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the path") from None
     except Exception as error:
-        said = f"cannot be read as a table of stars ({error})"
-        raise FrameError(ErrorCode.MALFORMED, path, said, _remedy(units)) from None
+        problem = f"cannot be read as a table of stars ({error})"
+        raise FrameError(ErrorCode.MALFORMED, path, problem, _remedy(units)) from None
 
 
 def _columns(path: str | Path, table: QTable, units: Mapping[str, str]) -> list[np.ndarray]:

@@ -117,13 +117,13 @@ def instrument_from_fits(
 
 
 def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
-    told = is_pupil(images) if kind is None else kind == "pupil"
-    if told is None or kind not in (None, "psf", "pupil"):
+    known = is_pupil(images) if kind is None else kind == "pupil"
+    if known is None or kind not in (None, "psf", "pupil"):
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME,
             f"{path}: whether it is a PSF or a pupil is not said (kind = {kind}); give --kind psf or pupil.",
         )
-    return "pupil" if told else "psf"
+    return "pupil" if known else "psf"
 
 
 def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
@@ -134,8 +134,8 @@ def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
 
 
 def _name(images: Sequence[NamedImage], path: Path) -> str:
-    told = [str(images[0].header.get(key, "")).strip() for key in ("INSTRUME", "FILTER")]
-    return " ".join(filter(None, told)) or path.name.partition(".")[0]
+    names = [str(images[0].header.get(key, "")).strip() for key in ("INSTRUME", "FILTER")]
+    return " ".join(filter(None, names)) or path.name.partition(".")[0]
 
 
 def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
@@ -151,14 +151,14 @@ def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
 def _light(
     path: Path, images: Sequence[NamedImage], band: tuple[float, float] | None, wavelength: float | None
 ) -> dict[str, Any]:
-    """The table [spectrum]."""
+    """Read the table [spectrum]."""
     if band is not None and wavelength is not None:
         problem = f"{path}: --band {band} and --wavelength {wavelength:g}: give one of the two."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)
     if band is not None:
         return {"band": list(band)}
-    told = images[0].header.get("WAVELEN")  # of a wavefront that poppy wrote
-    wavelength = told * 1e9 if wavelength is None and isinstance(told, float) else wavelength
+    written = images[0].header.get("WAVELEN")  # of a wavefront that poppy wrote
+    wavelength = written * 1e9 if wavelength is None and isinstance(written, float) else wavelength
     if wavelength is None:
         problem = f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)

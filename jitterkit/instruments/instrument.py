@@ -70,7 +70,7 @@ class Instrument:
         What moves a separation on the sky: corrections, which no fit uses.
     sources : mapping, optional
         Where a number comes from, by its name; begin with a word of
-        :data:`jitterkit.frames.metadata.RANKS`.
+        :data:`jitterkit.frames.metadata.PRECEDENCE`.
 
     Raises
     ------
@@ -140,18 +140,18 @@ class Instrument:
 
     @cached_property
     def pupil(self) -> Pupil | None:
-        """The pupil, made on first use; None where a PSF stands for it."""
+        """Return the pupil, made on first use; None where a PSF stands for it."""
         pupil = self.pupil_from() if callable(self.pupil_from) else self.pupil_from
         return pupil.with_shading(self.transmission) if pupil is not None and self.transmission else pupil
 
     @cached_property
     def psf(self) -> np.ndarray | None:
-        """The star image ``(ny, nx)`` that stands for a pupil, read on first use; else None."""
+        """Return the star image ``(ny, nx)`` that stands for a pupil, read on first use; else None."""
         return self.psf_from() if callable(self.psf_from) else self.psf_from
 
     @property
     def aberrations(self) -> tuple[str, ...]:
-        """Names of the aberrations of the wavefront that may vary, such as ``noll4``."""
+        """Return the names of the aberrations of the wavefront that may vary, such as ``noll4``."""
         return () if self.pupil is None else self.pupil.names[: len(self.pupil.basis)]
 
     def system(
@@ -161,7 +161,7 @@ class Instrument:
         plate_scale: float | None = None,
         pad: int | None = None,
     ) -> OpticalSystem | FixedOptics:
-        """The optics on a frame's grid, and the diffusion of charge in the detector.
+        """Return the optics on a frame's grid, and the diffusion of charge in the detector.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class Instrument:
         )
 
     def optics(self, aberrations=None, *, pad: int | None = None, derivatives: bool = True) -> OTF:
-        """The transfer function on the instrument's own frame, as :meth:`system` has it.
+        """Return the transfer function on the instrument's own frame, as :meth:`system` has it.
 
         Parameters
         ----------

@@ -111,7 +111,7 @@ def toliman_camera() -> Instrument:
 
 
 def jwst() -> Instrument:
-    """A segmented telescope like JWST: NIRCam's long-wave channel, 0.063 arcsec pixels, at 4.8 um.
+    """Return a segmented telescope like JWST: NIRCam's long-wave channel, 0.063 arcsec pixels, at 4.8 um.
 
     A sharp star in the middle of a pixel fills two thirds of its well.
     """
@@ -136,7 +136,7 @@ def jwst() -> Instrument:
 
 
 def hst() -> Instrument:
-    """A two-mirror telescope like Hubble: WFC3/UVIS, 0.04 arcsec pixels, F814W.
+    """Return a two-mirror telescope like Hubble: WFC3/UVIS, 0.04 arcsec pixels, F814W.
 
     The detector undersamples the optics.  A sharp star in the middle of a pixel fills two thirds of its well.
     """
@@ -189,7 +189,7 @@ def _observatory(
     spectrum: Spectrum,
     pupil: Callable[[], Pupil],
 ) -> Instrument:
-    """An instrument of 64 x 64 pixels whose numbers come each with its source."""
+    """Return an instrument of 64 x 64 pixels whose numbers come each with its source."""
     sources = dict.fromkeys(_QUANTITIES, f"preset {name} (docs instruments)")
     sources |= {key: f"preset {name} ({words})" for key, (_, words) in numbers.items()}
     return Instrument(

@@ -70,7 +70,7 @@ class EffectivePsf:
 
     @property
     def width(self) -> tuple[int, int]:
-        """Rows and columns in whole detector pixels."""
+        """Return the rows and columns in whole detector pixels."""
         ny, nx = self.pixels.shape
         return ny // self.oversample, nx // self.oversample
 
@@ -169,16 +169,16 @@ def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -
     kind = _card(image, primary, "JITRTYPE")
     if kind is not None and not str(kind).strip().lower().startswith("none") and not jittered:
         size = _card(image, primary, "JITRSIGM")
-        told = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
+        detail = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
         raise ConfigurationError(
             ErrorCode.CONFLICT,
-            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{told}, so that fits would find "
+            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{detail}, so that fits would find "
             "only what is beyond it; compute it with options['jitter'] = None, or allow it with --jittered.",
         )
 
 
 def _card(image: NamedImage, primary: NamedImage, key: str) -> Any:
-    """A card of the image's header, or of the first image's."""
+    """Return a card of the image's header, or of the first image's."""
     return image.header.get(key, primary.header.get(key))
 
 
@@ -224,7 +224,7 @@ def _detector(
 
 
 def _axis(image: NamedImage, pitch: float) -> tuple[float, float]:
-    """The optical axis: the middle, or sample n/2 where an FFT computed the image."""
+    """Return the optical axis: the middle, or sample n/2 where an FFT computed the image."""
     ny, nx = image.pixels.shape
     diffraction, oversample = image.positive("DIFFLMT"), image.positive("OVERSAMP")
     by_fft = bool(diffraction and oversample and abs(pitch * oversample / diffraction - 1) < 1e-6)
@@ -246,7 +246,7 @@ def _missing(image: NamedImage, binned: bool, samples: int) -> float:
 
 
 def _collected(pixels: np.ndarray, width: float) -> np.ndarray:
-    """The image integrated over a square of a width [samples] about each sample."""
+    """Return the image integrated over a square of a width [samples] about each sample."""
     shape = [fft.next_fast_len(n + 2 * math.ceil(width) + 8, real=True) for n in pixels.shape]
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     spectrum = fft.rfft2(pixels, s=shape) * np.sinc(width * fy) * np.sinc(width * fx)
@@ -274,6 +274,6 @@ def _fewest(path: Path, image: NamedImage, whole: np.ndarray, samples: int) -> i
 
 
 def _enclosed(image: NamedImage, primary: NamedImage, total: float) -> float | None:
-    """Share of the light inside the image: its sum, where the light at a pupil is one."""
+    """Return the share of the light inside the image: its sum, where the light at a pupil is one."""
     kind = str(_card(image, primary, "NORMALIZ") or "").strip().lower()
     return min(total, 1.0) if kind in ("first", "exit_pupil") and total < 1.001 else None

@@ -98,12 +98,12 @@ def _is_opd(image: NamedImage) -> bool:
 
 
 def _amplitude(path: Path, image: NamedImage) -> np.ndarray:
-    """The amplitude transmission; of a file of the intensity its root."""
-    told = str(image.header.get("CONTENTS", image.header.get("PLANE1", ""))).lower()
+    """Return the amplitude transmission; of a file of the intensity its root."""
+    content = str(image.header.get("CONTENTS", image.header.get("PLANE1", ""))).lower()
     if image.pixels.min() < 0:
         problem = f"{path}: the transmission in HDU {image.hdu} goes down to {image.pixels.min():.4g}"
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give 0 to 1.")
-    return np.sqrt(image.pixels) if "intensity" in told else image.pixels
+    return np.sqrt(image.pixels) if "intensity" in content else image.pixels
 
 
 def _wavefront(

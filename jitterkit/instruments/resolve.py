@@ -9,7 +9,7 @@ from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import QUANTITIES, Known, Metadata
+from jitterkit.frames.metadata import QUANTITIES, Metadata, Sourced
 from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
@@ -65,7 +65,7 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
         return metadata
     if stated is None and instrument.plate_scale_err is not None:
         unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
-        stated, scale = Known(instrument.plate_scale_err, unit, source), instrument.plate_scale
+        stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
     if stated is None:
         return metadata
     used = metadata.known()["plate_scale"]
@@ -78,7 +78,7 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
 
 
 def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -> Metadata:
-    """Add what the sky does to a separation, once: a scale that stars have told holds some of it already."""
+    """Add what the sky does to a separation, once: a scale measured from stars holds some of it already."""
     sky, source, scale = instrument.sky, instrument.source("sky"), metadata.known()["plate_scale"]
     if sky is not None:
         solved = scale.source.startswith("header WCS")
@@ -109,6 +109,6 @@ def _middle(raw: RawFrame, metadata: Metadata) -> float:
     average = known is not None and "-AVG" in known.source
     if known is None or "T" not in known.value or (average and raw.several):
         return math.nan
-    place = raw.index if raw.after is None else raw.after
-    before = place * raw.several + 0.5 * (not average)
+    index = raw.index if raw.after is None else raw.after
+    before = index * raw.several + 0.5 * (not average)
     return epoch_seconds(known.value) + before * exposure

@@ -110,7 +110,7 @@ def _number_or_map(section: Section, key: str) -> float | np.ndarray:
 
 
 def _map(path: Path) -> np.ndarray:
-    """A map in single precision, which is finer than any detector is known; NaN where it is masked."""
+    """Return a map in single precision, which is finer than any detector is known; NaN where it is masked."""
     with open_frames(path) as frames:
         frame = frames[0]
     return np.where(frame.mask, np.nan, frame.data).astype(np.float32)
@@ -144,8 +144,8 @@ def read_spectrum_section(section: Section) -> dict[str, Any]:
     """Return the spectrum of an instrument and what its file says of the stars' colours, by field."""
     kinds = [key for key in ("band", "lines", "file") if key in section]
     if len(kinds) != 1:
-        said = " and ".join(kinds) if kinds else "neither band nor lines nor file"
-        problem = f"{section.file}: [spectrum] has {said}; give exactly one of band, lines, file."
+        given = " and ".join(kinds) if kinds else "neither band nor lines nor file"
+        problem = f"{section.file}: [spectrum] has {given}; give exactly one of band, lines, file."
         raise ConfigurationError(ErrorCode.CONFLICT if kinds else ErrorCode.MISSING_VALUE, problem)
     for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
         if key in section and kinds[0] not in wanted:

@@ -47,7 +47,7 @@ _EPOCH_1970 = 2440587.5
 
 @dataclass(frozen=True)
 class Sky:
-    """Where the target stands, how the observer moves, and how the pair's separation changes.
+    """Hold the target's position, the observer's motion, and the change of the pair's separation.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Sky:
 
     @property
     def needs_time(self) -> bool:
-        """Whether something depends on when a frame was taken."""
+        """Return whether a correction depends on the time of a frame."""
         return self.velocity == "earth" or self.orbit_rate is not None
 
     def va_factor(self, when: float) -> float | None:

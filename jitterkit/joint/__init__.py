@@ -1,27 +1,27 @@
-"""Many frames fitted together: what they share once, what is a frame's own frame by frame.
+"""Fit many frames together: shared parameters once, a frame's own parameters frame by frame.
 
 Reach for :func:`refit_sequence`.
 """
 
 from jitterkit.joint.combine import Combined, Shared, combine
-from jitterkit.joint.laws import Constant, Law, Polynomial, Wander, parse_law
-from jitterkit.joint.look import Looker
-from jitterkit.joint.message import Message, Messages
+from jitterkit.joint.frame_fitter import FrameFitter
+from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
+from jitterkit.joint.ornstein_uhlenbeck import fit_ornstein_uhlenbeck
 from jitterkit.joint.records import FrameRecord, Records
 from jitterkit.joint.refit import Exposure, SequenceOptions, refit_sequence
 from jitterkit.joint.result import Rows, SequenceFit, SequenceFrame, Slope
+from jitterkit.joint.time_models import Constant, OrnsteinUhlenbeck, Polynomial, TimeModel, parse_time_model
 from jitterkit.joint.velocity import velocity_between_frames, velocity_from_trace
-from jitterkit.joint.wander import measure_wander
 
 __all__ = [
     "Combined",
     "Constant",
     "Exposure",
+    "FrameFitter",
     "FrameRecord",
-    "Law",
-    "Looker",
-    "Message",
-    "Messages",
+    "LikelihoodSummaries",
+    "LikelihoodSummary",
+    "OrnsteinUhlenbeck",
     "Polynomial",
     "Records",
     "Rows",
@@ -30,10 +30,10 @@ __all__ = [
     "SequenceOptions",
     "Shared",
     "Slope",
-    "Wander",
+    "TimeModel",
     "combine",
-    "measure_wander",
-    "parse_law",
+    "fit_ornstein_uhlenbeck",
+    "parse_time_model",
     "refit_sequence",
     "velocity_between_frames",
     "velocity_from_trace",

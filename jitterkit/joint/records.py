@@ -1,4 +1,4 @@
-"""What is kept of every frame of a sequence: a line of numbers on disk, words only where there is news."""
+"""The stored record of each frame of a sequence: numbers on disk, text only where a frame is not ok."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jitterkit.forward import GRADIENT
-from jitterkit.joint.spool import Spool
+from jitterkit.joint.record_file import RecordFile
 from jitterkit.refit.result import FitResult, Status, moments_of
 
 __all__ = ["STATED", "FrameRecord", "Records"]
 
 STATED = ("plate_scale_err", "va_factor", "orbit_change")
-"""Metadata of a frame that tell how to read its separation, and that no fit uses."""
+"""Metadata of a frame that affect the interpretation of its separation, and that no fit uses."""
 
 _STATUS = tuple(Status)
 
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """One frame of a sequence and its own parameters.
+    """Hold one frame of a sequence and its own parameters.
 
     Attributes
     ----------
@@ -37,14 +37,14 @@ class FrameRecord:
     moments, moment_errors : (3,) arrays
         Of the jitter, arcsec².
     chi2_dof : float
-    place : (2,) array
+    position : (2,) array
         Of the pair on the whole detector, arcsec from its first pixel's part of the sky.
     velocity : (2,) array
-        Of the image during the exposure, arcsec/s; NaN where nothing says.
+        Of the image during the exposure, arcsec/s; NaN where unknown.
     stated : (s,) array
-        Numbers of the frame's metadata, in the order of :data:`STATED`; NaN where nothing says.
-    told : bool
-        Whether it has a message about what is shared.
+        Numbers of the frame's metadata, in the order of :data:`STATED`; NaN where unknown.
+    has_summary : bool
+        Whether it has a likelihood summary of the shared parameters.
     reason : str
         Value of the error code of a frame that is not ok; empty for one that is.
     """
@@ -59,15 +59,15 @@ class FrameRecord:
     moments: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     moment_errors: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     chi2_dof: float = float("nan")
-    place: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    position: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     velocity: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     stated: np.ndarray = field(default_factory=lambda: np.full(len(STATED), np.nan))
-    told: bool = False
+    has_summary: bool = False
     reason: str = ""
 
     @classmethod
     def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
-        """The record of a fit of a frame's own parameters."""
+        """Make the record of a fit of a frame's own parameters."""
         if fit.parameters is None:
             return cls(name, time, fit.status, fit.message, fit.flags, reason=fit.reason, **more)
         scene, locus = fit.parameters.scene, fit.parameters.locus
@@ -104,7 +104,7 @@ class Records:
 
     def __init__(self, own: tuple[str, ...]) -> None:
         self.own = own
-        self._numbers = Spool(14 + len(STATED) + 2 * len(own))
+        self._numbers = RecordFile(14 + len(STATED) + 2 * len(own))
         self._names: list[str] = []
         self._words: dict[int, tuple[str, tuple[str, ...], str]] = {}
 
@@ -112,16 +112,16 @@ class Records:
         return len(self._numbers)
 
     def append(self, record: FrameRecord) -> None:
-        """Add the next frame's."""
+        """Add the next frame's record."""
         blank = np.full(len(self.own), np.nan)
         parts = (
-            [record.time, _STATUS.index(record.status), record.told],
+            [record.time, _STATUS.index(record.status), record.has_summary],
             record.values if len(record.values) else blank,
             record.errors if len(record.errors) else blank,
             record.moments,
             record.moment_errors,
             [record.chi2_dof],
-            record.place,
+            record.position,
             record.velocity,
             record.stated,
         )

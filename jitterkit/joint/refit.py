@@ -1,10 +1,11 @@
-"""Many frames fitted together: what they share once, what is a frame's own frame by frame.
+"""Fit many frames together: shared parameters once, a frame's own parameters frame by frame.
 
-Reach for :func:`refit_sequence`.  It goes over the frames several times.  The first time each frame is looked
-at with the shared parameters as the frames before it have them; later with those of all frames, and with the
-motion between frames in the rolling shutter.  From every frame a message about the shared parameters remains
-(:mod:`jitterkit.joint.message`), and the messages are combined exactly (:mod:`jitterkit.joint.combine`): a
-Gauss-Newton climb of the joint likelihood.  Its cost is linear in the frames, its memory that of one.
+Reach for :func:`refit_sequence`.  It passes over the frames several times.  The first time each frame is
+fitted with the shared parameters as the frames before it give them; later with those of all frames, and with
+the motion between frames in the rolling shutter.  From every frame a summary of its likelihood remains
+(:mod:`jitterkit.joint.likelihood_summary`), and the summaries are combined exactly
+(:mod:`jitterkit.joint.combine`): a Gauss-Newton maximisation of the joint likelihood.  Its cost is linear in
+the frames, its memory that of one.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.joint.combine import Combined, combine
 from jitterkit.joint.filter import Filter, Model
-from jitterkit.joint.laws import Constant, Law
-from jitterkit.joint.look import Looker, Nearby
-from jitterkit.joint.message import Messages
+from jitterkit.joint.frame_fitter import FrameFitter, NearbyOptics
+from jitterkit.joint.likelihood_summary import LikelihoodSummaries
+from jitterkit.joint.ornstein_uhlenbeck import complete_time_models, initial_time_models
 from jitterkit.joint.records import STATED, FrameRecord, Records
 from jitterkit.joint.result import SequenceFit
 from jitterkit.joint.shutters import Shutters
-from jitterkit.joint.wander import loose_laws, settle_laws
+from jitterkit.joint.time_models import Constant, TimeModel
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.outliers import Fitted, fit_without_outliers
@@ -36,15 +37,15 @@ from jitterkit.shutter import Shutter
 
 __all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
 
-_SETTLED = 1.0
-"""Joint standard errors by which the last pass may have moved a shared parameter; where it moved one by 0.16,
-the next moved it by 0.0002."""
+_CONVERGED = 1.0
+"""Largest change of a shared parameter by the last pass, in joint standard errors; where it was 0.16, that of
+the next pass was 0.0002."""
 
 _PASSES = 5
 
 
 class Exposure(NamedTuple):
-    """One frame of a sequence.
+    """Hold one frame of a sequence.
 
     Attributes
     ----------
@@ -54,7 +55,7 @@ class Exposure(NamedTuple):
     frame : Frame or None
         None where it cannot be used.
     problem : FitResult or None
-        Then why.
+        The reason, where there is no frame.
     """
 
     name: str
@@ -65,27 +66,28 @@ class Exposure(NamedTuple):
 
 @dataclass(frozen=True)
 class SequenceOptions:
-    """How the frames of a sequence hang together.
+    """Hold how the frames of a sequence are related.
 
     Attributes
     ----------
-    laws : mapping
-        How shared parameters change with time, by name; ``"aberrations"`` stands for all of them.  None is a
-        wander whose numbers the frames are to say.  What is not named is constant, but aberrations wander.
+    time_models : mapping
+        How shared parameters change with time, by name; ``"aberrations"`` stands for all of them.  None is an
+        Ornstein-Uhlenbeck process whose numbers are estimated.  Parameters not named are constant, except
+        that aberrations follow such a process.
     rolling : bool
         Whether the rows of a rolling shutter are modelled, where the frames say that they have one.
     telemetry : ((m,), (m,), (m,)) arrays or None
         Pointing measured otherwise: s from the beginning of the first exposure, and arcsec.
     """
 
-    laws: Mapping[str, Law | None] = field(default_factory=dict)
+    time_models: Mapping[str, TimeModel | None] = field(default_factory=dict)
     rolling: bool = True
     telemetry: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
 
 def refit_sequence(
     exposures: Iterable[Exposure],
-    looker: Looker,
+    fitter: FrameFitter,
     options: SequenceOptions | None = None,
     watch: Callable[[int, str], None] | None = None,
 ) -> SequenceFit:
@@ -94,8 +96,8 @@ def refit_sequence(
     Parameters
     ----------
     exposures : iterable of Exposure
-        Gone over several times: a list, or anything that begins anew each time.
-    looker : Looker
+        Read several times: a list, or anything that can be iterated again.
+    fitter : FrameFitter
         Optics, locus, and what is held.
     options : SequenceOptions, optional
     watch : callable, optional
@@ -110,151 +112,163 @@ def refit_sequence(
     JitterkitError
         If no frame can be fitted.
     ConfigurationError
-        If a law names nothing that is shared, or the times do not ascend.
+        If a time model names nothing that is shared, or the times do not ascend.
 
     Notes
     -----
-    *Fails when* a single frame is far from telling the shared parameters to first order: its message is the
-    quadratic form at the point where all frames put them, not at its own best.
+    *Fails when* a single frame is far from linear in the shared parameters: its summary is the
+    quadratic form at the joint maximum, not at its own.
     """
-    return _Run(exposures, looker, options or SequenceOptions(), watch).fit()
+    return _Run(exposures, fitter, options or SequenceOptions(), watch).fit()
 
 
 class _Run:
-    """One joint fit."""
+    """Run one joint fit."""
 
-    def __init__(self, exposures, looker: Looker, options: SequenceOptions, watch) -> None:
-        self.exposures, self.looker, self.options = exposures, looker, options
+    def __init__(self, exposures, fitter: FrameFitter, options: SequenceOptions, watch) -> None:
+        self.exposures, self.fitter, self.options = exposures, fitter, options
         self.watch = watch or (lambda number, name: None)
         self.template: Parameters | None = None
-        self.left_out: dict[int, np.ndarray] = {}  # by the frame's place, flat: pixels that do not belong
-        self.shutters = Shutters(looker.optics.nominal.grid, options.rolling, options.telemetry)
-        common = options.laws.get("aberrations")
-        nominal = looker.optics.nominal
-        laws = dict.fromkeys(nominal.names, common) | dict.fromkeys(nominal.further, Constant())
-        laws |= dict(options.laws)
-        self.given = {name: laws.get(name, Constant()) for name in looker.shared}
-        unknown = [name for name in options.laws if name not in (*looker.shared, "aberrations")]
+        self.left_out: dict[int, np.ndarray] = {}  # by the frame's index: flat indices of outlier pixels
+        self.shutters = Shutters(fitter.optics.nominal.grid, options.rolling, options.telemetry)
+        common = options.time_models.get("aberrations")
+        nominal = fitter.optics.nominal
+        time_models = dict.fromkeys(nominal.names, common) | dict.fromkeys(nominal.further, Constant())
+        time_models |= dict(options.time_models)
+        self.given = {name: time_models.get(name, Constant()) for name in fitter.shared}
+        unknown = [name for name in options.time_models if name not in (*fitter.shared, "aberrations")]
         if unknown:
             raise ConfigurationError(
                 ErrorCode.UNKNOWN_NAME,
-                f"{unknown[0]!r} is not shared by the frames; there are {', '.join(looker.shared)}, and "
+                f"{unknown[0]!r} is not shared by the frames; there are {', '.join(fitter.shared)}, and "
                 "'aberrations' for all of those.",
             )
 
     def fit(self) -> SequenceFit:
         began = time.perf_counter()
-        messages, records = self._first_pass()
-        laws = self._settled_laws(messages)
-        combined, moves = combine(messages, laws), [math.inf]
-        while len(moves) < _PASSES and not moves[-1] < _SETTLED:
+        summaries, records = self._first_pass()
+        time_models = self._time_models(summaries)
+        combined, moves = combine(summaries, time_models), [math.inf]
+        while len(moves) < _PASSES and not moves[-1] < _CONVERGED:
             before = combined
-            messages, records = self._later_pass(len(moves) + 1, combined, records)
-            laws = self._settled_laws(messages)
-            combined = combine(messages, laws)
+            summaries, records = self._later_pass(len(moves) + 1, combined, records)
+            time_models = self._time_models(summaries)
+            combined = combine(summaries, time_models)
             moves.append(_moved(before, combined))
         return SequenceFit(
             combined=combined,
-            messages=messages,
+            summaries=summaries,
             records=records,
-            laws=laws,
-            locus=self.looker.locus,
+            time_models=time_models,
+            locus=self.fitter.locus,
             moves=tuple(moves),
             seconds=time.perf_counter() - began,
             rows=self.shutters.rows(records, combined.value("separation")),
         )
 
-    def _settled_laws(self, messages: Messages) -> dict[str, Law]:
-        names = self.looker.optics.nominal.names
-        return settle_laws(self.given, messages, names, self.shutters.exposure or 1.0)
+    def _time_models(self, summaries: LikelihoodSummaries) -> dict[str, TimeModel]:
+        names = self.fitter.optics.nominal.names
+        return complete_time_models(self.given, summaries, names, self.shutters.exposure or 1.0)
 
-    def _first_pass(self) -> tuple[Messages, Records]:
-        """Each frame with the shared parameters as the frames before it have them."""
-        looker, messages, records = self.looker, Messages(self.looker.shared), Records(self.looker.own)
+    def _first_pass(self) -> tuple[LikelihoodSummaries, Records]:
+        """Fit each frame with the shared parameters as the frames before it give them."""
+        fitter, summaries, records = (
+            self.fitter,
+            LikelihoodSummaries(self.fitter.shared),
+            Records(self.fitter.own),
+        )
         run: Filter | None = None
         here: FitResult | None = None
-        nearby = Nearby(looker.optics)
+        nearby = NearbyOptics(fitter.optics)
         for exposure in self._frames(1):
             if exposure.frame is None:
-                records.append(_record(exposure, _why(exposure), looker.own))
+                records.append(_record(exposure, _why(exposure), fitter.own))
                 continue
             shutter, known = self.shutters.of(exposure.frame), None
             if run is not None:
-                run.move(exposure.time)
-                known = dict(zip(looker.shared, run.shared(), strict=True))
+                run.predict(exposure.time)
+                known = dict(zip(fitter.shared, run.shared(), strict=True))
 
-            def looked(frame: Frame, here=here, known=known, shutter=shutter) -> tuple[FitResult, OTF]:
+            def fit_frame(frame: Frame, here=here, known=known, shutter=shutter) -> tuple[FitResult, OTF]:
                 if known is not None and here is not None and here.parameters is not None:
-                    start = looker.at(here.parameters, known)
-                    fit, otf = looker.anew(frame, start, here.image, nearby.at(start))
+                    start = fitter.at(here.parameters, known)
+                    fit, otf = fitter.fit_cold(frame, start, here.image, nearby.at(start))
                     if fit.status.usable:
                         return fit, otf
                 # the first, or lost: what is shared, or the pair, has moved too far
-                return looker.first(frame, shutter, known)
+                return fitter.fit_first(frame, shutter, known)
 
-            frame, fit, otf = self._without_outliers(len(records), exposure.frame, looked)
+            frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
-            message = looker.told(frame, fit, otf, exposure.time, first=not len(messages))
-            records.append(_record(exposure, fit, looker.own, told=message is not None))
-            if message is None:
+            summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
+            records.append(_record(exposure, fit, fitter.own, has_summary=summary is not None))
+            if summary is None:
                 continue
-            messages.append(message)
+            summaries.append(summary)
             here = fit
             if run is None:
                 self.template = fit.parameters
-                loose = loose_laws(self.given, message, self.shutters.exposure or 1.0)
-                run = Filter(Model(looker.shared, loose, message, (0.0, 1.0)))
-                run.move(exposure.time)
-            run.hear(message)
-        return _told(messages, records)
+                loose = initial_time_models(self.given, summary, self.shutters.exposure or 1.0)
+                run = Filter(Model(fitter.shared, loose, summary, (0.0, 1.0)))
+                run.predict(exposure.time)
+            run.update(summary)
+        return _require_fitted(summaries, records)
 
-    def _later_pass(self, number: int, combined: Combined, before: Records) -> tuple[Messages, Records]:
-        """Each frame with the shared parameters of all, from where the pass before left it."""
-        looker, messages, records = self.looker, Messages(self.looker.shared), Records(self.looker.own)
+    def _later_pass(
+        self, number: int, combined: Combined, before: Records
+    ) -> tuple[LikelihoodSummaries, Records]:
+        """Fit each frame with the shared parameters of all, from its fit in the pass before."""
+        fitter, summaries, records = (
+            self.fitter,
+            LikelihoodSummaries(self.fitter.shared),
+            Records(self.fitter.own),
+        )
         shared, velocities = combined.shared(), self.shutters.velocities(before)
-        nearby = Nearby(looker.optics)
+        nearby = NearbyOptics(fitter.optics)
         for exposure, old, velocity in zip(self._frames(number), before, velocities, strict=True):
-            if not old.told or exposure.frame is None:
+            if not old.has_summary or exposure.frame is None:
                 records.append(old)
                 continue
-            values = dict(zip(looker.shared, next(shared).values, strict=True))
-            values |= dict(zip(looker.own, old.values, strict=True))
+            values = dict(zip(fitter.shared, next(shared).values, strict=True))
+            values |= dict(zip(fitter.own, old.values, strict=True))
             assert self.template is not None
             shutter = self.shutters.of(exposure.frame, velocity)
-            start = _shuttered(looker.at(self.template, values), shutter)
+            start = _shuttered(fitter.at(self.template, values), shutter)
 
-            def looked(frame: Frame, start=start, shutter=shutter, values=values) -> tuple[FitResult, OTF]:
-                fit, otf = looker.again(frame, start, nearby.at(start))
-                # what the others say may not suit it: it speaks for itself then, and will be judged
-                return (fit, otf) if fit.status.usable else looker.first(frame, shutter, values)
+            def fit_frame(frame: Frame, start=start, shutter=shutter, values=values) -> tuple[FitResult, OTF]:
+                fit, otf = fitter.refit(frame, start, nearby.at(start))
+                # the shared parameters may not suit it: then fit it alone, and test it against the others
+                return (fit, otf) if fit.status.usable else fitter.fit_first(frame, shutter, values)
 
-            frame, fit, otf = self._without_outliers(len(records), exposure.frame, looked)
+            frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
-            message = looker.told(frame, fit, otf, exposure.time, first=not len(messages))
-            records.append(_record(exposure, fit, looker.own, velocity=velocity, told=message is not None))
-            if message is not None:
-                messages.append(message)
-        return _told(messages, records)
+            summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
+            records.append(
+                _record(exposure, fit, fitter.own, velocity=velocity, has_summary=summary is not None)
+            )
+            if summary is not None:
+                summaries.append(summary)
+        return _require_fitted(summaries, records)
 
     def _without_outliers(
-        self, place: int, whole: Frame, look: Callable[[Frame], tuple[FitResult, OTF]]
+        self, index: int, whole: Frame, fit: Callable[[Frame], tuple[FitResult, OTF]]
     ) -> tuple[Frame, FitResult, OTF]:
-        """A frame without pixels that do not belong to it, in this pass or one before, and its fit."""
-        known = np.isin(np.arange(whole.mask.size), self.left_out.get(place, [])).reshape(whole.shape)
-        looker = self.looker
+        """Fit a frame without outlier pixels, those of the passes before included; return it with its fit."""
+        known = np.isin(np.arange(whole.mask.size), self.left_out.get(index, [])).reshape(whole.shape)
+        fitter = self.fitter
         frame, fitted = fit_without_outliers(
             whole,
-            lambda frame: Fitted(*look(frame)),
+            lambda frame: Fitted(*fit(frame)),
             known=known,
-            known_light=looker.known_light,
-            model_error=looker.model_error,
+            known_light=fitter.known_light,
+            model_error=fitter.model_error,
         )
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
-            self.left_out[place] = found
+            self.left_out[index] = found
         return frame, fitted.result, fitted.otf
 
     def _frames(self, number: int) -> Iterator[Exposure]:
-        """The frames, watched, in the order of time."""
+        """Yield the frames in the order of time, and report each."""
         before, last = "", -math.inf
         for exposure in self.exposures:
             if exposure.frame is not None:
@@ -269,9 +283,9 @@ class _Run:
             self.watch(number, exposure.name)
 
 
-def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
-    """Both, if any frame has told anything."""
-    if not len(messages):
+def _require_fitted(summaries: LikelihoodSummaries, records: Records) -> tuple[LikelihoodSummaries, Records]:
+    """Return summaries and records; raise if no frame could be fitted."""
+    if not len(summaries):
         first = next(iter(records), None)
         why = "." if first is None else f": {first.message}"
         code = ErrorCode.NO_DATA
@@ -282,23 +296,23 @@ def _told(messages: Messages, records: Records) -> tuple[Messages, Records]:
             f"No frame of the sequence can be fitted{why} If they are of another telescope, give its "
             "instrument.",
         )
-    return messages, records
+    return summaries, records
 
 
 def _moved(before: Combined, after: Combined) -> float:
-    """Errors by which what is shared has moved at most."""
+    """Return the largest change of a shared parameter, in standard errors."""
     errors = np.sqrt(np.diag(after.covariance))
     known = np.isfinite(errors)
     return float(np.max(np.abs(after.values - before.values)[known] / errors[known], initial=0.0))
 
 
 def _why(exposure: Exposure) -> FitResult:
-    """Why there is no frame."""
+    """Return the reason for which there is no frame."""
     return exposure.problem or FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}.")
 
 
 def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
-    """The record of a frame, with the remarks of its calibration."""
+    """Make the record of a frame, with the flags of its calibration."""
     frame = exposure.frame
     if frame is None:
         return FrameRecord.of(exposure.name, exposure.time, fit, own)
@@ -307,7 +321,7 @@ def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) ->
     more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
     if fit.parameters is not None and frame.plate_scale:
         scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale
-        more["place"] = corner + np.array([float(scene.x), float(scene.y)])
+        more["position"] = corner + np.array([float(scene.x), float(scene.y)])
     return FrameRecord.of(exposure.name, exposure.time, fit, own, **more)
 
 

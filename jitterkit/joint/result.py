@@ -1,4 +1,4 @@
-"""What a joint fit returns."""
+"""The result of a joint fit."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from typing import NamedTuple
 import numpy as np
 
 from jitterkit.joint.combine import Combined, Shared, combine
-from jitterkit.joint.laws import Law, Polynomial
-from jitterkit.joint.message import Messages
+from jitterkit.joint.likelihood_summary import LikelihoodSummaries
 from jitterkit.joint.records import FrameRecord, Records
+from jitterkit.joint.time_models import Polynomial, TimeModel
 
 __all__ = ["Rows", "SequenceFit", "SequenceFrame", "Slope"]
 
 
 class SequenceFrame(NamedTuple):
-    """One frame of a sequence, with what the others make of it.
+    """Hold one frame of a sequence, with the shared parameters at its time.
 
     Attributes
     ----------
     record : FrameRecord
         Its own parameters.
     shared : Shared or None
-        The shared parameters at its time; None where it has no message.
+        The shared parameters at its time; None where it has no likelihood summary.
     kept : bool
         Whether it counts.
     separation, separation_err : float
-        arcsec: what this frame alone says, all other shared parameters known.  Where the separation is
+        arcsec: of this frame alone, all other shared parameters known.  Where the separation is
         constant, the mean of these weighted by their errors is the joint one exactly.
     """
 
@@ -40,7 +40,7 @@ class SequenceFrame(NamedTuple):
 
 
 class Slope(NamedTuple):
-    """A linear change of the separation over a run.
+    """Hold a linear change of the separation over a run.
 
     Attributes
     ----------
@@ -56,18 +56,18 @@ class Slope(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """A rolling shutter over a sequence.
+    """Hold the effect of a rolling shutter on a sequence.
 
     Attributes
     ----------
     line_time : float
         s.
     modelled : bool
-        Whether the rows were taken as exposed one after the other.
+        Whether the rows were modelled as exposed one after the other.
     leverage : float
         Change of the separation by a velocity along the pair, at worst, s: arcsec per arcsec/s.
     unknown : float
-        Standard error of the velocity within the frames, arcsec/s; NaN where nothing says.
+        Standard error of the velocity within the frames, arcsec/s; NaN where unknown.
     """
 
     line_time: float
@@ -78,18 +78,18 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SequenceFit:
-    """A sequence of frames, fitted together.
+    """Hold a sequence of frames, fitted together.
 
     Attributes
     ----------
     combined : Combined
         The shared parameters.
-    messages : Messages
-        What each frame says about them.
+    summaries : LikelihoodSummaries
+        Of each frame's likelihood of them.
     records : Records
         The frames' own parameters.
-    laws : mapping
-        How what is shared changes, by name.
+    time_models : mapping
+        How the shared parameters change, by name.
     locus : str
     moves : tuple of float
         By how many joint errors each pass moved a shared parameter at most; infinite for the first.
@@ -99,9 +99,9 @@ class SequenceFit:
     """
 
     combined: Combined
-    messages: Messages
+    summaries: LikelihoodSummaries
     records: Records
-    laws: Mapping[str, Law]
+    time_models: Mapping[str, TimeModel]
     locus: str
     moves: tuple[float, ...]
     seconds: float
@@ -109,45 +109,47 @@ class SequenceFit:
 
     @property
     def separation(self) -> tuple[float, float]:
-        """Joint separation and its error, arcsec: the Cramér-Rao bound of all frames together."""
+        """Return the joint separation and its error, arcsec: the Cramér-Rao bound of all frames together."""
         return self.combined.value("separation"), self.combined.error("separation")
 
     @property
     def passes(self) -> int:
-        """Times that the frames were gone over."""
+        """Return the number of passes over the frames."""
         return len(self.moves)
 
     def slope(self) -> Slope:
-        """Linear change of the separation, all else shared as in the fit; of the frames that count.
+        """Fit a linear change of the separation, all else shared as in the fit, to the frames that count.
 
         NaN of one frame.
         """
         if np.sum(self.combined.kept) < 2:
             return Slope(np.nan, np.nan, 0.0)
-        slot = self.combined.names.index("separation")
-        laws = {**self.laws, "separation": Polynomial(1)}
-        with_slope = combine(self.messages, laws, kept=self.combined.kept)
-        slope, error = with_slope.slopes[slot], with_slope.slope_errors[slot]
-        times = [message.time for message in (next(iter(self.messages)), next(iter(reversed(self.messages))))]
+        index = self.combined.names.index("separation")
+        time_models = {**self.time_models, "separation": Polynomial(1)}
+        with_slope = combine(self.summaries, time_models, kept=self.combined.kept)
+        slope, error = with_slope.slopes[index], with_slope.slope_errors[index]
+        times = [
+            summary.time for summary in (next(iter(self.summaries)), next(iter(reversed(self.summaries))))
+        ]
         half = max((times[1] - times[0]) / 2, np.finfo(float).tiny)
         return Slope(float(slope / half), float(error / half), float((slope / error) ** 2))
 
     def frames(self) -> Iterator[SequenceFrame]:
-        """Every frame, in order."""
-        slot = self.combined.names.index("separation")
-        told = zip(self.messages, self.combined.shared(), self.combined.kept, strict=True)
+        """Yield every frame, in order."""
+        index = self.combined.names.index("separation")
+        informed = zip(self.summaries, self.combined.shared(), self.combined.kept, strict=True)
         for record in self.records:
-            if not record.told:
+            if not record.has_summary:
                 yield SequenceFrame(record, None, False, np.nan, np.nan)
                 continue
-            message, shared, kept = next(told)
-            information = message.information[slot, slot]
-            slope = (message.score - message.information @ (shared.values - message.at))[slot]
+            summary, shared, kept = next(informed)
+            information = summary.information[index, index]
+            slope = (summary.score - summary.information @ (shared.values - summary.at))[index]
             known = information > 0
             yield SequenceFrame(
                 record,
                 shared,
                 bool(kept),
-                float(shared.values[slot] + slope / information) if known else np.nan,
+                float(shared.values[index] + slope / information) if known else np.nan,
                 float(1 / np.sqrt(information)) if known else np.nan,
             )

@@ -1,6 +1,6 @@
-"""How fast the image moved during each exposure: from where the frames stand, or from telemetry.
+"""The velocity of the image during each exposure: from the positions in frames, or from telemetry.
 
-One blurred frame does not tell which way it went; the motion from the frame before to the frame after does.
+One blurred frame does not show the sign of its motion; the frames before and after do.
 """
 
 from __future__ import annotations
@@ -13,31 +13,31 @@ from jitterkit.loci import trace_gaps
 __all__ = ["motion_unknown", "smear_allowed", "velocity_between_frames", "velocity_from_trace"]
 
 
-def velocity_between_frames(times, places) -> np.ndarray:
-    """Velocity of the image from its places in frames.
+def velocity_between_frames(times, positions) -> np.ndarray:
+    """Return the velocity of the image from its positions in frames.
 
     Parameters
     ----------
     times : (n,) array
-        Middles of the exposures, s, ascending; NaN for frames without a place.
-    places : (n, 2) array
+        Middles of the exposures, s, ascending; NaN for frames without a position.
+    positions : (n, 2) array
         arcsec, on the detector as a whole.
 
     Returns
     -------
     velocity : (n, 2) array
-        arcsec/s, by differences over both neighbours (one at the ends); NaN where a frame has no place, zero
-        where it is alone.
+        arcsec/s, by differences over both neighbours (one at the ends); NaN where a frame has no position,
+        zero where it is alone.
 
     Notes
     -----
     *Fails when* the pointing turns round between frames: a vibration near or above half the frame rate, for
     which only telemetry serves.
     """
-    times, places = np.asarray(times, float), np.asarray(places, float)
-    known = np.isfinite(times) & np.all(np.isfinite(places), axis=1)
-    velocity = np.full(places.shape, np.nan)
-    t, p = times[known], places[known]
+    times, positions = np.asarray(times, float), np.asarray(positions, float)
+    known = np.isfinite(times) & np.all(np.isfinite(positions), axis=1)
+    velocity = np.full(positions.shape, np.nan)
+    t, p = times[known], positions[known]
     if len(t) < 2:
         velocity[known] = 0.0
         return velocity
@@ -46,12 +46,12 @@ def velocity_between_frames(times, places) -> np.ndarray:
     return velocity
 
 
-def motion_unknown(times, places) -> float:
-    """How well the motion between frames tells the velocity within them.
+def motion_unknown(times, positions) -> float:
+    """Estimate the error of velocities within frames that come from the motion between them.
 
     Parameters
     ----------
-    times, places
+    times, positions
         As for :func:`velocity_between_frames`.
 
     Returns
@@ -60,18 +60,18 @@ def motion_unknown(times, places) -> float:
         Standard error of one component, arcsec/s, by how much the path bends from frame to frame: exact where
         the image jumps about at random, too large for a smooth curve.  NaN of fewer than three frames.
     """
-    times, places = np.asarray(times, float), np.asarray(places, float)
-    known = np.isfinite(times) & np.all(np.isfinite(places), axis=1)
-    t, p = times[known], places[known]
+    times, positions = np.asarray(times, float), np.asarray(positions, float)
+    known = np.isfinite(times) & np.all(np.isfinite(positions), axis=1)
+    t, p = times[known], positions[known]
     if len(t) < 3:
         return float("nan")
     step = np.diff(t)[:, None]
-    bend = np.diff(np.diff(p, axis=0) / step, axis=0)  # of white places of rms s: s sqrt(6) over the step
+    bend = np.diff(np.diff(p, axis=0) / step, axis=0)  # of white positions of rms s: s sqrt(6) over the step
     return float(np.sqrt(np.mean(bend**2) / 12))
 
 
 def smear_allowed(moments, errors, velocity) -> float:
-    """The longest smear that a frame's blur has room for along a motion.
+    """Return the longest smear along a motion that a frame's blur allows.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def smear_allowed(moments, errors, velocity) -> float:
 
 
 def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
-    """Velocity of the image during exposures, from a measured pointing.
+    """Return the velocity of the image during exposures, from a measured pointing.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 A check and a picture, not a measurement: deconvolution makes noise into structure.  What is to be measured
 is fitted to the blurred frame (:mod:`jitterkit.refit`).  The algorithms are scikit-image's; here they get
-what they silently expect (a scale, room at the borders, no holes) and the answer is put back on the
+what they silently expect (a scale, space at the borders, no holes) and the answer is put back on the
 image's own scale.  Reach for ``richardson-lucy`` for stars, ``wiener`` for the ground.
 """
 
@@ -19,7 +19,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 METHODS = ("richardson-lucy", "wiener", "unsupervised-wiener")
 
-_LADDER = (5, 10, 20, 40, 80, 160)
+_ITERATIONS = (5, 10, 20, 40, 80, 160)
 """Iterations tried one after the other until what is left looks like noise."""
 
 _BALANCE = np.geomspace(1e-9, 1e3, 37)
@@ -129,13 +129,13 @@ def _checked(kernel, method: str, rng) -> np.ndarray:
 
 
 def fill_masked(image: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Every unusable pixel with the value of the nearest usable one."""
+    """Fill every unusable pixel with the value of the nearest usable one."""
     nearest = distance_transform_edt(~usable, return_distances=False, return_indices=True)
     return image[tuple(nearest)]
 
 
 def _noise(image: np.ndarray) -> float:
-    """Standard deviation of white noise in an image that is smooth over most of its area."""
+    """Return the standard deviation of white noise in an image that is smooth over most of its area."""
     return 1.4826 * float(np.median(np.abs(convolve(image, _LAPLACE, mode="reflect"))))
 
 
@@ -156,7 +156,7 @@ def _richardson_lucy(image, kernel, iterations: int | None, misfit: Callable) ->
     scale = float(image.max()) - floor or 1.0
     density = np.maximum(kernel, 0) / np.maximum(kernel, 0).sum()
     sharp = image
-    for steps in _LADDER if iterations is None else (iterations,):
+    for steps in _ITERATIONS if iterations is None else (iterations,):
         lifted = restoration.richardson_lucy((image - floor) / scale, density, steps, clip=False)
         sharp = lifted * scale + floor
         if misfit(sharp) <= 1:

@@ -49,7 +49,7 @@ def kernel_cards(
     estimate: KernelEstimate | Locus | None = None,
     oversample: int = 1,
 ) -> Cards:
-    """What a kernel's header says, in the words of those who read it.
+    """Return the header cards of a kernel, in the names that other programs read.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _fault(kernel: np.ndarray) -> tuple[ErrorCode, str] | None:
 
 
 def _is_on_pixels(estimate: KernelEstimate | Locus) -> bool:
-    """Whether an array of pixels is what was measured."""
+    """Return whether an array of pixels was measured."""
     return isinstance(estimate, KernelEstimate) and estimate.locus is None and estimate.kernel is not None
 
 
@@ -221,7 +221,7 @@ def _moments(estimate: KernelEstimate | Locus | None) -> np.ndarray:
 
 
 def _undetermined(estimate: KernelEstimate | Locus | None) -> str:
-    """Why the blur is not known to be jitter; empty where it is."""
+    """Say why the blur is not known to be jitter; empty where it is."""
     return estimate.undetermined if isinstance(estimate, KernelEstimate) else ""
 
 
@@ -232,7 +232,7 @@ def _is_normal(estimate: KernelEstimate | Locus | None) -> bool:
 
 
 def _origin(estimate: KernelEstimate | Locus) -> Cards:
-    """Where a kernel comes from, and how well it is known."""
+    """Return the cards of a kernel's origin and of its accuracy."""
     if isinstance(estimate, Locus):
         return {"LOCUS": (locus_name(estimate), "jitter locus")}
     cards: Cards = {"METHOD": (estimate.method, "estimator")}

@@ -81,7 +81,7 @@ def kernel_image(
 
 
 def locus_of(estimate: KernelEstimate) -> tuple[Locus, str]:
-    """The locus that stands for an estimate, and a remark where it is not quite what was measured.
+    """Return the locus that stands for an estimate, and a remark where it is not quite what was measured.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _band_limited(locus: Locus, pixel: float, shape: tuple[int, int]) -> np.ndar
 
 
 def _exact(kernel: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """The nearest kernel (ny, nx) with sum one, centroid zero and these second moments [pixel²]."""
+    """Return the nearest kernel (ny, nx) with sum one, centroid zero and these second moments [pixel²]."""
     y, x = np.meshgrid(*(np.arange(n) - n // 2 for n in kernel.shape), indexing="ij")
     laws = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y]).reshape(6, -1).astype(float)
     lacking = np.array([1.0, 0.0, 0.0, *moments]) - laws @ kernel.ravel()

@@ -1,4 +1,4 @@
-"""How good a kernel is, in a handful of numbers: reach for :func:`kernel_quality`.
+"""How good a kernel is, in a few numbers: reach for :func:`kernel_quality`.
 
 A kernel is a density, so it sums to one and is nowhere negative; what an estimator or a drawing adds to
 that (fringes, detached bumps, a displaced centre, a transfer function of its own) shows in these numbers.
@@ -106,7 +106,7 @@ def kernel_quality(
 
 
 def kernel_transfer(kernel: np.ndarray, plate_scale: float, fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
-    """Transfer function of a kernel about its middle pixel.
+    """Return the transfer function of a kernel about its middle pixel.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _checked(kernel) -> np.ndarray:
 
 
 def _core(kernel: np.ndarray) -> np.ndarray:
-    """The pixels that hang together with the peak."""
+    """Return the pixels that hang together with the peak."""
     labels = components(kernel > _CORE * kernel.max()).labels
     return labels == labels.ravel()[kernel.argmax()]
 

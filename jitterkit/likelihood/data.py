@@ -23,7 +23,7 @@ _NEAR = 10.0
 
 
 class Data(eqx.Module):
-    """What the likelihood needs of a frame: arrays of NumPy's, until a program takes them where it runs.
+    """Hold the data of a frame for the likelihood: NumPy arrays, until a program moves them to its device.
 
     Attributes
     ----------
@@ -83,14 +83,14 @@ class Data(eqx.Module):
 
     @classmethod
     def of(cls, frame: Frame, *, censored: bool = False) -> Data:
-        """What a calibrated frame tells.
+        """Take the data of a calibrated frame.
 
         Parameters
         ----------
         frame : Frame
         censored : bool
             Whether full pixels count with the probability of being full, or are left out together with
-            those that :meth:`clear` finds too near.  To leave them out costs what they would have told
+            those that :meth:`clear` finds too near.  To leave them out costs their information
             (a tenth of the separation's error, at 700 full pixels of TOLIMAN's brightest); to count them
             asks that the response is linear up to the ceiling.
         """
@@ -108,7 +108,7 @@ class Data(eqx.Module):
 
     @property
     def trims(self) -> bool:
-        """Whether something comes near a ceiling and is to be left out."""
+        """Return whether a reading comes near a ceiling and is to be left out."""
         return self.ceiling is not None and self.full is None
 
     def clear(self, image) -> Data:
@@ -151,7 +151,7 @@ class Data(eqx.Module):
 
     @property
     def offset(self) -> Float[Array | np.ndarray, "ny nx"]:
-        """What is added to electrons and image to make both of them Poisson."""
+        """Return the array that is added to electrons and image to make both of them Poisson."""
         alike = self.alike_variance
         variance = self.read_variance if alike is None else self.read_variance + alike
         return variance if self.response is None else variance / self.response
@@ -175,7 +175,7 @@ def _spread(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _comes_near(frame: Frame, used: np.ndarray) -> bool:
-    """Whether some reading lies so near its ceiling that a pixel's expectation may reach it."""
+    """Return whether some reading lies so near its ceiling that a pixel's expectation may reach it."""
     counts = np.where(used, frame.electrons * frame.response + frame.read_variance, 0.0)
     level = np.where(used, frame.response * frame.ceiling + frame.read_variance, np.inf)
     # of most frames not even the brightest is near the lowest; a map may lack a pixel's ceiling
@@ -196,7 +196,7 @@ def is_clear(image, data: Data):
 
 
 def clears(mean, data: Data):
-    """Whether an expected count stays clear of its ceiling, by its :func:`ceiling_distance`."""
+    """Return whether an expected count stays clear of its ceiling, by its :func:`ceiling_distance`."""
     level = _level(data)
     root = 1 - 1 / (9 * level) - _CLEAR / (3 * jnp.sqrt(level))
     return data.weight * mean < level * root**3  # cubed here, where a cube root of the count takes longer

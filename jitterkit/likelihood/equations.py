@@ -159,16 +159,16 @@ def _known_cost(parameters: Parameters, otf: OTF):
 
 
 def known_information(parameters: Parameters, otf: OTF, free: tuple[int, ...]) -> np.ndarray:
-    """What is known of indices and shifts beforehand, as information (p, p) on free parameters."""
+    """Return the prior information (p, p) on free parameters, by known indices and shifts."""
     scene, known = parameters.scene, {name: s**-2 for name, s in zip(otf.further, otf.sigmas, strict=True)}
     if scene.indices is not None and otf.colours is not None and otf.tints is not None:
         known |= dict.fromkeys(scene.colours, otf.colours.precision)
     names = parameter_names(parameters, otf.names)
-    return np.diag([known.get(names[slot], 0.0) for slot in free])
+    return np.diag([known.get(names[index], 0.0) for index in free])
 
 
 def _deviance(mean, data: Data):
-    """Its slope is minus twice the score at every count, negative ones (read noise) included.
+    """Compute the deviance; its slope is minus twice the score at every count, negative ones included.
 
     By the residual, because count and mean may be large beside their difference: with model errors of 8 % the
     rounding of their logarithms was 1e-5 of a deviance of 400, in which fits did not settle.

@@ -1,4 +1,4 @@
-"""How far a frame is from its expected image."""
+"""Hold the misfit of a frame to its expected image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jitterkit.likelihood.data import Data, clears, mean_counts, pixel_variance,
 
 
 class Misfit(NamedTuple):
-    """How far a frame is from its expected image.
+    """Hold the misfit of a frame to its expected image.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ _DEARER = 1.01
 """Factor by which the errors of the moments may grow, for the sake of a smaller cut-out."""
 
 SPARE = 3
-"""Pixels by which the pair may be off its place in the cut-out before light returns within the rim."""
+"""Pixels by which the pair may be off its position in the cut-out before light returns within the rim."""
 
 
 def window(

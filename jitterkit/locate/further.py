@@ -84,13 +84,13 @@ def with_further_stars(
 
 
 def _may_be_speckles(further: FurtherStars | None, scene: Scene) -> bool:
-    """Whether what stands out is so faint beside the stars that an error of the optics makes it."""
+    """Return whether further stars are faint enough, beside the others, to be errors of the optics."""
     _, _, flux = scene.sources()
     return further is None or float(further.flux.max()) < _GHOSTLY * float(flux.max())
 
 
 def _are_sound(start: Start) -> np.ndarray:
-    """Which further stars shine, stand in the frame, are fainter than both of a pair, and no ring about one.
+    """Select further stars that shine, lie in the frame, are fainter than a pair, and are not a ring.
 
     A pair of which one is fainter than a further star may be one star, taken for two.  Several faint stars
     close to a bright one are what an error of the optics looks like.

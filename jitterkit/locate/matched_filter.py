@@ -31,11 +31,11 @@ def spectrum_of_star(otf: OTF, jitter: Locus | None) -> np.ndarray:
     return optics if jitter is None else optics * np.asarray(jitter.transfer(fx, fy))
 
 
-def star_at(place: tuple[float, float], spectrum: np.ndarray, grid: Grid) -> np.ndarray:
+def star_at(position: tuple[float, float], spectrum: np.ndarray, grid: Grid) -> np.ndarray:
     """Return the image of a star at ``(x, y)`` from the frame's centre [arcsec], on the fine array."""
     fy, fx = grid.frequencies
     cy, cx = grid.centre
-    ramp = np.exp(-2j * np.pi * fx * (place[0] + cx)) * np.exp(-2j * np.pi * fy * (place[1] + cy))
+    ramp = np.exp(-2j * np.pi * fx * (position[0] + cx)) * np.exp(-2j * np.pi * fy * (position[1] + cy))
     return fft.irfft2(spectrum * ramp, s=grid.fine_shape)
 
 

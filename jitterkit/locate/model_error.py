@@ -49,7 +49,7 @@ _STAR, _STARS = 0.3, 3
 _MOST = 0.1
 """Largest model error that is estimated: the model does not describe frames that show a larger one."""
 
-_STEPS, _ARRIVED = 50, 1e-3
+_STEPS, _CONVERGED = 50, 1e-3
 
 _FEW = 30.0
 """Resolution elements with a model error from which their pixels tell how alike they are."""
@@ -115,7 +115,7 @@ def allow_for_model(data: Data, parameters: Parameters, image, otf: OTF, error: 
     by squared residuals clipped at three sigmas, and what a star explains that the model lacks is taken away
     first.  Smoothed residuals tell over how many pixels it is alike.
 
-    The variance does not change while a likelihood is climbed: one that follows the model favours faint
+    The variance does not change while a likelihood is maximised: one that follows the model favours faint
     stars.
 
     *Fails when* an error is common to the whole image: light that is lost by scattering looks like jitter.
@@ -167,7 +167,7 @@ def _amounts(squares: np.ndarray, noise: np.ndarray, shapes: np.ndarray) -> np.n
         variance = noise + amounts @ (shapes / scale)
         clipped = np.minimum(squares, _CLIPPED * variance) / _KEPT
         new, _ = nnls((shapes / scale / variance).T, (clipped - noise) / variance)
-        done = np.all(np.abs(new - amounts) <= _ARRIVED * new.sum())
+        done = np.all(np.abs(new - amounts) <= _CONVERGED * new.sum())
         amounts = new
         if done:
             break

@@ -1,8 +1,8 @@
-"""Find a star or a pair in a frame, without being told where to look.
+"""Find a star or a pair in a frame, without a given position.
 
 The frame is fitted, by linear least squares, with two star templates and a constant.  One template is
 held while the other is tried at every pixel, which takes one Fourier transform; then the two change
-roles until neither moves.  Nothing is assumed about angle, distance, contrast or place, and a pattern
+roles until neither moves.  Nothing is assumed about angle, distance, contrast or position, and a pattern
 as wide as that of TOLIMAN's diffractive pupil is no harder than a compact star.
 """
 
@@ -32,13 +32,13 @@ from jitterkit.scene import Binary, Star
 
 __all__ = ["FoundPair", "find_pairs", "find_star"]
 
-Place = tuple[float, float]
+Position = tuple[float, float]
 
 _FAINTEST = 1 / 1000
 """Faintest companion considered, as a share of the brighter star."""
 
 _ABOVE_NOISE = 6.0**2
-"""Chi-squared from which a star is one: the best of some ten thousand places reaches 16 by chance."""
+"""Chi-squared from which a star is one: the best of some ten thousand positions reaches 16 by chance."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class FoundPair:
 
 
 def find_star(data: Data, otf: OTF, jitter: Locus | None = None) -> Star | None:
-    """Find the place and the light of the brightest star.
+    """Find the position and the light of the brightest star.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def find_star(data: Data, otf: OTF, jitter: Locus | None = None) -> Star | None:
 
 
 def find_pairs(
-    data: Data, otf: OTF, jitter: Locus | None = None, *, bright: Place | None = None, most: int = 4
+    data: Data, otf: OTF, jitter: Locus | None = None, *, bright: Position | None = None, most: int = 4
 ) -> list[FoundPair]:
     """Candidate star pairs of a frame, the best first.
 
@@ -99,12 +99,12 @@ def find_pairs(
     -------
     pairs : list of FoundPair
         Empty where no star rises above the noise by six standard errors (the best of some ten
-        thousand places reaches four by chance).  A star that is alone comes with a companion a
+        thousand positions reaches four by chance).  A star that is alone comes with a companion a
         thousand times fainter at the resolution limit, for the fit to dismiss.
 
     Notes
     -----
-    Weights are uniform and places are pixels: a start for a fit, not an estimate.
+    Weights are uniform and positions are pixels: a start for a fit, not an estimate.
     """
     field = _Field.of(data, otf, jitter)
     single = field.single()
@@ -114,7 +114,7 @@ def find_pairs(
     least = resolution(otf)
     beside = field.companions(first, least, most)
     settled = [field.settle(first, one, least) if bright is None else (first, one) for one in beside]
-    pairs = [field.pair(*places) for places in settled or [(first, (first[0] + least, first[1]))]]
+    pairs = [field.pair(*positions) for positions in settled or [(first, (first[0] + least, first[1]))]]
     return sorted(pairs, key=lambda pair: -pair.gain)
 
 
@@ -124,7 +124,7 @@ class _Field:
 
     On the frame's pixels: ``match`` is data with template, ``power`` template with itself, both with
     the constant projected out; ``light`` is the template's sum over the used pixels.  On the fine
-    array: ``used`` and ``data``.  ``seen`` holds what :meth:`beside` has told.
+    array: ``used`` and ``data``.  ``seen`` holds the results of :meth:`beside`.
     """
 
     grid: Grid
@@ -135,7 +135,7 @@ class _Field:
     power: np.ndarray
     light: np.ndarray
     noise: float
-    seen: dict[Place, tuple[np.ndarray, ...]] = field(default_factory=dict)
+    seen: dict[Position, tuple[np.ndarray, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, data: Data, otf: OTF, jitter: Locus | None) -> _Field:
@@ -155,16 +155,16 @@ class _Field:
         return cls(grid, optics, used, varied, match, power, light, noise)
 
     def single(self) -> np.ndarray:
-        """Chi-squared explained by one star at each place."""
+        """Return chi-squared explained by one star at each position."""
         return ratio(np.clip(self.match, 0, None) ** 2, self.power * self.noise)
 
-    def beside(self, first: Place):
-        """Chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
+    def beside(self, first: Position):
+        """Return chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
         if first not in self.seen:
             self.seen[first] = self._beside(first)
         return self.seen[first]
 
-    def _beside(self, first: Place):
+    def _beside(self, first: Position):
         count = max(self.used.sum(), 1.0)
         star = star_at(first, self.optics, self.grid) * self.used
         light = star.sum()
@@ -175,12 +175,12 @@ class _Field:
         sound = determinant > 1e-4 * a * b
         determinant = np.where(sound, determinant, 1.0)
         flux_one, flux_two = (b * u - cross * v) / determinant, (a * v - cross * u) / determinant
-        lawful = sound & (flux_one > _FAINTEST * flux_two) & (flux_two > _FAINTEST * flux_one)
-        gain = np.where(lawful, flux_one * u + flux_two * v, 0.0) / max(self.noise, 1e-300)
+        valid = sound & (flux_one > _FAINTEST * flux_two) & (flux_two > _FAINTEST * flux_one)
+        gain = np.where(valid, flux_one * u + flux_two * v, 0.0) / max(self.noise, 1e-300)
         return gain, flux_one, flux_two
 
-    def companions(self, first: Place, least: float, most: int) -> list[Place]:
-        """The best places for a second star, each the best within ``least`` of itself."""
+    def companions(self, first: Position, least: float, most: int) -> list[Position]:
+        """Return the best positions for a second star, each the best within ``least`` of itself."""
         gain, _, _ = self.beside(first)
         y, x = np.meshgrid(*self._axes(), indexing="ij")
         gain = np.where(np.hypot(x - first[0], y - first[1]) >= least, gain, 0.0)
@@ -189,8 +189,8 @@ class _Field:
         best = peaks[np.argsort(gain.ravel()[peaks])[::-1][:most]]
         return [self.peak(gain, i) for i in best]
 
-    def settle(self, first: Place, second: Place, least: float) -> tuple[Place, Place]:
-        """Let the two places change roles until neither moves."""
+    def settle(self, first: Position, second: Position, least: float) -> tuple[Position, Position]:
+        """Let the two positions change roles until neither moves."""
         for _ in range(6):
             best = self.companions(second, least, 1)
             if not best:
@@ -201,8 +201,8 @@ class _Field:
                 break
         return first, second
 
-    def pair(self, first: Place, second: Place) -> FoundPair:
-        """Describe two places as a binary."""
+    def pair(self, first: Position, second: Position) -> FoundPair:
+        """Describe two positions as a binary."""
         ny, nx = self.grid.shape
         row, column = (
             int(np.clip(round(v / self.grid.plate_scale + (n - 1) / 2), 0, n - 1))
@@ -224,7 +224,7 @@ class _Field:
         )
         return FoundPair(scene, float(gain))
 
-    def peak(self, values: np.ndarray, flat) -> Place:
+    def peak(self, values: np.ndarray, flat) -> Position:
         """Place ``(x, y)`` [arcsec] of a maximum, by a parabola through its neighbours."""
         row, column = np.unravel_index(int(flat), values.shape)
         y, x = self._axes()

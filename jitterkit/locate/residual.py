@@ -1,7 +1,8 @@
 """Stars and single pixels that stand out of what a model leaves of a frame.
 
-A star is told from a pixel by how much of the pixel it explains: all of it, if it is one, and otherwise no
-more than the share of its own light in one pixel.  The two are parted where their ratio is, halfway.
+A star is distinguished from a pixel by how much of the pixel it explains: all of it, if it is one, and
+otherwise no more than the share of its own light in one pixel.  The two are parted where their ratio is,
+halfway.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from jitterkit.scene import FurtherStars, Scene, Star
 __all__ = ["Residual", "most_outliers"]
 
 SURE = 6.0
-"""Standard errors of its flux from which a further star is one: the best of some ten thousand places reaches
-4 by chance."""
+"""Standard errors of its flux from which a further star is one: the best of some ten thousand positions
+reaches 4 by chance."""
 
-_MISSED, _PLACES = 2.0, 0.9
+_MISSED, _POSITIONS = 2.0, 0.9
 """Standard errors more that a star shines by which is missed once in fifty times, and the share of the places
 in a frame where it would be found."""
 
@@ -43,7 +44,7 @@ fit of a pair lacked, 0.5 to 1 by 15 nm of an aberration."""
 
 _AT_ONCE, _MOST = 0.3, 50
 """Share of the most significant star from which others are taken beside it, and how many: what is fainter may
-be its pattern, where its place is off."""
+be its pattern, where its position is off."""
 
 _NONE = float(np.log(2))
 """Electrons a pixel that a median of none may stand for: half of such pixels have one or more."""
@@ -75,7 +76,7 @@ def most_outliers(used: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Residual:
-    """What an expected image leaves of a frame.
+    """Hold the residual of a frame from its expected image.
 
     Attributes
     ----------
@@ -99,7 +100,7 @@ class Residual:
 
     @cached_property
     def sigmas(self) -> np.ndarray:
-        """``(data - image)/sigma`` (ny, nx); zero where a pixel does not count."""
+        """Return ``(data - image)/sigma`` (ny, nx); zero where a pixel does not count."""
         return (np.asarray(self.data.electrons) - self.image) * np.sqrt(self._weight)
 
     def star(self) -> tuple[Star, float]:
@@ -141,12 +142,12 @@ class Residual:
 
     def without(self, star: Star) -> Residual:
         """Return what is left when the image has one more star."""
-        place = float(star.x), float(star.y)
-        image = self.otf.grid.crop(star_at(place, self._spectrum, self.otf.grid))
+        position = float(star.x), float(star.y)
+        image = self.otf.grid.crop(star_at(position, self._spectrum, self.otf.grid))
         return replace(self, image=self.image + float(star.flux) * image)
 
     def _outstanding(self, scene: Scene | None, least: float, apart: float):
-        """Significance, place [arcsec] and flux of the star that stands out most, if by so many errors."""
+        """Significance, position [arcsec] and flux of the star that stands out most, if by so many errors."""
         errors = np.where(self._clear_of(scene, apart), self._significance, 0.0)
         errors = np.where(errors**2 > self._of_pixels, errors, 0.0)
         row, column = np.unravel_index(int(errors.argmax()), errors.shape)
@@ -176,7 +177,7 @@ class Residual:
             are needed.  NaN of a frame that has no such place.
         """
         errors = 1 / np.sqrt(self._power[self._clear_of(scene) & np.asarray(self.data.used)])
-        return float((SURE + _MISSED) * np.quantile(errors, _PLACES)) if errors.size else float("nan")
+        return float((SURE + _MISSED) * np.quantile(errors, _POSITIONS)) if errors.size else float("nan")
 
     def is_all_stars(self, scene: Scene) -> bool:
         """Return whether no spots are dark as others are bright, as they are where the model is wrong.
@@ -239,7 +240,7 @@ class Residual:
 
     @cached_property
     def _chance(self) -> np.ndarray:
-        """Of a reading so far from its mean, on its side: those of a Poisson law, read noise included."""
+        """Return the chance of a reading so far from its mean, on its side: Poisson, read noise included."""
         weight = np.asarray(self.data.weight)
         mean = weight * self._counts
         count = np.maximum(weight * (np.asarray(self.data.electrons) + np.asarray(self.data.offset)), 0.0)
@@ -248,14 +249,14 @@ class Residual:
 
     @cached_property
     def _products(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the residual with a star at each pixel, and of that star with itself, both weighted."""
+        """Return weighted products of the residual with a star at each pixel, and of the star with itself."""
         grid = self.otf.grid
         left = (np.asarray(self.data.electrons) - self.image) * self._weight
         return correlate(embed(left, grid), self._spectrum, grid), self._power
 
     @cached_property
     def _power(self) -> np.ndarray:
-        """Information on the flux of a star at each pixel."""
+        """Return the information on the flux of a star at each pixel."""
         grid = self.otf.grid
         squares = fft.rfft2(fft.irfft2(self._spectrum, s=grid.fine_shape) ** 2)
         power = correlate(embed(self._weight, grid), squares, grid)
@@ -263,13 +264,13 @@ class Residual:
 
     @cached_property
     def _significance(self) -> np.ndarray:
-        """Flux of a star at each pixel, in its standard errors."""
+        """Return the flux of a star at each pixel, in its standard errors."""
         match, power = self._products
         return match / np.sqrt(power)
 
     @cached_property
     def _of_pixels(self) -> np.ndarray:
-        """Chi-squared of the most outstanding pixel within one of each."""
+        """Return chi-squared of the most outstanding pixel within one of each."""
         return ndimage.maximum_filter(self.sigmas**2, size=3)
 
     @property
@@ -278,10 +279,10 @@ class Residual:
         return y, x
 
     def _clear_of(self, scene: Scene | None, apart: float = 1.0) -> np.ndarray | bool:
-        """Where no star of a scene is nearer than so many resolutions."""
+        """Return the pixels to which no star of a scene is nearer than so many resolutions."""
         if scene is None:
             return True
         y, x = self._axes
-        places = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
-        distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in places]
+        positions = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
+        distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in positions]
         return np.min(distances, axis=0) > apart * resolution(self.otf)

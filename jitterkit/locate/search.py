@@ -3,7 +3,7 @@
 A faint companion of a bright star hides in the mismatch between the star and its template.  So the
 search goes round: candidates are fitted briefly with the jitter and the aberrations free, and if the
 best of them does not describe the frame, the template takes its jitter and aberrations and the
-search begins anew.  What stands out in the end is a further star.
+search begins again.  What stands out in the end is a further star.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ __all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
-_APART = 3.0  # resolutions between stars that are told apart before the blur is known
-_WORTH_IT = 0.97  # a round that improves the deviance by less was the last
+_APART = 3.0  # resolutions between stars that are distinguished before the blur is known
+_IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
 
 def locate_star(
@@ -51,10 +51,10 @@ def locate_star(
         star = find_star(data, otf, jitter)
         if star is None:
             break
-        trial = polished(data, optics, otf, star, jitter, hold, rough=rough)
-        if best is not None and not trial.deviance_dof < _WORTH_IT * best.deviance_dof:
+        candidate = polished(data, optics, otf, star, jitter, hold, rough=rough)
+        if best is not None and not candidate.deviance_dof < _IMPROVEMENT * best.deviance_dof:
             break
-        best = trial
+        best = candidate
         if best.describes(data):
             break
         otf, jitter = best.otf, best.parameters.locus
@@ -88,15 +88,15 @@ def locate_binary(
     for _ in range(_ROUNDS):
         before = np.inf if best is None else best.deviance_dof
         for pair in _candidates(data, otf, jitter, best):
-            if not all(np.abs(_places(pair.scene) - _places(other)).max() > near for other in tried):
+            if not all(np.abs(_positions(pair.scene) - _positions(other)).max() > near for other in tried):
                 continue
             tried.append(pair.scene)
-            trial = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
-            if best is None or trial.deviance_dof < best.deviance_dof:
-                best = trial
+            candidate = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
+            if best is None or candidate.deviance_dof < best.deviance_dof:
+                best = candidate
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return _finished(best, data, optics, hold, rough)
-        if best is None or best.deviance_dof > _WORTH_IT * before:
+        if best is None or best.deviance_dof > _IMPROVEMENT * before:
             break
         otf, jitter = best.otf, best.parameters.locus
     return None if best is None else _finished(best, data, optics, hold, rough)
@@ -137,13 +137,13 @@ def _finished(start: Start, data: Data, optics: Optics, hold: Collection[str], r
 
 
 def _candidates(data: Data, otf: OTF, jitter: Locus | None, best: Start | None) -> Iterator[FoundPair]:
-    """Pairs to try: companions of the star that the best so far has found, then any."""
+    """Yield the pairs to try: companions of the star that the best so far has found, then any."""
     if best is not None:
         (x, _), (y, _), _ = best.parameters.scene.sources()
         yield from find_pairs(data, otf, jitter, bright=(float(x), float(y)), most=3)
     yield from find_pairs(data, otf, jitter, most=3)
 
 
-def _places(scene: Binary) -> np.ndarray:
+def _positions(scene: Binary) -> np.ndarray:
     x, y, _ = scene.sources()
     return np.array([x, y])

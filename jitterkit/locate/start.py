@@ -1,4 +1,4 @@
-"""Where a fit begins: a scene that was found, fitted briefly with everything free."""
+"""The starting point of a fit: a scene that was found, fitted briefly with everything free."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
-from jitterkit.linearisation import SETTLED, climb_and_expand, linearisation_error
+from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error, relinearised_scoring
 from jitterkit.loci.base import Locus
 from jitterkit.loci.mvn import Mvn
 from jitterkit.metric import invert_information
@@ -26,17 +26,17 @@ __all__ = ["Start", "polished", "with_best_signs"]
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _ADDED = 0.02  # deviance per pixel that the optics of a start may add by being off
-_EXACT = 0.1 * SETTLED  # sigmas of the whole image that the optics of a start may be off by
+_EXACT = 0.1 * LINEARISATION_TOLERANCE  # sigmas of the whole image that the optics of a start may be off by
 _SQUARED = 0.6  # share of its slope that an aberration has about no aberrations, if it shows by its square
 _SHOWING = 3.0  # standard errors from which the sign of an aberration may matter
-_LEASH = 30.0  # nm: keeps the aberrations of a wrong candidate from running away
+_ABERRATION_PRIOR = 30.0  # nm: a regularizing prior, which bounds the aberrations of a wrong candidate
 
 _image = eqx.filter_jit(expected_image)
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit begins.
+    """Hold the starting point of a fit.
 
     Attributes
     ----------
@@ -59,16 +59,16 @@ class Start:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the moments ``(Sxx, Sxy, Syy)``, (3, 3), arcsec⁴; NaN where the frame does not tell them."""
+        """Return the covariance (3, 3) of the moments ``(Sxx, Sxy, Syy)``, arcsec⁴; NaN if undetermined."""
         return self.covariance_of(Mvn.names)
 
     def covariance_of(self, names: Sequence[str]) -> np.ndarray:
-        """Of parameters that were fitted."""
-        slots = [self.names.index(name) for name in names]
-        return invert_information(self.information)[0][np.ix_(slots, slots)]
+        """Return the covariance of parameters that were fitted."""
+        index = [self.names.index(name) for name in names]
+        return invert_information(self.information)[0][np.ix_(index, index)]
 
     def describes(self, data: Data) -> bool:
-        """Whether it leaves no more of a frame than noise and its own haste."""
+        """Return True if the residual is no larger than noise and the briefness of the fit explain."""
         misfit = pearson(_image(self.parameters, self.otf), data)
         return misfit.chi2 < misfit.pixels + _SURE * misfit.spread
 
@@ -92,9 +92,9 @@ def with_best_signs(
     Notes
     -----
     A pupil that is nearly its own mirror image shows focus and astigmatism by their squares and by their
-    products.  So there are several hills, on which the sign of one differs, or of all, and a jitter stands in
-    for what that leaves: of 30 frames with aberrations of 10 nm three climbed a wrong one, 300 lower in
-    deviance, which chi-squared did not show.
+    products.  So the likelihood has several maxima, at which the sign of one differs, or of all, and a jitter
+    makes up for the difference: of 30 frames with aberrations of 10 nm three ended at a wrong one, 300 lower
+    in deviance, which chi-squared did not show.
     """
     value = start.parameters.aberrations
     known = [name for name in start.otf.modes if name in start.names]
@@ -103,10 +103,10 @@ def with_best_signs(
     sizes = np.sqrt(np.diag(start.covariance_of(known)))
     flat = optics.system.nominal if isinstance(optics, AnchoredOptics) else optics.nominal
     first, here = (np.linalg.norm(np.asarray(one.jacobian), axis=(1, 2)) for one in (flat, start.otf))
-    places = [start.otf.names.index(name) for name in known]
+    positions = [start.otf.names.index(name) for name in known]
     turned = [
         i
-        for i, size in zip(places, sizes, strict=True)
+        for i, size in zip(positions, sizes, strict=True)
         if first[i] < _SQUARED * here[i] and abs(value[i]) > _SHOWING * size
     ]
     given = start
@@ -114,9 +114,9 @@ def with_best_signs(
         state = np.array(start.parameters.aberrations)
         state[turning] *= -1
         where = optics.otf(state), start.parameters.scene, start.parameters.locus
-        trial = _climbed(data, optics, *where, hold, rough=True)
-        if trial.deviance_dof < start.deviance_dof:
-            start = trial
+        candidate = _fitted_briefly(data, optics, *where, hold, rough=True)
+        if candidate.deviance_dof < start.deviance_dof:
+            start = candidate
     if start is given:
         return start
     start = _with_exact_optics(start, optics)
@@ -134,7 +134,7 @@ def polished(
     *,
     rough: bool = False,
 ) -> Start:
-    """Fit a candidate briefly with everything free, about ``otf`` and then about where that led.
+    """Fit a candidate briefly with everything free, about ``otf`` and then about its maximum.
 
     Parameters
     ----------
@@ -146,10 +146,10 @@ def polished(
     jitter : Locus or None
         To begin with; None for none.
     """
-    return _with_exact_optics(_climbed(data, optics, otf, scene, jitter, hold, rough=rough), optics)
+    return _with_exact_optics(_fitted_briefly(data, optics, otf, scene, jitter, hold, rough=rough), optics)
 
 
-def _climbed(
+def _fitted_briefly(
     data: Data,
     optics: Optics,
     otf: OTF,
@@ -159,22 +159,24 @@ def _climbed(
     *,
     rough: bool,
 ) -> Start:
-    """The same with the optics of the last climb, which are about a state less near its own."""
+    """Return the fit with the optics of its last expansion, which are about a state less near its own."""
     locus = Mvn.near(jnp.zeros(3)) if jitter is None else jitter
     here = Parameters(otf.with_colours(scene), locus, otf.state)
     names, free = free_parameters(here, otf, hold)
-    leash = Prior(jnp.zeros(len(free)), jnp.diag(jnp.array([_LEASH**-2 * (n in otf.names) for n in names])))
+    prior = Prior(
+        jnp.zeros(len(free)), jnp.diag(jnp.array([_ABERRATION_PRIOR**-2 * (n in otf.names) for n in names]))
+    )
     used = max(int(np.sum(np.asarray(data.used))), 1)
-    end, otf, _ = climb_and_expand(
+    end, otf, _ = relinearised_scoring(
         here,
         otf,
         optics,
         data,
         free,
-        leash,
-        enough=float(np.sqrt(_ADDED * used)) if rough else SETTLED,
-        expansions=2 if rough else 5,
-        steps=15,
+        prior,
+        max_error=float(np.sqrt(_ADDED * used)) if rough else LINEARISATION_TOLERANCE,
+        max_expansions=2 if rough else 5,
+        max_steps=15,
         tolerance=_NEARBY if rough else _CLOSE,
     )
     return Start(end.parameters, otf, float(end.objective) / used, np.asarray(end.information), names)

@@ -1,6 +1,6 @@
 """Starting values for a frame of a run, by a frame of the same telescope that has been fitted.
 
-Frames of a run repeat each other but for place, light, blur and a little of the wavefront.  A
+Frames of a run repeat each other but for position, light, blur and a little of the wavefront.  A
 :class:`ReferenceFrame` is made of what fits one of them.  Another is registered to it by a correlation, and a
 short fit from there gives all of its parameters in a few milliseconds, where a search takes a hundred.  Of a
 large frame only a cut-out about its stars is used, so small that the errors of the blur grow by a hundredth.
@@ -25,7 +25,7 @@ from jitterkit.forward import (
     parameter_names,
 )
 from jitterkit.likelihood import Data, chi_squared, known_information
-from jitterkit.linearisation import climb_and_expand
+from jitterkit.linearisation import relinearised_scoring
 from jitterkit.locate.cut_out import SPARE, inner, off_centre, window
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
@@ -64,7 +64,7 @@ _OF_LIGHT = ("flux", "background")
 
 @dataclass(frozen=True)
 class RegistrationResult:
-    """What a frame shows of stars that another has shown.
+    """Hold the registration of a frame to the stars of another.
 
     Attributes
     ----------
@@ -90,16 +90,16 @@ class RegistrationResult:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the moments ``(Sxx, Sxy, Syy)``, (3, 3), arcsec⁴."""
-        slots = [self.names.index(name) for name in Mvn.names]
-        return invert_information(self.information)[0][np.ix_(slots, slots)]
+        """Return the covariance (3, 3) of the moments ``(Sxx, Sxy, Syy)``, arcsec⁴."""
+        indices = [self.names.index(name) for name in Mvn.names]
+        return invert_information(self.information)[0][np.ix_(indices, indices)]
 
     def describes(self, parameters: Parameters) -> bool:
-        """Whether parameters about the cut-out's centre leave as much of it as noise does."""
+        """Return whether parameters about the cut-out's centre fit it within its noise."""
         return bool(_excess(parameters, self.otf, self.data) < _SURE)
 
     def in_frame(self, parameters: Parameters) -> Parameters:
-        """Parameters about the frame's centre."""
+        """Return the parameters about the frame's centre."""
         y, x = self.offset
         return parameters.shifted(x, y)
 
@@ -148,7 +148,7 @@ class ReferenceFrame:
         anchor: Anchor,
         hold: Collection[str] = (),
     ) -> ReferenceFrame | None:
-        """From what fits one frame.
+        """Build from the parameters that fit one frame.
 
         Parameters
         ----------
@@ -180,12 +180,12 @@ class ReferenceFrame:
         if cut is not None:
             system = replace(system, grid=replace(system.grid, shape=size, pad=0))
             anchor = anchor.within(system.grid)
-        told = roots[(slice(None), *inner(corner, size, rim))].reshape(len(names), -1)
+        slopes = roots[(slice(None), *inner(corner, size, rim))].reshape(len(names), -1)
         y, x = -off_centre(corner, size, image.shape) * system.grid.plate_scale
         moved = parameters.shifted(x, y)
         optics = AnchoredOptics.about(system, anchor, float(parameters.scene.flux), parameters.aberrations)
         spectrum = np.conj(fft.rfft2((image - image.mean()).astype(np.float32)))
-        return cls(moved, optics, image, spectrum, corner, rim, told @ told.T + known, names, free)
+        return cls(moved, optics, image, spectrum, corner, rim, slopes @ slopes.T + known, names, free)
 
     def locate(self, data: Data) -> RegistrationResult | None:
         """Find pair, wavefront and blur of another frame.
@@ -232,16 +232,16 @@ class ReferenceFrame:
     ) -> RegistrationResult | None:
         root = np.sqrt(np.array([1 / light if name.startswith(_OF_LIGHT) else light for name in self.names]))
         optics = replace(self.optics, photons=max(float(start.scene.flux), 1.0))
-        end, otf, _ = climb_and_expand(
+        end, otf, _ = relinearised_scoring(
             start,
             optics.nominal,
             optics,
             cut,
             self.free,
             Prior.none(len(self.free)),
-            enough=_UNSEEN,
-            expansions=4,
-            steps=_STEPS,
+            max_error=_UNSEEN,
+            max_expansions=4,
+            max_steps=_STEPS,
             tolerance=_TOLERANCE,
             known=self.information * np.outer(root, root),
         )
@@ -252,7 +252,7 @@ class ReferenceFrame:
         return RegistrationResult(cut, end.parameters, otf, np.asarray(end.information), self.names, (y, x))
 
     def _shift(self, data: Data) -> np.ndarray:
-        """How far ``(y, x)`` [pixels] the pair is from where this frame has it, to about a tenth."""
+        """Return the shift ``(y, x)`` [pixels] of the pair from its position here, to about a tenth."""
         seen = data.electrons if np.all(data.used) else _without_holes(data)
         match = fft.irfft2(fft.rfft2(np.asarray(seen, np.float32)) * self.spectrum, s=self.image.shape)
         row, column = map(int, np.unravel_index(np.argmax(match), match.shape))
@@ -261,7 +261,7 @@ class ReferenceFrame:
 
 @eqx.filter_jit
 def _excess(parameters: Parameters, otf: OTF, data: Data):
-    """Standard deviations by which chi-squared exceeds what is expected of it."""
+    """Return the standard deviations by which chi-squared exceeds what is expected of it."""
     chi2, pixels, spread = chi_squared(expected_image(parameters, otf), data)
     return (chi2 - pixels) / spread
 
@@ -289,10 +289,10 @@ def _without_holes(data: Data) -> np.ndarray:
     return np.where(data.used, data.electrons, light / np.maximum(share, 1e-3))
 
 
-def _peak(values: np.ndarray, place: int) -> float:
+def _peak(values: np.ndarray, position: int) -> float:
     """Return the place where a periodic row is highest, by a parabola; negative in its far half."""
     size = len(values)
-    left, middle, right = (values[(place + step) % size] for step in (-1, 0, 1))
+    left, middle, right = (values[(position + step) % size] for step in (-1, 0, 1))
     bend = left - 2 * middle + right
     vertex = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return (place + size // 2) % size - size // 2 + float(np.clip(vertex, -0.5, 0.5))
+    return (position + size // 2) % size - size // 2 + float(np.clip(vertex, -0.5, 0.5))

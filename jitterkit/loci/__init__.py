@@ -80,7 +80,7 @@ def locus_class(name: str) -> type[Locus]:
 
 
 def locus_name(locus: Locus) -> str:
-    """The name of a locus: that of the registry, where it is in it.
+    """Return the name of a locus: that of the registry, where it is in it.
 
     >>> locus_name(PartialShm.of(0.3)), locus_name(Product(Linear.of(0.3), Mvn.of(0.1)))
     ('partial', 'linear*mvn')

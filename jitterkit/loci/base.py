@@ -58,11 +58,11 @@ class Locus(eqx.Module):
     cumulants: ClassVar[tuple[float, float] | None] = None
 
     def at(self, coords: Float[Array | np.ndarray, " k"]) -> Self:
-        """The same kind of locus at other coordinates."""
+        """Return a locus of the same kind at other coordinates."""
         return eqx.tree_at(lambda locus: locus.coords, self, coords)
 
     def sampled(self, nodes: int) -> Self:
-        """The same with so many nodes in the integral over time, where they are to be chosen.
+        """Return the locus with so many nodes in the integral over time, where they may be chosen.
 
         A formula stays as it is, and so does a measured trace, whose samples say how many there are.
         """
@@ -78,16 +78,16 @@ class Locus(eqx.Module):
 
     @abstractmethod
     def moments(self) -> Float[Array, "3"]:
-        """Second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²."""
+        """Return the second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²."""
 
     @abstractmethod
     def describe(self) -> dict[str, float]:
-        """Sizes [arcsec] and angle [deg] as a person would give them."""
+        """Return the sizes [arcsec] and angle [deg] as a person would give them."""
 
     @classmethod
     @abstractmethod
     def near(cls, moments: Float[Array | np.ndarray, "3"]) -> Self:
-        """The locus of this kind closest to given second moments: where a fit starts."""
+        """Return the locus of this kind closest to given second moments: where a fit starts."""
 
     @abstractmethod
     def points(self, n: int) -> np.ndarray:
@@ -103,7 +103,7 @@ class Locus(eqx.Module):
 
 @eqx.filter_jit
 def moments_and_slope(locus: Locus):
-    """Second moments (3,) of a locus, and their slope (3, q) by its coordinates."""
+    """Return the second moments (3,) of a locus, and their slope (3, q) by its coordinates."""
     return locus.moments(), jax.jacfwd(lambda c: locus.at(c).moments())(locus.coords)
 
 
@@ -151,7 +151,7 @@ def axis_variances(moments) -> tuple[float, float, float]:
 
 
 def moments_on_axis(moments, angle: float) -> np.ndarray:
-    """Second moments along and across an axis.
+    """Return the second moments along and across an axis.
 
     Parameters
     ----------
@@ -179,13 +179,13 @@ def covariance_on_axis(covariance, angle: float) -> np.ndarray:
 
 
 def turned(along, across, angle: float) -> np.ndarray:
-    """Offsets ``(n, 2)`` from components along and across an axis at ``angle`` degrees."""
+    """Return the offsets ``(n, 2)`` from components along and across an axis at ``angle`` degrees."""
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.stack([along * c - across * s, along * s + across * c], axis=-1)
 
 
 def _projection(angle: float) -> np.ndarray:
-    """What takes ``(Sxx, Sxy, Syy)`` to the moments along, crosswise and across: ``R' Σ R`` by rows."""
+    """Return the matrix from ``(Sxx, Sxy, Syy)`` to the moments along, crosswise and across: ``R' Σ R``."""
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.array([[c * c, 2 * s * c, s * s], [-s * c, c * c - s * s, s * c], [s * s, -2 * s * c, c * c]])
 

@@ -108,7 +108,7 @@ def unit_factor(column: str, unit: str, *wanted: str) -> tuple[float, str]:
 
 
 def row_numbers(row: CsvRow, header: Sequence[str], missing: Sequence[str] = ()) -> list[float]:
-    """The numbers of a line, one for each column of the header.
+    """Return the numbers of a line, one for each column of the header.
 
     Parameters
     ----------

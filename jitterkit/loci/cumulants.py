@@ -20,7 +20,7 @@ from jitterkit.loci.base import Locus
 
 
 def cumulant_names(order: int) -> tuple[str, ...]:
-    """Of one order n, those of ``x^n, x^(n-1) y, ..., y^n``."""
+    """Return the names of the cumulants of one order n: those of ``x^n, x^(n-1) y, ..., y^n``."""
     return tuple(f"cumulant{order}{k}" for k in range(order + 1))
 
 
@@ -50,7 +50,7 @@ def form_cumulants(moments, power: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cumulant_exponent(order: int, cumulants, fx, fy):
-    """What cumulants ``x^n, x^(n-1) y, ...`` of one order add to the logarithm of a transfer function."""
+    """Return the logarithm of a transfer function by cumulants ``x^n, x^(n-1) y, ...`` of one order."""
     x, y = 2 * jnp.pi * fx, 2 * jnp.pi * fy
     form = sum(math.comb(order, k) * cumulants[k] * x ** (order - k) * y**k for k in range(order + 1))
     return (1, -1j, -1, 1j)[order % 4] / math.factorial(order) * form
@@ -75,7 +75,7 @@ class WithCumulants(Locus):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Those of the locus, then the cumulants'."""
+        """Return the names of the locus, then those of the cumulants."""
         return (*self.locus.names, *self._own)
 
     @property
@@ -84,7 +84,7 @@ class WithCumulants(Locus):
 
     @property
     def inner(self) -> Locus:
-        """The locus at its present size."""
+        """Return the locus at its present size."""
         return self.locus.at(self.coords[: -len(self._own)])
 
     @classmethod

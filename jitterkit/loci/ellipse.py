@@ -39,7 +39,7 @@ class Ellipse(Elliptic):
         return j0_of_square(8 * np.pi**2 * self.variance_along(fx, fy))
 
     def describe(self) -> dict[str, float]:
-        """``semi_major``, ``semi_minor`` [arcsec] and ``angle`` of the major axis [deg]."""
+        """Return ``semi_major``, ``semi_minor`` [arcsec] and ``angle`` of the major axis [deg]."""
         major, minor, angle = principal_axes(self.coords)
         return {"semi_major": math.sqrt(2) * major, "semi_minor": math.sqrt(2) * minor, "angle": angle}
 

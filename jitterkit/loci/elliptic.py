@@ -19,7 +19,7 @@ from jitterkit.precision import real
 
 
 def covariance(sigma_major: float, sigma_minor: float, angle: float) -> Float[Array, "3"]:
-    """Second moments from 1 sigma sizes along two axes [arcsec] and the angle of the first [deg].
+    """Return the second moments from 1 sigma sizes along two axes [arcsec] and the angle of the first [deg].
 
     Raises
     ------
@@ -43,11 +43,11 @@ class Elliptic(Locus):
         return self.coords[:3]
 
     def variance_along(self, fx, fy):
-        """``f'Σf``."""
+        """Return ``f'Σf``."""
         sxx, sxy, syy = self.moments()
         return sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2
 
     def _placed(self, along, across) -> np.ndarray:
-        """Offsets (n, 2) of places given in 1 sigma along each principal axis."""
+        """Return the offsets (n, 2) of positions given in 1 sigma along each principal axis."""
         major, minor, angle = principal_axes(self.moments())
         return turned(major * along, minor * across, angle)

@@ -26,7 +26,7 @@ noise are closer, even of 10⁶ samples."""
 
 _SHARE_OF_CODES, _SHARE_OF_OTHERS = 0.5, 0.1
 """Largest share of the samples, for a usual code and for others: another value that is more frequent may be
-one of two places between which the pointing jumps."""
+one of two positions between which the pointing jumps."""
 
 _FEWEST = 11
 """Samples from which a value that is no usual code may stand for none; fewer are a path somebody drew."""
@@ -61,34 +61,40 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
     of a single code a sentence says so.  No angle is beyond 1e15.
     """
     keep = np.isfinite(table).all(axis=1)
-    said = [f"{(~keep).sum()} samples of the trace have no value and count as gaps."] * bool((~keep).any())
+    sentences = [f"{(~keep).sum()} samples of the trace have no value and count as gaps."] * bool(
+        (~keep).any()
+    )
     for name, values in zip(columns[1:], table.T[1:], strict=True):
         while (found := _code(values[keep])) is not None:
             code, count = found
             if count == 1 and abs(code) < _NO_ANGLE:
-                told = f"{name} is {code:g} in one sample, far from all others"
-                said.append(f"{told}, which counts as motion: if it stands for no value, leave it out.")
+                sentence = f"{name} is {code:g} in one sample, far from all others"
+                sentences.append(
+                    f"{sentence}, which counts as motion: if it stands for no value, leave it out."
+                )
                 break
             keep &= values != code
-            said.append(f"{name} is {code:g} in {count} samples, far from all others: they count as gaps.")
-    return table[keep], said
+            sentences.append(
+                f"{name} is {code:g} in {count} samples, far from all others: they count as gaps."
+            )
+    return table[keep], sentences
 
 
 def _code(values: np.ndarray) -> tuple[float, int] | None:
     """Return a value that stands for a missing one, and how often it occurs; one that is repeated first."""
-    places, counts = np.unique(values, return_counts=True)
-    steps = np.diff(places, prepend=-np.inf, append=np.inf)
+    positions, counts = np.unique(values, return_counts=True)
+    steps = np.diff(positions, prepend=-np.inf, append=np.inf)
     apart = np.minimum(steps[1:], steps[:-1])
     for single in (False, True):
         group = np.flatnonzero((counts == 1) == single)
         for k in group[np.argsort(-apart[group])][:_MOST_LOOKED_AT]:
-            if _is_missing(values, float(places[k]), int(counts[k]), float(apart[k])):
-                return float(places[k]), int(counts[k])
+            if _is_missing(values, float(positions[k]), int(counts[k]), float(apart[k])):
+                return float(positions[k]), int(counts[k])
     return None
 
 
 def _is_missing(values: np.ndarray, value: float, count: int, apart: float) -> bool:
-    """Tell whether a value that is so far from any other may stand for none."""
+    """Return whether a value that is so far from any other may stand for a missing one."""
     if abs(value) >= _NO_ANGLE:
         return True
     others = values[values != value]

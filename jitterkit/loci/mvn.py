@@ -43,7 +43,7 @@ class Mvn(Elliptic):
         return jnp.exp(-2 * jnp.pi**2 * self.variance_along(fx, fy))
 
     def describe(self) -> dict[str, float]:
-        """``sigma_major``, ``sigma_minor`` [arcsec], ``shear`` and ``angle`` [deg]."""
+        """Return ``sigma_major``, ``sigma_minor`` [arcsec], ``shear`` and ``angle`` [deg]."""
         major, minor, angle = principal_axes(self.coords)
         shear = 1 - minor / major if major > 0 else 0.0
         return {"sigma_major": major, "sigma_minor": minor, "shear": shear, "angle": angle}

@@ -157,11 +157,11 @@ class PartialShm(Locus):
 
 
 def _halves(square, t):
-    """The parts odd and even in time, per ``2 pi a`` and ``2 pi² a²``: finite at no cycles."""
+    """Return the parts odd and even in time, per ``2 pi a`` and ``2 pi² a²``: finite at no cycles."""
     return t * sinc_of_square(4 * square * t**2), -(t**2) * sinc_of_square(square * t**2) ** 2
 
 
 def _amplitudes(cycles: float) -> tuple[float, float]:
-    """The rms of a unit sine and of a unit cosine about its mean."""
+    """Return the rms of a unit sine and of a unit cosine about its mean."""
     one, two = np.sinc(2 * cycles), np.sinc(cycles)
     return math.sqrt((1 - one) / 2), math.sqrt((1 + one) / 2 - two**2)

@@ -1,4 +1,4 @@
-"""A free path: a smooth curve through a few places that the pointing passes at equal times.
+"""A free path: a smooth curve through a few positions that the pointing passes at equal times.
 
 Nature makes it when the pointing moves slowly but not straight: a settling slew, a slow loop, a drift with
 a bend or a kick.  It is the locus that assumes least of a motion below the frame rate.
@@ -68,7 +68,7 @@ class Path(Locus):
 
     @classmethod
     def of(cls, knots) -> Self:
-        """Build from the places passed.
+        """Build from the positions passed.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Path(Locus):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """A straight line of the greater variance, bent to a parabola of the lesser."""
+        """Return a straight line of the greater variance, bent to a parabola of the lesser."""
         major, minor, angle = principal_axes(moments)
         length, s = np.sqrt(12) * major, np.linspace(-0.5, 0.5, _KNOTS)
         height = max(minor / np.sqrt(_PARABOLA), _BEND * length)
@@ -105,10 +105,12 @@ class Path(Locus):
         return exact_to(greatest_speed(self.points(_MANY)) / (self._knots - 1), self.nodes)
 
     def describe(self) -> dict[str, float]:
-        """``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
-        places = self._at(np.linspace(-0.5, 0.5, self._knots))
+        """Return ``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
+        positions = self._at(np.linspace(-0.5, 0.5, self._knots))
         return {
-            f"{axis}{k}": float(v) for k, xy in enumerate(places, 1) for axis, v in zip("xy", xy, strict=True)
+            f"{axis}{k}": float(v)
+            for k, xy in enumerate(positions, 1)
+            for axis, v in zip("xy", xy, strict=True)
         }
 
     def points(self, n: int) -> np.ndarray:
@@ -123,17 +125,17 @@ class Path(Locus):
         return len(self.names) // 2 + 1
 
     def _at_nodes(self):
-        """Offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
-        places, weights = (
+        """Return the offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
+        positions, weights = (
             jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots, self.nodes)
         )
-        x, y = self.coords.reshape(2, -1) @ places.T
+        x, y = self.coords.reshape(2, -1) @ positions.T
         return x, y, weights
 
     def _at(self, times: np.ndarray) -> np.ndarray:
-        """Offsets (n, 2) from the mean at times from -1/2 to 1/2."""
-        places, weights = gauss_legendre(self.nodes, self._knots - 1)
-        mean = weights @ _spline(self._knots, places)
+        """Return the offsets (n, 2) from the mean at times from -1/2 to 1/2."""
+        positions, weights = gauss_legendre(self.nodes, self._knots - 1)
+        mean = weights @ _spline(self._knots, positions)
         return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
 
 
@@ -152,12 +154,12 @@ def _check(knots: np.ndarray) -> None:
 
 @functools.cache
 def _quadrature(knots: int, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """What takes steps to offsets from the mean at the nodes (n, knots - 1), and the nodes' weights (n,)."""
+    """Return the matrix from steps to offsets from the mean at the nodes, and the nodes' weights (n,)."""
     times, weights = gauss_legendre(nodes, knots - 1)
     matrix = _spline(knots, times)
     return matrix - weights @ matrix, weights
 
 
 def _spline(knots: int, times: np.ndarray) -> np.ndarray:
-    """What takes the steps to offsets from the first knot at given times."""
+    """Return the matrix from steps to offsets from the first knot at given times."""
     return CubicSpline(np.linspace(-0.5, 0.5, knots), np.tri(knots, knots - 1, -1))(times)

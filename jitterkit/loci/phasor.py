@@ -16,7 +16,7 @@ _EXACT = 1e-4
 
 
 def mean_phasor(x, y, weights, fx, fy):
-    """Mean phasor of weighted offsets.
+    """Return the mean phasor of weighted offsets.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def mean_phasor(x, y, weights, fx, fy):
 
 @functools.cache
 def gauss_legendre(nodes: int, panels: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Times in (-1/2, 1/2) and weights that sum to one; ``nodes`` in each of equal panels."""
+    """Return the times in (-1/2, 1/2) and weights that sum to one; ``nodes`` in each of equal panels."""
     t, w = np.polynomial.legendre.leggauss(nodes)
     starts = np.arange(panels)[:, None] - panels / 2
     return ((starts + (t + 1) / 2) / panels).ravel(), np.tile(w / (2 * panels), panels)
 
 
 def exact_to(longest: float, nodes: int) -> float:
-    """Frequency up to which a mean phasor by quadrature is good to 1e-4.
+    """Return the frequency up to which a mean phasor by quadrature is good to 1e-4.
 
     Parameters
     ----------
@@ -73,6 +73,6 @@ def exact_to(longest: float, nodes: int) -> float:
     return turn / (2 * math.pi * longest) if longest > 0 else math.inf
 
 
-def greatest_speed(places) -> float:
-    """Of a path given by its places (n, 2) at equal times, arcsec an exposure."""
-    return len(places) * float(np.hypot(*np.diff(places, axis=0).T).max())
+def greatest_speed(positions) -> float:
+    """Return the greatest speed on a path of positions (n, 2) at equal times, arcsec an exposure."""
+    return len(positions) * float(np.hypot(*np.diff(positions, axis=0).T).max())

@@ -40,13 +40,13 @@ class Product(Locus):
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Those of the parts; from its second appearance on a name is numbered."""
+        """Return the names of the parts; from its second appearance on a name is numbered."""
         every = [name for part in self.parts for name in part.names]
         times = [every[: i + 1].count(name) for i, name in enumerate(every)]
         return tuple(f"{name}_{k}" if k > 1 else name for name, k in zip(every, times, strict=True))
 
     def factors(self) -> tuple[Locus, ...]:
-        """The parts at their present sizes."""
+        """Return the parts at their present sizes."""
         ends = np.cumsum([len(part.names) for part in self.parts])[:-1]
         return tuple(part.at(c) for part, c in zip(self.parts, jnp.split(self.coords, ends), strict=True))
 
@@ -74,7 +74,7 @@ class Product(Locus):
         return sum((part.moments() for part in self.factors()), jnp.zeros(3))
 
     def describe(self) -> dict[str, float]:
-        """Sizes of each part, preceded by its kind (numbered where a kind comes twice)."""
+        """Return the sizes of each part, preceded by its kind (numbered where a kind comes twice)."""
         sizes: dict[str, float] = {}
         kinds = [type(part).__name__.lower() for part in self.parts]
         for i, part in enumerate(self.factors()):
@@ -83,7 +83,7 @@ class Product(Locus):
         return sizes
 
     def points(self, n: int) -> np.ndarray:
-        """Every combination of about ``n ** (1 / parts)`` points of each part."""
+        """Combine about ``n ** (1 / parts)`` points of each part with each other."""
         each = max(2, round(n ** (1 / max(len(self.parts), 1))))
         total = np.zeros((1, 2))
         for part in self.factors():

@@ -87,7 +87,7 @@ class Shaped(Elliptic):
         return math.sqrt(_FAR[jnp.zeros(()).dtype.itemsize]) / (2 * math.pi * major)
 
     def describe(self) -> dict[str, float]:
-        """``sigma_major``, ``sigma_minor`` [arcsec], ``angle`` [deg] and ``kurtosis``."""
+        """Return ``sigma_major``, ``sigma_minor`` [arcsec], ``angle`` [deg] and ``kurtosis``."""
         *moments, kurtosis = np.asarray(self.coords).tolist()
         major, minor, angle = principal_axes(moments)
         return {"sigma_major": major, "sigma_minor": minor, "angle": angle, "kurtosis": kurtosis}
@@ -105,7 +105,7 @@ class Shaped(Elliptic):
         return self._on_rings(half_square, rng.uniform(0, 2 * np.pi, n))
 
     def _half_square(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Half the squared radius in sigmas, of mean one, from numbers uniform in [0, 1)."""
+        """Return half the squared radius in sigmas, of mean one, from numbers uniform in [0, 1)."""
         kurtosis = max(float(self.coords[3]), _RING)
         if kurtosis < 0:
             nu = max(-3 / kurtosis - 2, _NARROW)
@@ -130,7 +130,7 @@ def _light(w, k):
 
 @elementwise
 def _lightened(w, k):
-    """``exp(w/2) 0F1(; b; -b w/2)`` as a power series in w, ``b = -(3 + k)/k``: one at k = 0.
+    """Return ``exp(w/2) 0F1(; b; -b w/2)`` as a power series in w, ``b = -(3 + k)/k``: one at k = 0.
 
     Divided by the normal's transform it satisfies ``q w (S'' - S' + S/4) + S' = 0`` with ``q = 1/b``, whose
     series has no cancellation near the normal, and no pole at any negative k.

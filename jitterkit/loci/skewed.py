@@ -24,11 +24,9 @@ _COMPONENTS = ("xxx", "xxy", "xyy", "yyy")
 class Skewed(Elliptic):
     """Covariance Σ and third cumulants: ``M = exp(-2 pi² f'Σf + 4 pi³ i/3 sum κ_jkl f_j f_k f_l)``.
 
-    Notes
-    -----
-    Exact to third order in frequency for any motion.  It is a density to first order in the skewness only,
-    which is enough below one.  Skewness and position are told apart by fine detail of the image: errors of x
-    and y are about twice those of other loci, while the separation's stays.
+    Notes ----- Exact to third order in frequency for any motion.  It is a density to first order in the
+    skewness only, which is enough below one.  Skewness and position are distinguished by fine detail of the
+    image: errors of x and y are about twice those of other loci, while the separation's stays.
     """
 
     names: ClassVar[tuple[str, ...]] = (
@@ -82,7 +80,7 @@ class Skewed(Elliptic):
 
         The place grows by a sixth of what the cumulants and the second-order polynomials of the numbers make.
         """
-        places = self._placed(along, across)
+        positions = self._placed(along, across)
         axes = self._placed(np.array([1.0, 0.0]), np.array([0.0, 1.0]))  # the principal axes, 1 sigma long
         k = np.asarray(self.coords)[3:]
         tensor = np.array([[[k[0], k[1]], [k[1], k[2]]], [[k[1], k[2]], [k[2], k[3]]]])
@@ -90,12 +88,12 @@ class Skewed(Elliptic):
         numbers = np.stack([along, across], axis=1)
         quadratic = numbers[:, :, None] * numbers[:, None, :] - np.eye(2)
         seen = np.einsum("ijk,ja,kb->iab", tensor, inverse, inverse)
-        bent = places + np.einsum("nab,iab->ni", quadratic, seen) / 6
+        bent = positions + np.einsum("nab,iab->ni", quadratic, seen) / 6
         bent -= bent.mean(axis=0)
         wanted, had = (np.linalg.cholesky(_regular(m)) for m in (axes.T @ axes, np.cov(bent.T, bias=True)))
         return bent @ np.linalg.inv(had).T @ wanted.T
 
 
 def _regular(moments: np.ndarray) -> np.ndarray:
-    """Second moments (2, 2) without a vanishing axis."""
+    """Return the second moments (2, 2) without a vanishing axis."""
     return moments + np.finfo(float).eps * max(np.trace(moments), np.finfo(float).tiny) * np.eye(2)

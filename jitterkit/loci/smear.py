@@ -46,13 +46,13 @@ class Smear(Product):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """What the major axis has more than the minor is smear; the rest is round."""
+        """Build from moments: the excess of the major axis over the minor is smear; the rest is round."""
         major, minor, angle = axis_variances(moments)
         length = np.sqrt((major - minor) / Linear.variance)
         return cls(Linear.of(length, angle), Mvn(jnp.asarray([minor, 0.0, minor])))
 
     def describe(self) -> dict[str, float]:
-        """``length`` and ``angle`` of the smear; the normal's sigmas and ``sigma_angle``."""
+        """Return ``length`` and ``angle`` of the smear; the normal's sigmas and ``sigma_angle``."""
         smear, rest = (part.describe() for part in self.factors())
         sigmas = {name: rest[name] for name in ("sigma_major", "sigma_minor")}
         return {**smear, **sigmas, "sigma_angle": rest["angle"]}

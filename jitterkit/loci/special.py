@@ -43,7 +43,7 @@ def elementwise(function: Callable[..., jax.Array]) -> Callable[..., jax.Array]:
 
 @elementwise
 def sinc_of_square(w):
-    """``sin(pi sqrt(w)) / (pi sqrt(w))`` for w >= 0, to rounding, with all derivatives at zero."""
+    """Return ``sin(pi sqrt(w)) / (pi sqrt(w))`` for w >= 0, to rounding, with all derivatives at zero."""
     small = w < 0.05
     z2 = math.pi**2 * w
     series = _horner([(-1) ** k / math.factorial(2 * k + 1) for k in range(10)], jnp.where(small, z2, 0.0))
@@ -53,7 +53,7 @@ def sinc_of_square(w):
 
 @elementwise
 def j0_of_square(w):
-    """``J0(sqrt(w))``, to about 1e-14, with all derivatives at zero.
+    """Return ``J0(sqrt(w))``, to about 1e-14, with all derivatives at zero.
 
     Where a fit makes a covariance indefinite, w is negative and this is ``I0(sqrt(-w))``, to 1e-13 of
     itself down to w = -100 (where it is 2816) and finite beyond.
@@ -67,7 +67,7 @@ def j0_of_square(w):
 
 
 def _near_j0(w):
-    """What most frames ask for; a branch, because the far expansion takes thrice as long."""
+    """Evaluate J0 near zero, as most frames need; a branch, as the far expansion takes thrice as long."""
     return _clenshaw(_chebyshev_coefficients(), w * (2 / _LARGE**2) - 1)
 
 
@@ -82,7 +82,7 @@ def _any_j0(w):
 
 @elementwise
 def log1p_over(z):
-    """``ln(1 + z)/z`` for z > -1, to rounding, with finite derivatives at zero."""
+    """Return ``ln(1 + z)/z`` for z > -1, to rounding, with finite derivatives at zero."""
     small = jnp.abs(z) < 0.01
     series = _horner([(-1) ** k / (k + 1) for k in range(9)], jnp.where(small, z, 0.0))
     far = jnp.where(small, 1.0, z)

@@ -17,7 +17,7 @@ class Stable(Locus):
 
     @classmethod
     def of(cls) -> Self:
-        """The only one there is."""
+        """Return the only one there is."""
         return cls(jnp.zeros(0))
 
     @classmethod

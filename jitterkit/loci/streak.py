@@ -1,9 +1,9 @@
 """What the straight loci share: a size and an axis, in coordinates of the double angle.
 
-``(L² cos 2phi, L² sin 2phi)`` has no direction to lose at zero length, unlike ``(length, angle)``.
-It is not smooth there all the same: the moments of a streak lie on a cone, of which zero length is
-the tip.  Derivatives at the tip are finite (those of the cone's axis), but a fit that ends there has a
-kink and no slope; the normal locus, whose moments are free, has neither.
+``(L² cos 2phi, L² sin 2phi)`` has no direction to lose at zero length, unlike ``(length, angle)``. It is not
+smooth there all the same: the moments of a streak lie on a cone, of which zero length is the boundary.
+Derivatives at zero length are finite (those of the cone's axis), but a fit that ends there has a kink and no
+slope; the normal locus, whose moments are free, has neither.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Streak(Locus):
         return cls.of(major / np.sqrt(cls.variance), angle)
 
     def along(self, fx, fy):
-        """``L² (f.n)²``."""
+        """Return ``L² (f.n)²``."""
         cosine, sine = self.coords
         return 0.5 * (self._square() * (fx**2 + fy**2) + cosine * (fx**2 - fy**2) + 2 * sine * fx * fy)
 
@@ -54,18 +54,18 @@ class Streak(Locus):
         return 0.5 * self.variance * jnp.stack([size + cosine, sine, size - cosine])
 
     def describe(self) -> dict[str, float]:
-        """``length`` [arcsec], full or peak to peak, and ``angle`` [deg]."""
+        """Return ``length`` [arcsec], full or peak to peak, and ``angle`` [deg]."""
         cosine, sine = (float(q) for q in self.coords)
         angle = axis_angle(np.degrees(np.arctan2(sine, cosine)) / 2)
         return {"length": float(np.sqrt(np.hypot(cosine, sine))), "angle": angle}
 
     def _square(self):
-        """``L²``, with derivative zero (not NaN) at the tip."""
+        """Return ``L²``, with derivative zero (not NaN) at zero length."""
         square = self.coords[0] ** 2 + self.coords[1] ** 2
         positive = square > 0
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
     def _placed(self, along: np.ndarray) -> np.ndarray:
-        """Offsets (n, 2) of places along the line, given in lengths from its middle."""
+        """Return the offsets (n, 2) of positions along the line, given in lengths from its middle."""
         size = self.describe()
         return turned(size["length"] * along, 0 * along, size["angle"])

@@ -37,12 +37,12 @@ class Tones(Product):
 
     @classmethod
     def near(cls, moments) -> Self:
-        """One tone along each principal axis."""
+        """Start with one tone along each principal axis."""
         major, minor, angle = principal_axes(moments)
         scale = Shm.variance**-0.5
         return cls.of(scale * major, angle, scale * max(minor, _LEAST * major), angle + 90)
 
     def describe(self) -> dict[str, float]:
-        """``length1``, ``angle1``, ``length2`` and ``angle2``, arcsec and degrees."""
+        """Return ``length1``, ``angle1``, ``length2`` and ``angle2``, arcsec and degrees."""
         parts = enumerate(self.factors(), start=1)
         return {f"{name}{k}": value for k, part in parts for name, value in part.describe().items()}

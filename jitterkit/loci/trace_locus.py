@@ -35,7 +35,7 @@ class Trace(Locus):
     coords : (0,) array
     times : (n,) array
         Ascending from 0 to 1, in exposures.
-    places : (n, 2) array
+    positions : (n, 2) array
         Offsets x and y from the mean over the exposure, arcsec.
 
     Notes
@@ -48,7 +48,7 @@ class Trace(Locus):
 
     coords: Float[Array, " k"]
     times: Float[Array, " n"]
-    places: Float[Array, "n 2"]
+    positions: Float[Array, "n 2"]
     names: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -99,10 +99,10 @@ class Trace(Locus):
                     f"{begin:g} to {end:g} s; give a trace without this gap, or another exposure.",
                 )
         times = np.concatenate([[begin], t[inside], [end]])
-        places = np.stack([np.interp(times, t, x), np.interp(times, t, y)], axis=1)
+        positions = np.stack([np.interp(times, t, x), np.interp(times, t, y)], axis=1)
         times = (times - begin) / (end - begin)
-        places -= np.diff(times) @ (places[1:] + places[:-1]) / 2
-        return cls(jnp.zeros(0), jnp.asarray(times), jnp.asarray(places))
+        positions -= np.diff(times) @ (positions[1:] + positions[:-1]) / 2
+        return cls(jnp.zeros(0), jnp.asarray(times), jnp.asarray(positions))
 
     @classmethod
     def near(cls, moments) -> Self:
@@ -110,16 +110,16 @@ class Trace(Locus):
         raise ConfigurationError(ErrorCode.UNSUPPORTED, problem)
 
     def transfer(self, fx, fy):
-        places, weights = self._nodes()
-        return mean_phasor(places[:, 0], places[:, 1], weights, fx, fy)
+        positions, weights = self._nodes()
+        return mean_phasor(positions[:, 0], positions[:, 1], weights, fx, fy)
 
     def moments(self):
-        places, weights = self._nodes()
-        x, y = places.T
+        positions, weights = self._nodes()
+        x, y = positions.T
         return jnp.stack([x * x, x * y, y * y]) @ weights
 
     def exact_to(self) -> float:
-        lengths = np.hypot(*np.diff(np.asarray(self.places), axis=0).T)
+        lengths = np.hypot(*np.diff(np.asarray(self.positions), axis=0).T)
         longest, power = lengths.max(), 2 * self._order  # by which an error grows with its piece's length
         if not longest > 0:
             return math.inf
@@ -127,28 +127,28 @@ class Trace(Locus):
         return exact_to(float(longest * mean ** (1 / power)), self._order)
 
     def describe(self) -> dict[str, float]:
-        """``sigma_major``, ``sigma_minor`` [arcsec] and ``angle`` [deg] of its moments."""
+        """Return ``sigma_major``, ``sigma_minor`` [arcsec] and ``angle`` [deg] of its moments."""
         major, minor, angle = principal_axes(self.moments())
         return {"sigma_major": major, "sigma_minor": minor, "angle": angle}
 
     def points(self, n: int) -> np.ndarray:
-        at, times, places = (np.arange(n) + 0.5) / n, np.asarray(self.times), np.asarray(self.places)
-        return np.stack([np.interp(at, times, places[:, axis]) for axis in (0, 1)], axis=1)
+        at, times, positions = (np.arange(n) + 0.5) / n, np.asarray(self.times), np.asarray(self.positions)
+        return np.stack([np.interp(at, times, positions[:, axis]) for axis in (0, 1)], axis=1)
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return self.points(n)
 
     @property
     def _order(self) -> int:
-        """Nodes in every piece."""
+        """Return the nodes in every piece."""
         return max(_NODES, -(-_IN_ALL // (len(self.times) - 1)))
 
     def _nodes(self):
-        """Offsets (m, 2) at the nodes of every piece, and their weights (m,)."""
+        """Return the offsets (m, 2) at the nodes of every piece, and their weights (m,)."""
         s, w = gauss_legendre(self._order)
-        middle, step = (self.places[1:] + self.places[:-1]) / 2, jnp.diff(self.places, axis=0)
-        places = middle[:, None] + s[:, None] * step[:, None]
-        return places.reshape(-1, 2), (jnp.diff(self.times)[:, None] * w).ravel()
+        middle, step = (self.positions[1:] + self.positions[:-1]) / 2, jnp.diff(self.positions, axis=0)
+        positions = middle[:, None] + s[:, None] * step[:, None]
+        return positions.reshape(-1, 2), (jnp.diff(self.times)[:, None] * w).ravel()
 
 
 def trace_gaps(t) -> np.ndarray:
@@ -172,12 +172,12 @@ def trace_gaps(t) -> np.ndarray:
 
 
 def is_trace(cells: list[str]) -> bool:
-    """Tell whether a line is the header of a trace."""
+    """Return whether a line is the header of a trace."""
     return heading(cells[0])[0] in ("t", "time")
 
 
 def read_trace(
-    path: str | pathlib.Path, rates: str | None = None, tell: Callable[[str], None] | None = None
+    path: str | pathlib.Path, rates: str | None = None, log: Callable[[str], None] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Read a record of the pointing from a CSV table.
 
@@ -189,7 +189,7 @@ def read_trace(
         as are columns whose unit is one of a rate.  Empty lines and lines that begin with ``#`` are skipped.
     rates : str, optional
         Unit of rates whose header does not say that they are, or in what unit: ``deg/s``.
-    tell : callable, optional
+    log : callable, optional
         Called with sentences on rates that were integrated, and on samples without a value, of which Python
         warns without it.
 
@@ -216,7 +216,7 @@ def read_trace(
         if not rates:
             refuse_unit_in_comment(path, cells[0][1])
         table = np.array([row_numbers(row, _COLUMNS, MISSING_WORDS) for row in cells[1:]]).reshape(-1, 3)
-        table, said = without_missing(table, _COLUMNS)
+        table, sentences = without_missing(table, _COLUMNS)
         if len(table) < 2:
             table = np.array([row_numbers(row, _COLUMNS) for row in cells[1:]]).reshape(-1, 3)
         t, x, y = (table * factors).T
@@ -225,12 +225,12 @@ def read_trace(
             _refuse_wrapped(t, x, y)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
-    for sentence in said:
-        (tell or warnings.warn)(f"{path}: {sentence}")
+    for sentence in sentences:
+        (log or warnings.warn)(f"{path}: {sentence}")
     if integrate:
         x, y = _integral(t, np.stack([x, y], axis=1)).T
-        if tell is not None:
-            tell("The trace holds rates, which were integrated.")
+        if log is not None:
+            log("The trace holds rates, which were integrated.")
     return t, x, y
 
 
@@ -250,7 +250,7 @@ _HALF_TURN = 180 * 3600
 
 
 def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
-    """Factors to s, arcsec and arcsec or arcsec/s; and whether the columns are rates."""
+    """Return the factors to s, arcsec and arcsec or arcsec/s; and whether the columns are rates."""
     names, units = zip(*map(heading, cells), strict=True) if cells else ((), ())
     named_rates = names[1:] == ("wx", "wy")
     if not cells or not is_trace(cells) or not (named_rates or names[1:] == ("x", "y")):

@@ -36,7 +36,7 @@ def arcsine_density(x, amplitude: float) -> np.ndarray:
 
 
 def arcsine_shares(edges, amplitude: float) -> np.ndarray:
-    """Share of the time in each cell, exactly.
+    """Return the share of the time in each cell, exactly.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ _TYPICAL = 45.0
 
 
 def predicted_locus(spectrum: PowerSpectrum, exposure: float) -> Locus:
-    """The locus of a typical frame.
+    """Return the locus of a typical frame.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def predicted_locus(spectrum: PowerSpectrum, exposure: float) -> Locus:
 
 
 def smeared_locus(split: Split) -> Locus:
-    """The locus of random motion: ``sinc(f.l) exp(-2 pi² f'Σf)``.
+    """Return the locus of random motion: ``sinc(f.l) exp(-2 pi² f'Σf)``.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def smeared_locus(split: Split) -> Locus:
 
 
 def _line(line: Line, exposure: float) -> Locus:
-    """A medium or a fast line; sizes such that moments are those of its split."""
+    """Return a medium or a fast line; sizes such that moments are those of its split."""
     cycles, name = line.frequency * exposure, line_locus(line, exposure)
     if name == "stable":
         return Stable.of()
@@ -130,7 +130,7 @@ class Assessment:
 
     @property
     def names(self) -> str:
-        """The loci of everything together, such as ``smear*shm``; each kind once."""
+        """Return the loci of everything together, such as ``smear*shm``; each kind once."""
         slow = [share.split for share in self.shares if share.line is None or share.regime == REGIMES[0]]
         smooth = smooth_locus(sum(slow, Split()) if self.shares else self.split)
         lines = [share.locus for share in self.shares if share.line and share.regime != REGIMES[0]]

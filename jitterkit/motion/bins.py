@@ -61,7 +61,7 @@ def recognise_rows(frequencies: np.ndarray, density: np.ndarray) -> str:
     Raises
     ------
     ConfigurationError
-        If it cannot be told and the power differs by more than 1 %.
+        If it cannot be determined and the power differs by more than 1 %.
     """
     n = len(frequencies)
     linear = _is_uniform(frequencies)
@@ -138,7 +138,7 @@ def _is_banded(frequencies: np.ndarray) -> bool:
 def _without_lines(
     frequencies: np.ndarray, widths: np.ndarray, density: np.ndarray
 ) -> tuple[np.ndarray, tuple[Line, ...]]:
-    """Densities without the lines in them, and these."""
+    """Return the densities without the lines in them, and these."""
     power = density[:, 0] + density[:, 2]
     around, lines, left = _background(power), [], density.copy()
     free = np.ones(len(power), bool)
@@ -173,7 +173,7 @@ def _background(power: np.ndarray) -> np.ndarray:
 
 
 def _lobe(power: np.ndarray, peak: int, around: float, free: np.ndarray) -> np.ndarray:
-    """Rows of a line about its peak."""
+    """Return the rows of a line about its peak."""
     high = (power > _FALLEN * around) & free
     first = last = peak
     while first > max(peak - _LOBE, 0) and high[first - 1]:

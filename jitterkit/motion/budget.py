@@ -31,7 +31,7 @@ _THIN = 1e-3
 
 
 def critical_frequency(exposure: float) -> float:
-    """One cycle in an exposure [s], in Hz."""
+    """Return the frequency of one cycle in an exposure [s], Hz."""
     return 1 / check_exposure(exposure)
 
 
@@ -69,7 +69,7 @@ def smooth_locus(split: Split) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Share:
-    """One source of motion.
+    """Hold one source of motion.
 
     Attributes
     ----------

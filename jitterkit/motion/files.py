@@ -1,6 +1,6 @@
 """Tables of motion in CSV: a spectrum, lines, both, or a record in time.
 
-Reach for :func:`read_motion`, which tells them by their headers.
+Reach for :func:`read_motion`, which recognises them by their headers.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ _FORMATS = (
     "arcsec, degrees), the one below the other, or a trace t,x,y (s, arcsec)"
 )
 
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 
 
 def read_motion(
-    path: str | Path, *, kind: str | None = None, rates: str | None = None, tell: Tell = lambda sentence: None
+    path: str | Path, *, kind: str | None = None, rates: str | None = None, log: Log = lambda sentence: None
 ) -> PowerSpectrum | Record:
     """Read a table of motion.
 
@@ -68,7 +68,7 @@ def read_motion(
         :func:`~jitterkit.motion.bins.recognise_rows` tells.
     rates : str, optional
         Unit of rates in a trace that does not say so, which are integrated.
-    tell : callable, optional
+    log : callable, optional
         Called with sentences that say how the table was understood.
 
     Returns
@@ -79,8 +79,8 @@ def read_motion(
     Raises
     ------
     ConfigurationError
-        If the file is not such a table, or it cannot be told what its rows are; the message names file, line
-        and remedy.
+        If the file is not such a table, or the kind of its rows cannot be determined; the message names file,
+        line and remedy.
     """
     path = Path(path)
     if kind is not None:
@@ -91,11 +91,11 @@ def read_motion(
         given, other = ("--kind", "densities") if trace else ("--rates", "a trace")
         raise ConfigurationError(ErrorCode.CONFLICT, f"{path}: {given} is for {other}; leave it out.")
     if trace:
-        return Record(*read_trace(path, rates, tell))
+        return Record(*read_trace(path, rates, log))
     try:
         refuse_unit_in_comment(path, rows[0][1] if rows else ())
         densities, lines = _tables(rows)
-        random = _random(densities, kind, _says_two_sided(path), tell)
+        random = _random(densities, kind, _says_two_sided(path), log)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
     return PowerSpectrum(random.frequencies, random.density, (*random.lines, *lines))
@@ -109,7 +109,7 @@ class _Header(NamedTuple):
     roots: bool = False
 
     def numbers(self, row: CsvRow) -> dict[str, float]:
-        """The numbers of a line by column, in the units of :data:`_UNITS`."""
+        """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
         values = dict(zip(self.names, row_numbers(row, self.names), strict=True))
         scaled = {name: values[name] * factor for name, factor in zip(self.names, self.factors, strict=True)}
         return {name: scaled[name] ** 2 if self.roots and name in "xy" else scaled[name] for name in scaled}
@@ -137,7 +137,7 @@ def _header(cells: list[str]) -> _Header | None:
 
 
 def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
-    """The rows of densities and the lines of a file."""
+    """Return the rows of densities and the lines of a file."""
     tables: dict[str, list[dict[str, float]]] = {}
     lines: list[Line] = []
     header: _Header | None = None
@@ -159,21 +159,21 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
     return densities, lines
 
 
-def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, tell: Tell) -> PowerSpectrum:
-    """The spectrum of a table of densities."""
+def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, log: Log) -> PowerSpectrum:
+    """Return the spectrum of a table of densities."""
     if not rows:
         return PowerSpectrum()
     f = np.array([row["f"] for row in rows])
     density = np.array([[row["x"], row.get("xy", 0.0), row["y"]] for row in rows])
     if np.any(f < 0):
         f, density = _folded(f, density)
-        tell("The densities have negative frequencies, which were added to the positive ones.")
+        log("The densities have negative frequencies, which were added to the positive ones.")
     elif two_sided:
         density = 2 * density
-        tell("The table says that it is two-sided: its densities were doubled.")
+        log("The table says that it is two-sided: its densities were doubled.")
     if f[0] == 0:
         f, density = f[1:], density[1:]
-        tell("The row at 0 Hz was left out: a constant offset is no motion.")
+        log("The row at 0 Hz was left out: a constant offset is no motion.")
     if len(f) < 2:
         line = int(rows[-1]["line"])
         raise ConfigurationError(ErrorCode.TOO_FEW, f"line {line} is the only density; give two or more.")
@@ -182,21 +182,21 @@ def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, tel
     spectrum = spectrum_of_bins(f, density) if found == "bins" else curve
     read = "bins of a measured spectrum" if found == "bins" else "points of a curve, power laws between them"
     other = "curve" if found == "bins" else "bins"
-    tell(
+    log(
         f"The {len(f)} rows of densities were read as {read}"
         + ("." if kind else f" (--kind {other}: not so).")
     )
     if spectrum.lines:
         listed = ", ".join(f"{line.frequency:.5g}" for line in spectrum.lines)
-        tell(f"Lines that stand out of the bins, and are listed as lines: {listed} Hz.")
+        log(f"Lines that stand out of the bins, and are listed as lines: {listed} Hz.")
     return spectrum
 
 
 def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One-sided densities of two-sided ones, in ascending order."""
-    both, place = np.unique(np.abs(f), return_inverse=True)
+    both, index = np.unique(np.abs(f), return_inverse=True)
     sums = np.zeros((len(both), density.shape[1]))
-    np.add.at(sums, place, density)
+    np.add.at(sums, index, density)
     return both, sums
 
 
@@ -204,8 +204,8 @@ def _says_two_sided(path: Path) -> bool:
     """Return whether a comment says that densities are two-sided."""
     with path.open(encoding="utf-8-sig") as handle:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
-    said = re.findall(r"\b(not |non-?)?(one|single|1|two|double|2)[- ]?sided", comments)
-    found = {"one" if bool(no) != (kind in ("one", "single", "1")) else "two" for no, kind in said}
+    stated = re.findall(r"\b(not |non-?)?(one|single|1|two|double|2)[- ]?sided", comments)
+    found = {"one" if bool(no) != (kind in ("one", "single", "1")) else "two" for no, kind in stated}
     if len(found) > 1:
         problem = "the comments say one-sided and two-sided; leave one of the words out."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)

@@ -21,7 +21,7 @@ _OCTAVES = 20
 
 
 def loop_rejection(frequencies, bandwidth: float) -> np.ndarray:
-    """Share of the power that a first-order integrator leaves.
+    """Return the share of the power that a first-order integrator leaves.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ class Exposures:
     planned: int
 
     def split(self) -> Split:
-        """Mean over the exposures, for comparison with that of a spectrum.
+        """Return the mean over the exposures, for comparison with that of a spectrum.
 
         The displacement is about the mean of the record: what is slower than that is not in it.
         """
@@ -104,7 +104,7 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
         If it holds none, or exposures overlap.
     """
     cadence = check_cadence(exposure, exposure if cadence is None else cadence)
-    t, places = np.asarray(record.t, float) - record.t[0], np.stack([record.x, record.y], axis=1)
+    t, positions = np.asarray(record.t, float) - record.t[0], np.stack([record.x, record.y], axis=1)
     count = int(np.floor((t[-1] - exposure) / cadence * (1 + 1e-12) + 1e-9)) + 1
     if count < 1:
         problem = f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s"
@@ -118,8 +118,8 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
             f"The trace has {len(trace_gaps(t))} gaps, the longest of {np.diff(t).max():g} s, and all of its "
             f"{count} exposures of {exposure:g} s have one; give a better trace or a shorter exposure.",
         )
-    middle = places.mean(axis=0)
-    means, smears, jitters = (v[numbers] for v in _project(t, places - middle, starts, exposure))
+    middle = positions.mean(axis=0)
+    means, smears, jitters = (v[numbers] for v in _project(t, positions - middle, starts, exposure))
     return Exposures(starts[numbers] + record.t[0], means + middle, smears, jitters, numbers, count)
 
 
@@ -167,7 +167,7 @@ def trace_spectrum(record: Record, segments: int = _SEGMENTS) -> PowerSpectrum:
     return spectrum_of_bins(f[1:], np.stack([xx, xy.real, yy], axis=1)[1:])
 
 
-def _project(t, places, starts, exposure) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _project(t, positions, starts, exposure) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means, smear vectors and second moments about them, from exact integrals over the straight pieces."""
     ends = np.unique(np.concatenate([t, starts, starts + exposure]).clip(t[0], t[-1]))
     middles = (ends[1:] + ends[:-1]) / 2
@@ -177,7 +177,7 @@ def _project(t, places, starts, exposure) -> tuple[np.ndarray, np.ndarray, np.nd
     index, first, last = index[held], ends[:-1][held], ends[1:][held]
     share = (last - first) / exposure
     u, v = ((edge - starts[index]) / exposure - 0.5 for edge in (first, last))
-    a, b = (np.stack([np.interp(edge, t, axis) for axis in places.T], axis=1) for edge in (first, last))
+    a, b = (np.stack([np.interp(edge, t, axis) for axis in positions.T], axis=1) for edge in (first, last))
 
     def total(values: np.ndarray) -> np.ndarray:
         return np.stack([np.bincount(index, share * column, len(starts)) for column in values.T], axis=1)

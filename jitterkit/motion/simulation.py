@@ -59,11 +59,11 @@ def simulate_pointing(
             remedy = f"give one below {0.5 / line.frequency:g} s"
             raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     t = step * np.arange(n + 1)
-    places = _random(spectrum, n, step, rng)
+    positions = _random(spectrum, n, step, rng)
     for line in spectrum.lines:
         phase = 2 * np.pi * line.frequency * t + rng.uniform(0, 2 * np.pi)
-        places += turned(line.amplitude * np.cos(phase), line.minor * np.sin(phase), line.angle)
-    return Record(t, *places.T)
+        positions += turned(line.amplitude * np.cos(phase), line.minor * np.sin(phase), line.angle)
+    return Record(t, *positions.T)
 
 
 def simulate_exposures(
@@ -112,10 +112,10 @@ def _whole(line: Line, exposure: float) -> Locus:
 
 
 def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generator) -> np.ndarray:
-    """Normal motion (n + 1, 2) at equal steps."""
-    places = np.zeros((n + 1, 2))
+    """Return the normal motion (n + 1, 2) at equal steps."""
+    positions = np.zeros((n + 1, 2))
     if not len(spectrum.frequencies):
-        return places
+        return positions
     size = next_fast_len(2 * (n + 1), real=True)
     width = 1 / (size * step)
     harmonics = np.arange(1, (size - 1) // 2 + 1)
@@ -125,21 +125,21 @@ def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generat
     t = step * np.arange(n + 1)
     for f, both in zip(np.sqrt(slow[1:] * slow[:-1]), amplitudes, strict=False):
         if np.any(both):
-            places += np.real(both * np.exp(2j * np.pi * f * t)[:, None])
+            positions += np.real(both * np.exp(2j * np.pi * f * t)[:, None])
     waves = np.zeros((size // 2 + 1, 2), complex)
     waves[harmonics] = size / 2 * amplitudes[len(slow) - 1 :]
-    return places + irfft(waves, size, axis=0)[: n + 1]
+    return positions + irfft(waves, size, axis=0)[: n + 1]
 
 
 def _powers(spectrum: PowerSpectrum, bounds: np.ndarray) -> np.ndarray:
-    """Second moments (b, 3) of the bands between ascending bounds."""
+    """Return the second moments (b, 3) of the bands between ascending bounds."""
     ends, integrals = panel_integrals(spectrum, edges=bounds)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(integrals[:, 0], axis=0)])
     return np.diff(np.stack([np.interp(bounds, ends, column) for column in total.T], axis=1), axis=0)
 
 
 def _draws(powers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Complex amplitudes (b, 2) of normal motion with given second moments a band."""
+    """Return the complex amplitudes (b, 2) of normal motion with given second moments a band."""
     real, imaginary = rng.standard_normal((2, len(powers), 2))
     one = real + 1j * imaginary
     xx, xy, yy = np.maximum(powers[:, 0], 0), powers[:, 1], np.maximum(powers[:, 2], 0)

@@ -58,7 +58,7 @@ class Line:
                 )
 
     def moments(self) -> np.ndarray:
-        """Second moments ``(Sxx, Sxy, Syy)`` over whole cycles, arcsec²."""
+        """Return the second moments ``(Sxx, Sxy, Syy)`` over whole cycles, arcsec²."""
         return moments_on_axis([self.amplitude**2 / 2, 0.0, self.minor**2 / 2], -self.angle)
 
 
@@ -101,11 +101,11 @@ class PowerSpectrum:
 
     @property
     def highest(self) -> float:
-        """The highest frequency in it, Hz; zero if it is empty."""
+        """Return the highest frequency in it, Hz; zero if it is empty."""
         return max([*self.frequencies[-1:], *(line.frequency for line in self.lines)], default=0.0)
 
     def at(self, frequencies) -> np.ndarray:
-        """Densities ``(m, 3)`` at given frequencies, arcsec²/Hz; zero outside the rows."""
+        """Return the densities ``(m, 3)`` at given frequencies, arcsec²/Hz; zero outside the rows."""
         f = np.asarray(frequencies, float)
         if not len(self.frequencies):
             return np.zeros((*f.shape, 3))
@@ -128,12 +128,12 @@ class PowerSpectrum:
         return replace(self.resampled(np.concatenate([ends[:1], inner, ends[1:]])), lines=lines)
 
     def resampled(self, frequencies) -> PowerSpectrum:
-        """The same with other rows."""
+        """Return a spectrum with other rows."""
         return replace(self, frequencies=frequencies, density=self.at(frequencies))
 
 
 def _between(f, ends, share, first, second) -> np.ndarray:
-    """A power law between two values, or a straight line where there is none."""
+    """Return a power law between two values, or a straight line where there is none."""
     law = (first > 0) & (second > 0) & (ends[0] > 0)
     safe = [np.where(law, value, 1.0) for value in (ends[0], first, second)]
     steps = np.log(np.where(law, f, 1.0) / safe[0]) / np.log(np.where(law, ends[1] / safe[0], 2.0))

@@ -26,7 +26,7 @@ _LAST = 8
 
 
 def legendre_weight(n: int, cycles) -> np.ndarray:
-    """Share of a tone's variance in the n-th Legendre term of an exposure.
+    """Return the share of a tone's variance in the n-th Legendre term of an exposure.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def part_weights(cycles) -> np.ndarray:
 
 
 def difference_weight(frequencies, exposure: float, cadence: float) -> np.ndarray:
-    """Variance of the motion between two frames, per variance of a tone.
+    """Return the variance of the motion between two frames, per variance of a tone.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def split_spectrum(spectrum: PowerSpectrum, exposure: float) -> Split:
 
 
 def cumulative_split(spectrum: PowerSpectrum, exposure: float) -> tuple[np.ndarray, np.ndarray]:
-    """The split of all motion up to a frequency, at frequencies close enough to draw it.
+    """Return the split of all motion up to a frequency, at frequencies close enough to draw it.
 
     Parameters
     ----------
@@ -173,14 +173,14 @@ def cumulative_split(spectrum: PowerSpectrum, exposure: float) -> tuple[np.ndarr
         By part (displacement, smear, jitter) and moment (Sxx, Sxy, Syy), arcsec².
     """
     tones = sorted(spectrum.lines, key=lambda line: line.frequency)
-    places = np.array([line.frequency for line in tones])
+    positions = np.array([line.frequency for line in tones])
     steady = spectrum.highest * 10.0 ** (-np.arange(10 * _PER_DECADE) / _PER_DECADE)
-    ends, integrals = panel_integrals(spectrum, _parts(exposure), exposure, [*places, *steady])
+    ends, integrals = panel_integrals(spectrum, _parts(exposure), exposure, [*positions, *steady])
     steps = [[getattr(split_line(line, exposure), part) for part in PARTS] for line in tones]
-    f = np.concatenate([ends, places, places])
+    f = np.concatenate([ends, positions, positions])
     change = np.zeros((len(f), 3, 3))
     change[1 : len(ends)] = integrals
-    change[len(ends) + len(places) :] = np.reshape(steps, (-1, 3, 3))
+    change[len(ends) + len(positions) :] = np.reshape(steps, (-1, 3, 3))
     order = np.argsort(f, kind="stable")
     return f[order], np.cumsum(change[order], axis=0)
 

@@ -120,14 +120,14 @@ class Anchor(eqx.Module):
         return sum(part.nbytes for part in jax.tree.leaves(self))
 
     def otf(self, aberrations) -> OTF:
-        """The first-order expansion about aberrations [nm] near the state.
+        """Return the first-order expansion about aberrations [nm] near the state.
 
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
         """
         return _renewed(self, *self.further.split(aberrations, len(self.names)))
 
     def within(self, grid: Grid) -> Anchor:
-        """The same on a smaller grid of the same pixels, whose fine sides are even or odd as these are.
+        """Return the anchor on a smaller grid of the same pixels, whose fine sides are even or odd alike.
 
         The point spread function is cut there; what it has beyond is lost.
         """
@@ -151,7 +151,7 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
 @eqx.filter_jit
 def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     change, k, further = aberrations - anchor.state, len(anchor.state), anchor.further
-    own = jnp.stack([change, change.at[_places(anchor)].add(beside)]) if further.of_b else change[None]
+    own = jnp.stack([change, change.at[_positions(anchor)].add(beside)]) if further.of_b else change[None]
     bends = _sums(own.astype(anchor.curvature.dtype), anchor.curvature)
     halves = jnp.stack(
         [_sums(one.astype(bend.dtype) / 2, bend) for one, bend in zip(own, bends, strict=True)]
@@ -195,8 +195,8 @@ def _pairs(k: int) -> np.ndarray:
     return places
 
 
-def _places(anchor: Anchor) -> np.ndarray:
-    """Places of the modes in which B may differ."""
+def _positions(anchor: Anchor) -> np.ndarray:
+    """Return the indices of the modes in which B may differ."""
     return np.array([anchor.names.index(name) for name in anchor.further.of_b], int)
 
 
@@ -230,26 +230,26 @@ class AnchoredOptics:
         return self.system.phase(aberrations)
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """Transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
+        """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
         if self._distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
         here = self.anchor.otf(aberrations)
         return here if self.reaches(aberrations) else self.system.near(aberrations, here)
 
     def reaches(self, aberrations) -> bool:
-        """Whether the anchor alone is as good as exact at ``aberrations`` [nm]."""
+        """Return whether the anchor alone is as good as exact at ``aberrations`` [nm]."""
         return self.left_out(aberrations) < _UNSEEN
 
     def left_out(self, aberrations) -> float:
-        """What the anchor alone leaves out of the image, in sigmas of all of it; an upper bound."""
+        """Return an upper bound on the anchor's error in the image, in sigmas of the whole."""
         return float(_THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3)
 
     def _distance(self, aberrations) -> float:
-        """Rms phase [rad] from the anchor."""
+        """Return the rms phase [rad] from the anchor."""
         modes = len(self.anchor.state)
         state, beside = self.anchor.further.split(aberrations, modes)
         return self.system.phase_of(state - np.asarray(self.anchor.state), beside)
 
     def near(self, aberrations, slopes: OTF) -> OTF:
-        """Likewise; derivatives cost nothing here."""
+        """Expand the optics near a state, as :class:`Optics` has it; derivatives cost nothing here."""
         return self.otf(aberrations)

@@ -98,7 +98,7 @@ class Colours:
 
     @property
     def precision(self) -> float:
-        """Inverse variance of each index; zero where it is known exactly, and so never fitted."""
+        """Return the inverse variance of each index; zero where it is known exactly, and so never fitted."""
         return self.sigma**-2 if self.sigma > 0 else 0.0
 
     @property
@@ -135,7 +135,7 @@ def blackbody_index(temperature: float, spectrum: Spectrum) -> float:
 
 
 def _index(photons: np.ndarray, spectrum: Spectrum) -> float:
-    """Slope of photons at each wavelength of a spectrum, as factors of it."""
+    """Return the slope of photons at each wavelength of a spectrum, as factors of it."""
     weights, tilt = np.array(spectrum.weights), wavenumber_offsets(spectrum)
     if not np.any(tilt):
         raise ConfigurationError(
@@ -145,7 +145,7 @@ def _index(photons: np.ndarray, spectrum: Spectrum) -> float:
 
 
 def _photons(temperature: float, spectrum: Spectrum) -> np.ndarray:
-    """Photons of a blackbody at each wavelength, one on average."""
+    """Return the photons of a blackbody at each wavelength, one on average."""
     if not 0 < temperature < np.inf:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE, f"A temperature of {temperature} K is impossible; give a positive one."

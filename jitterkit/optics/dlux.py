@@ -73,7 +73,7 @@ def pupil_from_dlux(system: Any, names: Sequence[str] | None = None) -> Pupil:
 
 
 def _field(system, wavelength):
-    """Complex amplitude after the last layer."""
+    """Return the complex amplitude after the last layer."""
     wavefront = system.initialise_wavefront(wavelength)
     samples, pitch = wavefront.npixels, float(wavefront.pixel_scale)
     for name, layer in system.layers.items():

@@ -1,4 +1,4 @@
-"""A measured PSF in the place of a pupil: a sharp frame or a star stack.
+"""A measured PSF instead of a pupil: a sharp frame or a star stack.
 
 For instruments nobody has modelled.  It knows no aberrations and no wavelength, and its noise is
 carried into every image made from it; where there is a pupil, use the pupil.
@@ -28,7 +28,7 @@ def empirical_otf(
     enclosed: float = 1.0,
     pad: int = DEFAULT_PAD,
 ) -> OTF:
-    """Transfer function of an unblurred star image.
+    """Return the transfer function of an unblurred star image.
 
     Parameters
     ----------
@@ -116,6 +116,6 @@ def _checked(psf) -> np.ndarray:
 
 
 def _centroid(stamp):
-    """Mean position ``(x, y)`` of the light, in pixels."""
+    """Return the mean position ``(x, y)`` of the light, in pixels."""
     rows, columns = np.indices(stamp.shape)
     return tuple(float(np.sum(axis * stamp) / stamp.sum()) for axis in (columns, rows))

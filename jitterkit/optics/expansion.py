@@ -30,7 +30,7 @@ def grid_for(
     plate_scale: float,
     pad: int = DEFAULT_PAD,
 ) -> Grid:
-    """The coarsest grid that carries a pupil's image without aliasing.
+    """Return the coarsest grid that carries a pupil's image without aliasing.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def grid_for(
 
 
 def _cutoff(pupil: Pupil, spectrum: Spectrum) -> float:
-    """Highest frequency that reaches the image, cycles/arcsec."""
+    """Return the highest frequency that reaches the image, cycles/arcsec."""
     return pupil.cutoff_diameter / (min(spectrum.wavelengths) * 1e-9) * ARCSEC
 
 
@@ -163,7 +163,7 @@ def shift_slopes(
 
 
 def wavelength_curvature(pupil: Pupil, spectrum: Spectrum, grid: Grid, state) -> Complex[Array, "my mx"]:
-    """Second derivative of a transfer function by a shift of the wavelengths, per nm²."""
+    """Return the second derivative of a transfer function by a shift of the wavelengths, per nm²."""
     wavelengths, weights = jnp.asarray(spectrum.wavelengths), _weights(spectrum, chromatic=False)
 
     def slope(longer):
@@ -178,7 +178,7 @@ def wavelength_curvature(pupil: Pupil, spectrum: Spectrum, grid: Grid, state) ->
 def derivatives_at(
     pupil: Pupil, spectrum: Spectrum, grid: Grid, state, *, order: int, chromatic: bool = False
 ) -> Complex[Array, "c p my mx"]:
-    """A transfer function at a state of the aberrations [nm], and its derivatives up to an order of 2.
+    """Return a transfer function at a state of the aberrations [nm], and its derivatives up to an order of 2.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def derivatives_at(
 
 
 def _weights(spectrum: Spectrum, chromatic: bool) -> Array:
-    """Weights of the wavelengths, and their derivatives by a spectral index: (1 or 2, w)."""
+    """Return the weights of the wavelengths, and their derivatives by a spectral index: (1 or 2, w)."""
     weights = np.asarray(spectrum.weights)
     return jnp.asarray([weights, weights * wavenumber_offsets(spectrum)] if chromatic else [weights])
 
@@ -202,7 +202,7 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
     opd = pupil.opd + jnp.tensordot(state[:count], pupil.basis, 1)
     light = pupil.transmission * jnp.exp(jnp.tensordot(state[count:], pupil.shading, 1))
     phases = (2 * jnp.pi / wavelengths)[:, None, None] * opd
-    # Outside the loop, or the compiler evaluates sine and cosine anew for every derivative.
+    # Outside the loop, or the compiler evaluates sine and cosine again for every derivative.
     fields = light * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)
     modes = len(state) if order else 0
     pairs = np.triu_indices(modes) if order > 1 else np.triu_indices(0)
@@ -225,7 +225,7 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
 
 
 def centring(grid: Grid) -> np.ndarray:
-    """What makes a spectrum one about the optical axis: the PSF's samples are symmetric about it."""
+    """Return the factor that centres a spectrum on the optical axis, about which the PSF is symmetric."""
     fy, fx = grid.frequencies
     cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
     return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)
@@ -260,7 +260,7 @@ def _times(one, other):
 
 
 def _curvature(field, slopes, pairs, focal, phase_step, grid):
-    """Second derivatives of the light ``|E|²`` by pairs of modes: ``2 Re(E* E_ij + E_i* E_j)``.
+    """Return the second derivatives of the light ``|E|²`` by pairs of modes: ``2 Re(E* E_ij + E_i* E_j)``.
 
     In 32 bits: they count by the square of a change, a thousandth.
     """

@@ -14,12 +14,12 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.colours import WAVELENGTH
 
 PLATE_SCALE = "plate_scale_shift"
-"""Name of the relative shift of the plate scale: places and the image of a star in pixels shrink by it."""
+"""Name of the relative shift of the plate scale: positions and the image of a star in pixels shrink by it."""
 
 
 @dataclass(frozen=True)
 class Further:
-    """What may vary, and how well it is known.
+    """Hold the further parameters of the optics that may vary, and their prior errors.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Further:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of those parameters that are no modes of the pupil."""
+        """Return the names of those parameters that are no modes of the pupil."""
         shifts = ((WAVELENGTH, self.wavelength_sigma), (PLATE_SCALE, self.plate_scale_sigma))
         return (*(name for name, sigma in shifts if sigma), *(f"{mode}_b" for mode in self.of_b))
 

@@ -87,7 +87,7 @@ class Grid:
 
     @property
     def nyquist(self) -> float:
-        """The fine array's Nyquist frequency, cycles/arcsec."""
+        """Return the fine array's Nyquist frequency, cycles/arcsec."""
         return 0.5 / self.pitch
 
     def crop(self, fine):

@@ -86,18 +86,18 @@ def hst_pupil() -> Pupil:
 
 
 def _along(x, y, angle: float):
-    """Coordinate along a direction [degrees, counter-clockwise from +x]."""
+    """Return the coordinate along a direction [degrees, counter-clockwise from +x]."""
     return x * np.cos(np.radians(angle)) + y * np.sin(np.radians(angle))
 
 
 def _behind_struts(x, y, angles: tuple[float, ...], width: float):
-    """Whether points lie behind struts that run from the centre outwards."""
+    """Return whether points lie behind struts that run from the centre outwards."""
     behind = [(_along(x, y, angle) > 0) & (np.abs(_along(x, y, angle + 90)) < width / 2) for angle in angles]
     return np.logical_or.reduce(behind)
 
 
 def _drawn(width: float, clear: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Pupil:
-    """A pupil whose samples are the clear share of 8 x 8 points; modes on the circle in its square."""
+    """Return a pupil whose samples are the clear share of 8 x 8 points; modes on the circle in its square."""
     fine = offsets(8 * _SAMPLES, width / (8 * _SAMPLES))
     transmission = np.empty((_SAMPLES, _SAMPLES))
     for k, rows in enumerate(fine.reshape(_SAMPLES, 8)):

@@ -98,37 +98,37 @@ class OTF(eqx.Module):
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """Those of the names that are modes of the wavefront."""
+        """Return the names that are modes of the wavefront."""
         return self.names[: len(self.names) - len(self.sigmas)]
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Those of the names that are no modes of the wavefront."""
+        """Return the names that are not modes of the wavefront."""
         return self.names[len(self.names) - len(self.sigmas) :]
 
     def varied(self, scene: Scene) -> tuple[str, ...]:
-        """Those of the names that mean something for a scene: without B there is nothing that it has more."""
+        """Return the names that have an effect on a scene: without B, its own parameters have none."""
         return self.names if len(scene.colours) > 1 else self.names[: len(self.names) - len(self.of_b)]
 
     def plate_scale_shift(self, aberrations: Float[Array, " k"]) -> Float[Array, ""] | None:
-        """Relative shift of the plate scale among some aberrations; None where there is none."""
+        """Return the relative shift of the plate scale among some aberrations; None where there is none."""
         if PLATE_SCALE not in self.names or len(aberrations) < len(self.names):
             return None
         return aberrations[self.names.index(PLATE_SCALE)]
 
     def at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"]:
-        """Transfer function at nearby aberrations [nm], to first order about ``state``.
+        """Return the transfer function at nearby aberrations [nm], to first order about ``state``.
 
-        A shift of the wavelength counts to second order, because nothing is expanded anew about it.  What is
-        left out shows in a bright frame 5 nm from the state, so expand anew.
+        A shift of the wavelength counts to second order, because nothing is expanded again about it.  What is
+        left out shows in a bright frame 5 nm from the state, so expand again.
         """
         if not self.names:
             return self.value
         change = self._change(aberrations)
         value = self.value + _combined(change, self.slopes)
-        if self.bend is None or (slot := self.names.index(WAVELENGTH)) >= len(change):
+        if self.bend is None or (index := self.names.index(WAVELENGTH)) >= len(change):
             return value
-        return value + change[slot] ** 2 / 2 * self.bend
+        return value + change[index] ** 2 / 2 * self.bend
 
     def chromatic_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
         """Derivative by the spectral index at nearby aberrations [nm], if it matters; to first order."""
@@ -170,7 +170,7 @@ class OTF(eqx.Module):
         )
 
     def diffused(self, sigma: float) -> OTF:
-        """The same with charge diffused in the detector: a round normal, ``sigma`` arcsec along each axis."""
+        """Return the optics with charge diffusion: a round normal, ``sigma`` arcsec along each axis."""
         fy, fx = self.grid.frequencies
         return self.multiplied(Mvn.of(sigma).transfer(fx, fy))
 

@@ -15,7 +15,7 @@ PUBLIC_SHAPE = (128, 128)
 
 
 def public_image(images: int = 5, samples: int = 4) -> Callable:
-    """The public model's frame of alpha Centauri under linear jitter.
+    """Return the public model's frame of alpha Centauri under linear jitter.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class Pupil(eqx.Module):
         return max(float(e[-1] - e[0] + 1) for e in extents) * self.pitch
 
     def binned(self, factor: int) -> Pupil:
-        """The same telescope on coarser samples, each the mean of ``factor`` x ``factor``.
+        """Return the pupil on coarser samples, each the mean of ``factor`` x ``factor``.
 
         An edge between two wavefronts is a sample of their mean there, as an edge of the aperture is grey.
 
@@ -147,7 +147,7 @@ class Pupil(eqx.Module):
         return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names, shading)
 
     def with_shading(self, kinds: Sequence[str]) -> Pupil:
-        """The same with these modes of the transmission that may vary, and no others.
+        """Return the pupil with these modes of the transmission that may vary, and no others.
 
         They have unit rms over the lit pupil.
 
@@ -189,7 +189,7 @@ def obstructed_circle(
     noll: Sequence[int] = (4, 5, 6, 7, 8, 9, 10),
     samples: int = 256,
 ) -> Pupil:
-    """A circular telescope with a central obscuration and straight struts.
+    """Return a circular telescope with a central obscuration and straight struts.
 
     Parameters
     ----------

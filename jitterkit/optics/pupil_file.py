@@ -163,6 +163,6 @@ def nanometres(path: Path, unit: Any) -> float:
 
 
 def _mode_names(header: Mapping[str, Any], count: int) -> list[str]:
-    """Names of the modes, if every mode has one."""
+    """Return the names of the modes, if every mode has one."""
     names = [header.get(f"MODE{k}") for k in range(count)]
     return [str(name) for name in names] if all(names) else []

@@ -65,16 +65,16 @@ class Spectrum:
 
     @property
     def mean(self) -> float:
-        """Mean wavelength, nm."""
+        """Return the mean wavelength, nm."""
         return float(np.dot(self.wavelengths, self.weights))
 
     @property
     def has_colour(self) -> bool:
-        """Whether there is light at more than one wavelength."""
+        """Return whether there is light at more than one wavelength."""
         return len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}) > 1
 
     def sampled(self, samples: int) -> Spectrum:
-        """The same light at another number of wavelengths.
+        """Return the spectrum at another number of wavelengths.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class Spectrum:
 
 
 def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of a discrete measure: Lanczos, orthogonalised anew at every step."""
+    """Return the nodes and weights of a discrete measure: Lanczos, orthogonalised again at every step."""
     middle, half = (at.max() + at.min()) / 2, (at.max() - at.min()) / 2
     scaled = (at - middle) / half
     basis = np.sqrt(weight / weight.sum())[None]
@@ -129,7 +129,7 @@ def _gauss(at: np.ndarray, weight: np.ndarray, n: int) -> tuple[np.ndarray, np.n
 
 
 def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
-    """A spectrum flat in photons per wavelength between two wavelengths.
+    """Return a spectrum flat in photons per wavelength between two wavelengths.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int = 13) -> Spectrum:
-    """The Gauss quadrature of a tabulated spectrum.
+    """Return the Gauss quadrature of a tabulated spectrum.
 
     Parameters
     ----------

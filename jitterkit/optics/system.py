@@ -22,19 +22,19 @@ __all__ = ["FixedOptics", "OpticalSystem", "Optics"]
 
 
 class Optics(Protocol):
-    """What a fit asks of a telescope's optics on one grid."""
+    """Define what a fit needs of a telescope's optics on one grid."""
 
     @property
     def nominal(self) -> OTF:
-        """Transfer function to start from."""
+        """Return the transfer function to start from."""
         ...
 
     def phase(self, aberrations) -> float:
-        """Rms phase [rad] of a wavefront error [nm]."""
+        """Return the rms phase [rad] of a wavefront error [nm]."""
         ...
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """Transfer function about ``aberrations`` [nm]."""
+        """Return the transfer function about ``aberrations`` [nm]."""
         ...
 
     def near(self, aberrations, slopes: OTF) -> OTF:
@@ -71,18 +71,18 @@ class OpticalSystem:
 
     @property
     def further(self) -> Further:
-        """What may vary beside the modes of the pupil."""
+        """Return the parameters that may vary beside the modes of the pupil."""
         wavelength = 0.0 if self.colours is None else self.colours.wavelength_err * self.spectrum.mean
         return Further(len(self.pupil.shading), wavelength, self.plate_scale_sigma, self.of_b)
 
     @cached_property
     def nominal(self) -> OTF:
-        """Transfer function without aberrations, computed once."""
+        """Return the transfer function without aberrations, computed once."""
         return self.otf(None)
 
     @cached_property
     def _gram(self) -> np.ndarray:
-        """Mean products (k, k) of the modes over the lit pupil: phases, and relative changes of the light."""
+        """Return mean products (k, k) of the modes over the lit pupil: phases, and relative light."""
         light, wavenumber = np.asarray(self.pupil.transmission), 2 * np.pi / min(self.spectrum.wavelengths)
         parts = wavenumber * np.asarray(self.pupil.basis), 2 * np.asarray(self.pupil.shading)
         blocks = [np.einsum("iyx,jyx,yx->ij", part, part, light, optimize=True) for part in parts]
@@ -97,7 +97,7 @@ class OpticalSystem:
         return self.phase_of(*self.further.split(aberrations, len(self.pupil.names)))
 
     def phase_of(self, change: np.ndarray, beside: np.ndarray) -> float:
-        """The same of changes of the pupil's modes, and of what B has more of some."""
+        """Return the rms phase [rad] of changes of the pupil's modes, and of B's difference in some."""
         modes = self.pupil.names
         of_b = change.copy()
         of_b[[modes.index(name) for name in self.of_b]] += beside
@@ -143,13 +143,13 @@ class FixedOptics:
     nominal: OTF
 
     def phase(self, aberrations) -> float:
-        """Zero: there are no aberrations to change."""
+        """Return zero: there are no aberrations to change."""
         return 0.0
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """The same whatever is asked for."""
+        """Return the transfer function, which does not depend on the arguments."""
         return self.nominal
 
     def near(self, aberrations, slopes: OTF) -> OTF:
-        """Likewise."""
+        """Return the transfer function, which does not depend on the aberrations."""
         return self.nominal

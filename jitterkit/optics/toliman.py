@@ -52,7 +52,7 @@ def toliman_pupil(highest: int = _HIGHEST) -> Pupil:
     Notes
     -----
     Kept in the directory that the environment variable ``JITTERKIT_CACHE`` names, or in the user's
-    cache directory; a damaged file is written anew, and a directory that cannot be written to costs
+    cache directory; a damaged file is written again, and a directory that cannot be written to costs
     seven seconds at each start.
     """
     pupil, count = _kept(), highest - 3
@@ -77,7 +77,7 @@ def _kept() -> Pupil:
 
 
 def cache_directory() -> Path:
-    """Where jitterkit keeps what it can compute again."""
+    """Return the directory in which jitterkit caches results."""
     chosen = os.environ.get("JITTERKIT_CACHE")
     if chosen:
         return Path(chosen).expanduser()

@@ -55,12 +55,12 @@ class PhotonBudget:
 
     @property
     def contrast(self) -> float:
-        """Photons of A over those of B: in the band, which is not quite their ratio in V."""
+        """Return the photons of A over those of B: in the band, which is not quite their ratio in V."""
         return self.rates[0] / self.rates[1]
 
     @property
     def mean_wavelength(self) -> float:
-        """Of the detected photons of both, nm."""
+        """Return the mean wavelength of the detected photons of both stars, nm."""
         total = self.detected.sum(axis=0)
         return float(np.trapezoid(total * self.wavelengths, self.wavelengths) / self.rate)
 
@@ -74,7 +74,7 @@ class PhotonBudget:
         return self.rate * area * self.exposure
 
     def spectrum(self, samples: int = 13) -> Spectrum:
-        """The detected photons of both as the wavelengths to model optics with.
+        """Return the detected photons of both as the wavelengths to model optics with.
 
         Parameters
         ----------

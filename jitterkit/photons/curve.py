@@ -61,7 +61,7 @@ class Curve:
         object.__setattr__(self, "values", values)
 
     def __call__(self, wavelengths: np.ndarray) -> np.ndarray:
-        """Values at wavelengths [nm]."""
+        """Return the values at wavelengths [nm]."""
         return np.interp(wavelengths, self.wavelengths, self.values, left=0.0, right=0.0)
 
     @property
@@ -73,7 +73,7 @@ class Curve:
 
 
 def flat_curve(low: float, high: float, value: float = 1.0) -> Curve:
-    """A constant between two wavelengths [nm].
+    """Return a constant between two wavelengths [nm].
 
     Raises
     ------
@@ -87,7 +87,7 @@ def flat_curve(low: float, high: float, value: float = 1.0) -> Curve:
 
 
 def band_of(spectrum: Spectrum) -> Curve:
-    """The perfect filter that a flat band [nm] was made of.
+    """Return the perfect filter that a flat band [nm] was made of.
 
     Raises
     ------

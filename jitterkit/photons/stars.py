@@ -55,7 +55,7 @@ _ANGSTROM = 10.0
 
 
 def blackbody(temperature: float, magnitude: float) -> Curve:
-    """A blackbody of a V magnitude.
+    """Return a blackbody of a V magnitude.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def blackbody(temperature: float, magnitude: float) -> Curve:
 
 
 def tabulated(spectrum: Curve, magnitude: float) -> Curve:
-    """A star's spectrum in any unit of photons per nm, scaled to a V magnitude.
+    """Return a star's spectrum in any unit of photons per nm, scaled to a V magnitude.
 
     Parameters
     ----------

@@ -70,11 +70,11 @@ class Throughput:
 
     @property
     def plates_transmission(self) -> float:
-        """Of all plates together."""
+        """Return the transmission of all plates together."""
         return self.glass**self.plates
 
     def __call__(self, wavelengths: np.ndarray) -> np.ndarray:
-        """Share of the photons that is detected, at wavelengths [nm]."""
+        """Return the share of the photons that is detected, at wavelengths [nm]."""
         return self.filter(wavelengths) * self.plates_transmission * self.qe(wavelengths)
 
     def grid(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The refit: from starting values to parameters, errors and a verdict.
+"""The refit: from starting values to parameters, errors and a status.
 
 Reach for :func:`fit_best_locus` first; :func:`fit_locus` fits a locus of your choice, and
 :func:`fit_frame` is what both call.  What is known beforehand goes into :class:`Priors`.

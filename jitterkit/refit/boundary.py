@@ -1,4 +1,4 @@
-"""Where a locus leaves a likelihood without a regular maximum: no slope, or a kink at zero length."""
+"""Loci whose likelihood has no regular maximum: no slope, or a kink at zero length."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from jitterkit.loci import Locus, PartialShm, Path, Product, Shaped, Streak
 __all__ = ["at_zero_length", "regularizing_priors"]
 
 _SIGMAS = 3.0
-"""Standard errors from zero below which a streak's length cannot be told from zero."""
+"""Standard errors from zero below which a streak's length cannot be distinguished from zero."""
 
 
 def at_zero_length(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> set[str]:
-    """Return the names of the coordinates of streaks whose length cannot be told from zero.
+    """Return the names of the coordinates of streaks whose length cannot be distinguished from zero.
 
     Parameters
     ----------
@@ -25,11 +25,11 @@ def at_zero_length(locus: Locus, names: tuple[str, ...], covariance: np.ndarray)
         Of the free parameters.
     """
     variance = dict(zip(names, np.diag(covariance), strict=True))
-    tips: set[str] = set()
+    found: set[str] = set()
     for part in _streaks(locus):
         square, spread = sum(c**2 for c in part.values()), max(variance.get(name, 0.0) for name in part)
-        tips |= set(part) if square < _SIGMAS**2 * spread else set()
-    return tips
+        found |= set(part) if square < _SIGMAS**2 * spread else set()
+    return found
 
 
 def _streaks(locus: Locus) -> list[dict[str, float]]:

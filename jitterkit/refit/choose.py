@@ -34,14 +34,14 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Start
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit.by_cumulants import as_fit, told_by_cumulants
+from jitterkit.refit.by_cumulants import as_fit, evaluate_by_cumulants
 from jitterkit.refit.evidence import CHOICES, minor_variance
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.refit.weigh import Tried, say_undecided, weigh
+from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
-__all__ = ["DETECTED", "fit_best_locus", "shows_no_jitter", "single_star"]
+__all__ = ["DETECTED", "fit_best_locus", "is_jitter_undetected", "single_star"]
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -113,12 +113,12 @@ def fit_best_locus(
 def _fit_still(
     frame: FrameFits, start: Parameters, moments, otf: OTF | None, covariance: np.ndarray | None
 ) -> FitResult | None:
-    """The fit without jitter of a frame that may do without and does; None of any other."""
+    """Fit a frame without jitter if the options allow it and it shows none; else return None."""
     asked = frame.options.may_be_still and not frame.options.priors.on_jitter()
-    if not asked or covariance is None or not shows_no_jitter(moments, covariance):
+    if not asked or covariance is None or not is_jitter_undetected(moments, covariance):
         return None
     fit, *_ = frame.fit("stable", start, moments, otf)
-    return _conclude(Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
+    return _finalize(Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
 def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> FitResult:
@@ -127,9 +127,9 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):
-        return _conclude(Tried(normal))
+        return _finalize(Tried(normal))
     if not significance(*normal.moments()) > DETECTED:
-        return _conclude(Tried(normal), ("jitter_undetected",))
+        return _finalize(Tried(normal), ("jitter_undetected",))
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
     shape = step.shape()
     # a shape that is known well is fitted
@@ -139,21 +139,21 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     seen = abs(shape.kurtosis) > _SHAPED * shape.error
     moved = _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * normal.error("separation")
     if frame.options.priors.on_coordinates() or not (seen or moved):
-        return _conclude(Tried(normal))
+        return _finalize(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
-        return _conclude(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
-    best = _climb_ladder(frame, normal, otf, step)
+        return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
+    best = _fit_tiers(frame, normal, otf, step)
     better = None if best.locus == NORMAL else frame.other_signs(best)
     if better is None:
         return best
-    again = _climb_ladder(frame, normal, otf, step, better)
-    return again if is_better(again, best) else best
+    retry = _fit_tiers(frame, normal, otf, step, better)
+    return retry if is_better(retry, best) else best
 
 
 def _try(
     frame: FrameFits, name: str, normal: FitResult, otf: OTF, begin: Start | None
 ) -> tuple[FitResult, OTF]:
-    """Fit a candidate from a normal or from elsewhere; one that breaks down takes nothing with it."""
+    """Fit a candidate from a normal or from another start; a fit that breaks down returns as failed."""
     assert normal.parameters is not None
     try:
         if begin is not None:
@@ -163,43 +163,43 @@ def _try(
         return replace(FitResult.from_error(Status.FAILED, error), locus=name), otf
 
 
-def shows_no_jitter(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether second moments (3,) with their covariance (3, 3) are what no jitter at all would give."""
+def is_jitter_undetected(moments: np.ndarray, covariance: np.ndarray) -> bool:
+    """Return True if second moments (3,) with covariance (3, 3) are consistent with no jitter."""
     return significance(moments, covariance) <= DETECTED
 
 
 def single_star(fit: FitResult) -> bool:
-    """Whether a second star is lost in the noise: its flux, if it was fitted, is not five standard errors.
+    """Return True if the second star is lost in the noise: its flux is below five standard errors.
 
-    It would then mend what is wrong with a locus.
+    Its fitted flux would then make up for a wrong locus.
     """
     return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + fit.of_scene("contrast"))
 
 
-def _climb_ladder(
+def _fit_tiers(
     frame: FrameFits,
     normal: FitResult,
     otf: OTF,
     step: CumulantStep,
     begin: Start | None = None,
 ) -> FitResult:
-    """Fit the loci tier by tier until one fits; each starts from the fitted normal, or where it is told.
+    """Fit the loci tier by tier until one fits; each starts from the fitted normal, or from ``begin``.
 
-    Of the first tier those are not fitted that cumulants tell enough about, unless one is the best of all.
+    Loci of the first tier that cumulants evaluate well enough are not fitted, unless one is the best of all.
     """
     tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
-    settled = normal.status is not Status.NOT_CONVERGED and begin is None
-    compressed = CompressedLikelihood.of(step, normal.covariance) if settled else None
+    converged = normal.status is not Status.NOT_CONVERGED and begin is None
+    compressed = CompressedLikelihood.of(step, normal.covariance) if converged else None
     moments, covariance = normal.moments()
     minor, error = minor_variance(moments, covariance)
     straight = minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor))
     excluded = "some" if begin is not None or straight else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
-        told = told_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
-        for name, found in told.items():
+        evaluated = evaluate_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
+        for name, found in evaluated.items():
             tried.add(as_fit(normal, name, found, otf.names))
-        ahead = [name for name in names if name not in told]
+        ahead = [name for name in names if name not in evaluated]
         while True:
             for name in ahead:
                 fit, expanded[name] = _try(frame, name, normal, otf, begin)
@@ -214,11 +214,11 @@ def _climb_ladder(
             steps[best.locus] = CumulantStep.of(*where, frame.data)
         if not _wants_more(best, steps[best.locus]):
             break
-    return _conclude(tried)
+    return _finalize(tried)
 
 
 def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
-    """Whether the shape of the blur is what does not fit, and not pixels, sky or scale."""
+    """Return True if the shape of the blur does not fit, rather than pixels, sky or scale."""
     try:
         lack = step.lack_of_fit()
     except np.linalg.LinAlgError:  # no answer: the fit stands as it is
@@ -226,8 +226,8 @@ def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
     return lack.chance < _MISFIT and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
 
 
-def _conclude(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
-    """The best of the fits, with all of them as candidates; the first where none describes the frame."""
+def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
+    """Return the best of the fits with all as candidates; the first where none describes the frame."""
     fits = tried.fits
     if not any(fit.status is Status.OK for fit in fits.values()):
         tried = Tried(next(iter(fits.values())))
@@ -235,7 +235,7 @@ def _conclude(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
     best = tried.best
     return replace(
         best,
-        message=" ".join(filter(None, [best.message, say_undecided(candidates)])),
+        message=" ".join(filter(None, [best.message, describe_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,
         seconds=sum(fit.seconds for fit in tried.fits.values()),

@@ -4,7 +4,7 @@
    doubt, or nothing else does, they are the answer.  So are a pair and four stars or more that are not
    much fainter.
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
-   than blur and resolution, with a companion beyond doubt, is the answer.  If one of them is much fainter,
+   than blur and resolution, with a companion that is certain, is the answer.  If one of them is much fainter,
    step 2 comes first.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
    stands out of its residual, and its blur is not that of two stars: a long one.
@@ -52,8 +52,8 @@ _OF_PAIRS = set(Binary.own) - set(Star.own)
 """Parameters that one star has not."""
 
 _WIDE, _FAR_OUT, _CLEAR = 1.0, 6.0, 8.0
-"""Of a pair beyond doubt: its separation in resolutions, and in 1 sigma of its blur (a star that vibrates is
-fitted by two with 4.4 at most); its faint star's flux in errors."""
+"""Of a pair that is certain: its separation in resolutions, and in 1 sigma of its blur (a star that vibrates
+is fitted by two with 4.4 at most); its faint star's flux in errors."""
 
 _COMPANY, _LIKE_B = 3, 0.06
 """Further stars from which a pair is none, if one of them is less than three magnitudes fainter than B."""
@@ -70,7 +70,7 @@ takes as long as all else: then it is made only if one star does not do."""
 
 _STANDS_OUT, _BY_CHANCE = 25.0, 16.0
 """Chi-squared of a companion from which the residual of a star is looked into, and up to which it is noise,
-the best of some ten thousand places.  Aberrations explain a part of a companion: between them a pair is
+the best of some ten thousand positions.  Aberrations explain a part of a companion: between them a pair is
 searched for where an image shows two peaks."""
 
 _LONG = 3.0
@@ -156,12 +156,12 @@ class _Frame(Weighing):
         return polished(*where, rough=self.rough)
 
     def beyond_doubt(self, start: Start) -> bool:
-        """Whether stars describe the frame, and no blur of one star could."""
+        """Return whether stars describe the frame, and no blur of one star could."""
         every = len(start.parameters.scene.sources()[0])
         return self.is_apart(start, every) and _is_clear(start) and start.describes(self.data)
 
     def is_apart(self, start: Start, brightest: int = 3) -> bool:
-        """Whether the brightest of the stars are wider apart than the pieces that a blur falls into."""
+        """Return whether the brightest stars are wider apart than the pieces of one blur."""
         major, _, _ = principal_axes(start.parameters.locus.moments())
         x, y, flux = (np.asarray(part) for part in start.parameters.scene.sources())
         first = np.argsort(-flux)[:brightest]
@@ -178,11 +178,11 @@ class _Frame(Weighing):
         return SceneChoice(several, math.inf)
 
     def is_one(self, star: Start) -> bool:
-        """Whether one star describes the frame, and nothing in it is like a second."""
+        """Return whether one star describes the frame, without a sign of a second."""
         return star.describes(self.data) and self.beside(star, _BY_CHANCE) is None and not _looks_long(star)
 
     def beside(self, star: Start, least: float = _STANDS_OUT) -> Star | None:
-        """What stands out most of the residual of a star, if it takes so much off chi-squared."""
+        """Return the strongest source in a star's residual, if it reduces chi-squared enough."""
         image = np.asarray(expected_image(star.parameters, star.otf))
         other, gain = Residual(self.data, image, star.otf, star.parameters.locus).star()
         return other if gain > least else None
@@ -203,7 +203,7 @@ class _Frame(Weighing):
 
 
 def _is_a_field(scene: Scene) -> bool:
-    """Whether a pair is but the brightest two of many."""
+    """Return whether a pair is only the brightest two stars of many."""
     if scene.others is None or not isinstance(scene, Binary):
         return False
     _, _, (_, fainter) = scene.stars()
@@ -211,7 +211,7 @@ def _is_a_field(scene: Scene) -> bool:
 
 
 def _is_clear(start: Start) -> bool:
-    """Whether the fluxes of all stars but the brightest are far from none."""
+    """Return whether the fluxes of all stars but the brightest are significant."""
     scene, names = start.parameters.scene, start.names
     if isinstance(scene, Binary):
         contrast, error = float(scene.contrast), math.sqrt(start.covariance_of(("contrast",))[0, 0])
@@ -222,7 +222,7 @@ def _is_clear(start: Start) -> bool:
 
 
 def _looks_long(star: Start) -> bool:
-    """Whether a star's blur is seen, and longer than it is wide, beyond doubt."""
+    """Return whether a star's blur is significant, and significantly longer than wide."""
     moments, covariance = np.asarray(star.parameters.locus.moments()), star.covariance
     if not significance(moments, covariance) > DETECTED:
         return False

@@ -1,4 +1,4 @@
-"""Whether a frame agrees with what was known before it: reach for :func:`prior_chance`.
+"""The agreement of a frame with its prior: reach for :func:`prior_chance`.
 
 A fit with a prior always ends somewhere between the two, and says nothing of how far they lay apart.
 """
@@ -18,8 +18,8 @@ __all__ = ["CONTRADICTED", "prior_chance"]
 CONTRADICTED = 1e-3
 """Chance below which frame and prior contradict each other."""
 
-_UNHEARD = 1e-9
-"""Share of the prior's variance below which the frame is not heard: it knows 30 000 times less there, and
+_LEAST_SHARE = 1e-9
+"""Share of the prior's variance below which the frame is ignored: it knows 30 000 times less there, and
 ``P - C`` is lost in the rounding of C."""
 
 
@@ -36,7 +36,7 @@ def prior_chance(
     Parameters
     ----------
     priors : Priors
-        What was given; a locus's leashes are no knowledge.
+        The priors given; the regularizing priors of a locus are not counted.
     parameters : Parameters
         Where the fit ended.
     names : tuple of str
@@ -47,8 +47,8 @@ def prior_chance(
         Of the free parameters, the prior included.
     score : (p,) array or None
         Slope of the log-posterior where the fit ended: the step that remains to the maximum is counted as
-        done.  None where it ended at the tip of a cone, which is no maximum.  There the prior's own width is
-        all that is counted, so that the chance is too large rather than too small.
+        done.  None where it ended at a streak of zero length, which is no maximum.  There the prior's own
+        width is all that is counted, so that the chance is too large rather than too small.
 
     Returns
     -------
@@ -60,27 +60,31 @@ def prior_chance(
     -----
     Let ``P`` be the prior's covariance of those numbers and ``C`` that of the fit.  The fit's end is the mean
     of prior and frame by information, so that its distance from the prior's mean has the covariance ``P - C``
-    if both are right.  Where the prior is much the tighter, the 1e-4 standard errors that a climb may leave
-    undone, or 0.03 on a leash, are sigmas of that.
+    if both are right.  Where the prior is much the tighter, the 1e-4 standard errors that a fit may leave
+    undone, or 0.03 with regularizing priors, are sigmas of that.
 
     *Assumes* a likelihood that is normal between the two: far apart the chance is not exact, but small.
     *Fails when* a prior was learnt from few frames and so has wide wings: learnt from 6, one in 40
     contradicts its frame by chance; from 12, one in 100.
     """
-    slope, off, whiten = _told(priors, parameters, names, free)
+    slope, off, whiten = _prior_terms(priors, parameters, names, free)
     if score is not None:
         off = off + slope @ covariance @ score
     slope, off = whiten @ slope, whiten @ off
     share, axes = np.linalg.eigh(slope @ covariance @ slope.T)
     spread = np.ones_like(share) if score is None else 1 - share
-    heard = spread > _UNHEARD
-    chi2 = np.sum((axes.T @ off)[heard] ** 2 / spread[heard])
-    return float(scipy.stats.chi2.sf(chi2, heard.sum())) if heard.any() else 1.0
+    informed = spread > _LEAST_SHARE
+    chi2 = np.sum((axes.T @ off)[informed] ** 2 / spread[informed])
+    return float(scipy.stats.chi2.sf(chi2, informed.sum())) if informed.any() else 1.0
 
 
-def _told(priors: Priors, parameters: Parameters, names, free) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the n numbers that priors are about: slopes (n, p), distances from the means (n,), and what gives
-    these unit covariance (n, n)."""
+def _prior_terms(
+    priors: Priors, parameters: Parameters, names, free
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the terms of the n numbers that have priors.
+
+    They are slopes (n, p), distances from the means (n,), and a matrix that whitens these (n, n).
+    """
     values = np.asarray(to_vector(parameters)[0])[list(free)]
     known = priors.on(names)
     rows, terms = [names.index(name) for name in known], np.reshape([*known.values()], (-1, 2))

@@ -56,15 +56,15 @@ def log_evidence(fit: FitResult) -> float:
     A normal is as likely to be a straight line as not, so that random motion in one plane is not taken
     for a vibration because it is straight.
 
-    A locus of several parts of which one cannot be told from nothing has no evidence: a simpler one is the
-    same.
+    A locus of several parts of which one cannot be distinguished from nothing has no evidence: a simpler one
+    is the same.
 
-    A path's steps are on a leash, a normal density N of a width in proportion to its rms.  Over paths drawn
-    from N, T has a density q in ln T: ``N/q`` is flat in ln T, and has at each T the shapes that N has there.
-    Its quadratic form is in the objective with the width of the start, the rest taken with that of the end;
-    their T agree to 6 %, since ``Path.near`` has the moments that it is given, which is worth 0.04 in ln Z.
-    Importance sampling agreed with Laplace to 0.4 where a path is bent; *fails when* it is all but straight:
-    its evidence is then 2 or 3 too high.
+    A path's steps have a regularizing prior, a normal density N of a width in proportion to its rms.  Over
+    paths drawn from N, T has a density q in ln T: ``N/q`` is flat in ln T, and has at each T the shapes that
+    N has there. Its quadratic form is in the objective with the width of the start, the rest taken with that
+    of the end; their T agree to 6 %, since ``Path.near`` has the moments that it is given, which is worth
+    0.04 in ln Z. Importance sampling agreed with Laplace to 0.4 where a path is bent; *fails when* it is all
+    but straight: its evidence is then 2 or 3 too high.
     """
     choice = CHOICES.get(fit.locus)
     if fit.parameters is None or choice is None or not np.all(np.isfinite(fit.covariance)):
@@ -121,20 +121,20 @@ def _normal(fit: FitResult, locus: Locus) -> float:
 
 
 def _shaped(fit: FitResult, locus: Locus) -> float:
-    return _elliptic(fit, locus) + _leashes(locus)
+    return _elliptic(fit, locus) + _regularizing_norm(locus)
 
 
 def _partial(fit: FitResult, locus: Locus) -> float:
     """The rms as a vector: ``1/(pi T)``; two sets of coordinates are the same motion."""
-    return math.log(2 / math.pi) - math.log(_total(locus)) + _leashes(locus)
+    return math.log(2 / math.pi) - math.log(_total(locus)) + _regularizing_norm(locus)
 
 
 def _path(fit: FitResult, locus: Locus) -> float:
-    """The leash tells the shape; what it tells of the size is divided out.
+    """Return the log-density of the steps: of their shape by the regularizing prior, flat in ln T.
 
     A path and the same run backwards are the same image.
     """
-    return math.log(2) + _leashes(locus) - math.log(_PATHS)
+    return math.log(2) + _regularizing_norm(locus) - math.log(_PATHS)
 
 
 def _tones(fit: FitResult, locus: Locus) -> float:
@@ -148,8 +148,8 @@ def _tones(fit: FitResult, locus: Locus) -> float:
 def _smear(fit: FitResult, locus: Locus) -> float:
     """The smear's share uniform, its direction free; the rest, if there is one, as an elliptical locus."""
     smear, rest = locus.factors()  # type: ignore[attr-defined]
-    slots = [fit.names.index(name) for name in locus.names[2:]]
-    covariance = fit.covariance[np.ix_(slots, slots)]
+    indices = [fit.names.index(name) for name in locus.names[2:]]
+    covariance = fit.covariance[np.ix_(indices, indices)]
     error = math.sqrt(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2])
     if _total(rest) < 3 * error:
         return -math.inf
@@ -158,13 +158,13 @@ def _smear(fit: FitResult, locus: Locus) -> float:
     return math.log(density) - 2 * math.log(_total(smear) + _total(rest)) + float(log_ndtr(minor / spread))
 
 
-def _leashes(locus: Locus) -> float:
-    """Norm of the leashes, whose quadratic forms are in the objective."""
+def _regularizing_norm(locus: Locus) -> float:
+    """Return the norm of the regularizing priors, whose quadratic forms are in the objective."""
     return sum(-0.5 * math.log(2 * math.pi * sigma**2) for _, sigma in regularizing_priors(locus).values())
 
 
 class Choice(NamedTuple):
-    """How ``--locus auto`` treats a locus.
+    """Describe how ``--locus auto`` treats a locus.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """Refit a frame: every parameter of scene, optics and jitter at once, by maximum likelihood.
 
-The optics are expanded to first order about a state of the aberrations, the likelihood is climbed,
-and the optics are expanded anew where the climb ended, until what the linearisation leaves out cannot
-be seen in the image.
+The optics are expanded to first order about a state of the aberrations, the likelihood is maximised,
+and the optics are expanded again at the maximum, until the error of the linearisation cannot be seen
+in the image.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
-from jitterkit.linearisation import SETTLED, Expanded, climb_and_expand
+from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, relinearised_scoring
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
 from jitterkit.loci import Locus, Streak
 from jitterkit.metric import invert_information
@@ -28,44 +28,44 @@ from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import POOR, FitResult, Status
-from jitterkit.scoring import DROWNED, Climb
+from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult
 
 __all__ = [
     "FitOptions",
+    "convergence_error",
     "fit_and_allow",
     "fit_frame",
-    "settled",
-    "unfinished",
+    "linearisation_tolerance",
 ]
 
 _MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _USUAL = 1e-4
-"""Tolerance of a fit to which the optics are as exact as :data:`~jitterkit.linearisation.SETTLED` has it, and
-of a looser one; the tighter, the less they may be off by."""
-_SHOWN = 0.1
-"""Errors of the separation for each of these sigmas, at most: 0.096 in 92 states of eleven telescopes, 0.005
-of TOLIMAN's."""
-_TURNING = {"separation", "theta", "contrast"}
-"""What says which star is A: where all of it is held, it stays as it was given."""
-_PATIENCE, _SLACK = 100, 0.03
-"""Steps and tolerance for a locus with regularizing priors, whose likelihood has long flat valleys: what
-remains of the way, in standard errors, lies along the valley and moves the separation by less than 0.01 of
+"""Tolerance of a fit, at and above which the optics are exact to
+:data:`~jitterkit.linearisation.LINEARISATION_TOLERANCE`; a smaller one makes them more exact."""
+_SEPARATION_PER_SIGMA = 0.1
+"""Largest change of the separation, in standard errors, for each sigma of linearisation error: 0.096 in 92
+states of eleven telescopes, 0.005 of TOLIMAN's."""
+_NAMES_STAR_A = {"separation", "theta", "contrast"}
+"""Parameters that say which star is A: where all are held, the scene is not made canonical."""
+_VALLEY_STEPS, _VALLEY_TOLERANCE = 100, 0.03
+"""Steps and tolerance for a locus with regularizing priors, whose likelihood has long flat valleys: the
+step that remains, in standard errors, lies along the valley and moves the separation by less than 0.01 of
 its error."""
 _CONTRADICTION = (
     "The frame contradicts its prior: look where the prior comes from, or fit without; values and errors "
     "assume that both are right."
 )
 _ALLOWANCES = 3
-"""Times that a fit is made again with the model error that the one before shows: the first is bent by it."""
-_AT_REST, _NEAR = 0.01, 0.1
-"""Standard errors that everything else may have to go: where a streak is at its tip, and in a valley where
-the steps ran out (one frame in a hundred)."""
+"""Times that a fit is repeated with the model error that the one before shows: it biases the first fit."""
+_BOUNDARY_TOLERANCE, _REGULARIZED_TOLERANCE = 0.01, 0.1
+"""Largest step of all other parameters, in standard errors, at convergence: where a streak has zero length,
+and in a valley where the steps ran out (one frame in a hundred)."""
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What to fit, and what is known.
+    """Hold the choices of a fit: parameters held, priors, tolerance.
 
     Attributes
     ----------
@@ -73,8 +73,8 @@ class FitOptions:
         Parameters to keep at their starting value: ``("background",)`` where a frame surely has no sky.
     priors : Priors
     tolerance : float
-        Length of a step, in standard errors, below which the fit has arrived; below 1e-4 the optics are as
-        much more exact where it ends.
+        Length of a step, in standard errors, below which the fit has converged; below 1e-4 the optics are
+        more exact in proportion.
     nodes : int or None
         Of the integral over time, in loci that have no formula and are started by name, as
         :func:`~jitterkit.refit.fit_locus` does; None for as many as they have themselves.
@@ -94,30 +94,30 @@ class FitOptions:
     model_error: ModelError = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a model error that is none."""
+        """Raise if the model error is not valid."""
         check_model_error(self.model_error)
 
 
-def unfinished(tolerance: float, locus: Locus, aberrations: bool) -> float:
-    """Standard errors by which the separation of a fit may be off where it ends.
+def convergence_error(tolerance: float, locus: Locus, aberrations: bool) -> float:
+    """Return an upper bound on the convergence error of the separation, in standard errors.
 
-    By the tolerance; by rounding, in 32 bits; because a locus has regularizing priors; and by the
-    linearisation of the optics where aberrations vary.  (Where a pixel reaches the floor of the likelihood
-    the way has a kink, at which 1e-4 may be left.)
+    It adds up the tolerance, rounding in 32 bits, the flat valleys of a locus with regularizing priors, and
+    the linearisation of the optics where aberrations vary.  (Where a pixel reaches its lower bound, the
+    likelihood has a kink, at which 1e-4 may be left.)
     """
-    ends = max(tolerance, _floor(locus))
-    return ends + (_SHOWN * settled(ends) if aberrations else 0.0)
+    error = max(tolerance, _least_error(locus))
+    return error + (_SEPARATION_PER_SIGMA * linearisation_tolerance(error) if aberrations else 0.0)
 
 
-def settled(tolerance: float) -> float:
-    """Sigmas of the whole image that linearised optics may be off by where a fit to some tolerance ends."""
-    return SETTLED * min(1.0, tolerance / _USUAL)
+def linearisation_tolerance(tolerance: float) -> float:
+    """Return the largest error of linearised optics for a fit to some tolerance, in sigmas of the image."""
+    return LINEARISATION_TOLERANCE * min(1.0, tolerance / _USUAL)
 
 
-def _floor(locus: Locus) -> float:
-    """Standard errors by which no fit ends better."""
-    rounding = DROWNED if jnp.zeros(()).dtype == jnp.float32 else 0.0
-    return max(rounding, _SLACK if regularizing_priors(locus) else 0.0)
+def _least_error(locus: Locus) -> float:
+    """Return the least convergence error of any fit with a locus, in standard errors."""
+    rounding = ROUNDING_TOLERANCE if jnp.zeros(()).dtype == jnp.float32 else 0.0
+    return max(rounding, _VALLEY_TOLERANCE if regularizing_priors(locus) else 0.0)
 
 
 def fit_frame(
@@ -197,62 +197,65 @@ def _fit_and_expand(
         return FitResult(Status.NO_DATA, few), otf
     prior = options.priors.over(names, start.locus)
 
-    def climb_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
-        slack = _SLACK if regularizing_priors(start.locus) else 0.0
-        return climb_and_expand(
+    def fit_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
+        valley = _VALLEY_TOLERANCE if regularizing_priors(start.locus) else 0.0
+        return relinearised_scoring(
             start,
             otf,
             optics,
             data,
             free,
             prior,
-            enough=settled(max(_floor(start.locus), options.tolerance)),
-            steps=_PATIENCE if slack else 50,
-            tolerance=max(slack, options.tolerance),
+            max_error=linearisation_tolerance(max(_least_error(start.locus), options.tolerance)),
+            max_steps=_VALLEY_STEPS if valley else 50,
+            tolerance=max(valley, options.tolerance),
         )
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
-    end, otf, iterations = climb_from(clear, start, otf)
+    end, otf, iterations = fit_from(clear, start, otf)
     for _ in range(_CLEARINGS if data.trims else 0):
-        again = data.clear(expected_image(end.parameters, otf))
-        if np.array_equal(again.used, clear.used):
+        changed = data.clear(expected_image(end.parameters, otf))
+        if np.array_equal(changed.used, clear.used):
             break
-        clear = again
-        end, otf, more = climb_from(clear, end.parameters, otf)
+        clear = changed
+        end, otf, more = fit_from(clear, end.parameters, otf)
         iterations += more
-    tidy = end.parameters.scene.canonical() if set(names) & _TURNING else end.parameters.scene
-    if not eqx.tree_equal(tidy, end.parameters.scene):  # the covariance must be that of the tidy parameters
-        tidied = eqx.tree_at(lambda p: p.scene, end.parameters, tidy)
-        end, otf, more = climb_from(clear, tidied, otf)
+    scene = end.parameters.scene.canonical() if set(names) & _NAMES_STAR_A else end.parameters.scene
+    if not eqx.tree_equal(scene, end.parameters.scene):
+        # the covariance must be that of the canonical parameters
+        canonical = eqx.tree_at(lambda p: p.scene, end.parameters, scene)
+        end, otf, more = fit_from(clear, canonical, otf)
         iterations += more
-    result = _conclude(clear, otf, end, names, iterations, time.perf_counter() - began)
+    result = _finalize(clear, otf, end, names, iterations, time.perf_counter() - began)
     if data.model_variance is not None:
         result = with_model_error(result, clear, otf, free)
-    return _heed(result, options.priors, free, end), otf
+    return _flag_prior_conflict(result, options.priors, free, end), otf
 
 
-def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
+def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitResult:
     image = np.asarray(expected_image(end.parameters, otf))
     misfit = pearson(image, data)
     dof = misfit.pixels - len(names)
     covariance, sound = invert_information(end.curvature)
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
-    tips = at_zero_length(locus, names, covariance) if sound and not bool(end.converged) else set()
+    zero_length = at_zero_length(locus, names, covariance) if sound and not bool(end.converged) else set()
     regularized = set(regularizing_priors(locus))
-    restless = tips | regularized
-    tolerance = _NEAR if regularized else _AT_REST
-    arrived = bool(end.converged) or (sound and bool(restless) and _arrived(end, names, restless, tolerance))
+    exempt = zero_length | regularized
+    tolerance = _REGULARIZED_TOLERANCE if regularized else _BOUNDARY_TOLERANCE
+    converged = bool(end.converged) or (
+        sound and bool(exempt) and _others_converged(end, names, exempt, tolerance)
+    )
     excess = misfit.chi2 - dof
     if data.model_variance is not None:
         excess = max(excess, 0.0)  # a model error that is given may be larger than it is
     flags = [] if abs(excess) < _MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
-    flags += ["jitter_undetected"] if arrived and tips and isinstance(locus, Streak) else []
+    flags += ["jitter_undetected"] if converged and zero_length and isinstance(locus, Streak) else []
     aberrations = otf.varied(end.parameters.scene)
     flags += ["aberrations_held"] if not set(aberrations) <= set(names) else []
     chi2_dof = misfit.chi2 / dof if dof > 0 else np.nan
-    status, message = _verdict(arrived, chi2_dof, sound)
+    status, message = _classify(converged, chi2_dof, sound)
     return FitResult(
         status,
         message,
@@ -272,29 +275,31 @@ def _conclude(data, otf, end: Climb, names, iterations, seconds) -> FitResult:
     )
 
 
-def _heed(result: FitResult, priors: Priors, free: tuple[int, ...], end: Climb) -> FitResult:
-    """The result, with a remark where the frame contradicts the priors it was fitted with."""
+def _flag_prior_conflict(
+    result: FitResult, priors: Priors, free: tuple[int, ...], end: ScoringResult
+) -> FitResult:
+    """Return the result, flagged where the frame contradicts the priors that it was fitted with."""
     if priors == Priors():
         return result
-    at_rest = bool(end.converged)
-    ended = at_rest or result.status is Status.OK
+    converged = bool(end.converged)
+    ended = converged or result.status is Status.OK
     if result.parameters is None or not ended or not np.all(np.isfinite(result.covariance)):
         return result
-    remains = np.asarray(end.score) if at_rest else None
-    known = (result.parameters, result.names, free, result.covariance, remains)
+    score = np.asarray(end.score) if converged else None
+    known = (result.parameters, result.names, free, result.covariance, score)
     if prior_chance(priors, *known) >= CONTRADICTED:
         return result
     return result.remarked(_CONTRADICTION, "prior_contradicted")
 
 
-def _arrived(end: Climb, names: tuple[str, ...], restless: set[str], tolerance: float) -> bool:
-    """Whether everything has come to rest but streaks of no length and what has regularizing priors."""
-    others = [i for i, name in enumerate(names) if name not in restless]
+def _others_converged(end: ScoringResult, names: tuple[str, ...], exempt: set[str], tolerance: float) -> bool:
+    """Return True if all parameters have converged, the exempt ones excepted."""
+    others = [i for i, name in enumerate(names) if name not in exempt]
     score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
     return bool(score @ np.linalg.solve(curvature, score) < tolerance**2)
 
 
-def _verdict(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, str]:
+def _classify(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, str]:
     if not np.isfinite(chi2_dof) or chi2_dof > POOR:
         return Status.POOR_FIT, f"{Status.POOR_FIT.value}: chi²/dof is {chi2_dof:.4g}."
     if not sound:

@@ -56,13 +56,13 @@ def fit_locus(
     better = None if name == NORMAL else frame.other_signs(fit)
     if better is None:
         return fit
-    again, *_ = frame.fit(name, better.parameters, fit.moments()[0], better.otf)
-    return again if is_better(again, fit) else fit
+    retry, *_ = frame.fit(name, better.parameters, fit.moments()[0], better.otf)
+    return retry if is_better(retry, fit) else fit
 
 
 @dataclass(frozen=True)
 class FrameFits:
-    """What every fit of one frame shares.
+    """Hold the arguments common to all fits of one frame.
 
     Attributes
     ----------
@@ -90,19 +90,19 @@ class FrameFits:
             What later fits share: the model errors that this one allowed for.
         """
         otf = self.optics.otf(start.aberrations) if otf is None else otf
-        place = starting_point(locus_class(name), moments, start, otf, self.data, self.options)
-        fit, otf, data = fit_and_allow(self.data, self.optics, place, otf, self.options)
+        begin = starting_point(locus_class(name), moments, start, otf, self.data, self.options)
+        fit, otf, data = fit_and_allow(self.data, self.optics, begin, otf, self.options)
         others = replace(self, data=data, options=replace(self.options, model_error=0.0))
         return replace(fit, locus=name), otf, others
 
     def other_signs(self, fit: FitResult) -> Start | None:
-        """Find where a better fit begins, with other signs of aberrations; None where there is none.
+        """Find the start of a better fit, with other signs of aberrations; None where there is none.
 
-        A normal that is not the blur's shape may have climbed another hill than the locus that is.
+        A normal that is not the blur's shape may have ended at another maximum than the locus that is.
         """
         priors, hold = self.options.priors, self.options.hold
-        told = bool(priors.terms or priors.if_free)  # they may say the signs
-        if self.sure or told or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
+        has_priors = bool(priors.terms or priors.if_free)  # they may say the signs
+        if self.sure or has_priors or fit.parameters is None or not np.all(np.isfinite(fit.covariance)):
             return None
         state, locus = fit.parameters.aberrations, fit.parameters.locus
         where = self.data, self.optics, self.optics.otf(state), fit.parameters.scene, locus, hold
@@ -111,6 +111,6 @@ class FrameFits:
         return None if better is start else better
 
 
-def is_better(again: FitResult, before: FitResult) -> bool:
+def is_better(retry: FitResult, before: FitResult) -> bool:
     """Return whether a second fit is sound, and higher than the first."""
-    return again.status is Status.OK and again.objective < before.objective
+    return retry.status is Status.OK and retry.objective < before.objective

@@ -17,7 +17,7 @@ from jitterkit.forward import background_of
 from jitterkit.frames import Frame
 from jitterkit.known_light import KnownLight, without_light
 from jitterkit.likelihood import Data
-from jitterkit.linearisation import SETTLED
+from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ModelError, Residual, allow_for_model, most_outliers
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.result import FitResult
@@ -45,7 +45,7 @@ class Fitted:
     ----------
     result : FitResult
     otf : OTF
-        Of the frame, by which a star is told from a pixel.
+        Of the frame, by which a star is distinguished from a pixel.
     left_out : int
         Pixels that do not belong to the image, and that the search for its stars left out by itself.
     """
@@ -128,8 +128,8 @@ def fit_without_outliers(
                 break
             frame, outliers = _masked(frame, hit, OUTLIERS), found
         fitted = fit(frame)
-    told = fitted.result.remarked(left_out(outliers + fitted.left_out), OUTLIERS)
-    return frame, replace(fitted, result=told)
+    remarked = fitted.result.remarked(left_out(outliers + fitted.left_out), OUTLIERS)
+    return frame, replace(fitted, result=remarked)
 
 
 def _without_known_light(whole: Frame, fitted: Fitted, fit: Fit, known: KnownLight) -> tuple[Frame, Fitted]:
@@ -142,7 +142,7 @@ def _without_known_light(whole: Frame, fitted: Fitted, fit: Fit, known: KnownLig
         light = known.of_frame(whole, p, fitted.otf)
         noise = np.maximum(image, 0.0) + whole.read_variance
         seen = ~whole.mask & (noise > 0)
-        if np.sum((light - removed)[seen] ** 2 / noise[seen]) < SETTLED**2:
+        if np.sum((light - removed)[seen] ** 2 / noise[seen]) < LINEARISATION_TOLERANCE**2:
             break
         frame, removed = without_light(whole, light), light
         fitted = fit(frame)

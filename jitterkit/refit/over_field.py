@@ -16,7 +16,7 @@ from jitterkit.likelihood import Data
 from jitterkit.locate.matched_filter import spectrum_of_star
 from jitterkit.optics.otf import OTF
 
-__all__ = ["say_if_blur_varies", "star_moments"]
+__all__ = ["describe_field_variation", "star_moments"]
 
 _FALSE = 1e-4
 """Chance of such differences below which they are none of noise."""
@@ -41,7 +41,7 @@ def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[n
     Returns
     -------
     moments : (n, 3) array
-        ``(Sxx, Sxy, Syy)``, arcsec²; place and flux of each star are free beside them.
+        ``(Sxx, Sxy, Syy)``, arcsec²; position and flux of each star are free beside them.
     information : (n, 3, 3) array
         Inverse covariances, arcsec⁻⁴.
     """
@@ -61,7 +61,7 @@ def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[n
         )
         weighted = slopes * weight
         information, score = weighted @ slopes.T, weighted @ left
-        beside = np.linalg.pinv(information[:3, :3])  # place and flux take what they can
+        beside = np.linalg.pinv(information[:3, :3])  # position and flux take what they can
         cross = information[3:, :3] @ beside
         own = information[3:, 3:] - cross @ information[:3, 3:]
         known.append(own)
@@ -69,8 +69,8 @@ def star_moments(parameters: Parameters, otf: OTF, image, data: Data) -> tuple[n
     return np.array(moments), np.array(known)
 
 
-def say_if_blur_varies(parameters: Parameters, otf: OTF, image, data: Data) -> str:
-    """Say in a sentence that the blur differs from star to star; empty where that cannot be told.
+def describe_field_variation(parameters: Parameters, otf: OTF, image, data: Data) -> str:
+    """Say in a sentence that the blur differs from star to star; empty where that cannot be determined.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def say_if_blur_varies(parameters: Parameters, otf: OTF, image, data: Data) -> s
 
 
 def _of_a_roll(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slopes (n, 3, 6) of the moments by roll²/12, by that times the place of its axis, and by a common blur.
+    """Return slopes (n, 3, 6) of the moments by roll²/12, by that times its axis, and by a common blur.
 
     A star at (x, y) moves by roll times (-(y - y0), x - x0) from one end of a uniform turn to the other.
     """

@@ -34,7 +34,7 @@ class Posterior:
         What the finite number of draws leaves uncertain of each :meth:`error`, 1 sigma; for 6000 draws from
         normals, whose errors are known, pulls by it had a standard deviation of 0.98.
     divergences : int
-        Draws whose path broke off, at the border of lawful scenes or in a place too narrow for its steps;
+        Draws whose path broke off, at the border of valid scenes or in a place too narrow for its steps;
         many of them mean a part of the posterior that was not reached.
     acceptance : float
         Mean over the paths.
@@ -53,7 +53,7 @@ class Posterior:
     acceptance: float
     seconds: float
 
-    def slot(self, name: str) -> int:
+    def index(self, name: str) -> int:
         """Column of a parameter."""
         if name not in self.names:
             raise ConfigurationError(
@@ -64,7 +64,7 @@ class Posterior:
 
     def of(self, name: str) -> np.ndarray:
         """Draws (n,) of a parameter."""
-        return self.draws[:, self.slot(name)]
+        return self.draws[:, self.index(name)]
 
     def mean(self, name: str) -> float:
         """Mean of a parameter."""

@@ -29,7 +29,7 @@ CORRELATIONS = {"sxx_sxy_corr": (0, 1), "sxx_syy_corr": (0, 2), "sxy_syy_corr": 
 
 @dataclass(frozen=True)
 class KernelPrior:
-    """What a file says about the jitter of frames.
+    """Hold the jitter of frames as a file gives it.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ def _read(path: Path) -> QTable:
     for name in wanted[4:]:
         if getattr(table[name], "unit", None) != "arcsec2":
             raise ConfigurationError(
-                ErrorCode.UNKNOWN_UNIT, f"{path}: the column {name!r} is not in arcsec2; estimate it anew."
+                ErrorCode.UNKNOWN_UNIT, f"{path}: the column {name!r} is not in arcsec2; estimate it again."
             )
     return table
 
@@ -175,12 +175,12 @@ def _estimate(row) -> KernelEstimate:
 
 
 def _digest(row) -> str:
-    """Of an older table, or one joined to such, nothing."""
+    """Return the digest of a row; empty in an older table, or one joined to such."""
     known = "digest" in row.colnames and not np.ma.is_masked(row["digest"])
     return str(row["digest"]) if known else ""
 
 
 def _is_sound(estimate: KernelEstimate) -> bool:
-    """Whether moments are numbers, and have a covariance."""
+    """Return whether moments are finite, and have a covariance."""
     finite = np.all(np.isfinite(estimate.moments)) and np.all(np.isfinite(estimate.covariance))
     return bool(finite and np.linalg.eigvalsh(estimate.covariance)[0] > 0)

@@ -72,20 +72,20 @@ class Priors:
         *Assumes* that the two were learnt from different data.
         """
         known = [priors.moments for priors in (self, other) if priors.moments is not None]
-        told = [np.linalg.inv(covariance) for _, covariance in known]
+        precisions = [np.linalg.inv(covariance) for _, covariance in known]
         moments = known[0] if known else None
         if len(known) == 2:
-            covariance = np.linalg.inv(told[0] + told[1])
-            moments = covariance @ (told[0] @ known[0][0] + told[1] @ known[1][0]), covariance
+            covariance = np.linalg.inv(precisions[0] + precisions[1])
+            moments = covariance @ (precisions[0] @ known[0][0] + precisions[1] @ known[1][0]), covariance
         return Priors({**self.terms, **other.terms}, moments, {**self.if_free, **other.if_free})
 
     def on_coordinates(self) -> bool:
-        """Whether anything is known about the jitter in the coordinates of one locus, and so of no other."""
+        """Return whether there is a prior in the coordinates of one locus, and so of no other."""
         coordinates = {name for kind in LOCI.values() for name in getattr(kind, "names", ())}
         return bool(coordinates & set(self.terms))
 
     def on_jitter(self) -> bool:
-        """Whether anything is known about the jitter, be it of one locus or of all."""
+        """Return whether there is a prior on the jitter, of one locus or of all."""
         return self.moments is not None or self.on_coordinates()
 
     def over(self, names: tuple[str, ...], locus: Locus | None = None) -> Prior:
@@ -115,8 +115,8 @@ class Priors:
             i = names.index(name)
             mean[i], precision[i, i] = centre, sigma**-2
         moments, covariance = (np.zeros(3), None) if self.moments is None else self.moments
-        told = np.zeros((3, 3)) if covariance is None else np.linalg.inv(covariance)
-        return Prior(mean, precision, moments, told)
+        moments_precision = np.zeros((3, 3)) if covariance is None else np.linalg.inv(covariance)
+        return Prior(mean, precision, moments, moments_precision)
 
 
 def moments_prior(mean, covariance) -> Priors:
@@ -172,7 +172,7 @@ def kernel_prior(estimate: KernelEstimate, frame: str, digest: str = "") -> Prio
     *Assumes* that the frame has the same jitter as the estimate's data.  *Fails when* the frame was cut,
     calibrated or otherwise changed after it was estimated: by its pixels it is then another one.
     """
-    _say_source(estimate)
+    _describe_source(estimate)
     if _same(estimate, frame, digest):
         return Priors()
     return moments_prior(estimate.moments, estimate.covariance)
@@ -208,7 +208,7 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str, digest: str 
     photons: their errors are no longer independent, if only through the jitter.
     """
     for estimate in estimates:
-        _say_source(estimate)
+        _describe_source(estimate)
     others = [estimate for estimate in estimates if not _same(estimate, frame, digest)]
     n = len(others)
     if n < OTHERS:
@@ -262,19 +262,19 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     if mean[0] + mean[2] <= (_ROUNDING * max(np.abs(x).max(), np.abs(y).max())) ** 2:
         raise ConfigurationError(
             ErrorCode.NO_SIGNAL,
-            "The trace does not move during the exposure, and so says nothing of the jitter; give one that "
-            "does, or fit without.",
+            "The trace does not move during the exposure, and has no information on the jitter; give "
+            "one that does, or fit without.",
         )
     width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
     return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))
 
 
 def whole_exposures(duration: float, exposure: float) -> int:
-    """How many whole exposures a trace has, whatever rounding does to its times; at least one."""
+    """Count the whole exposures of a trace, whatever the rounding of its times; at least one."""
     return max(1, int(duration / exposure * (1 + 1e-9)))
 
 
-def _say_source(estimate: KernelEstimate) -> None:
+def _describe_source(estimate: KernelEstimate) -> None:
     if not estimate.source:
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
@@ -284,7 +284,7 @@ def _say_source(estimate: KernelEstimate) -> None:
 
 
 def _same(estimate: KernelEstimate, frame: str, digest: str) -> bool:
-    """Whether an estimate is of a frame: by the pixels where both are known, else by the names.
+    """Return whether an estimate is of a frame: by the pixels where both are known, else by the names.
 
     The only frame of a file is its first, packed or not.
     """

@@ -20,7 +20,7 @@ POOR = 1.5
 
 
 class Status(enum.Enum):
-    """How a frame ended; the value is the sentence that a table shows."""
+    """Name the outcome of a frame; the value is the sentence in a table."""
 
     OK = "fitted"
     NOT_CONVERGED = "the fit did not settle within its iterations"
@@ -116,7 +116,7 @@ class FitResult:
     estimate : KernelEstimate or None
         The image-domain estimate the fit started from.
     candidates : tuple of Candidate
-        The loci compared, best first; one alone where nothing more than moments can be told.
+        The loci compared, best first; one alone where nothing more than moments can be determined.
     shape, shape_err : float
         Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
         a fit where it is known well; NaN
@@ -290,8 +290,8 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
     covariance : (3, 3) array
         Zero unless all coordinates of the locus are free.
     """
-    slots = [names.index(n) for n in locus.names if n in names]
-    if len(slots) < len(locus.names) or not slots:
+    indices = [names.index(n) for n in locus.names if n in names]
+    if len(indices) < len(locus.names) or not indices:
         return np.asarray(locus.moments()), np.zeros((3, 3))
     moments, slope = map(np.asarray, moments_and_slope(locus))
-    return moments, slope @ covariance[np.ix_(slots, slots)] @ slope.T
+    return moments, slope @ covariance[np.ix_(indices, indices)] @ slope.T

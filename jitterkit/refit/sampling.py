@@ -1,10 +1,10 @@
 """The posterior of one frame by Hamiltonian Monte Carlo: the reference for the errors of the refit.
 
-A refit reports Laplace's errors: those of the normal law with the curvature that the posterior has at its
-top.  Where the posterior is not normal they are an approximation, and draws from the posterior itself say how
-good it is.  ``scripts/laplace_check`` found the separation's errors right to 3 %, but for a pair that is not
-resolved under a streak that is not detected.  Reach for :func:`sample_posterior` with a frame and its fit;
-it needs the extra ``sampling``.
+A refit reports Laplace's errors: those of the normal distribution with the curvature that the posterior has
+at its top.  Where the posterior is not normal they are an approximation, and draws from the posterior itself
+say how good it is.  ``scripts/laplace_check`` found the separation's errors right to 3 %, but for a pair that
+is not resolved under a streak that is not detected.  Reach for :func:`sample_posterior` with a frame and its
+fit; it needs the extra ``sampling``.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def sample_posterior(
     draws : int
         Of each chain, after its warm-up.
     chains : int
-        Each from a place of its own, drawn from the normal law of the fit.
+        Each from a position of its own, drawn from the normal distribution of the fit.
     warmup : int
         Draws of each chain that set its step and are thrown away.
     key : jax.random key
@@ -90,12 +90,13 @@ def sample_posterior(
     is.  Who believes otherwise weighs the draws: by ``1/L³`` for a prior flat in the length.
 
     *Assumes* optics linear in the aberrations about the fitted ones, as the last round of the fit has them;
-    ``scripts/laplace_check`` measures what that leaves out.  A path's leash is as long as the fitted path,
-    where the fit had that of its start.
+    ``scripts/laplace_check`` measures what that leaves out.  A path's regularizing prior is as wide as the
+    fitted path, where the fit had that of its start.
 
-    *Fails when* the posterior has hills far apart (a path bent the other way): chains stay on the fit's.  In
-    the bent valleys of a locus on a leash, paths break off: 55 of 3000 for a partial vibration of 0.3 arcsec,
-    with an R-hat of 1.08 of its even share; the separation's was 1.002 and its error Laplace's within 2 %.
+    *Fails when* the posterior has maxima far apart (a path bent the other way): chains stay on the fit's.  In
+    the bent valleys of a locus with regularizing priors, paths break off: 55 of 3000 for a partial vibration
+    of 0.3 arcsec, with an R-hat of 1.08 of its even share; the separation's was 1.002 and its error Laplace's
+    within 2 %.
 
     Source: Hoffman & Gelman, JMLR 15, 1593 (2014), in blackjax; split R-hat by ranks after Vehtari et al.,
     Bayesian Analysis 16, 667 (2021).
@@ -105,7 +106,7 @@ def sample_posterior(
     target = _target(data, optics, fit, priors or Priors())
     walked = _walk(target, jax.random.split(key, chains), int(warmup), int(draws))
     values, moments, density, divergent, acceptance = walked
-    effective, rhat, error_err = (np.asarray(one) for one in _judge(values))
+    effective, rhat, error_err = (np.asarray(one) for one in _summarise_draws(values))
     return Posterior(
         fit.names,
         np.asarray(values).reshape(-1, len(fit.names)),
@@ -121,7 +122,7 @@ def sample_posterior(
 
 
 class _Target(eqx.Module):
-    """A posterior in coordinates in which its Laplace approximation is the standard normal law."""
+    """A posterior in coordinates in which its Laplace approximation is the standard normal distribution."""
 
     fitted: Parameters
     otf: OTF
@@ -130,17 +131,17 @@ class _Target(eqx.Module):
     scale: Float[Array, "p p"]
     free: tuple[int, ...] = eqx.field(static=True)
 
-    def values(self, place):
-        """Free parameters at a place."""
-        return self._centre() + self.scale @ place
+    def values(self, position):
+        """Return the free parameters at a position."""
+        return self._centre() + self.scale @ position
 
-    def moments(self, place):
+    def moments(self, position):
         """Second moments of the pointing there."""
-        return self._parameters(self.values(place)).locus.moments()
+        return self._parameters(self.values(position)).locus.moments()
 
-    def log_density(self, place):
+    def log_density(self, position):
         """Minus half the objective; minus infinity, and no slope, where a scene cannot be."""
-        values = self.values(place)
+        values = self.values(position)
         valid = self._parameters(values).scene.is_valid()
         values = jnp.where(valid, values, self._centre())  # where the slope is finite
         parameters = self._parameters(values)
@@ -204,9 +205,9 @@ def _chain(target: _Target, key, warmup: int, draws: int):
         steps = jax.tree.map(
             lambda new, old: jnp.where(warm, new, old), learn(steps, info.acceptance_rate), steps
         )
-        place = state.position
-        told = target.values(place), target.moments(place), state.logdensity
-        return (state, steps), (*told, info.is_divergent, info.acceptance_rate)
+        position = state.position
+        sample = target.values(position), target.moments(position), state.logdensity
+        return (state, steps), (*sample, info.is_divergent, info.acceptance_rate)
 
     turns = jax.random.split(key, warmup + draws), jnp.arange(warmup + draws) < warmup
     first = _blackjax().nuts.init(start, target.log_density), begin(_FIRST_STEP)
@@ -215,14 +216,14 @@ def _chain(target: _Target, key, warmup: int, draws: int):
 
 
 @jax.jit
-def _judge(values):
+def _summarise_draws(values):
     """Effective size, R-hat and Monte-Carlo error of the standard deviation: of draws (chains, draws, p)."""
     diagnostics = _blackjax().diagnostics
     squares = (values - values.mean(axis=(0, 1))) ** 2
     independent = diagnostics.effective_sample_size(squares)
     error_err = squares.std(axis=(0, 1)) / jnp.sqrt(independent * squares.mean(axis=(0, 1))) / 2
-    told = diagnostics.effective_sample_size(values), diagnostics.rhat(values), error_err
-    return tuple(jnp.atleast_1d(one) for one in told)
+    summaries = diagnostics.effective_sample_size(values), diagnostics.rhat(values), error_err
+    return tuple(jnp.atleast_1d(one) for one in summaries)
 
 
 def _blackjax() -> ModuleType:

@@ -1,4 +1,4 @@
-"""What scene a frame shows, how far that is in doubt, and the search for it where the model has errors."""
+"""The choice of a frame's scene, its certainty, and the search for it where the model has errors."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ DECIDED = 3.0
 
 @dataclass(frozen=True)
 class SceneEvidence:
-    """What a frame says of one star and of a pair.
+    """Hold a frame's evidence for one star and for a pair.
 
     Attributes
     ----------
     star, pair : float
         Logarithm of the evidence, if the prior density of each scene were one.
     alone : float
-        Logarithm of the probability of one star beforehand.
+        Logarithm of the prior probability of one star.
     companions : float
         Logarithm of that of a companion, an e-fold of separation.
     values : (3,) array
@@ -47,7 +47,7 @@ class SceneEvidence:
 
 @dataclass(frozen=True)
 class SceneChoice:
-    """What scene a frame shows.
+    """Hold the scene that a frame shows.
 
     Attributes
     ----------
@@ -57,10 +57,10 @@ class SceneChoice:
         Logarithm of the odds of a pair against one star, priors included; infinite where only one of them
         was worth a fit.
     readings : str
-        Both, in words, where both were fitted.
+        Both scenes, in words, where both were fitted.
     alike : bool
         Whether the odds are below 20 to 1; or a pair without jitter, closer than the resolution, fits the
-        frame as well as one star, so that only what is probable beforehand tells them apart.
+        frame as well as one star, so that only the priors distinguish them.
     fit : FitResult or None
         Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
     evidence : SceneEvidence or None
@@ -76,22 +76,22 @@ class SceneChoice:
 
     @property
     def undecided(self) -> bool:
-        """Whether a pair is the more probable, but not by enough."""
+        """Return whether a pair is the more probable, but not by enough."""
         return 0 < self.log_odds < DECIDED
 
     @property
     def is_sure(self) -> bool:
-        """Whether the frame leaves no doubt about its scene."""
+        """Return whether the frame decides its scene."""
         return not abs(self.log_odds) < DECIDED
 
     @property
-    def doubt(self) -> str:
-        """That a pair may look the same as the star that was chosen, in a sentence; or nothing."""
+    def ambiguity(self) -> str:
+        """Say in a sentence that a pair looks the same as the star that was chosen; empty if it does not."""
         return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""
 
     @property
     def scene(self) -> str:
-        """Name of the scene, one of :data:`SCENES`."""
+        """Return the name of the scene, one of :data:`SCENES`."""
         return self.start.parameters.scene.name
 
 
@@ -100,7 +100,7 @@ Found = TypeVar("Found", covariant=True)
 
 
 class Search(Protocol[Found]):
-    """Find the scene of data, or say why not; a rough search leaves the last steps to a fit."""
+    """Find the scene of data, or return a reason why not; a rough search leaves the last steps to a fit."""
 
     def __call__(self, data: Data, *, rough: bool) -> SceneChoice | Found: ...
 
@@ -144,5 +144,5 @@ def found_allowing(
     allowed = allow_for_model(data, p, np.asarray(expected_image(p, otf)), otf, error)
     if allowed.model_variance is None:
         return first, data
-    again = search(allowed, rough=rough)
-    return (again if isinstance(again, SceneChoice) else first), allowed
+    second = search(allowed, rough=rough)
+    return (second if isinstance(second, SceneChoice) else first), allowed

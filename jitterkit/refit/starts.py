@@ -1,4 +1,5 @@
-"""Where the fit of a locus starts: from second moments, at several places if there are several hills."""
+"""The starting point of the fit of a locus: from second moments, at several points if there are several
+maxima."""
 
 from __future__ import annotations
 
@@ -11,21 +12,21 @@ from jitterkit.likelihood import Data
 from jitterkit.loci import Locus, PartialShm, Path, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.fit import FitOptions
-from jitterkit.scoring import climb
+from jitterkit.scoring import fisher_scoring
 
 __all__ = ["starting_point"]
 
 _CYCLES, _PHASES = (0.5, 1.2), (-40.0, 40.0)
 """Of a partial vibration: before and after its first whole cycle, lopsided either way."""
 
-_TRIAL = 4
-"""Steps after which the hills are told apart."""
+_TRIAL_STEPS = 4
+"""Steps after which the maxima are compared."""
 
 
 def starting_point(
     kind: type[Locus], moments, start: Parameters, otf: OTF, data: Data, options: FitOptions
 ) -> Parameters:
-    """The best place to start a locus from.
+    """Return the best point to start a locus from.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def starting_point(
     Returns
     -------
     start : Parameters
-        Of several starts the one that a few steps lead highest.
+        Of several starts, the one from which a few steps reach the smallest deviance.
     """
     loci = _loci(kind, moments)
     if options.nodes is not None:
@@ -50,13 +51,16 @@ def starting_point(
         return starts[0]
     names, free = free_parameters(starts[0], otf, options.hold)
     priors = options.priors
-    ends = [climb(s, otf, data, free, priors.over(names, s.locus), steps=_TRIAL) for s in starts]
-    heights = [float(end.objective) for end in ends]
-    return starts[int(np.nanargmin(heights))] if np.any(np.isfinite(heights)) else starts[0]
+    ends = [
+        fisher_scoring(s, otf, data, free, priors.over(names, s.locus), max_steps=_TRIAL_STEPS)
+        for s in starts
+    ]
+    deviances = [float(end.objective) for end in ends]
+    return starts[int(np.nanargmin(deviances))] if np.any(np.isfinite(deviances)) else starts[0]
 
 
 def _loci(kind: type[Locus], moments) -> list[Locus]:
-    """Starts of a kind; a path is told from its mirror image by which way it bends."""
+    """Starts of a kind; a path differs from its mirror image by the way it bends."""
     if kind is PartialShm:
         return [_partial(moments, cycles, phase) for cycles, phase in itertools.product(_CYCLES, _PHASES)]
     first = kind.near(np.asarray(moments))

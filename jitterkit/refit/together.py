@@ -33,10 +33,10 @@ def scene_together(choices: Sequence[SceneChoice]) -> str | None:
 
     Notes
     -----
-    Each frame that shows one scene without any doubt has a vote.  Where none does, or as many show the one as
+    Each frame that shows one scene for certain has a vote.  Where none does, or as many show the one as
     the other, the evidences decide for one star by odds of 20 to 1.  They do not decide for a pair: a drift
     that is the same in every frame looks like a pair that persists, and the evidence of one star takes the
-    jitter of each frame for its own.  A field of stars is never in doubt.
+    jitter of each frame for its own.  A field of stars is always certain.
     """
     votes = Counter(choice.scene for choice in choices if choice.evidence is None).most_common(2)
     if votes and (len(votes) < 2 or votes[0][1] > votes[1][1]):
@@ -57,11 +57,9 @@ def log_odds_together(frames: Sequence[SceneEvidence]) -> float:
     odds : float
         Priors included, once.  NaN without frames.
 
-    Notes
-    -----
-    Laplace's approximation: what a frame says of the pair is a normal density N_i over the offset of B from A
-    and the logarithm of the contrast, about its own best fit.  With Z_i the evidence of a pair whose prior
-    density is one, and p the prior,
+    Notes ----- Laposition's approximation: what a frame says of the pair is a normal density N_i over the
+    offset of B from A and the logarithm of the contrast, about its own best fit.  With Z_i the evidence of a
+    pair whose prior density is one, and p the prior,
 
         ln Z = sum ln Z_i + ln p(best) + ln integral of prod N_i
 
@@ -71,13 +69,15 @@ def log_odds_together(frames: Sequence[SceneEvidence]) -> float:
     if not frames:
         return math.nan
     reference = max(frames, key=lambda one: one.pair - one.star)
-    told = [_regular(one, reference) for one in frames]
-    precisions = [np.linalg.inv(covariance) for _, covariance, _ in told]
+    offsets = [_regular(one, reference) for one in frames]
+    precisions = [np.linalg.inv(covariance) for _, covariance, _ in offsets]
     together = np.linalg.inv(np.sum(precisions, axis=0))
-    best = together @ np.sum([w @ place for w, (place, _, _) in zip(precisions, told, strict=True)], axis=0)
+    best = together @ np.sum(
+        [w @ position for w, (position, _, _) in zip(precisions, offsets, strict=True)], axis=0
+    )
     pair = _log_prior(best, reference) + 0.5 * np.linalg.slogdet(2 * np.pi * together)[1]
-    for one, (place, covariance, volume) in zip(frames, told, strict=True):
-        off = place - best
+    for one, (position, covariance, volume) in zip(frames, offsets, strict=True):
+        off = position - best
         pair += one.pair + volume
         pair -= 0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(2 * np.pi * covariance)[1])
     return float(pair - reference.alone - sum(one.star for one in frames))
@@ -94,15 +94,15 @@ def _regular(one: SceneEvidence, reference: SceneEvidence) -> tuple[np.ndarray, 
     slope = np.zeros((3, 3))
     slope[:2, 0], slope[:2, 1] = along, math.radians(separation) * np.array([-along[1], along[0]])
     slope[2, 2] = 1 / contrast
-    place = np.array([*separation * along, math.log(contrast)])
+    position = np.array([*separation * along, math.log(contrast)])
     if along @ [math.cos(other), math.sin(other)] < 0:
-        place, slope = -place, -slope
-    return place, slope @ one.covariance @ slope.T, float(np.linalg.slogdet(slope)[1])
+        position, slope = -position, -slope
+    return position, slope @ one.covariance @ slope.T, float(np.linalg.slogdet(slope)[1])
 
 
-def _log_prior(place: np.ndarray, reference: SceneEvidence) -> float:
+def _log_prior(position: np.ndarray, reference: SceneEvidence) -> float:
     """Logarithm of the prior density of an offset and a logarithmic contrast, of either sign."""
-    if abs(place[2]) > math.log(FAINTEST):
+    if abs(position[2]) > math.log(FAINTEST):
         return -math.inf
-    square = float(place[:2] @ place[:2])
+    square = float(position[:2] @ position[:2])
     return reference.companions - math.log(2 * math.pi * square * math.log(FAINTEST))

@@ -9,7 +9,7 @@ import numpy as np
 from jitterkit.refit.evidence import log_evidence
 from jitterkit.refit.result import Candidate, FitResult, Status
 
-__all__ = ["Tried", "say_undecided", "weigh", "weight_of_evidence"]
+__all__ = ["Tried", "describe_undecided", "weigh", "weight_of_evidence"]
 
 _CERTAIN = 0.95
 """Weight above which a frame has decided."""
@@ -38,7 +38,7 @@ def weigh(tried: Sequence[FitResult], evidence: Sequence[float]) -> tuple[Candid
     return tuple(sorted(candidates, key=lambda one: -one.weight))
 
 
-def say_undecided(candidates: tuple[Candidate, ...]) -> str:
+def describe_undecided(candidates: tuple[Candidate, ...]) -> str:
     """A sentence where the least number of loci that hold 95 % of the weight is more than one."""
     held = np.cumsum([one.weight for one in candidates])
     likely = candidates[: int(np.searchsorted(held, _CERTAIN)) + 1]
@@ -54,7 +54,7 @@ def say_undecided(candidates: tuple[Candidate, ...]) -> str:
 
 
 def _microarcsec(angle: float) -> str:
-    """In the unit that suits it.
+    """Format an angle in a suitable unit.
 
     >>> _microarcsec(3.1e-7), _microarcsec(2.04e-3)
     ('0.3 µas', '2.0 mas')

@@ -98,17 +98,17 @@ class Weighing:
         as_well = two.fit.locus == "stable" and two.fit.objective < one.fit.objective + _ALIKE
         alike = log_odds > -DECIDED or bool(close and as_well)
         chosen = two if log_odds > 0 else one
-        start = frame.begun(chosen) if _is_split(chosen.start) else chosen.start
+        start = frame.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
-        told = self.told(one, two) if math.isfinite(log_odds) else None
-        return SceneChoice(start, log_odds, f"{_said(one)}, or {_said(two)}", alike, fit, told)
+        evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
+        return SceneChoice(start, log_odds, f"{_describe(one)}, or {_describe(two)}", alike, fit, evidence)
 
-    def told(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
-        """What a frame says of one star and of a pair, without their priors."""
+    def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
+        """Return a frame's evidence for one star and for a pair, without their priors."""
         names = ("separation", "theta", "contrast")
         if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
             return None
-        slots = [two.fit.names.index(name) for name in names]
+        indices = [two.fit.names.index(name) for name in names]
         alone = self.scene_prior(one.fit)
         return SceneEvidence(
             one.evidence - alone,
@@ -116,11 +116,11 @@ class Weighing:
             alone,
             math.log(COMPANIONS),
             np.array([two.fit.of_scene(name) for name in names]),
-            two.fit.covariance[np.ix_(slots, slots)],
+            two.fit.covariance[np.ix_(indices, indices)],
         )
 
-    def begun(self, reading: _Reading) -> Start:
-        """Where the fit begins of a pair that was made of a blur."""
+    def prepared(self, reading: _Reading) -> Start:
+        """Prepare the start of a pair that was made of a blur."""
         parameters = reading.fit.parameters or reading.start.parameters
         otf = self.optics.otf(parameters.aberrations)
         blur = Mvn.near(reading.fit.moments()[0]) if reading.fit.parameters else None
@@ -131,12 +131,12 @@ class Weighing:
         """One star with the best of the loci, with straight ones, and without jitter."""
         common = self.common(start)
         jittered = fit_best_locus(*common)
-        told = {one.locus: one.evidence for one in jittered.candidates}
-        if told and _is_straight(*jittered.moments()):
-            more = [name for name in _STREAKS if name not in told]
+        weights = {one.locus: one.evidence for one in jittered.candidates}
+        if weights and _is_straight(*jittered.moments()):
+            more = [name for name in _STREAKS if name not in weights]
             near = self.common(start, jittered)
-            told |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
-        yield self.jittered(start, jittered, told, seen="jitter_undetected" not in jittered.flags)
+            weights |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
+        yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
         if not _surely(start):
             yield self.still(start, common, sure=True)  # its signs were tried with a normal
 
@@ -149,7 +149,7 @@ class Weighing:
             yield self.still(start, common)
 
     def common(self, start: Start, fit: FitResult | None = None):
-        """What fits are given, to begin at a start or where one ended."""
+        """Return the arguments of fits that begin at a start or where one ended."""
         if fit is None or fit.parameters is None:
             moments, parameters, otf = (
                 np.asarray(start.parameters.locus.moments()),
@@ -184,7 +184,7 @@ class Weighing:
         return 2 * math.log(25 * self.width / self.fineness)
 
     def scene_prior(self, fit: FitResult) -> float:
-        """Logarithm of the prior density of what a scene has beside place and light."""
+        """Logarithm of the prior density of what a scene has beside position and light."""
         assert fit.parameters is not None
         scene, known = fit.parameters.scene, self.optics.nominal.colours
         colours = 0.0 if scene.indices is None or known is None else known.log_density * len(scene.indices)
@@ -198,19 +198,19 @@ class Weighing:
 
 
 def _has_a_size(fit: FitResult) -> bool:
-    """Whether jitter is seen, of a variance that is positive: a pair may have taken too much of it."""
+    """Return whether jitter of a positive variance is seen: a pair may have absorbed too much of it."""
     moments, covariance = fit.moments()
     error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
     return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
 
 
 def _is_split(start: Start) -> bool:
-    """Whether a pair was made of a star's blur, and not fitted yet."""
+    """Return whether a pair was made of a star's blur, and not fitted yet."""
     return start.parameters.scene.name == Binary.name and "separation" not in start.names
 
 
 def _surely(start: Start) -> bool:
-    """Whether a start shows jitter so clearly that no fit without it is worth its time."""
+    """Return whether a start shows jitter so clearly that a fit without it is not needed."""
     return significance(np.asarray(start.parameters.locus.moments()), start.covariance) > _SURELY
 
 
@@ -228,13 +228,13 @@ def _anchored(optics: Optics, parameters: Parameters) -> Optics:
 
 
 def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether a blur may have no width."""
+    """Return whether a blur may have no width."""
     minor, error = minor_variance(moments, covariance)
     return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
 
 
-def _said(reading: _Reading) -> str:
-    """In words."""
+def _describe(reading: _Reading) -> str:
+    """Describe a reading in words."""
     fit = reading.fit
     if fit.parameters is None:
         return "neither"

@@ -20,7 +20,7 @@ from jitterkit.series import AllanDeviation, BlockScatter, Floor
 
 _SIZE = (5.2, 3.6)
 _TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
-"""Seconds up to which a time is told in so many, and their name."""
+"""Seconds up to which a time is given in such units, and their name."""
 
 
 def plot_root_n(scatter: BlockScatter, ax: Axes | None = None, *, time_unit: str = "s") -> Axes:

@@ -1,7 +1,7 @@
 """Axes, and what every picture puts on them alike: colours, outlines, colour bars, words.
 
-Reach for :func:`axes_or_new`, with which a function of this room begins, and for :func:`say` where there
-is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
+Reach for :func:`axes_or_new`, with which a function of this package begins, and for :func:`note_in_axes`
+where there is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ABOVE: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 
 
 
 def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
-    """The axes given, or those of a new figure of so many inches that no global state knows."""
+    """Return the axes given, or those of a new figure of so many inches that no global state knows."""
     return Figure(figsize=size, layout="constrained").subplots() if ax is None else ax
 
 
@@ -42,7 +42,7 @@ def finish(ax: Axes, **legend: Any) -> Axes:
     return ax
 
 
-def say(ax: Axes, text: str) -> Axes:
+def note_in_axes(ax: Axes, text: str) -> Axes:
     """Put a sentence in the middle of axes, where there is nothing to draw."""
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center")
     return ax

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jitterkit.calibration import Calibration
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.words import with_error
 
 _SIZE = (5.2, 3.7)
@@ -76,19 +76,19 @@ def plot_transfer(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     transfer, (prnu, _) = calibration.transfer, calibration.prnu
     if transfer is None:
-        return say(ax, "no flats")
+        return note_in_axes(ax, "no flats")
     lit = [level for level in transfer.levels if level.exposure > 0 and level.signal > 0]
     used = [level for level in lit if not level.saturated]
     spatial = [level for level in used if level.spatial_variance > 0]
     signals = [level.signal for level in lit]
     at = np.geomspace(min(signals) / 30, max(signals) * 2, 300)
     line = transfer.variance(at)
-    said = with_error(transfer.gain, transfer.gain_error)
-    ax.plot(at, line, color=INK, lw=1.4, label=f"gain {said} e-/ADU")
+    text = with_error(transfer.gain, transfer.gain_error)
+    ax.plot(at, line, color=INK, lw=1.4, label=f"gain {text} e-/ADU")
     ax.errorbar(*_points(used, "variance"), label="frame to frame", **_POINTS)
     if spatial and prnu > 0:
-        said = f"with PRNU of {100 * prnu:.2g} %"
-        ax.plot(at, line + (prnu * at) ** 2, color=RUST, lw=1.1, ls="--", label=said)
+        text = f"with PRNU of {100 * prnu:.2g} %"
+        ax.plot(at, line + (prnu * at) ** 2, color=RUST, lw=1.1, ls="--", label=text)
         x, y = ([getattr(level, name) for level in spatial] for name in ("signal", "spatial_variance"))
         ax.plot(x, y, "^", ms=5.5, color=RUST, mfc="none", mew=1.2, label="pixel to pixel")
     for number, level in enumerate(level for level in lit if level.saturated):
@@ -106,7 +106,7 @@ def plot_linearity(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax.set_title("linearity")
     if linearity is None:
         ax.set_axis_off()
-        return say(ax, "linearity takes three exposure times")
+        return note_in_axes(ax, "linearity takes three exposure times")
     ax.axhline(0, color="0.6", lw=0.9)
     off, errors = 100 * linearity.residuals, 100 * linearity.residual_errors
     ax.errorbar(linearity.signals, off, errors, label="levels", **_POINTS)
@@ -131,13 +131,13 @@ def plot_dark(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     measured, limit = calibration.dark_current, calibration.hot_limit
     if measured is None or limit is None:
-        return say(ax, "no dark frames")
+        return note_in_axes(ax, "no dark frames")
     low, middle = np.percentile(measured.values, (0.01, 50))
     _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), _ALL)
     hot = f"hot above {limit:.3g} e-/s: {calibration.count('hot')}"
     ax.axvline(limit, ymax=_BELOW, color=RUST, lw=1.2, ls="--", label=hot)
-    said = with_error(measured.number, measured.number_error)
-    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {said} e-/s")
+    text = with_error(measured.number, measured.number_error)
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {text} e-/s")
     ax.set(xlabel="dark current [e-/s]", title="dark current")
     return _finish(ax, loc="upper right")
 
@@ -147,7 +147,7 @@ def plot_response(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     flat, local = calibration.flat, calibration.local
     if flat is None or local is None:
-        return say(ax, "no flats")
+        return note_in_axes(ax, "no flats")
     good = calibration.bad == 0
     low, high = np.percentile(flat.values[good], (0.01, 99.99))
     margin = 0.15 * (high - low)
@@ -170,11 +170,11 @@ def plot_read_noise(calibration: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, _SIZE)
     measured = calibration.read_noise
     if measured is None:
-        return say(ax, "no bias frames")
+        return note_in_axes(ax, "no bias frames")
     high = max(float(np.percentile(measured.values, 99.9)), 2 * measured.number)
     _histogram(ax, measured.values, 0.0, high, _ALL)
-    said = with_error(measured.number, measured.number_error)
-    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"root mean square {said} e-")
+    text = with_error(measured.number, measured.number_error)
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"root mean square {text} e-")
     ax.set(xlabel="read noise [e-]", title="read noise")
     return _finish(ax, loc="upper right")
 

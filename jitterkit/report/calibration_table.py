@@ -59,20 +59,20 @@ def calibration_sentences(calibration: Calibration) -> list[str]:
     """Return sentences on what a reader of the numbers should know."""
     # of the response what is local: the light's unevenness is no merit of the flats
     maps = [calibration.local if measured.name == "flat" else measured for measured in calibration.maps]
-    said = [measured.sentence() for measured in maps if measured is not None]
+    sentences = [measured.sentence() for measured in maps if measured is not None]
     for kind, (left_out, of) in calibration.rejected.items():
-        said.append(
+        sentences.append(
             f"{kind} frames: {left_out} of {of} values left out beyond {calibration.settings.clip:g} sigma."
         )
     if calibration.hot_limit is not None:
-        said.append(f"Hot: a dark current above {number(calibration.hot_limit, 3)} e-/s.")
+        sentences.append(f"Hot: a dark current above {number(calibration.hot_limit, 3)} e-/s.")
     if calibration.gradient > _UNEVEN:
-        said.append(_of_gradient(calibration))
-    said += [] if calibration.transfer is None else _of_transfer(calibration)
+        sentences.append(_of_gradient(calibration))
+    sentences += [] if calibration.transfer is None else _of_transfer(calibration)
     bad, pixels = int(np.count_nonzero(calibration.bad)), calibration.bad.size
     by = ", ".join(f"{calibration.count(flag)} {flag}" for flag in FLAGS if calibration.count(flag))
-    said.append(f"{bad} of {pixels} pixels are bad" + (f" ({by})." if by else "."))
-    return said
+    sentences.append(f"{bad} of {pixels} pixels are bad" + (f" ({by})." if by else "."))
+    return sentences
 
 
 def _of_gradient(calibration: Calibration) -> str:
@@ -90,22 +90,24 @@ def _of_transfer(calibration: Calibration) -> list[str]:
     assert transfer is not None
     lit = [level for level in transfer.levels if level.exposure > 0]
     full = sum(level.saturated for level in lit)
-    said = [
+    sentences = [
         f"Photon transfer: {len(lit)} levels of light"
         + (f", {full} saturated and left out." if full else ".")
     ]
     if transfer.freedom:
-        said[0] = said[0][:-1] + f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}."
+        sentences[0] = sentences[0][:-1] + f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}."
     if transfer.linearity is None:
-        said.append("Linearity is not measured: it takes three exposure times below saturation, of one lamp.")
+        sentences.append(
+            "Linearity is not measured: it takes three exposure times below saturation, of one lamp."
+        )
     elif not transfer.linearity.coefficients:
         worst = 100 * float(np.max(np.abs(transfer.linearity.residuals)))
-        said.append(f"No non-linearity is significant; the levels lie within {worst:.2g} % of a line.")
+        sentences.append(f"No non-linearity is significant; the levels lie within {worst:.2g} % of a line.")
     if not transfer.coupling and math.isfinite(transfer.coupling_error):
-        said.append(
+        sentences.append(
             f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."
         )
-    return said
+    return sentences
 
 
 _LEVELS = (
@@ -124,7 +126,7 @@ _LEVELS = (
 
 
 def levels_table(calibration: Calibration, command: str = "") -> QTable:
-    """The levels of light, a row each, with units; empty without flats."""
+    """Return the levels of light, a row each, with units; empty without flats."""
     transfer = calibration.transfer
     levels = () if transfer is None else transfer.levels
     columns = [(column, [getattr(level, name) for level in levels]) for name, column in _LEVELS]

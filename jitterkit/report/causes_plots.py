@@ -46,7 +46,7 @@ def plot_causes(causes: Causes) -> Figure:
 def plot_likeness(causes: Causes, ax: Axes | None = None) -> Axes:
     """Draw the cosines between the changes that the causes make, the scene refitted to each."""
     ax = axes_or_new(ax, (5.4, 4.4))
-    likeness = causes.told.likeness
+    likeness = causes.information.likeness
     labels = [cause.words for cause in causes.causes]
     ax.imshow(likeness, cmap="RdBu_r", vmin=-1, vmax=1)
     for (row, column), value in np.ndenumerate(likeness):

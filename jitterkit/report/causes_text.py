@@ -1,7 +1,7 @@
 """The causes of a width in tables and in words.
 
-Reach for :func:`causes_table` and :func:`data_table`; :func:`causes_sentences` says what one frame confuses,
-and :func:`remedy_sentence` what would tell it apart.
+Reach for :func:`causes_table` and :func:`data_table`; :func:`causes_sentences` describes the degeneracies of
+one frame, and :func:`remedy_sentence` the data that remove them.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from astropy.table import QTable
 
-from jitterkit.forecast.causes import Causes, Confusion
-from jitterkit.forecast.causes_data import DataSet, cheapest
+from jitterkit.forecast.causes import Causes, Degeneracy
+from jitterkit.forecast.causes_data import Observation, cheapest
 from jitterkit.report.columns import Column, bind, bind_rows
 from jitterkit.report.words import MINUS, TIMES, number
 
@@ -37,24 +37,24 @@ _COLUMNS = (
 
 
 def verdicts(causes: Causes, target: float) -> list[str]:
-    """Return what the frame alone says of each cause: ``told``, ``told in part`` or ``not told``.
+    """Classify each cause by the frame alone: ``determined``, ``determined in part`` or ``undetermined``.
 
     Parameters
     ----------
     causes : Causes
     target : float
         Share of a cause's size, as :meth:`~jitterkit.forecast.causes.Causes.shares` has it, up to which it
-        counts as told.  An error as large as the size tells nothing.
+        counts as determined.  With an error as large as the size it is undetermined.
     """
     return [
-        "told" if share <= target else "told in part" if share < 1 else "not told"
+        "determined" if share <= target else "determined in part" if share < 1 else "undetermined"
         for share in causes.shares(causes.errors())
     ]
 
 
 def causes_table(causes: Causes, target: float) -> QTable:
-    """One row a cause: size, its error if all other causes are known and if none is, and the verdict."""
-    alone, together = causes.told.alone, causes.errors()
+    """Tabulate the causes: size, error if all other causes are known and if none is, and the verdict."""
+    alone, together = causes.information.alone, causes.errors()
     rows = [
         (cause.words, cause.size, cause.size_error(a), cause.size_error(t), cause.unit, t / a, verdict)
         for cause, a, t, verdict in zip(causes.causes, alone, together, verdicts(causes, target), strict=True)
@@ -62,8 +62,8 @@ def causes_table(causes: Causes, target: float) -> QTable:
     return bind_rows(_COLUMNS, rows, format=_DIGITS)
 
 
-def data_table(causes: Causes, sets: Sequence[DataSet]) -> QTable:
-    """One row a data set, the frame alone first: the error of every cause, and of the worst as a share."""
+def data_table(causes: Causes, sets: Sequence[Observation]) -> QTable:
+    """Tabulate the errors of every cause by observation, the frame alone first, and the worst as a share."""
     every = [causes.errors(), *(causes.errors(one.extra) for one in sets)]
     columns: list[tuple[Column, Any]] = [
         (Column("data", kind=str), ["the frame alone", *(f"+ {one.words}" for one in sets)])
@@ -78,26 +78,26 @@ def data_table(causes: Causes, sets: Sequence[DataSet]) -> QTable:
 
 
 def causes_sentences(causes: Causes) -> list[str]:
-    """Return what one frame takes for what, and what it says of defocus."""
-    found = [_confused(causes, one) for one in causes.confusions()]
+    """Describe the degeneracies of one frame, and the sign of defocus."""
+    found = [_describe_degeneracy(causes, one) for one in causes.degeneracies()]
     if not found:
         found = ["The causes look different enough: none is taken for another."]
     return found + _of_defocus(causes)
 
 
-def remedy_sentence(causes: Causes, sets: Sequence[DataSet], target: float) -> str:
-    """The cheapest data that bring every cause below a target, as :meth:`Causes.shares` has it."""
+def remedy_sentence(causes: Causes, sets: Sequence[Observation], target: float) -> str:
+    """Name the cheapest data that bring every cause below a target, as :meth:`Causes.shares` has it."""
     goal = _goal(causes, target)
     if np.all(causes.shares(causes.errors()) <= target):
-        return f"The frame alone tells {goal}."
+        return f"The frame alone determines {goal}."
     best = cheapest(causes, sets, target)
     if best is None:
-        return f"None of these data, nor any two of them, tell {goal}."
-    return f"The cheapest that tells {goal}: {best.words}."
+        return f"None of these data, nor any two of them, determine {goal}."
+    return f"The cheapest data that determine {goal}: {best.words}."
 
 
 def _goal(causes: Causes, target: float) -> str:
-    """Say what is to be told: of nothing there is no share."""
+    """Describe the target: an absent cause has no share."""
     absent = [cause.words for cause in causes.causes if not cause.value]
     if not absent:
         return f"every cause to {100 * target:g} %"
@@ -105,7 +105,7 @@ def _goal(causes: Causes, target: float) -> str:
     return f"every cause that has a size to {100 * target:g} %, and {of_none}"
 
 
-def _confused(causes: Causes, one: Confusion) -> str:
+def _describe_degeneracy(causes: Causes, one: Degeneracy) -> str:
     words = {cause.name: cause.words for cause in causes.causes}
     sign = 1 if one.weights[one.pivot] > 0 else -1
     weights = {words[name]: sign * one.weights[name] for name in (one.pivot, *one.others)}
@@ -123,7 +123,7 @@ def _confused(causes: Causes, one: Confusion) -> str:
 
 
 def _taken(weights: dict[str, float]) -> str:
-    """Say who is taken for whom, or who undo each other."""
+    """Name the causes that are taken for each other, or that cancel each other."""
     up = [name for name, weight in weights.items() if weight > 0]
     down = [name for name, weight in weights.items() if weight < 0]
     verb = "is" if len(up) == 1 else "are"
@@ -139,7 +139,7 @@ def _signed(weight: float, name: str) -> str:
 
 
 def _plus(pivot: str, ratio: float, name: str) -> str:
-    """The sum of a pivot and a multiple of another."""
+    """Write the sum of a pivot and a multiple of another."""
     factor = "" if abs(abs(ratio) - 1) < _NEARLY else f"{number(abs(ratio), 2)} {TIMES} "
     return f"{pivot} {'+' if ratio > 0 else MINUS} {factor}{name}"
 
@@ -148,5 +148,5 @@ def _of_defocus(causes: Causes) -> list[str]:
     if "noll4" not in causes.setting.optics.nominal.names:
         return ["The optics have no defocus that may vary (noll4), so it is not among the causes."]
     if causes.setting.square:
-        return ["About perfect focus defocus shows by its square first: its sign is not told."]
+        return ["About perfect focus the image depends on the square of defocus: its sign is undetermined."]
     return []

@@ -57,7 +57,7 @@ class Clock:
         """
         times = np.array([epoch_seconds(text) for text in np.asarray(table["time"]).tolist()])
         used = np.asarray(table["status"]) == "ok"
-        if not _tell(times[used]):
+        if not _order_frames(times[used]):
             return cls(np.arange(len(table)) + 1.0, "frame", "")
         first = float(times[used].min())
         known = np.flatnonzero(np.isfinite(times))
@@ -66,7 +66,7 @@ class Clock:
         return cls(times - first, "s", start.isoformat(sep=" ", timespec="seconds"))
 
 
-def _tell(times: np.ndarray) -> bool:
+def _order_frames(times: np.ndarray) -> bool:
     """Return whether times order frames, and can be read off an axis."""
     if len(times) < 2 or not np.isfinite(times).all() or len(np.unique(times)) < _APART * len(times):
         return False

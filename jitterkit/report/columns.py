@@ -41,7 +41,7 @@ class Column:
 
     @property
     def blank(self) -> Any:
-        """Value of an unknown cell: NaN, 0 or an empty text."""
+        """Return the value of an unknown cell: NaN, 0 or an empty text."""
         return math.nan if self.kind is float else self.kind()
 
 

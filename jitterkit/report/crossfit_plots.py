@@ -102,7 +102,7 @@ _COLUMNS = (
 
 
 def crossfit_table(panels: Sequence[Panel], settings: Sequence[tuple[float, float]]) -> QTable:
-    """One row a setting of a panel.
+    """Tabulate a panel with a row a setting.
 
     Parameters
     ----------

@@ -107,8 +107,8 @@ def _draw_sizes(ax: Axes, at: np.ndarray, major: np.ndarray, minor: np.ndarray) 
             continue
         times, (low, middle, high) = _percentiles(at, values * scale)
         ax.fill_between(times, low, high, color=colour, alpha=0.2, lw=0, step="mid")
-        told = f"{name} axis: median, and two frames in three"
-        ax.plot(times, middle, color=colour, lw=1.4, drawstyle="steps-mid", label=told)
+        text = f"{name} axis: median, and two frames in three"
+        ax.plot(times, middle, color=colour, lw=1.4, drawstyle="steps-mid", label=text)
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]) if positive.size == 0 else 0.0)
     ax.set_ylabel(f"jitter, 1σ [{unit}]")
 

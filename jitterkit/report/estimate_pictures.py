@@ -18,7 +18,7 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
 from jitterkit.loci import Mvn, Stable, locus_name
 from jitterkit.optics.otf import OTF
-from jitterkit.report.axes import say, scale_and_unit
+from jitterkit.report.axes import note_in_axes, scale_and_unit
 from jitterkit.report.field_plots import plot_differences, plot_scene, plot_spectrum, plot_whiskers
 from jitterkit.report.kernel_plots import plot_kernel, plot_kernel_image, plot_transfer
 from jitterkit.report.plots import plot_residual, three_panels
@@ -31,7 +31,7 @@ Panels = list[Any]
 def template_images(
     estimate: KernelEstimate, template: Parameters, otf: OTF
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The expected image (ny, nx) of a template without jitter, and with an estimate's.
+    """Return the expected image (ny, nx) of a template without jitter, and with an estimate's.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def template_images(
 
 
 def blurred_image(estimate: KernelEstimate, template: Parameters, otf: OTF) -> np.ndarray:
-    """The second of :func:`template_images` alone."""
+    """Return the second of :func:`template_images` alone."""
     locus = Mvn.near(estimate.moments) if estimate.locus is None else estimate.locus
     return np.asarray(expected_image(template.with_locus(locus), otf))
 
@@ -97,7 +97,7 @@ def plot_estimate(
     if ratios:
         plot_transfer(ratios, axes[1])
     else:
-        say(axes[1], "no frequency rises\nabove the noise").set_axis_off()
+        note_in_axes(axes[1], "no frequency rises\nabove the noise").set_axis_off()
     residual = np.where(used, (filled - level * model) / np.sqrt(spread), np.nan)
     plot_residual(residual, plate_scale, axes[2], title=f"residual, rms {number(_rms(residual), 3)}σ")
     return axes
@@ -180,7 +180,7 @@ def _draw_kernel(estimate: KernelEstimate, ax: Any, plate_scale: float | None) -
     try:
         locus, remark = locus_of(estimate)
     except UndeterminedError:
-        say(ax, "no blur:\nno variance is positive").set_axis_off()
+        note_in_axes(ax, "no blur:\nno variance is positive").set_axis_off()
         return
     name = "normal with its moments" if estimate.locus is None else locus_name(locus)
     scale, unit = scale_and_unit(plate_scale)
@@ -201,7 +201,7 @@ def _ratios(estimate, image, template, plate_scale, variance, angles) -> list[Tr
 
 
 def _fit(estimate: KernelEstimate, plate_scale: float) -> Callable:
-    """The transfer function that was fitted; of moments with their signs, unclipped."""
+    """Return the transfer function that was fitted; of moments with their signs, unclipped."""
     if estimate.locus is not None:
         return estimate.locus.transfer
     kernel = estimate.kernel

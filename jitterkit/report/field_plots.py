@@ -16,7 +16,16 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 
 from jitterkit.loci import Locus, principal_axes
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, colour_bar, finish, say, scale_and_unit
+from jitterkit.report.axes import (
+    BLUE,
+    INK,
+    RUST,
+    axes_or_new,
+    colour_bar,
+    finish,
+    note_in_axes,
+    scale_and_unit,
+)
 from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size
 
@@ -64,7 +73,7 @@ def plot_whiskers(
     axes = np.array([principal_axes(m) for m in moments[good]]).reshape(-1, 3)
     typical = float(np.median(axes[:, 0])) if len(axes) else 0.0
     if not typical > 0:
-        return say(ax, "no star shows a blur")
+        return note_in_axes(ax, "no star shows a blur")
     grown = _WHISKER * max(nx, ny) / typical
     _draw_stars(ax, x[good], y[good], grown * axes[:, :2], axes[:, 2])
     size = angle_size(typical, 2) if unit == "arcsec" else f"{typical:.2g} {unit}"

@@ -44,10 +44,10 @@ def encode_flags(words: Iterable[str]) -> int:
     >>> encode_flags(["saturated", "misfit"])
     10
     """
-    places = {word: bit for bit, word in enumerate(FLAGS)}
+    bits = {word: bit for bit, word in enumerate(FLAGS)}
     code = 0
     for word in words:
-        code |= 1 << places.get(word, 0)
+        code |= 1 << bits.get(word, 0)
     return code
 
 

@@ -1,8 +1,8 @@
 """Pictures of forecasts: errors against the size of the jitter, and how much of it may be.
 
 As in :mod:`~jitterkit.report.plots`, every function that draws on one pair of axes takes ``ax=None`` and
-returns them.  Curves are told apart by the shade of one colour map, from dark to light, and by a word at
-their ends, so that they can be told apart in grey too.
+returns them.  Curves are distinguished by the shade of one colour map, from dark to light, and by a word at
+their ends, so that they can be distinguished in grey too.
 
 :func:`plot_matrices` draws Fisher information and covariance, whose elements span decades and have signs;
 :func:`plot_matrix` draws any symmetric matrix of named parameters.
@@ -103,9 +103,9 @@ def plot_errors(
     if len(names) > 1:
         sign = "°" if unit_of(names[1]) == "deg" else ""
         to, back = (np.log, np.exp) if logarithmic else (np.asarray, np.asarray)
-        places = back(spread(to(error[-1]), _LABEL * float(np.ptp(to(ax.get_ylim())))))
-        for place, value, colour in zip(places, others, colours, strict=True):
-            ax.annotate(f" {value:.3g}{sign}", (along[-1], place), color=colour, fontsize=7, va="center")
+        positions = back(spread(to(error[-1]), _LABEL * float(np.ptp(to(ax.get_ylim())))))
+        for position, value, colour in zip(positions, others, colours, strict=True):
+            ax.annotate(f" {value:.3g}{sign}", (along[-1], position), color=colour, fontsize=7, va="center")
     for label, value in (marks or {}).items():
         ax.axvline(value, color=RUST, lw=1, ls=":")
         ax.annotate(label, (value, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top",
@@ -137,13 +137,13 @@ def spread(values, gap: float) -> np.ndarray:
     values = np.asarray(values, float)
     order = np.argsort(values, kind="stable")
     steps = gap * np.arange(len(values))
-    places = np.empty(len(values))
-    places[order] = isotonic_regression(values[order] - steps).x + steps
-    return places
+    positions = np.empty(len(values))
+    positions[order] = isotonic_regression(values[order] - steps).x + steps
+    return positions
 
 
 def _pixels(plate_scale: float):
-    """From arcsec to pixels, and back."""
+    """Convert arcsec to pixels, and back."""
     return lambda size: np.asarray(size) / plate_scale, lambda count: np.asarray(count) * plate_scale
 
 

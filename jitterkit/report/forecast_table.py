@@ -43,7 +43,7 @@ def observing_time(error: float, target: float, exposure: float) -> float:
 
 
 def parameter_table(forecast: Forecast) -> QTable:
-    """One row a free parameter, then the jitter's size: value, least error, and what that error suffers.
+    """Tabulate free parameters, then the jitter's size: value, least error, and its inflation.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def parameter_table(forecast: Forecast) -> QTable:
 
 
 def sweep_table(sweep: Sweep, still, target: float, exposure: float | None) -> QTable:
-    """One row a point: its settings, the error of the separation, and what that takes in frames and time.
+    """Tabulate the points: settings, error of the separation, and the frames and time it takes.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def sweep_table(sweep: Sweep, still, target: float, exposure: float | None) -> Q
 
 
 def requirement_table(requirements: Sequence[Requirement], exposure: float | None) -> QTable:
-    """One row a motion and an angle: the largest size, and the frequency of a vibration."""
+    """Tabulate motions and angles: the largest size, and the frequency of a vibration."""
     rows = [
         [one.motion, one.cycles, one.cycles / (exposure or math.nan), one.angle, one.size, one.rms]
         for one in requirements

@@ -29,7 +29,7 @@ from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_picture
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.row import FailureKind, Row, group_failures
 from jitterkit.report.run_pictures import run_pictures
-from jitterkit.report.sequence import describe_run_fit, say_loci
+from jitterkit.report.sequence import describe_loci, describe_run_fit
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, by_scale, ellipse_size, number, with_error
 
@@ -40,9 +40,9 @@ MAX_FAILURES = 300
 """Failures listed one by one, the first of them; their kinds are counted over all."""
 
 _FEW, _KINDS = 12, 30
-"""Failures that a list shows as well as a count of kinds does, and kinds that the page has room for."""
+"""Failures that a list shows as well as a count of kinds does, and kinds that fit the page."""
 
-_TOLD = ("file", "frame", "path", "status", "reason", "message")
+_FAILURE_COLUMNS = ("file", "frame", "path", "status", "reason", "message")
 _LONGEST = 600
 """Characters of one sentence or name: a command line may hold 60,000 names, a header a page of text."""
 
@@ -85,7 +85,7 @@ def write_report(
         If the file exists and may not be overwritten, or cannot be written.
     """
     entries = list(entries)
-    shown = [entries[place] for place in choose_pictures([entry.row for entry in entries], max_pictures)]
+    shown = [entries[index] for index in choose_pictures([entry.row for entry in entries], max_pictures)]
     page = _template().render(
         title=printable(title),
         style=Markup(_resource("report.css")),
@@ -115,7 +115,7 @@ def _template():
         "remarks": _remarks,
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
         "describe_run_fit": describe_run_fit,
-        "say_loci": say_loci,
+        "describe_loci": describe_loci,
         "status": lambda name: name.replace("_", " "),
         "grouped": "{:,}".format,
         "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n:,} {word}s",
@@ -179,30 +179,30 @@ class _Listing:
         self._several = set(paths[counts > 1].tolist())
 
     def failed(self) -> list[Row]:
-        """The first failures."""
+        """Return the first failures."""
         return self._rows(self._failed[:MAX_FAILURES])
 
     def kinds(self) -> tuple[list[FailureKind], int]:
-        """The commonest kinds of failure, and how many more there are; none of few failures."""
+        """Return the commonest kinds of failure, and how many more there are; none of few failures."""
         if self.failures <= _FEW:
             return [], 0
-        kinds = group_failures(self._row(int(place), _TOLD) for place in self._failed)
+        kinds = group_failures(self._row(int(index), _FAILURE_COLUMNS) for index in self._failed)
         return kinds[:_KINDS], len(kinds[_KINDS:])
 
     def thinned(self) -> list[Row]:
         """Frames from the first to the last, evenly."""
         return self._rows(range(0, self.length, self.step))
 
-    def _rows(self, places: Iterable[int]) -> list[Row]:
-        return [self._row(int(place)) for place in places]
+    def _rows(self, indices: Iterable[int]) -> list[Row]:
+        return [self._row(int(index)) for index in indices]
 
-    def _row(self, place: int, names: Iterable[str] | None = None) -> Row:
-        """A row with its ``place`` from 1 and its ``name``."""
+    def _row(self, index: int, names: Iterable[str] | None = None) -> Row:
+        """Return a row with its ``number`` from 1 and its ``name``."""
         row = {
-            name: self._columns[name][place].item()
+            name: self._columns[name][index].item()
             for name in names or self._columns
             if name in self._columns
         }
         several = row["frame"] > 0 or row["path"] in self._several
         name = f"{row['file']}[{row['frame']}]" if several else row["file"]
-        return row | {"place": place + 1, "name": name}
+        return row | {"number": index + 1, "name": name}

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jitterkit.joint import SequenceFit, SequenceFrame
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 
 _SIZE = (9.6, 3.0)
 _MANY = 2000
@@ -35,7 +35,7 @@ def plot_run(fit: SequenceFit) -> list[Axes]:
     plot_pointing(frames, fit, axes[0])
     _plot_blur(frames, axes[1])
     plot_shared(frames, fit, axes[2])
-    plot_surprise(frames, axes[3])
+    plot_leave_one_out_chi2(frames, axes[3])
     for ax in axes[:-1]:
         ax.set_xlabel("")
     return axes
@@ -46,8 +46,8 @@ def plot_pointing(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None
     ax = axes_or_new(ax, _SIZE)
     times = _times(frames)
     for axis, colour in (("x", BLUE), ("y", RUST)):
-        slot = fit.records.own.index(axis)
-        values = [f.record.values[slot] for f in frames]
+        index = fit.records.own.index(axis)
+        values = [f.record.values[index] for f in frames]
         ax.plot(times, values, **_points(len(frames), colour), label=axis)
     ax.set(xlabel="time [s]", ylabel="midpoint [arcsec]")
     return _legend(ax)
@@ -56,8 +56,8 @@ def plot_pointing(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None
 def _plot_blur(frames: list[SequenceFrame], ax: Axes) -> Axes:
     """Draw the rms blur of each frame along both axes of the detector, negative where the variance is."""
     times = _times(frames)
-    for slot, axis, colour in ((0, "x", BLUE), (2, "y", RUST)):
-        variance = np.array([f.record.moments[slot] for f in frames])
+    for index, axis, colour in ((0, "x", BLUE), (2, "y", RUST)):
+        variance = np.array([f.record.moments[index] for f in frames])
         rms = np.sign(variance) * np.sqrt(np.abs(variance))
         ax.plot(times, rms, **_points(len(frames), colour), label=f"rms along {axis}")
     ax.set(xlabel="time [s]", ylabel="blur [arcsec]")
@@ -67,13 +67,13 @@ def _plot_blur(frames: list[SequenceFrame], ax: Axes) -> Axes:
 def plot_shared(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None = None) -> Axes:
     """Draw what is shared and changes, with one sigma about it, from its mean."""
     ax = axes_or_new(ax, _SIZE)
-    told = [f for f in frames if f.shared is not None]
-    times = _times(told)
-    changing = [i for i, name in enumerate(fit.combined.names) if fit.laws[name].states > 1]
+    informed = [f for f in frames if f.shared is not None]
+    times = _times(informed)
+    changing = [i for i, name in enumerate(fit.combined.names) if fit.time_models[name].states > 1]
     if not changing:
-        return say(ax, "nothing that is shared was let change")
-    values = np.array([f.shared.values for f in told if f.shared])
-    errors = np.array([f.shared.errors for f in told if f.shared])
+        return note_in_axes(ax, "nothing that is shared was let change")
+    values = np.array([f.shared.values for f in informed if f.shared])
+    errors = np.array([f.shared.errors for f in informed if f.shared])
     for n, i in enumerate(changing):
         colour, style = _TONES[n % len(_TONES)], _LINES[n // len(_TONES) % len(_LINES)]
         curve = values[:, i] - values[:, i].mean()
@@ -84,14 +84,14 @@ def plot_shared(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None =
     return _legend(ax, ncols=min(len(changing), 7))
 
 
-def plot_surprise(frames: list[SequenceFrame], ax: Axes | None = None) -> Axes:
+def plot_leave_one_out_chi2(frames: list[SequenceFrame], ax: Axes | None = None) -> Axes:
     """Draw how far each frame is from all others, and mark those that do not belong."""
     ax = axes_or_new(ax, _SIZE)
-    told = [f for f in frames if f.shared is not None]
-    ratio = np.array([f.shared.surprise / max(f.shared.dof, 1) for f in told if f.shared])
-    kept = np.array([f.kept for f in told], bool)
-    times = _times(told)
-    ax.plot(times[kept], ratio[kept], **_points(len(told), BLUE), label="counted")
+    informed = [f for f in frames if f.shared is not None]
+    ratio = np.array([f.shared.leave_one_out_chi2 / max(f.shared.dof, 1) for f in informed if f.shared])
+    kept = np.array([f.kept for f in informed], bool)
+    times = _times(informed)
+    ax.plot(times[kept], ratio[kept], **_points(len(informed), BLUE), label="counted")
     if not kept.all():
         ax.plot(times[~kept], ratio[~kept], "D", ms=6, mfc="none", mec=RUST, mew=1.3, label="not counted")
     ax.axhline(1.0, color=INK, lw=1.0, ls="--")

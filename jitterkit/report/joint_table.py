@@ -17,7 +17,7 @@ from astropy.table import QTable
 
 from jitterkit.conventions import direction_angle
 from jitterkit.errors import printable
-from jitterkit.joint import Law, SequenceFit
+from jitterkit.joint import SequenceFit, TimeModel
 from jitterkit.joint.combine import Combined
 from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
@@ -34,10 +34,10 @@ _CERTAIN = 9.0
 """Chi-squared of one degree of freedom from which a slope is said to be there: three sigmas."""
 
 _UNSURE = 0.3
-"""Of a frame's error, from which what a rolling shutter adds is told: 5 % more of it."""
+"""Of a frame's error, from which what a rolling shutter adds is reported: 5 % more of it."""
 
 _SERIES = 16
-"""Frames from which noise can be told from noise."""
+"""Frames from which noise can be distinguished from noise."""
 
 
 _FIRST = (
@@ -56,12 +56,12 @@ _JITTER = (
     Column("velocity_x", "of the image, by the motion between frames", "arcsec/s"),
     Column("velocity_y", "of the image, by the motion between frames", "arcsec/s"),
     *named("chi2_dof"),
-    Column("surprise", "chi-squared of the frame's shared parameters against those of all others"),
+    Column("leave_one_out_chi2", "chi-squared of the frame's shared parameters against those of all others"),
 )
 
 
 def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTable:
-    """A row a frame.
+    """Return a row a frame.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def frame_table(fit: SequenceFit, meta: Mapping[str, Any] | None = None) -> QTab
     -------
     table : QTable
         The frame's own parameters; ``separation`` as it alone says with all else known; the shared parameters
-        that change, at its time; ``surprise``, chi-squared against the others.
+        that change, at its time; ``leave_one_out_chi2``, chi-squared against the others.
     """
-    changing = [name for name, law in fit.laws.items() if law.states > 1]
+    changing = [name for name, time_model in fit.time_models.items() if time_model.states > 1]
     own = [column for name in fit.records.own for column in measured(name, "", unit_of(name))]
     when = "at the time of the frame"
     shared = [column for name in changing for column in measured(f"shared_{name}", when, unit_of(name))]
@@ -92,8 +92,8 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
     known = np.all(np.isfinite(record.moments))
     major, minor, angle = principal_axes(record.moments) if known else (math.nan,) * 3
     names = fit.combined.names
-    slots = [names.index(name) for name in changing]
-    told = np.full((2, len(names)), np.nan) if shared is None else np.array([shared.values, shared.errors])
+    index = [names.index(name) for name in changing]
+    at_time = np.full((2, len(names)), np.nan) if shared is None else np.array([shared.values, shared.errors])
     return [
         printable(record.name),
         record.time,
@@ -112,13 +112,13 @@ def _row(fit: SequenceFit, frame: SequenceFrame, changing: Sequence[str]) -> lis
         *(major, minor, angle, _direction(angle, record.velocity)),
         *record.velocity,
         record.chi2_dof,
-        math.nan if shared is None else shared.surprise,
-        *told[:, slots].T.ravel(),
+        math.nan if shared is None else shared.leave_one_out_chi2,
+        *at_time[:, index].T.ravel(),
     ]
 
 
 def _direction(angle: float, velocity: np.ndarray) -> float:
-    """The end of a smear's axis to which the image went [deg], as the motion between frames has it."""
+    """Return the end of a smear's axis to which the image went [deg], as the motion between frames has it."""
     along = float(velocity @ [math.cos(math.radians(angle)), math.sin(math.radians(angle))])
     if not math.isfinite(along) or along == 0:
         return math.nan
@@ -126,7 +126,7 @@ def _direction(angle: float, velocity: np.ndarray) -> float:
 
 
 def separation_series(fit: SequenceFit) -> Series | None:
-    """The separations of the frames that count [arcsec], with times [s]; None of too few to study."""
+    """Return the separations of the frames that count [arcsec], with times [s]; None of too few to study."""
     kept = [(f.separation, f.separation_err, f.record.time) for f in fit.frames() if f.kept]
     return Series.of(*np.array(kept).T) if len(kept) >= _SERIES else None
 
@@ -180,7 +180,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
                 "unit": unit_of(name) if name != "diffusion" else "arcsec2",
                 "mean": _folded(name, fit.combined.value(name)),
                 "error": fit.combined.error(name),
-                "law": describe_law(fit.laws[name]),
+                "law": describe_time_model(fit.time_models[name]),
             }
             for name in fit.combined.names
         },
@@ -214,7 +214,7 @@ def _mean_correction(kept: list[Any]) -> float:
 
 
 def _folded(name: str, value: float) -> float:
-    """A shared parameter as a person would give it."""
+    """Return a shared parameter as a person would give it."""
     return direction_angle(value) if name == "theta" else value
 
 
@@ -230,46 +230,46 @@ def _floor(floor: Floor) -> dict[str, Any]:
     }
 
 
-def describe_law(law: Law) -> dict[str, Any]:
-    """A law by name and numbers."""
-    return {"kind": type(law).__name__.lower(), **asdict(law)}  # type: ignore[call-overload]
+def describe_time_model(time_model: TimeModel) -> dict[str, Any]:
+    """Describe a time model by name and numbers."""
+    return {"kind": time_model.kind, **asdict(time_model)}  # type: ignore[call-overload]
 
 
-def say_joint(summary: Mapping[str, Any]) -> list[str]:
+def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
     """Return sentences on what a person should know beside the separation."""
-    told = []
+    sentences = []
     if summary["outliers"]:
         named = ", ".join(summary["outliers"][:5])
         more = ", ..." if len(summary["outliers"]) > 5 else ""
-        told.append(
+        sentences.append(
             f"{len(summary['outliers'])} frames contradict the others and were not counted: {named}{more}."
         )
     if summary["moved"] > 1 and summary["passes"] > 1:
-        told.append(
+        sentences.append(
             f"The fit has not settled: its last pass over the frames moved what they share by "
             f"{number(summary['moved'], 2)} errors."
         )
     separation = summary["separation"]
     if separation["with_model_error"]:
-        told.append(
+        sentences.append(
             f"Errors of the model were allowed for in {separation['with_model_error']} frames. They are "
             "alike in all of them and do not average out: the separation may be off by up to the error of "
             f"one frame, {angle_size(separation['error_of_a_frame'], 2)}."
         )
     if separation["scale_factor"] > LARGE_FACTOR:
-        told.append(
+        sentences.append(
             f"The error of the separation is {number(separation['scale_factor'], 2)} times as large as with "
             "a known plate scale: state its plate_scale_err if you know it better."
         )
     slope = summary["slope"]
     if slope["chi2"] > _CERTAIN:
-        told.append(
+        sentences.append(
             f"The separation changes by {angle_size(slope['rate'] * 3600, 3)} an hour "
             f"({number(math.sqrt(slope['chi2']), 2)} sigma): its mean is that of the middle of the run."
         )
     floor = summary["floor"]
     if floor is not None and floor["detected"] and floor["met_at_frames"] >= 1:
-        told.append(
+        sentences.append(
             f"Averaging stops at {angle_size(floor['floor'], 2)}, which "
             f"{number(floor['met_at_frames'], 2)} frames reach: more frames do not make the mean better."
         )
@@ -279,21 +279,21 @@ def say_joint(summary: Mapping[str, Any]) -> list[str]:
         and rows["modelled"]
         and rows["leverage"] * rows["unknown"] > _UNSURE * summary["separation"]["error_of_a_frame"]
     ):
-        told.append(
-            f"The image jumps about between frames by more than it tells of its motion within them "
+        sentences.append(
+            f"The image moves between frames too irregularly to give its motion within them "
             f"({number(rows['unknown'], 2)} arcsec/s): the rolling shutter adds up to "
             f"{angle_size(rows['leverage'] * rows['unknown'], 2)} of error to each frame. Give --telemetry."
         )
     chi2_dof = summary["separation"]["chi2_dof"]
     off = 5 * math.sqrt(2 / max(summary["counted"] - 1, 1))
     if abs(chi2_dof - 1) > off:
-        told.append(
+        sentences.append(
             f"The separations scatter by {number(math.sqrt(chi2_dof), 3)} times their errors: something is "
             "not in the model."
         )
-    return told
+    return sentences
 
 
 def averaging_floor(series: Series | None) -> Floor | None:
-    """The floor under the averages of a series, where there is enough of it."""
+    """Return the floor under the averages of a series, where there is enough of it."""
     return None if series is None else fit_floor(series)

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 
 from jitterkit.kernels import TransferRatio, kernel_moments
 from jitterkit.loci import Locus, principal_axes, rasterise
-from jitterkit.report.axes import BLUE, INK, OUTLINE, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, OUTLINE, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size, number
 
@@ -63,7 +63,7 @@ def plot_kernel(
     ax.set(xticks=[], yticks=[], title=title, aspect="equal")
     points = np.asarray(locus.points(65536))
     if not np.all(np.isfinite(points)):
-        return say(ax, "not finite")
+        return note_in_axes(ax, "not finite")
     reach = float(np.abs(points).max())
     half = 1.3 * reach if reach > 1e-9 else (plate_scale or 1.0)
     cell = 2 * half / _CELLS

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
 from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
 
@@ -95,9 +95,9 @@ def plot_motion_spectrum(
         if np.any(density[:, column] > 0):
             ax.plot(f[f > 0], density[f > 0, column], style, color=INK, lw=1.3, label=f"density of {name}")
     if np.any(peaks > 0):
-        places = np.array([line.frequency for line in spectrum.lines])[peaks > 0]
-        ax.vlines(places, 0, peaks[peaks > 0], color=INK, lw=1.1)
-        ax.plot(places, peaks[peaks > 0], "o", color=INK, ms=4, label="lines: variance × T")
+        positions = np.array([line.frequency for line in spectrum.lines])[peaks > 0]
+        ax.vlines(positions, 0, peaks[peaks > 0], color=INK, lw=1.1)
+        ax.plot(positions, peaks[peaks > 0], "o", color=INK, ms=4, label="lines: variance × T")
     shown = np.concatenate([peaks, density[:, 0], density[:, 2]])
     shown = shown[shown > 0]
     low, high = _range(spectrum, exposure)
@@ -129,11 +129,11 @@ def plot_budget(spectrum: PowerSpectrum, exposure: float, ax: Axes | None = None
     f, moments = cumulative_split(spectrum, exposure)
     low, high = _range(spectrum, exposure)
     rms = 1e3 * np.sqrt(np.maximum(moments[:, :, 0] + moments[:, :, 2], 0))
-    places = np.concatenate([[low], f, [high]])
+    positions = np.concatenate([[low], f, [high]])
     for k, part in enumerate(PARTS):
         size = np.concatenate([[0.0], rms[:, k], rms[-1:, k]])
         label = f"{part}: {number(rms[-1, k], 3)} mas"
-        ax.plot(places, size, label=label, lw=1.6, **_STYLES[part])
+        ax.plot(positions, size, label=label, lw=1.6, **_STYLES[part])
     ax.axvline(1 / exposure, color="0.75", lw=0.8, zorder=1)
     ax.set(xscale="log", xlim=(low, high), ylim=(0, 1.35 * max(rms[-1].max(), 1e-6)))
     ax.set(xlabel="frequency [Hz]", ylabel="rms up to there [mas]", title="budget")
@@ -179,14 +179,14 @@ def plot_pointing(locus: Locus, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, (5.6, 4.0))
     rng = np.random.default_rng(0)
     parts = locus.factors() if isinstance(locus, Product) else (locus,)
-    places = np.zeros((_DRAWS, 2))
+    positions = np.zeros((_DRAWS, 2))
     for part in parts:
         points = np.asarray(part.points(_POINTS))
-        places += points[rng.integers(0, len(points), _DRAWS)]
-    reach = 1.2 * float(np.percentile(np.abs(places).max(axis=1), 99.9))
+        positions += points[rng.integers(0, len(points), _DRAWS)]
+    reach = 1.2 * float(np.percentile(np.abs(positions).max(axis=1), 99.9))
     if reach <= 0:
-        return say(ax, "no blur")
-    shares, _, _ = np.histogram2d(places[:, 1], places[:, 0], _CELLS, [[-reach, reach]] * 2)
+        return note_in_axes(ax, "no blur")
+    shares, _, _ = np.histogram2d(positions[:, 1], positions[:, 0], _CELLS, [[-reach, reach]] * 2)
     smooth = gaussian_filter(shares / _DRAWS, 1.0)
     return plot_kernel_image(smooth, ax, plate_scale=2 * reach / _CELLS, title="a typical frame's pointing")
 
@@ -206,7 +206,7 @@ def plot_locus_transfer(locus: Locus, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, (5.6, 4.0))
     major, minor, angle = principal_axes(locus.moments())
     if major <= 0:
-        return say(ax, "no blur")
+        return note_in_axes(ax, "no blur")
     # a normal falls to e^-x at f = sqrt(x / 2) / (pi sigma)
     reach = np.sqrt(-np.log(_REACH) / 2) / (np.pi * major)
     f = np.linspace(0, reach, 400)
@@ -239,7 +239,7 @@ def _estimate(spectrum: PowerSpectrum) -> str:
 
 
 def _range(spectrum: PowerSpectrum, exposure: float) -> tuple[float, float]:
-    """Frequencies to show: all there are, and a decade about the critical one."""
+    """Return the frequencies to show: all there are, and a decade about the critical one."""
     f = [*spectrum.frequencies[spectrum.frequencies > 0], *(line.frequency for line in spectrum.lines)]
     critical = [0.3 / exposure, 3 / exposure]
     return min(f + critical) / 1.5, max(f + critical) * 1.5

@@ -75,31 +75,33 @@ def motion_table(assessed: Assessment) -> QTable:
 def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
     """Say what exposures see of a motion, for pixels of so many arcsec."""
     critical = critical_frequency(assessed.exposure)
-    said = [f"Exposures of {assessed.exposure:g} s: the critical frequency is {critical:g} Hz."]
-    said += [_of_share(share, assessed.exposure) for share in assessed.shares]
+    sentences = [f"Exposures of {assessed.exposure:g} s: the critical frequency is {critical:g} Hz."]
+    sentences += [_of_share(share, assessed.exposure) for share in assessed.shares]
     if assessed.frames is not None:
-        doubt = "; their mean says little" if assessed.frames < _FEW else ""
-        said.append(f"{assessed.frames} exposures in the trace{doubt}.")
+        caveat = "; their mean says little" if assessed.frames < _FEW else ""
+        sentences.append(f"{assessed.frames} exposures in the trace{caveat}.")
         if assessed.left_out:
-            said.append(f"{assessed.left_out} more were left out: the trace has gaps in them.")
+            sentences.append(f"{assessed.left_out} more were left out: the trace has gaps in them.")
         if assessed.step is not None and assessed.step > assessed.exposure / 2:
-            said.append(
+            sentences.append(
                 f"The samples of the trace are {assessed.step:g} s apart: what is faster is not in it. See "
                 "that its times are in s."
             )
     after, before = assessed.split, assessed.unguided
     if assessed.bandwidth is not None:
-        said.append(
+        sentences.append(
             f"A loop of {assessed.bandwidth:g} Hz leaves {_rms(after.blur)} of {_rms(before.blur)} of blur, "
             f"and {_rms(after.displacement)} of {_rms(before.displacement)} of displacement (rms)."
         )
-    said.append(f"Between frames {assessed.cadence:g} s apart the image moves by {_rms(assessed.steps)} rms.")
+    sentences.append(
+        f"Between frames {assessed.cadence:g} s apart the image moves by {_rms(assessed.steps)} rms."
+    )
     major, minor, angle = principal_axes(after.blur)
     size = f", {ellipse_size(major, minor)} rms, the longer axis at {angle:.0f}°" if major > 0 else ""
-    said.append(f"Blur of a typical frame: {assessed.names}{size}.")
+    sentences.append(f"Blur of a typical frame: {assessed.names}{size}.")
     if 0 < major < _SMALL * plate_scale:
-        said.append(_of_small(major / plate_scale, assessed))
-    return said
+        sentences.append(_of_small(major / plate_scale, assessed))
+    return sentences
 
 
 def _of_small(pixels: float, assessed: Assessment) -> str:

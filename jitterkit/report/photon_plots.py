@@ -101,6 +101,6 @@ def _range(budget: PhotonBudget) -> tuple[float, float]:
 
 
 def _stepped(wavelengths: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A curve with the steps from and to nothing at its ends."""
+    """Return a curve with the steps from and to nothing at its ends."""
     at = np.concatenate([wavelengths[:1], wavelengths, wavelengths[-1:]])
     return at, np.concatenate([[0.0], values, [0.0]])

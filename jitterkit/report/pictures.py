@@ -30,7 +30,7 @@ MOST_PICTURES = 24
 
 @dataclass(frozen=True)
 class FrameReport:
-    """All that a report keeps of a frame: some text and one encoded picture.
+    """Hold a frame for a report: some text and one encoded picture.
 
     Attributes
     ----------
@@ -107,10 +107,10 @@ def render_picture(packed: bytes, row: Row) -> FrameReport:
     """Draw what :func:`pack_picture` packed of the frame with a row."""
     with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
         found = {name: arrays[name] for name in arrays.files}
-    told = json.loads(str(found.pop("text")))
-    kind, coords = told.pop("kind"), found.pop("coords", None)
+    header = json.loads(str(found.pop("text")))
+    kind, coords = header.pop("kind"), found.pop("coords", None)
     locus = None if coords is None else LOCI[kind](coords)
-    return _draw(_Picture(**told, **found, locus=locus), row)
+    return _draw(_Picture(**header, **found, locus=locus), row)
 
 
 def choose_pictures(rows: Sequence[Row], limit: int = MOST_PICTURES) -> list[int]:

@@ -55,8 +55,8 @@ def plot_sizes(major: np.ndarray, minor: np.ndarray, ax: Axes | None = None) -> 
 def _counted(name: str, of: int, shown: np.ndarray, edges: np.ndarray) -> str:
     beyond, none = int(np.sum((shown < edges[0]) | (shown > edges[-1]))), of - len(shown)
     notes = [f"{none:,} none" if none else "", f"{beyond:,} beyond" if beyond else ""]
-    told = ", ".join(filter(None, notes))
-    return f"{name} ({told})" if told else name
+    text = ", ".join(filter(None, notes))
+    return f"{name} ({text})" if text else name
 
 
 def plot_angles(angles: np.ndarray, theta: float = math.nan, ax: Axes | None = None) -> Axes:
@@ -110,8 +110,8 @@ def plot_loci(loci: Iterable[str], ax: Axes | None = None) -> Axes:
     ranked = Counter(filter(None, loci)).most_common()[::-1]
     total = sum(count for _, count in ranked)
     bars = ax.barh(range(len(ranked)), [count for _, count in ranked], color=BLUE, alpha=0.6, height=0.6)
-    told = [f" {count:,} ({number(100 * count / total, 2)} %)" for _, count in ranked]
-    ax.bar_label(bars, told, fontsize=9)
+    text = [f" {count:,} ({number(100 * count / total, 2)} %)" for _, count in ranked]
+    ax.bar_label(bars, text, fontsize=9)
     ax.set_yticks(range(len(ranked)), [name for name, _ in ranked], parse_math=False)
     ax.set(xlabel="frames", xlim=(0, 1.35 * max((count for _, count in ranked), default=1)))
     ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))
@@ -167,8 +167,8 @@ def plot_chi2(chi2_dof: np.ndarray, dof: np.ndarray, ax: Axes | None = None) -> 
     ax.hist(chi2_dof, edges.tolist(), color=BLUE, alpha=0.5, lw=0, label=f"{len(chi2_dof):,} frames")
     if known:
         law = sum(w * np.diff(chi_squared.cdf(edges * k, k)) for k, w in zip(kinds, weights, strict=True))
-        told = f"noise alone, {number(float(np.median(dof)), 5)} degrees of freedom"
-        ax.stairs(law, edges, color=RUST, lw=1.5, label=told)
+        text = f"noise alone, {number(float(np.median(dof)), 5)} degrees of freedom"
+        ax.stairs(law, edges, color=RUST, lw=1.5, label=text)
     ax.axvline(1, color=INK, lw=0.8, ls=":")
     ax.set(yscale="log", xlabel="χ²/dof", ylabel="frames", xlim=(edges[0], edges[-1]))
     ax.set_ylim(_LEAST, 6 * ax.get_ylim()[1])

@@ -34,7 +34,7 @@ _STEPS = 256
 threads, workers and resumed runs give one stack; rounding adds 1e-6 of a pixel's variance."""
 
 _FINE = 1 << 16
-"""Steps to which read variances [electrons²] and places [pixels] are rounded, likewise."""
+"""Steps to which read variances [electrons²] and positions [pixels] are rounded, likewise."""
 
 _KERNELS = (np.ones((1, 1), np.int64), np.ones((3, 3), np.int64))
 """What a stack is smoothed with before its structure is tested: nothing, and a box.  Speckles are as wide as
@@ -45,7 +45,7 @@ FEWEST = 8
 
 
 class Structure(NamedTuple):
-    """What the frames of a stack have in common.
+    """Hold the structure common to the frames of a stack.
 
     Attributes
     ----------
@@ -77,13 +77,13 @@ class ResidualStack:
         arcsec per pixel.
     frames : int
     total : (ny, nx) int array
-        In 1/256 sigma; the place of the scene, ``(x, y)``, is within half a pixel of the centre.
+        In 1/256 sigma; the position of the scene, ``(x, y)``, is within half a pixel of the centre.
     counts : (ny, nx) int array
         Frames that use a pixel.
     squares : (2,) int array
         Sums, over frames and pixels, of the squared residual before and after smoothing.
     beside : (2,) int array
-        Sums of the places ``(y, x)`` of the scenes from the centre, in 1/65536 pixel.
+        Sums of the positions ``(y, x)`` of the scenes from the centre, in 1/65536 pixel.
     read_variance : int
         Sum of the frames' mean variances that no light makes, in 1/65536 electron².
     """
@@ -103,8 +103,8 @@ class ResidualStack:
         assert result.parameters is not None
         residual, scene = np.asarray(result.residual), result.parameters.scene
         moved = np.full(shape, np.nan)
-        places = float(scene.y) / plate_scale, float(scene.x) / plate_scale
-        overlaps = map(_overlap, residual.shape, shape, places)
+        positions = float(scene.y) / plate_scale, float(scene.x) / plate_scale
+        overlaps = map(_overlap, residual.shape, shape, positions)
         source, target, beside = zip(*overlaps, strict=True)
         moved[target] = residual[source]
         used = np.isfinite(moved)
@@ -114,8 +114,8 @@ class ResidualStack:
         return cls(plate_scale, 1, total, used.astype(np.int64), squares, beside, variance)
 
     @property
-    def place(self) -> np.ndarray:
-        """Mean place ``(y, x)`` of the scenes from the centre, pixels."""
+    def position(self) -> np.ndarray:
+        """Return the mean position ``(y, x)`` of the scenes from the centre, pixels."""
         return self.beside / _FINE / self.frames
 
     @property
@@ -246,11 +246,11 @@ def count_copies(table: Mapping[str, Any]) -> float:
     return float(np.sum(numbers**2) / np.sum(numbers)) if len(numbers) else 1.0
 
 
-def _overlap(n: int, size: int, place: float) -> tuple[slice, slice, float]:
-    """Return which pixels of ``n`` are which of ``size``, by the star's place; and that from the centre."""
-    shift = round((size - n) / 2 - place)
+def _overlap(n: int, size: int, position: float) -> tuple[slice, slice, float]:
+    """Return which pixels of ``n`` are which of ``size``, by the star's position, and its offset."""
+    shift = round((size - n) / 2 - position)
     first, last = max(0, -shift), min(n, size - shift)
-    beside = (n - size) / 2 + place + shift
+    beside = (n - size) / 2 + position + shift
     return slice(first, max(first, last)), slice(first + shift, max(first, last) + shift), beside
 
 

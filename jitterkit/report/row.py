@@ -155,7 +155,7 @@ def _crlb(result: FitResult, name: str) -> float:
 
 
 def _jitter(result: FitResult, parameters: Parameters) -> Row:
-    """Second moments, principal axes and the locus's own size."""
+    """Return the second moments, principal axes and the locus's own size."""
     from jitterkit.loci.base import principal_axes  # likewise
 
     moments, covariance = result.moments()
@@ -212,7 +212,7 @@ class FailureKind:
 
     @property
     def meaning(self) -> str:
-        """The reason in words."""
+        """Return the reason in words."""
         try:
             return ErrorCode(self.reason).meaning
         except ValueError:  # a table of another version

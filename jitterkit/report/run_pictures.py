@@ -53,12 +53,12 @@ _COUNTED = (
 )
 _FAR = 4
 _CLEAR = 1e-3
-"""Chance below which a slope is told."""
+"""Chance below which a slope is reported."""
 
 
 @dataclass(frozen=True)
 class RunPicture:
-    """One picture of the page.
+    """Hold one picture of the page.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def _drawn(part: str, ax: Any, alt: str, caption: str = "", wide: bool = False) 
 
 
 def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
-    """Separations with time, and what their averages do."""
+    """Yield the separations with time, and what their averages do."""
     good = fitted(table)
     series = separation_series(table, clock) if good.sum() >= _MANY else None
     if series is None:
@@ -121,7 +121,7 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
         rest = series.without(outliers.flags)
         floor = fit_floor(rest)
         trend = fit_trend(rest, noise=floor if floor.detected else None)
-        yield _with_time(table, summary, clock, _say_trend(trend, clock), outliers.flags)
+        yield _with_time(table, summary, clock, _describe_trend(trend, clock), outliers.flags)
     if good.sum() >= _RUNNING:
         order = np.flatnonzero(good)[np.argsort(clock.at[good], kind="stable")]
         values, errors = (table[name].to_value("arcsec")[order] for name in ("separation", "separation_err"))
@@ -146,26 +146,26 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
             "averaging",
             plot_allan(allan_deviation(rest), floor=floor, time_unit=unit),
             "Allan deviation of the separation",
-            f"Allan deviation. {_say_floor(floor, rest, unit)}",
+            f"Allan deviation. {_describe_floor(floor, rest, unit)}",
         )
         yield _drawn(
             "fit",
             plot_pulls(outliers),
             "Histogram of the residuals about the trend in stated errors",
-            _say_outliers(outliers.flags),
+            _describe_outliers(outliers.flags),
         )
 
 
 def _with_time(
-    table: QTable, summary: dict[str, Any], clock: Clock, told: list[str], outliers: np.ndarray | None = None
+    table: QTable, summary: dict[str, Any], clock: Clock, text: list[str], outliers: np.ndarray | None = None
 ) -> RunPicture:
     if clock.unit == "frame" and any(np.asarray(table["time"]).tolist()):
-        told = [_COUNTED, *told]
+        text = [_COUNTED, *text]
     alt = "Separation of every frame with its error about the weighted mean"
-    return _drawn("separation", draw_run(table, summary, clock, outliers)[0], alt, " ".join(told), wide=True)
+    return _drawn("separation", draw_run(table, summary, clock, outliers)[0], alt, " ".join(text), wide=True)
 
 
-def _say_trend(trend: Trend, clock: Clock) -> list[str]:
+def _describe_trend(trend: Trend, clock: Clock) -> list[str]:
     if not trend.p_value < _CLEAR:
         return []
     per, name = (3600.0, "hour") if clock.unit == "s" else (1000.0, "1000 frames")
@@ -176,7 +176,7 @@ def _say_trend(trend: Trend, clock: Clock) -> list[str]:
     ]
 
 
-def _say_floor(floor: Floor, series: Series, unit: str) -> str:
+def _describe_floor(floor: Floor, series: Series, unit: str) -> str:
     if not (floor.detected and floor.floor > 0):
         return f"No floor is seen: it lies below {angle_size(floor.upper, 2)} (95 %)."
     per, name = suited_time(floor.meets * floor.cadence, unit)
@@ -185,7 +185,7 @@ def _say_floor(floor: Floor, series: Series, unit: str) -> str:
     return f"Averaging stops at {angle_size(floor.floor, 2)}, which is reached after {after} {name}."
 
 
-def _say_outliers(flags: np.ndarray) -> str:
+def _describe_outliers(flags: np.ndarray) -> str:
     count = int(flags.sum())
     if not count:
         return "No frame is further off than chance allows."
@@ -197,7 +197,7 @@ def _say_outliers(flags: np.ndarray) -> str:
 
 
 def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
-    """The ellipse with time, and what the kernels were."""
+    """Yield the ellipse with time, and what the kernels were."""
     good = jittered(table)
     yield _drawn(
         "jitter",
@@ -230,7 +230,7 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
     if known.sum() >= _MANY:
         yield _drawn(
             "fit", plot_chi2(chi2_dof[known], dof[known]), "Histogram of chi-squared per degree of freedom",
-            _say_tail(chi2_dof[known], dof[known]),
+            _describe_tail(chi2_dof[known], dof[known]),
         )  # fmt: skip
 
 
@@ -242,7 +242,7 @@ def _stacked(stack: ResidualStack, table: QTable, fit: dict[str, Any]) -> Iterat
         yield _drawn("fit", ax, "Sum of the residuals of frames, about their stars", caption)
 
 
-def _say_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
+def _describe_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
     """Return how many frames noise alone does not explain."""
     if not np.all(dof > 0):
         return ""

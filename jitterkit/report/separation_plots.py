@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jitterkit.report.averaging_plots import suited_angle, suited_time
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, say
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, note_in_axes
 from jitterkit.report.clock import Clock, fitted
 from jitterkit.report.means import Means, stretch_means
 from jitterkit.report.words import angle_size, number
@@ -25,7 +25,7 @@ MANY = 300
 """Points beyond which error bars turn into a haze."""
 
 _ROOMY = 80
-"""Points up to which there is room for large ones."""
+"""Points up to which there is space for large ones."""
 
 _STRETCHES, _EACH = 120, 25
 """Means of a long run: a bar every 8 pixels of a page, each of so many frames or more on average."""
@@ -110,7 +110,7 @@ def plot_separations(
         _draw_mean(ax, mean_error, scale)
         ax.set_ylabel(f"separation − {number(centre, 7)}″ [{unit}]")
     else:
-        say(ax, "no frame was fitted").set_yticks([])
+        note_in_axes(ax, "no frame was fitted").set_yticks([])
     if not (ok.all() or means_only):
         _draw_failures(ax, at[~ok])
     label_time(ax, clock)
@@ -118,7 +118,7 @@ def plot_separations(
 
 
 def shown_times(clock: Clock) -> np.ndarray:
-    """Places of frames in the unit that suits their span."""
+    """Return the positions of frames in the unit that suits their span."""
     return clock.at / suited_time(_span(clock), clock.unit)[0]
 
 
@@ -138,7 +138,7 @@ def _span(clock: Clock) -> float:
 
 
 def _sizes(errors: np.ndarray) -> np.ndarray:
-    """Errors that are known; an arcsecond where none is."""
+    """Return the errors that are known; an arcsecond where none is."""
     finite = errors[np.isfinite(errors)]
     return finite if len(finite) else np.ones(1)
 
@@ -186,7 +186,7 @@ def _draw_failures(ax: Axes, at: np.ndarray) -> None:
 
 
 def _mean(summary: dict[str, Any] | None, values: np.ndarray) -> tuple[float, float]:
-    """Weighted mean and its error; the median without an error where there is no summary."""
+    """Return the weighted mean and its error; the median without an error where there is no summary."""
     if summary is not None and math.isfinite(summary["separation"]["mean"]):
         return summary["separation"]["mean"], summary["separation"]["error"]
     return (float(np.median(values)) if len(values) else 0.0), math.nan

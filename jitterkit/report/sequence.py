@@ -83,7 +83,7 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
     }
 
 
-def say_loci(loci: dict[str, Any]) -> str:
+def describe_loci(loci: dict[str, Any]) -> str:
     """Say what :func:`compare_loci` found, in a sentence; nothing where nothing could be compared."""
     if not loci["frames"]:
         return ""

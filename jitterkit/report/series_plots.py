@@ -102,7 +102,7 @@ def plot_series(
     outliers : Outliers, optional
         Their flags; hollow diamonds.
     time_unit : str
-        Of the times; seconds are told in what suits them.
+        Of the times; seconds are given in a suitable unit.
     zoom : bool
         Let the axis hold the means of many points rather than the points.
 
@@ -119,20 +119,20 @@ def plot_series(
     scale, angle = suited_angle(e if series.stated else np.abs(y - np.median(y)))
     level = trend.mean
 
-    def place(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def to_axes(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (times - start) / per, (values - level) * scale
 
     if len(y) <= _MANY:
         bars = e * scale if series.stated else None
-        ax.errorbar(*place(t, y), bars, fmt="o", color=BLUE, ms=4, elinewidth=0.9, label=f"{len(y)} frames")
+        ax.errorbar(*to_axes(t, y), bars, fmt="o", color=BLUE, ms=4, elinewidth=0.9, label=f"{len(y)} frames")
     else:
-        reach = _draw_means(ax, series, trend, place, scale)
+        reach = _draw_means(ax, series, trend, to_axes, scale)
         if zoom:
             ax.set_ylim(*reach)
     if outliers is not None and (flags := outliers.flags).any():
-        at = place(series.times[flags], series.values[flags])
+        at = to_axes(series.times[flags], series.values[flags])
         ax.plot(*at, **_DIAMOND, zorder=5, label=f"{flags.sum()} do not belong")
-    x, curve = place(grid := np.linspace(start, float(t.max()), 200), trend.at(grid))
+    x, curve = to_axes(grid := np.linspace(start, float(t.max()), 200), trend.at(grid))
     band = trend.error_at(grid) * scale
     ax.fill_between(x, curve - band, curve + band, color=RUST, alpha=0.25, lw=0, zorder=2)
     ax.plot(x, curve, color=RUST, lw=1.6, zorder=4, label=_trend_in_words(trend, scale, angle, per, unit))
@@ -140,16 +140,16 @@ def plot_series(
     return finish(ax)
 
 
-def _draw_means(ax: Axes, series: Series, trend: Trend, place: Any, scale: float) -> tuple[float, float]:
+def _draw_means(ax: Axes, series: Series, trend: Trend, to_axes: Any, scale: float) -> tuple[float, float]:
     """Faint points under means of stretches of time; the range that holds the means and the trend."""
     y, e, t = series.present
     faint = max(0.05, min(0.5, 1500 / len(y)))
-    ax.plot(*place(t, y), ".", color=BLUE, ms=2.5, mew=0, alpha=faint, zorder=1, rasterized=True)
+    ax.plot(*to_axes(t, y), ".", color=BLUE, ms=2.5, mew=0, alpha=faint, zorder=1, rasterized=True)
     means = stretch_means(t, y, e, _BLOCKS)
     bars = means.errors / means.widened
     if not series.stated:
         bars = bars * float(np.std(y - trend.at(t)))
-    x, heights = place(means.at, means.values)
+    x, heights = to_axes(means.at, means.values)
     label = f"{len(y):,} frames, {len(means.at)} means"
     ax.errorbar(x, heights, bars * scale, fmt="o", color=INK, ms=3.5, elinewidth=1.1, zorder=3, label=label)
     low, high = np.min(heights - 2 * bars * scale), np.max(heights + 2 * bars * scale)

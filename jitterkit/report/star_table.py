@@ -36,10 +36,10 @@ def encode_stars(result: FitResult) -> str:
     scene = result.parameters.scene
     values = np.array(list(scene.values.values()))
     slopes = jax.jacfwd(lambda v: scene.at(v).sources())(values)
-    places = [name in result.names for name in scene.names]
-    slots = [result.names.index(name) for name in scene.names if name in result.names]
+    indices = [name in result.names for name in scene.names]
+    fitted = [result.names.index(name) for name in scene.names if name in result.names]
     covariance = np.zeros((len(values), len(values)))
-    covariance[np.ix_(places, places)] = result.covariance[np.ix_(slots, slots)]
+    covariance[np.ix_(indices, indices)] = result.covariance[np.ix_(fitted, fitted)]
     numbers = []
     for value, slope in zip(scene.sources(), map(np.asarray, slopes), strict=True):
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance

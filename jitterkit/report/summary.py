@@ -71,7 +71,7 @@ def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, An
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
         "jitter": _mean_jitter(good),
         "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
-        "loci": compare_loci(candidates[place] for place in np.flatnonzero(counts)),
+        "loci": compare_loci(candidates[index] for index in np.flatnonzero(counts)),
         "chi2_dof": _median(good["chi2_dof"]),
         "fit": assess_run_fit(
             good["chi2_dof"],

@@ -73,10 +73,10 @@ def _plain(value: Any) -> Any:
 
 
 def _layout(aberrations: Iterable[str]) -> list[Column]:
-    """All columns in order: the aberrations follow the jitter."""
-    place = next(n for n, column in enumerate(COLUMNS) if column.name == "background")
+    """Return all columns in order: the aberrations follow the jitter."""
+    index = next(n for n, column in enumerate(COLUMNS) if column.name == "background")
     extra = [column for name in aberrations for column in aberration_columns(name)]
-    return [*COLUMNS[:place], *extra, *COLUMNS[place:]]
+    return [*COLUMNS[:index], *extra, *COLUMNS[index:]]
 
 
 def aberration_names(columns: Iterable[str]) -> list[str]:
@@ -138,7 +138,7 @@ def _ecsv(table: QTable) -> list[str]:
 
 
 def _quoted(line: str) -> str:
-    """A row whose first cell does not pass for a comment: a file may be called ``#1.fits``.
+    """Return a row whose first cell does not pass for a comment: a file may be called ``#1.fits``.
 
     >>> _quoted("#1.fits 0 ok"), _quoted("1.fits 0 ok")
     ('"#1.fits" 0 ok', '1.fits 0 ok')

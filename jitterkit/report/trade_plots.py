@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, say
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, note_in_axes
 
-_PLACES = (3, -9, 11, -17, 19)
+_POSITIONS = (3, -9, 11, -17, 19)
 """Points above a point at which its name may stand."""
 
 _LEAST = 1e-5
@@ -51,7 +51,7 @@ def plot_trade(
         if np.isfinite(spent) and np.isfinite(error)
     }
     if not known:
-        return say(ax, "no settings could be measured")
+        return note_in_axes(ax, "no settings could be measured")
     for name, (x, y) in known.items():
         ours = name not in peers
         ax.plot(x, y, "o" if ours else "s", color=BLUE if ours else RUST, ms=7 if name in presets else 4)
@@ -66,15 +66,15 @@ def plot_trade(
 
 
 def _write(ax: Axes, known: Mapping[str, tuple[float, float]], presets, front) -> None:
-    """Write a name at each point where it covers no other, presets first; where there is no room, none."""
+    """Write a name at each point where it covers no other, presets first; where there is no space, none."""
     written: list[Bbox] = []
     whole = ax.get_figure(root=True)
     assert whole is not None
     whole.draw_without_rendering()  # so that points have places
     for name in sorted(known, key=lambda name: (name not in presets, name not in front)):
         weight = "bold" if name in presets else "normal"
-        for place, side in product(_PLACES, ("left", "right")):
-            offset = (5 if side == "left" else -5, place)
+        for position, side in product(_POSITIONS, ("left", "right")):
+            offset = (5 if side == "left" else -5, position)
             text = ax.annotate(name, known[name], offset, textcoords="offset points", ha=side)
             text.set(fontsize=7, color=INK, fontweight=weight, in_layout=False)
             box = text.get_window_extent()

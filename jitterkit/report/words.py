@@ -59,7 +59,7 @@ def angle_size(arcsec: float, digits: int = 3) -> str:
 
 
 def angle_unit(arcsec: float) -> tuple[float, str]:
-    """Unit that suits an angle: how many of it make an arcsecond, and its symbol with its space.
+    """Return the unit that suits an angle: how many of it make an arcsecond, and its symbol with its space.
 
     >>> angle_unit(0.05)
     (1000.0, ' mas')
@@ -97,7 +97,7 @@ def ellipse_size(major: float, minor: float) -> str:
 
 
 def _exponent(value: float, digits: int) -> int:
-    """Power of ten of a number once it is rounded: 9.96 to two digits is 10."""
+    """Return the power of ten of a number once it is rounded: 9.96 to two digits is 10."""
     return int(f"{value:.{max(digits, 1) - 1}e}".partition("e")[2])
 
 

@@ -52,7 +52,7 @@ _COLUMNS = (
 
 
 class BlurEstimator(FrameTask, Protocol):
-    """What measures the blur of frames: :meth:`complete` returns a BlurMeasurement, or a FitResult.
+    """Measure the blur of frames: :meth:`complete` returns a BlurMeasurement, or a FitResult.
 
     Attributes
     ----------

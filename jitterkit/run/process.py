@@ -45,7 +45,7 @@ from jitterkit.run.stacked_stars import find_stacked_stars
 
 log = logging.getLogger(__name__)
 
-__all__ = ["Run", "begin", "planned_before", "process_files", "write_outputs"]
+__all__ = ["Run", "planned_before", "prepare_run", "process_files", "write_outputs"]
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ BATCH = BatchSettings()
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left behind.
+    """Hold the results of a run.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Run:
     summary : dict
     directory : Path
         Holds ``results.ecsv``, ``summary.json`` and ``report.html``; ``configuration.json``, all settings and
-        versions; and ``ledger.sqlite``, with which a run that was interrupted goes on.
+        versions; and ``ledger.sqlite``, with which an interrupted run is resumed.
     """
 
     table: Any
@@ -114,7 +114,7 @@ def process_files(
     overwrite : bool
         Whether a run that is in the directory may be replaced; its results are removed at once.
     resume : bool
-        Whether to go on with it instead; what has been done is not done again.
+        Whether to continue it instead; frames already processed are not processed again.
     threads : int, optional
         How many frames are fitted at a time; by default as many as there are processors.  The results do
         not depend on it.
@@ -138,24 +138,24 @@ def process_files(
     ------
     ConfigurationError
         If the outputs exist and may not be replaced, the directory cannot be written, another run is writing
-        to it, or a run that is to be resumed was begun otherwise: with other settings, other versions, other
-        files or another content of those that are done.
+        to it, or a run that is to be resumed was started differently: with other settings, other versions,
+        other files or another content of those that are done.
     FrameError
-        If a path does not exist or holds no frame: told before anything is processed.
+        If a path does not exist or holds no frame; raised before anything is processed.
     """
     files, directory = find_files(paths), Path(directory)
     size = batch_size(processor.instrument.shape)
     chosen = {} if plan is None else {"plan": plan}
     configuration = settings(processor, files, hdu=hdu, batch=size, **chosen)
     executor = executor or partial(execute, threads=threads)
-    with begin(directory, configuration, command, overwrite=overwrite, resume=resume) as store:
+    with prepare_run(directory, configuration, command, overwrite=overwrite, resume=resume) as store:
         count = partial(count_frames, hdu=hdu)
         store.check_files(files, count, size)
         counts = store.frame_counts(files, count)
         mark = duplicate_marker()
-        if tell := before or watch:
+        if callback := before or watch:
             for row in store.rows():
-                tell(mark(row))
+                callback(mark(row))
         ranks = store.ranks()
         batches = store.missing(plan_batches(files, counts, size))
         for record in executor(batches, processor, recorder(processor, ranks), hdu=hdu):
@@ -166,10 +166,10 @@ def process_files(
         return write_outputs(store, directory, processor)
 
 
-def begin(
+def prepare_run(
     directory: Path, configuration: Mapping[str, Any], command: str, *, overwrite: bool, resume: bool
 ) -> Store:
-    """Begin a run in a directory, or go on with it.
+    """Prepare a run in a directory: a new one, or one that is resumed.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def begin(
     """
     if overwrite and resume:
         raise ConfigurationError(
-            ErrorCode.CONFLICT, "--resume goes on with a run, --overwrite begins anew; give one of the two."
+            ErrorCode.CONFLICT, "--resume continues a run, --overwrite starts it again; give one of the two."
         )
     make_directory(directory, RUN, overwrite or resume)
     notes = {"command": command}
@@ -188,7 +188,7 @@ def begin(
 
 
 def keep(store: Store, record: Record, ranks: list) -> None:
-    """Enter a record, and bring stacks and the ranks of the worst frames up to date."""
+    """Store a record, and update stacks and the ranks of the worst frames."""
     stacks = {name: one.pack() for name, one in join_stacks(_stacks(store), record.stacks).items()}
     store.add(record.batch.number, record.rows, record.pictures, record.batch.start, stacks)
     if record.pictures:
@@ -238,7 +238,7 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))
     shown = [one for one in store.pictures() if (one[0]["path"], one[0]["frame"]) not in names]
     chosen = choose_pictures([row for row, _ in shown])
-    pictures = (render_picture(packed, row) for row, packed in (shown[place] for place in chosen))
+    pictures = (render_picture(packed, row) for row, packed in (shown[index] for index in chosen))
     write_report(directory / REPORT, pictures, table, summary, stack, overwrite=True)
     return Run(table, summary, directory)
 

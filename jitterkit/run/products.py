@@ -45,7 +45,7 @@ class Products:
     Raises
     ------
     ConfigurationError
-        If a directory cannot be written, or holds products already and they may not be replaced: told
+        If a directory cannot be written, or holds products already and they may not be replaced; raised
         before any work is done.
     """
 
@@ -86,7 +86,7 @@ class Products:
             _write_kernel(self.kernels / f"{stem}{ENDS[1]}", measured, self.oversample, self.file_rows)
 
     def _name(self, measured: BlurMeasurement) -> str:
-        """Of the products of a frame, without their ends; each is given once."""
+        """Return the file name of a frame's products, without the suffix; each is given once."""
         stem, full = _names(measured)
         if full in self._files or {stem, full} <= self._written:
             raise FrameError(
@@ -171,7 +171,7 @@ def _rows(frame: Frame, file_rows: bool) -> str:
 
 
 def _names(measured: BlurMeasurement) -> tuple[str, str]:
-    """``cube_3`` and ``cube.fits_3`` for the fourth frame of ``cube.fits``."""
+    """Return ``cube_3`` and ``cube.fits_3`` for the fourth frame of ``cube.fits``."""
     frame = measured.frame
     full = name = "array" if frame.path is None else frame.path.name
     for end in (".gz", ".fz"):

@@ -74,12 +74,12 @@ def _record(
         for one in outcomes
     ]
     rows = [_row(one, done) for one, done in zip(outcomes, frames, strict=True)]
-    drawable = {place: rows[place] for place, done in enumerate(frames) if done.frame is not None}
+    drawable = {index: rows[index] for index, done in enumerate(frames) if done.frame is not None}
     pictures = {}
-    for place in wanted(ranks, batch.number, drawable, batch.start):
-        frame, result = frames[place].frame, frames[place].result
+    for index in wanted(ranks, batch.number, drawable, batch.start):
+        frame, result = frames[index].frame, frames[index].result
         assert frame is not None  # else it cannot be drawn
-        pictures[place] = pack_picture(frame, result)
+        pictures[index] = pack_picture(frame, result)
     usable = [(one.frame, one.result) for one in frames if one.frame is not None and one.result.status.usable]
     fitted = (
         (result, frame.plate_scale or plate_scale, float(np.mean(frame.read_variance, where=~frame.mask)))

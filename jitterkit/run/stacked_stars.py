@@ -86,7 +86,7 @@ def find_stacked_stars(
     if scene.others is None:
         return None
     names = [name for name in scene.names if name in found.names]
-    places = [scene.names.index(name) for name in names]
+    indices = [scene.names.index(name) for name in names]
     values = np.array(list(scene.values.values()))
 
     def relative(values):
@@ -96,7 +96,7 @@ def find_stacked_stars(
         magnitude = -2.5 * jnp.log10(flux[1:] / flux[0])
         return jnp.stack([jnp.hypot(dx, dy)[1:], (angle[1:] - angle[0]) % 360, magnitude[1:]])
 
-    slopes = np.asarray(jax.jacfwd(relative)(values))[..., places]
+    slopes = np.asarray(jax.jacfwd(relative)(values))[..., indices]
     errors = np.sqrt(np.einsum("ijk,kl,ijl->ij", slopes, found.covariance_of(names), slopes))
     sigmas = 2.5 / np.log(10) / errors[2]
     columns = zip(*np.stack([np.asarray(relative(values)), errors], 1).reshape(6, -1), sigmas, strict=True)
@@ -120,7 +120,7 @@ def _exposure(pairs: QTable, frames: float, stack: ResidualStack, aberrations: t
 
     theta = pairs["theta"].to_value("deg")
     turned = float(np.median((theta - theta[0] + 180) % 360 - 180)) + theta[0]
-    y, x = stack.place * stack.plate_scale
+    y, x = stack.position * stack.plate_scale
     flux, level = (frames * median(name) for name in ("flux", "background"))
     pair = Binary(median("separation"), turned, x, y, flux, median("contrast"))
     moments = np.array([median(name) for name in ("sxx", "sxy", "syy")])

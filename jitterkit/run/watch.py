@@ -25,7 +25,7 @@ from jitterkit.batch.store import Store
 from jitterkit.errors import ErrorCode, FrameError, printable
 from jitterkit.refit import Status
 from jitterkit.report.row import Row
-from jitterkit.run.process import Run, begin, keep, write_outputs
+from jitterkit.run.process import Run, keep, prepare_run, write_outputs
 from jitterkit.run.rows import Record, duplicate_marker, recorder
 
 __all__ = ["WATCH", "watch_directory"]
@@ -38,7 +38,7 @@ _UNREADABLE = Status.UNREADABLE.name.lower()
 
 @dataclass(frozen=True)
 class WatchSettings:
-    """How often to look, and how many frames to take at a time."""
+    """Hold how often to scan, and how many frames to take at a time."""
 
     poll: float = 1.0
     """Seconds between two looks.  A look at 60,000 files, all but a few of them known, takes 0.05 s."""
@@ -47,7 +47,7 @@ class WatchSettings:
     sharing: int = 512
     """Frames after which to look at reference frames again."""
     pause: int = 2
-    """Looks without a frame after which what is under way is brought to its end and told."""
+    """Scans without a frame after which the work in progress is finished and reported."""
 
 
 WATCH = WatchSettings()
@@ -99,10 +99,10 @@ def watch_directory(
     Returns
     -------
     run : Run
-        Rows in the order in which frames came.  Files that are unfinished at the end stand behind them, with
-        what the reader says; they are done when the run is resumed, if they are whole then.  What there was
-        and has not been looked at when the run is stopped, the rest of a file of many frames too, is told by
-        a warning, and done when the run is resumed.
+        Rows in the order in which frames came.  Files that are unfinished at the end follow them, with
+        the reader's message; they are processed when the run is resumed, if they are complete then.  Files
+        not yet read when the run is stopped, the rest of a file of many frames too, are listed in a warning,
+        and processed when the run is resumed.
 
     Raises
     ------
@@ -113,8 +113,8 @@ def watch_directory(
 
     Notes
     -----
-    A frame counts once.  What was read first stays: a file that is written anew under its name is not done
-    anew, in this session or in one that resumes it.  A frame that cannot be read, though its file was whole
+    A frame counts once.  What was read first stays: a file that is rewritten under its name is not processed
+    again, in this session or in one that resumes it.  A frame that cannot be read, though its file was whole
     before, is no row yet: it is tried again when the file changes, and at the end.
     """
     directory, output = Path(directory), Path(output)
@@ -122,15 +122,15 @@ def watch_directory(
         code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
         raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
     configuration = settings(processor, [directory], hdu=hdu)
-    with begin(output, configuration, command, overwrite=overwrite, resume=resume) as store:
+    with prepare_run(output, configuration, command, overwrite=overwrite, resume=resume) as store:
         mark, watch = duplicate_marker(), watch or (lambda row: None)
-        watcher = DirectoryWatcher(directory, hdu, _told_before(store, mark, before or watch))
+        watcher = DirectoryWatcher(directory, hdu, _report_earlier_rows(store, mark, before or watch))
         work = partial(execute, task=processor, hdu=hdu, threads=threads)
-        watched = _Watch(store, processor, work, lambda row: watch(mark(row)), watcher.again)
+        watched = _Watch(store, processor, work, lambda row: watch(mark(row)), watcher.retry)
         for burst in _bursts(watcher, stop, idle, partial(sleep, poll), poll):
             watched.work_through(burst)
         if left := watcher.pending():
-            log.warning("Not looked at in %s: %s; --resume does them.", printable(directory), left)
+            log.warning("Not processed in %s: %s; --resume processes them.", printable(directory), left)
         unfinished = watched.try_last(watcher.unfinished())
         if not store.done() and not unfinished:
             raise FrameError(
@@ -139,16 +139,16 @@ def watch_directory(
         return write_outputs(store, output, processor, unfinished)
 
 
-def _told_before(
-    store: Store, mark: Callable[[Row], Row], tell: Callable[[Row], None]
+def _report_earlier_rows(
+    store: Store, mark: Callable[[Row], Row], callback: Callable[[Row], None]
 ) -> frozenset[tuple[str, int]]:
-    """Tell the rows of an earlier session; returns the names of their files and their places."""
-    told = set()
+    """Report the rows of an earlier session; return the names of their files and their indices."""
+    reported = set()
     for row in store.rows():
-        tell(mark(row))
+        callback(mark(row))
         # the directory may have been named otherwise
-        told.add((row["file"], row["frame"]))
-    return frozenset(told)
+        reported.add((row["file"], row["frame"]))
+    return frozenset(reported)
 
 
 Burst = Iterator[tuple[Item, ...]]
@@ -173,9 +173,9 @@ def _bursts(
         nonlocal waited
         barren = 0
         while barren <= WATCH.pause and not over():
-            look = watcher.look()
+            scan = watcher.scan()
             found = False
-            while not stop() and (chunk := tuple(islice(look, WATCH.batch))):
+            while not stop() and (chunk := tuple(islice(scan, WATCH.batch))):
                 found, waited = True, 0.0
                 yield chunk
             barren = 0 if found else barren + 1
@@ -189,7 +189,7 @@ def _bursts(
 
 
 class _Watch:
-    """What is done with frames: batches are made of them, and what becomes of those is kept and told."""
+    """Process frames in batches, and store and report their results."""
 
     def __init__(
         self,
@@ -197,9 +197,9 @@ class _Watch:
         processor: FrameProcessor,
         work: Callable[..., Iterator[Record]],
         watch: Callable[[Row], None],
-        again: Callable[[Path, int], None],
+        retry: Callable[[Path, int], None],
     ) -> None:
-        self._store, self._watch, self._again = store, watch, again
+        self._store, self._watch, self._retry = store, watch, retry
         self._ranks = store.ranks()
         self._work = partial(work, finish=recorder(processor, self._ranks))
         self._number = max(store.done(), default=-1) + 1
@@ -222,11 +222,11 @@ class _Watch:
             self._number += 1
 
     def _keep(self, record: Record) -> None:
-        """Keep and tell what has become of frames, but for those that could not be read."""
-        read = [place for place, row in enumerate(record.rows) if row["status"] != _UNREADABLE]
-        for place in set(range(len(record.rows))).difference(read):
-            self._again(*record.batch.items[place])
-        rows = [record.rows[place] for place in read]
+        """Store and report the results of frames, except those that could not be read."""
+        read = [index for index, row in enumerate(record.rows) if row["status"] != _UNREADABLE]
+        for index in set(range(len(record.rows))).difference(read):
+            self._retry(*record.batch.items[index])
+        rows = [record.rows[index] for index in read]
         pictures = {new: record.pictures[old] for new, old in enumerate(read) if old in record.pictures}
         if rows:
             keep(self._store, replace(record, rows=rows, pictures=pictures), self._ranks)

@@ -144,7 +144,7 @@ def allan_deviation(
 
 
 def _mean_square(sums: list[np.ndarray], length: int) -> tuple[float, float, int]:
-    """Half the mean squared difference of neighbours, what errors make of it, and how many there are."""
+    """Return half the mean squared difference of neighbours, the part by errors, and their number."""
     weight, total, filled = (x[length:] - x[:-length] for x in sums)
     full = (filled >= _FULL * filled.max()) & (weight > 0)
     mean = np.divide(total, weight, out=np.zeros_like(total), where=full)

@@ -90,7 +90,7 @@ _STEPS = 100
 _SHARES = 0.5 ** np.arange(12)
 """Of a step, tried until one does not lower the likelihood."""
 
-_SETTLED = 1e-6
+_CONVERGED = 1e-6
 """Of the log likelihood, whose differences decide at 1 and more."""
 
 _RIDGE = 1e-12
@@ -151,7 +151,7 @@ def fit_components(
             break
         gain = new.log_likelihood - state.log_likelihood
         amounts, state = trial, new
-        if gain < _SETTLED:
+        if gain < _CONVERGED:
             break
     covariance = np.zeros((len(amounts), len(amounts)))
     covariance[np.ix_(free, free)] = np.linalg.pinv(_information(shapes[free], state))

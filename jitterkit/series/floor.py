@@ -18,7 +18,7 @@ from jitterkit.series.components import Components, State, fit_components, haar_
 from jitterkit.series.series import Series
 
 _FEWEST = 16
-"""Measurements of which noise can be told from noise at all: four octaves."""
+"""Measurements of which noise can be distinguished from noise at all: four octaves."""
 
 _CORRELATED = 1.13
 """Error of a floor over what it were if the coefficients of flicker were independent (from their exact
@@ -83,7 +83,7 @@ class Floor:
 
     @property
     def significance(self) -> float:
-        """The p-value in sigmas of a normal law, one-sided."""
+        """Return the p-value in sigmas of a normal law, one-sided."""
         return float(norm.isf(self.p_value))
 
     def deviation(self, lengths) -> np.ndarray:
@@ -165,12 +165,12 @@ def fit_floor(
 
 
 def _chance(ratio: float) -> float:
-    """Probability of so large a likelihood ratio where the amount is zero and cannot be less."""
+    """Return the probability of so large a likelihood ratio where the amount is zero and cannot be less."""
     return 1.0 if ratio < _NOTHING else float(chi2.sf(ratio, 1)) / 2
 
 
 def _roots(fit: Components, unit: float) -> tuple[np.ndarray, list[float]]:
-    """Levels of the three noises, and their errors; NaN of those at zero or held."""
+    """Return the levels of the three noises, and their errors; NaN of those at zero or held."""
     levels, errors = np.sqrt(unit * fit.amounts), np.sqrt(np.diag(fit.covariance)) * unit
     known = (levels > 0) & (errors > 0)
     return levels, [
@@ -209,7 +209,7 @@ class _Model:
 
     @cached_property
     def _octaves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Number of coefficients, mean squared residual and mean variances of each octave."""
+        """Return the number of coefficients, mean squared residual and mean variances of each octave."""
         octave = self.haar.octave
         residual = State.at(self.haar.values, self.haar.trend, self.haar.white).residual
         count = np.bincount(octave)
@@ -218,7 +218,7 @@ class _Model:
         return count[count > 0], means[0], means[1:]
 
     def upper(self, best: Components) -> float:
-        """The amount of flicker at which the likelihood has fallen to the 95 % upper limit."""
+        """Return the amount of flicker at which the likelihood has fallen to the 95 % upper limit."""
         free = np.array([self.free_white, False, best.covariance[2, 2] > 0])
         likeliest, step = best.amounts[1], 2 * math.sqrt(best.covariance[1, 1])
 

@@ -46,7 +46,7 @@ def difference_correlation(lag, noise: str) -> np.ndarray:
 
 
 def difference_variance(first, second, distance, noise: str) -> np.ndarray:
-    """Variance of the difference of two block means, where the Allan variance at length 1 is one.
+    """Return the variance of the difference of two block means, where the Allan variance at length 1 is one.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def degrees_of_freedom(count: int, length: int, noise: str) -> float:
 
 
 def contrast_covariance(contrasts: np.ndarray, noise: str) -> np.ndarray:
-    """Covariance of some weighted sums of a series, each with weights that add up to nothing.
+    """Return the covariance of some weighted sums of a series, each with weights that add up to nothing.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _MAD = 1.4826
 _KNEE, _BEND = 1.345, 4.685
 """Where Huber's and Tukey's weights turn, in sigmas, for an efficiency of 95 %."""
 
-_ROUNDS, _SETTLED = 30, 1e-4
+_ROUNDS, _CONVERGED = 30, 1e-4
 """Of a robust fit, which ends where it moves by less than that in sigmas."""
 
 
@@ -91,7 +91,7 @@ def find_outliers(series: Series, *, degree: int = 1, expected: float = 0.01, mo
     y, e, t = series.present
     n = len(y)
     if n < _FEWEST:
-        problem = f"{n} measurements do not tell which does not belong; give {_FEWEST} or more."
+        problem = f"{n} measurements do not show which is an outlier; give {_FEWEST} or more."
         raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     trend = _robust_trend(y, e, t, degree)
     z = (y - trend) / e
@@ -111,7 +111,7 @@ def find_outliers(series: Series, *, degree: int = 1, expected: float = 0.01, mo
 
 
 def _in_place(series: Series, column: np.ndarray, empty) -> np.ndarray:
-    """A column of the measurements that are there, with gaps where they are not."""
+    """Return a column of the measurements that are there, with gaps where they are not."""
     full = np.full(len(series.values), empty)
     full[series.good] = column
     return full
@@ -165,7 +165,7 @@ def _robust_trend(y: np.ndarray, e: np.ndarray, t: np.ndarray, degree: int) -> n
             root = np.sqrt(weigh(residual / scale))
             before = fitted
             fitted = basis @ np.linalg.lstsq(basis * root[:, None], target * root)[0]
-            if np.abs(fitted - before).max() < _SETTLED * scale:
+            if np.abs(fitted - before).max() < _CONVERGED * scale:
                 break
     return np.median(y) + fitted * e
 

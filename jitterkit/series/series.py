@@ -1,7 +1,7 @@
 """A series of measurements of one number: values, their errors, and when.
 
-Reach for :meth:`Series.of`, which every function of this room takes; it checks the three once, and leaves
-missing measurements in their places, so that what is said of a series can be read beside the frames.
+Reach for :meth:`Series.of`, which every function of this package takes; it checks the three once, and leaves
+missing measurements in their positions, so that what is said of a series can be read beside the frames.
 """
 
 from __future__ import annotations
@@ -93,23 +93,23 @@ class Series:
         return np.isfinite(self.values)
 
     def without(self, flags: np.ndarray) -> Series:
-        """The same with some measurements missing."""
+        """Return the series with some measurements missing."""
         return replace(self, values=np.where(flags, np.nan, self.values))
 
     @property
     def slots(self) -> np.ndarray:
-        """Return the place of each measurement that is there on a grid of the cadence."""
+        """Return the position of each measurement that is there on a grid of the cadence."""
         times = self.present[2]
         return np.rint((times - times.min()) / self.cadence).astype(int)
 
     @property
     def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values, errors and times of the measurements that are there."""
+        """Return the values, errors and times of the measurements that are there."""
         good = self.good
         return self.values[good], self.errors[good], self.times[good]
 
     def gridded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weights and means on a grid of the cadence, from the first measurement to the last.
+        """Return the weights and means on a grid of the cadence, from the first measurement to the last.
 
         Returns
         -------

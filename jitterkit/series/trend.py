@@ -61,11 +61,11 @@ class Trend:
     _recurrence: np.ndarray
 
     def at(self, times) -> np.ndarray:
-        """The polynomial at given times."""
+        """Return the polynomial at given times."""
         return self._basis(times) @ self.terms
 
     def error_at(self, times) -> np.ndarray:
-        """One sigma of :meth:`at`."""
+        """Return one sigma of :meth:`at`."""
         basis = self._basis(times)
         return np.sqrt(np.sum((basis @ self.covariance) * basis, axis=-1))
 
@@ -181,7 +181,7 @@ def _recurrence(x: np.ndarray, weights: np.ndarray, degree: int) -> np.ndarray:
 
 
 def _polynomials(x: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """The polynomials (..., degree + 1) at given places."""
+    """Return the polynomials (..., degree + 1) at given positions."""
     found = [np.ones_like(x)]
     for k in range(table.shape[1] - 1):
         new = (x - table[0, k]) * found[k] - (table[1, k] * found[k - 1] if k else 0.0)

@@ -157,7 +157,7 @@ def _several(simulated: Simulated | Sequence[Simulated]) -> Sequence[Simulated]:
 
 
 def _numbers(simulated: Simulated) -> dict[str, float]:
-    """What a frame's metadata know; electrons need no gain."""
+    """Return the numbers of a frame's metadata; electrons need no gain."""
     metadata = simulated.raw.metadata
     names = [
         name for name in _NUMBERS if simulated.raw.unit == "adu" or name not in ("gain", "bias", "saturation")

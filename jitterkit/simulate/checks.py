@@ -46,11 +46,11 @@ def check_inside(scene: Scene, shape: tuple[int, int], plate_scale: float) -> No
     ConfigurationError
     """
     x, y, _ = np.abs(np.array(scene.sources()))
-    for axis, places, n in (("x", x, shape[1]), ("y", y, shape[0])):
-        if np.max(places) > n / 2 * plate_scale:
+    for axis, positions, n in (("x", x, shape[1]), ("y", y, shape[0])):
+        if np.max(positions) > n / 2 * plate_scale:
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,
-                f"A star {np.max(places):g} arcsec from the centre along {axis} is outside of the frame, "
+                f"A star {np.max(positions):g} arcsec from the centre along {axis} is outside of the frame, "
                 f"which reaches {n / 2 * plate_scale:g} arcsec; change --separation, --x or --y.",
             )
 
@@ -87,6 +87,6 @@ def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
 
 
 def _finest(otf: OTF) -> float:
-    """Highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
+    """Return the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
     fy, fx = otf.grid.frequencies
     return float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))

@@ -1,7 +1,7 @@
 """Frames whose truth is known: the forward model, then the detector.
 
 :func:`simulate_frame` makes one frame, :func:`simulate_sequence` many with little more work than the
-first: the optics are expanded anew only where the aberrations change, and nothing is compiled twice.
+first: the optics are expanded again only where the aberrations change, and nothing is compiled twice.
 Both use the model that a fit uses, expanded exactly at the aberrations; what they cannot show is
 where that model differs from nature.  :mod:`jitterkit.simulate.cards` writes the truth into a header.
 """
@@ -222,7 +222,7 @@ def simulate_sequence(
 
 
 def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
-    """Values (frames, width), zero if not given, from one row for all frames or one for each."""
+    """Return the values (frames, width), zero if not given, from one row for all frames or one for each."""
     given = np.zeros(width) if values is None else np.asarray(values, float)
     if given.shape not in ((width,), (frames, width)):
         problem = f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."
@@ -248,7 +248,7 @@ def _counted(instrument: Instrument, expected: np.ndarray, rng, known: Metadata)
 
 
 def _known(instrument: Instrument, shutter: Shutter | None, row_order: int) -> Metadata:
-    """What a frame knows of itself, whether it is read out or not."""
+    """Return the metadata of a frame, whether it is read out or not."""
     line_time = line_time_of(instrument.detector, row_order) if shutter is None else float(shutter.line_time)
     numbers = {"exposure": instrument.exposure, "plate_scale": instrument.plate_scale, "line_time": line_time}
     return Metadata(row_order=row_order).override(_SOURCE, **numbers)

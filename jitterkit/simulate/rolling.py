@@ -15,7 +15,7 @@ def line_time_of(detector: Detector, row_order: int) -> float | None:
 
 
 def drifting_shutter(detector: Detector, velocity, row_order: int = 1) -> Drifting | None:
-    """The shutter of a detector under a uniform drift.
+    """Return the shutter of a detector under a uniform drift.
 
     Parameters
     ----------

@@ -3,9 +3,9 @@
 Worse seeing or focus lengthens nothing but makes errors; galaxies, speckles and blends are long, each in its
 own way.  What is no trail is said in a sentence, which makes the status ``undetermined``.
 
-Whether a reference is sharp enough to say anything is told from the difference of the stars' adaptive
-moments, whose noise has mean zero: a PSF with noise in it, fitted to stars, asks for a little blur that
-smooths it.
+Whether a reference is sharp enough is determined from the difference of the stars'
+adaptive moments, whose noise has mean zero: a PSF with noise in it, fitted to stars, asks for a little blur
+that smooths it.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ _FEW = 8
 """Stars below which they must be alike."""
 
 
-def compatible_with_zero(length: float, noise: float, systematic: float, doubt: float) -> str:
+def compatible_with_zero(length: float, noise: float, systematic: float, model_error: float) -> str:
     """Return a sentence where a length [pixels] is not beyond its errors.
 
-    Of its square: the noise, and the systematic error [pixels²]; of itself the doubt [pixels].
+    Of its square: the noise, and the systematic error [pixels²]; of itself the model error [pixels].
     """
-    limit = np.sqrt(_SURE) * noise + _SYSTEMATIC * np.hypot(systematic, 2 * length * doubt)
+    limit = np.sqrt(_SURE) * noise + _SYSTEMATIC * np.hypot(systematic, 2 * length * model_error)
     if length**2 > limit:
         return ""
-    error = np.hypot(root_error(length**2, noise + systematic), doubt)
+    error = np.hypot(root_error(length**2, noise + systematic), model_error)
     return (
         f"No trail is known: its length, {length:.2f} +/- {error:.2f} pixels, is compatible with zero. "
         "What blur there is may be seeing, focus or optics."
@@ -55,8 +55,8 @@ def disagreement(common: Common) -> str:
         return ""
     stars = "1 star is" if n == 1 else f"{n} stars are"
     return (
-        f"No trail is known: {stars} too few to tell a trail from galaxies, speckles or blends unless the "
-        f"shapes of several agree; {_FEW} are needed."
+        f"No trail is known: {stars} too few to distinguish a trail from galaxies, speckles or blends unless "
+        f"the shapes of several agree; {_FEW} are needed."
     )
 
 
@@ -72,7 +72,7 @@ def coarse_sampling(across: float) -> tuple[float, tuple[str, ...]]:
 
 
 def root_error(square: float, error: float) -> float:
-    """Error of a root, finite at zero: that of the square over twice the root far from it."""
+    """Return the error of a root, finite at zero: that of the square over twice the root far from it."""
     return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0))) / 2
 
 

@@ -26,11 +26,11 @@ _ALIKE = 0.4, 0.15
 """Scatter of the elongation and of the size, as shares of either, below which few stars are alike."""
 
 _LEAST = 3
-"""Stars from which a scatter can be told, and one told from the rest."""
+"""Stars from which a scatter can be determined, and one distinguished from the rest."""
 
 
 class Common(NamedTuple):
-    """Mean of the moments of a field.
+    """Return the mean of the moments of a field.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ def _agree(values: np.ndarray, weights: np.ndarray) -> bool:
 
 
 def _scatter(residual: np.ndarray, noise: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Covariance of residuals (n, 3) beyond their noise, without its negative part."""
+    """Return the covariance of residuals (n, 3) beyond their noise, without its negative part."""
     n = len(residual)
     share = 1 / (np.trace(noise, axis1=1, axis2=2) + np.trace(before)) ** 2
     outer = residual[:, :, None] * residual[:, None, :] * n / max(n - 1, 1)

@@ -3,8 +3,8 @@
 The moments of one image cannot tell a long core from a trail.  If the core is round, the cross
 section tells its profile (Moffat's, here), and the length along the axis is the line's.
 
-:func:`doubt_of` says what the misfit of a model to the mean star means for the length of a trail.  The mean
-star tells: in a single one the shape of a trail drowns in noise, and in a sum over all their pixels
+:func:`length_model_error` says what the misfit of a model to the mean star means for the length of a trail.
+The mean star tells: in a single one the shape of a trail drowns in noise, and in a sum over all their pixels
 in that of the sky.
 """
 
@@ -55,7 +55,7 @@ def misfit_under(stack: Psf, psf: Psf, otf: OTF, line: Locus) -> Misfit:
     Parameters
     ----------
     stack : Psf
-        The trailed stars' mean; place, flux and sky of it are fitted.
+        The trailed stars' mean; position, flux and sky of it are fitted.
     psf : Psf
         The sharp stars', in stamps of any size.
     otf : OTF
@@ -77,8 +77,10 @@ def misfit_under(stack: Psf, psf: Psf, otf: OTF, line: Locus) -> Misfit:
     return Misfit(float(left @ left) / (data.size - len(terms) - len(line.coords)), float(share))
 
 
-def doubt_of(misfit: Misfit, model: str, length: float, elongation: float) -> tuple[float, tuple[str, ...]]:
-    """Error that a poor fit adds to a length, and a remark.
+def length_model_error(
+    misfit: Misfit, model: str, length: float, elongation: float
+) -> tuple[float, tuple[str, ...]]:
+    """Return the error that a poor fit adds to a length, and a remark.
 
     Parameters
     ----------
@@ -100,15 +102,15 @@ def doubt_of(misfit: Misfit, model: str, length: float, elongation: float) -> tu
         raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; its shape is not a trail's.")
     if misfit.chi2_dof < _POOR:
         return 0.0, ()
-    doubt = abs(np.sqrt(12 * max(elongation, 0.0)) - length) / 2
-    return float(doubt), (
+    model_error = abs(np.sqrt(12 * max(elongation, 0.0)) - length) / 2
+    return float(model_error), (
         f"{model} leaves chi²/dof {misfit.chi2_dof:.1f}; half the difference to the length by moments is in "
         "the error.",
     )
 
 
 def _centred(stamp: np.ndarray, side: int) -> np.ndarray:
-    """A stamp cut to another odd side, or filled up with zeros."""
+    """Return a stamp cut to another odd side, or filled up with zeros."""
     half, wanted = stamp.shape[0] // 2, side // 2
     cut = max(half - wanted, 0)
     return np.pad(stamp[cut : stamp.shape[0] - cut, cut : stamp.shape[1] - cut], max(wanted - half, 0))

@@ -170,7 +170,7 @@ class _Regions:
 
     @property
     def core(self) -> float:
-        """Radius within which nothing else may lie [pixels]."""
+        """Return the radius within which nothing else may lie [pixels]."""
         return min(_CORE[0] * self.typical, _CORE[1] * float(np.median(self.fwhm[self.bright])))
 
 
@@ -248,5 +248,5 @@ def _blended(image: np.ndarray, labels: np.ndarray, whole: np.ndarray) -> np.nda
 
 
 def _half_width(sigma: float) -> int:
-    """Half a stamp for stars of a size: seven sigmas of what is seen above the sky."""
+    """Return half the side of a stamp for stars of a size: seven sigmas of the light above the sky."""
     return next((h for h in _HALVES if h >= 7 * sigma), _HALVES[-1])

@@ -20,14 +20,14 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
 from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
+from jitterkit.starfield.field_pattern import FieldPattern, classify_field
 from jitterkit.starfield.moments import Moments, adaptive_moments
 from jitterkit.starfield.psf import Psf, field_psf
 from jitterkit.starfield.stamps import Stars
 from jitterkit.starfield.trail import Trail, trail_against, trail_alone
-from jitterkit.starfield.verdict import Verdict, judge
 
 _NO_PATTERN = ("smear", "round", "undetermined")
-"""Verdicts that say nothing of optics, and nothing where stars are as sharp as the reference's."""
+"""Patterns that say nothing of optics, and nothing where stars are as sharp as the reference's."""
 
 _AS_SHARP = "sharp: the frame is as sharp as the reference, within the noise of both."
 
@@ -60,10 +60,10 @@ class FieldEstimate:
         The moments that the stars have in common; noise and scatter from star to star are in the errors.
     variation : (float, int)
         Chi-squared and degrees of freedom of one blur for the whole field.
-    verdict : Verdict
+    pattern : FieldPattern
         Tracking or optics.
     remarks : tuple of str
-        Conditions and doubts, in sentences.
+        Conditions and remarks, in sentences.
     """
 
     kernel: KernelEstimate
@@ -81,7 +81,7 @@ class FieldEstimate:
     common: np.ndarray
     common_covariance: np.ndarray
     variation: tuple[float, int]
-    verdict: Verdict
+    pattern: FieldPattern
     remarks: tuple[str, ...]
 
 
@@ -114,7 +114,7 @@ def estimate_field(
 
     Notes
     -----
-    *Assumes* one PSF over the field for the kernel (the verdict says whether that is so), and a detector
+    *Assumes* one PSF over the field for the kernel (the pattern says whether that is so), and a detector
     that resolves it (FWHM above two pixels).  Electrons matter: they set the weights and the noise of
     bright stars.  In other units errors are right only so far as scatter from star to star makes them.
     """
@@ -130,7 +130,7 @@ def estimate_field(
 
 
 def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
-    """PSF of a sharp frame, in stamps as wide as the trailed stars'."""
+    """Return the PSF of a sharp frame, in stamps as wide as the trailed stars'."""
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
         problem = f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}"
@@ -172,11 +172,11 @@ def roundest(frames: Sequence[Frame]) -> int:
 def _record(
     source: str, stars: Stars, moments: Moments, common: Common, trail: Trail, psf: Psf | None, scale: float
 ) -> FieldEstimate:
-    """Everything in arcsec."""
+    """Build the estimate, all in arcsec."""
     area = scale**2
     ny, nx = stars.frame_shape
     sound = common.used
-    verdict = judge(
+    pattern = classify_field(
         stars.x[sound] - (nx - 1) / 2,
         stars.y[sound] - (ny - 1) / 2,
         moments.moments[sound] - (0.0 if psf is None else psf.moments),
@@ -184,8 +184,8 @@ def _record(
         shared=None if psf is None else psf.covariance,
         direction=(trail.angle, trail.angle_err),
     )
-    if trail.locus is None and verdict.kind in _NO_PATTERN:
-        verdict = replace(verdict, kind="sharp", sentence=_AS_SHARP)
+    if trail.locus is None and pattern.kind in _NO_PATTERN:
+        pattern = replace(pattern, kind="sharp", sentence=_AS_SHARP)
     major, minor, _ = axis_variances(common.moments)
     kernel = KernelEstimate(
         trail.moments * area,
@@ -211,6 +211,6 @@ def _record(
         common=common.moments * area,
         common_covariance=common.covariance * area**2,
         variation=trail.variation,
-        verdict=verdict,
+        pattern=pattern,
         remarks=trail.remarks,
     )

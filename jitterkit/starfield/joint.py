@@ -23,14 +23,14 @@ from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.stamps import Stars
 
 _CHUNK = 32
-"""Stars per call, the last call filled up: the number of stars must not be compiled anew."""
+"""Stars per call, the last call filled up: the number of stars must not cause a new compilation."""
 
 _STEPS = 40
-_ARRIVED = 1e-3
+_CONVERGED = 1e-3
 """Length of a step of the shared coordinates, in standard errors, that ends the fit."""
 
 _LEAST = 3
-"""Stars from which a scatter can be told."""
+"""Stars from which a scatter can be determined."""
 
 _OUTLIER = 12.0
 """A star is left out whose disagreement, in units of the typical one's, is larger: its neighbours show."""
@@ -81,7 +81,7 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     ----------
     stars : Stars
     moments : Moments
-        Where each star's place and flux start.
+        Where each star's position and flux start.
     otf : OTF
         Of the sharp PSF on a stamp's grid, plate scale 1: everything here is in pixels.
     start : Locus
@@ -101,7 +101,7 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     coords = np.asarray(start.coords)
     for last in (False, False, True):
         some = stars.chosen(used)
-        point = _climb(some, own[used], coords, otf, start)
+        point = _scoring_loop(some, own[used], coords, otf, start)
         own[used], coords = point.own, point.coords
         score, information = _profiled(point)
         disagreement = np.einsum("na,na->n", score, np.linalg.solve(information, score[..., None])[..., 0])
@@ -121,8 +121,8 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     )
 
 
-def _climb(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
-    """Damped scoring in all stars' own parameters and the shared ones."""
+def _scoring_loop(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
+    """Maximise the likelihood by damped scoring in all stars' own parameters and the shared ones."""
     here, damping = _evaluate(stars, own, coords, otf, kind), 1e-3
     for _ in range(_STEPS):
         own_step, step, length = _step(here, damping)
@@ -130,7 +130,7 @@ def _climb(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Lo
         better = there.deviance.sum() <= here.deviance.sum() + 1e-9 * abs(here.deviance.sum())
         better = better and bool(np.all(there.own[:, 2] > 0))
         here, damping = (there, damping / 10) if better else (here, damping * 10)
-        if (better and length < _ARRIVED) or damping > 1e8:
+        if (better and length < _CONVERGED) or damping > 1e8:
             break
     return here
 
@@ -156,7 +156,7 @@ def _profiled(point: _Point, information: np.ndarray | None = None) -> tuple[np.
 
 
 def _covariance(score: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """From the information or from the scatter of the scores, whichever is larger."""
+    """Return the covariance by the information or by the scatter of the scores, whichever is larger."""
     noise = np.linalg.inv(information.sum(0))
     if len(score) < _LEAST:
         return noise
@@ -165,7 +165,7 @@ def _covariance(score: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
-    """Each star's deviance, score and information, its own four parameters first."""
+    """Return each star's deviance, score and information, its own four parameters first."""
     n, parts = len(stars), []
     for first in range(0, n, _CHUNK):
         rows = np.minimum(np.arange(first, first + _CHUNK), n - 1)
@@ -181,7 +181,7 @@ def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind:
 
 @eqx.filter_jit
 def _equations(own, coords, otf, kind, data):
-    """Normal equations of stars ``(m, ...)`` in all their parameters."""
+    """Return the normal equations of stars ``(m, ...)`` in all their parameters."""
 
     def one(own, data):
         x, y, flux, sky = own

@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.starfield.stamps import Stars
 
-_PASSES, _ARRIVED = 60, 1e-10
+_PASSES, _CONVERGED = 60, 1e-10
 """Of the fixed point, each of which about halves what is left [pixels²]."""
 
 _START = 2.0
@@ -79,7 +79,7 @@ def adaptive_moments(stars: Stars) -> Moments:
     integrals: 1 %) or it is faint: the bias is of the order of the squared relative error.
     """
     filled = np.where(stars.used, stars.electrons, 0.0)
-    with np.errstate(all="ignore"):  # what runs away is no star, and told so
+    with np.errstate(all="ignore"):  # what runs away is no star, and flagged
         values = _fixed_point(filled)
         covariance, flux = _covariance(values, filled, stars.variance)
     limit = _EDGE * (filled.shape[-1] // 2)
@@ -91,7 +91,7 @@ def adaptive_moments(stars: Stars) -> Moments:
 
 
 def _fixed_point(images: np.ndarray) -> np.ndarray:
-    """Centre and moments ``(x, y, Sxx, Sxy, Syy)`` of each star (n, 5)."""
+    """Return the centre and moments ``(x, y, Sxx, Sxy, Syy)`` of each star (n, 5)."""
     state = np.tile([0.0, 0.0, _START, 0.0, _START], (len(images), 1))
     for _ in range(_PASSES):
         weight, dx, dy = _weight(state, images.shape[-1])
@@ -99,13 +99,13 @@ def _fixed_point(images: np.ndarray) -> np.ndarray:
         centre = state[:, :2] + 2 * np.stack([mx, my], axis=1)
         moments = 2 * np.stack([xx - mx**2, xy - mx * my, yy - my**2], axis=1)
         before, state = state, np.concatenate([centre, moments], axis=1)
-        if np.nanmax(np.abs(state - before), initial=0.0) < _ARRIVED:
+        if np.nanmax(np.abs(state - before), initial=0.0) < _CONVERGED:
             break
     return state
 
 
 def _weight(state: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The matched normals (n, s, s), and the offsets (n, s) from their centres in x and y."""
+    """Return the matched normals (n, s, s), and the offsets (n, s) from their centres in x and y."""
     grid = np.arange(side) - side // 2
     cx, cy, sxx, sxy, syy = state.T[:, :, None]
     dx, dy = grid - cx, grid - cy
@@ -134,7 +134,7 @@ def _equations(state: np.ndarray, images: np.ndarray) -> np.ndarray:
 
 
 def _covariance(state: np.ndarray, images: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (n, 3, 3) of the moments, and the flux (n,) of the matched normal."""
+    """Return the covariance (n, 3, 3) of the moments, and the flux (n,) of the matched normal."""
     steps = _STEP * np.eye(5)
     slope = np.stack(
         [(_equations(state + h, images) - _equations(state - h, images)) / (2 * _STEP) for h in steps], axis=2

@@ -41,7 +41,7 @@ class Stars:
 
     @property
     def middle(self) -> np.ndarray:
-        """Middle pixel ``(n, 2)`` of each stamp, columns x and y."""
+        """Return the middle pixel ``(n, 2)`` of each stamp, columns x and y."""
         return np.stack([np.rint(self.x), np.rint(self.y)], axis=1).astype(int)
 
     @property

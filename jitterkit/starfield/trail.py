@@ -26,7 +26,7 @@ from jitterkit.starfield.certainty import (
     root_error,
 )
 from jitterkit.starfield.common import Common
-from jitterkit.starfield.core import doubt_of, fit_round_core, misfit_under
+from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
 from jitterkit.starfield.moments import Moments
 from jitterkit.starfield.psf import Psf, stack_psf
@@ -42,7 +42,7 @@ _CHANGED = {"wider": 0.1, "narrower": 0.5}
 """Share of a change of seeing that the line may have taken for its own variance: 0.05 of Moffat stars of
 FWHM 3.6 pixels against 3.0, 0.3 to 0.4 of 2.5 against 3.0 and of 1.6 against 2.8."""
 
-_CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would tell."
+_CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would show it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,17 +109,19 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     major, minor, axis = axis_variances(common.moments)
     noise = _elongation_errors(common.covariance, axis)
     length = core.line.describe()["length"]
-    doubt, remarks = doubt_of(core.misfit, "A round Moffat core under a line", length, major - minor)
+    model_error, remarks = length_model_error(
+        core.misfit, "A round Moffat core under a line", length, major - minor
+    )
     line = Linear.of(length, axis)
     coarse, coarsely = coarse_sampling(minor)
     along = 12 * (noise[0] + coarse)
-    why = compatible_with_zero(length, 12 * noise[0], 12 * coarse, doubt) or disagreement(common)
+    why = compatible_with_zero(length, 12 * noise[0], 12 * coarse, model_error) or disagreement(common)
     return Trail(
         line,
         np.asarray(line.moments()),
         common.covariance,
         length,
-        float(np.hypot(root_error(length**2, along), doubt)),
+        float(np.hypot(root_error(length**2, along), model_error)),
         axis,
         _axis_error(major - minor, noise[1] + 2 * coarse),
         common.used,
@@ -177,13 +179,15 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     along, across = (np.sqrt(v @ covariance @ v) for v in (np.array([c, s]), np.array([-s, c])))
     major, minor, _ = axis_variances(excess)
     poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
-    doubt, remarks = doubt_of(poor, "A line over the reference's stars", length, major - minor)
+    model_error, remarks = length_model_error(
+        poor, "A line over the reference's stars", length, major - minor
+    )
     fits = not remarks and not change.remarks  # then even one star is the reference's, drawn along a line
     best = min((line, normal), key=lambda fit: fit.deviance / fit.pixels)
     coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
     systematic = 12 * (change.share + coarse)
     scatter = 12 * _elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
-    why = compatible_with_zero(length, max(along, scatter), systematic, doubt) or (
+    why = compatible_with_zero(length, max(along, scatter), systematic, model_error) or (
         "" if fits else disagreement(common)
     )
     used = np.zeros(len(stars), bool)
@@ -193,7 +197,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         np.asarray(best.locus.moments()),
         normal.covariance + psf.covariance,
         length,
-        float(np.hypot(root_error(length**2, along + systematic), doubt)),
+        float(np.hypot(root_error(length**2, along + systematic), model_error)),
         axis,
         _axis_error(length**2, across + 24 * coarse),
         used,
@@ -212,7 +216,7 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 
 
 def _own_elongation(psf: Psf) -> tuple[str, ...]:
-    """A remark where the reference's own stars are long."""
+    """Return a remark where the reference's own stars are long."""
     found = elongation(psf)
     if found is None:
         return ()
@@ -260,7 +264,7 @@ def _line(
 
 
 def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:
-    """Errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
+    """Return the errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
     own = covariance_on_axis(covariance, axis)
     return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))
 

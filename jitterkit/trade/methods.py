@@ -26,7 +26,7 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.batch.records import SceneEstimate
 from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.joint import Exposure, Looker, SequenceOptions, refit_sequence
+from jitterkit.joint import Exposure, FrameFitter, SequenceOptions, refit_sequence
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, fit_frame, sample_posterior
@@ -36,7 +36,7 @@ _DRAWS, _CHAINS, _WARMUP = 150, 1, 60
 
 
 def separations(method: str, processor: FrameProcessor, frames: Iterable[Frame]) -> np.ndarray:
-    """Separations of calibrated frames of one instrument.
+    """Return the separations of calibrated frames of one instrument.
 
     Parameters
     ----------
@@ -71,16 +71,16 @@ def _given_the_blur(processor: FrameProcessor, frame: Frame) -> tuple[float, flo
     start = estimated.parameters.with_locus(Mvn.near(estimated.estimate.moments) if blur is None else blur)
     held = (*processor.options.hold, *start.locus.names)
     options = replace(processor.options, hold=held, priors=processor.priors)
-    return _told(fit_frame(estimated.data, processor.optics(frame), start, estimated.otf, options))
+    return _separation(fit_frame(estimated.data, processor.optics(frame), start, estimated.otf, options))
 
 
 def _refitted(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
-    return _told(processor.complete(frame).result)
+    return _separation(processor.complete(frame).result)
 
 
 def _drawn(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     fitted = processor.complete(frame)
-    _told(fitted.result)
+    _separation(fitted.result)
     frame = frame if fitted.frame is None else fitted.frame
     posterior = sample_posterior(
         Data.of(frame, censored=processor.censored).clear(fitted.result.image),
@@ -106,13 +106,13 @@ _OF_ONE: dict[str, Callable[[FrameProcessor, Frame], tuple[float, float]]] = {
 def _joint(processor: FrameProcessor, frames: list[Frame]) -> np.ndarray:
     """Return what each says, all that they share known by all of them, with the joint error."""
     exposures = [
-        Exposure(frame.name, place * (frame.exposure or 1.0), frame) for place, frame in enumerate(frames)
+        Exposure(frame.name, index * (frame.exposure or 1.0), frame) for index, frame in enumerate(frames)
     ]
     hold, optics = tuple(processor.options.hold), processor.optics(frames[0])
     locus = "mvn" if processor.locus == "auto" else processor.locus  # to which it comes where little is seen
     priors, light = processor.options.priors, processor.known_light
-    looker = Looker(optics, locus, hold, priors, censored=processor.censored, known_light=light)
-    fit = refit_sequence(exposures, looker, SequenceOptions(rolling=False))
+    fitter = FrameFitter(optics, locus, hold, priors, censored=processor.censored, known_light=light)
+    fit = refit_sequence(exposures, fitter, SequenceOptions(rolling=False))
     together = int(fit.combined.kept.sum())
     if together < len(frames):
         problem = f"Only {together} of {len(frames)} frames can be fitted together"
@@ -129,13 +129,13 @@ def _estimated(processor: FrameProcessor, frame: Frame) -> SceneEstimate:
     return estimated
 
 
-def _told(fit: FitResult) -> tuple[float, float]:
+def _separation(fit: FitResult) -> tuple[float, float]:
     if fit.parameters is None or not fit.status.usable:
         raise JitterkitError(ErrorCode(fit.reason), fit.message)
     return fit.of_scene("separation"), fit.error("separation")
 
 
-TOGETHER = 1024
+FRAMES_PER_ANCHOR = 1024
 """Frames that share what one of them shows of the optics."""
 
 
@@ -158,19 +158,19 @@ class Fitting:
 
     @classmethod
     def anchored(
-        cls, processor: FrameProcessor, raw: RawFrame, frames: int = TOGETHER, method: str = "refit"
+        cls, processor: FrameProcessor, raw: RawFrame, frames: int = FRAMES_PER_ANCHOR, method: str = "refit"
     ) -> Fitting:
         """With the optics about what a first frame of several shows."""
         frame = processor.calibrate(raw)
         processor.with_warm_starts({}).warm_start(frame)  # compiles
         began = time.perf_counter()
         warm = processor.with_warm_starts({}).warm_start(frame)
-        share = (time.perf_counter() - began) / min(max(frames, 1), TOGETHER)
+        share = (time.perf_counter() - began) / min(max(frames, 1), FRAMES_PER_ANCHOR)
         known = {} if warm is None else {processor.grid(frame): warm}
         return cls(processor.with_warm_starts(known), share, method)
 
     def separations(self, frames: Iterable[Frame]) -> np.ndarray:
-        """Separations of calibrated frames with their errors (n, 2), arcsec.
+        """Return the separations of calibrated frames with their errors (n, 2), arcsec.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class Fitting:
         return separations(self.method, self.processor, frames)
 
     def timed(self, raws: Sequence[RawFrame]) -> tuple[np.ndarray, float]:
-        """The same of raw frames, and the seconds that one takes, calibration included.
+        """Return the separations of raw frames, and the seconds a frame, calibration included.
 
         The median, but of frames together their mean.
         """

@@ -1,7 +1,7 @@
-"""The settings that a run needs, and no more: the cheapest that keep a promise about the separation.
+"""Plan the settings of a run: the cheapest that keep the error of the separation below a limit.
 
-Reach for :class:`Planner` with some frames of the run that have been fitted.  What settings put wrong is
-foreseen for those frames (:mod:`jitterkit.trade.outlook`); what they cost is counted and not measured
+Reach for :class:`Planner` with some frames of the run that have been fitted.  The loss by settings is
+forecast for those frames (:mod:`jitterkit.trade.worst_case`); their cost is counted and not measured
 (:func:`work`), to put them in order before any is tried.
 """
 
@@ -16,18 +16,18 @@ from jitterkit.batch.plan import PLAN
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.instruments import Instrument
 from jitterkit.optics import Grid
-from jitterkit.trade.ladder import RUNGS, can_be_had
-from jitterkit.trade.methods import TOGETHER, Fitting
-from jitterkit.trade.outlook import OWN, Outlook
+from jitterkit.trade.grid import GRID, can_be_had
+from jitterkit.trade.methods import FRAMES_PER_ANCHOR, Fitting
 from jitterkit.trade.predict import Example
 from jitterkit.trade.settings import Settings, own_pad
+from jitterkit.trade.worst_case import OWN, WorstCase
 
 _FRAME = 1e5
-"""Of a frame whatever its model: what 32 x 32 padded samples of a hundred parameters cost."""
+"""Work for a frame beside its model: that of 32 x 32 padded samples of a hundred parameters."""
 
 
 def work(settings: Settings, instrument: Instrument, parameters: int, frames: int) -> float:
-    """Operations that a frame takes, up to a factor.
+    """Count the operations for a frame, up to a factor.
 
     Parameters
     ----------
@@ -56,17 +56,17 @@ def work(settings: Settings, instrument: Instrument, parameters: int, frames: in
         return fit
     rays = instrument.pupil.opd.size / settings.binning**2 * (1 + len(instrument.aberrations))
     look = rays * (settings.samples or len(instrument.spectrum.wavelengths))
-    return fit + look / (min(frames, TOGETHER) if frames >= PLAN.fewest else 1)
+    return fit + look / (min(frames, FRAMES_PER_ANCHOR) if frames >= PLAN.fewest else 1)
 
 
 _MARGIN = 0.8
-"""Share of what is allowed that a first-order forecast may use up."""
+"""Share of the allowed loss that a first-order forecast may use."""
 
-_UNFINISHED = 0.1
-"""Share of what is allowed, or of an error, by which a fit may end before it has arrived."""
+_CONVERGENCE_SHARE = 0.1
+"""Share of the allowed loss that the convergence error may use."""
 
 _LEFT_OUT = 0.1
-"""Share of what is allowed that the aberrations which are left out may cost together."""
+"""Share of the allowed loss that all aberrations left out may cost together."""
 
 _ENDS = (1e-4, 1e-2)
 """Share of an error within which fits end where time is given, and where it is short."""
@@ -77,13 +77,13 @@ _TIMES, _SHORTER = 4, 0.95
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings, and what is expected of them.
+    """Hold settings, with their expected loss and time.
 
     Attributes
     ----------
     settings : Settings
     loss : float
-        Of the separation of a frame, at most: :meth:`Outlook.loss` [arcsec].
+        Of the separation of a frame, at most: :meth:`WorstCase.loss` [arcsec].
     seconds : float
         Of a frame, measured.
     """
@@ -94,39 +94,46 @@ class Plan:
 
 
 class Planner:
-    """Looks for settings on the ladder of :mod:`jitterkit.trade.ladder`.
+    """Search for settings on the grid of :mod:`jitterkit.trade.grid`.
 
     Parameters
     ----------
     examples : sequence of Example
-        At least one; what is promised is promised of each.
+        At least one; the limit is kept for each.
     frames : int
         In the run, that share what is computed once.
     """
 
-    def __init__(self, examples: Sequence[Example], frames: int = TOGETHER) -> None:
-        self.outlook, self.frames = Outlook(examples), frames
+    def __init__(self, examples: Sequence[Example], frames: int = FRAMES_PER_ANCHOR) -> None:
+        self.worst_case, self.frames = WorstCase(examples), frames
 
     def cheapest(self, allowed: float) -> Plan:
-        """The cheapest settings whose loss stays below ``allowed`` [arcsec].
+        """Return the cheapest settings whose loss stays below ``allowed`` [arcsec].
 
         Raises
         ------
         ConfigurationError
             If there are none.
         """
-        outlook, limit, every = self.outlook, _MARGIN * allowed, self.by_work()
-        tolerances = [one for one in RUNGS["tolerance"] if outlook.unfinished(one) <= _UNFINISHED * allowed]
+        worst_case, limit, every = self.worst_case, _MARGIN * allowed, self.by_work()
+        tolerances = [
+            one
+            for one in GRID["tolerance"]
+            if worst_case.convergence_error(one) <= _CONVERGENCE_SHARE * allowed
+        ]
         for settings in every if tolerances else ():
-            if outlook.holds(settings, limit, roughly=True) and outlook.holds(settings, limit):
-                settings = self._leaner(replace(settings, tolerance=max(tolerances)), allowed)
-                settings = self._stiller(settings, allowed)
+            if worst_case.holds(settings, limit, roughly=True) and worst_case.holds(settings, limit):
+                settings = self._drop_aberrations(replace(settings, tolerance=max(tolerances)), allowed)
+                settings = self._drop_jitter(settings, allowed)
                 try:
-                    return Plan(settings, outlook.loss(settings), self.seconds(settings))
+                    return Plan(settings, worst_case.loss(settings), self.seconds(settings))
                 except JitterkitError:  # with noise, so little a model describes no frame
                     continue
-        unfinished = outlook.unfinished(min(RUNGS["tolerance"]))
-        least = max(outlook.loss(min(every, key=outlook.rough_loss)) / _MARGIN, unfinished / _UNFINISHED)
+        convergence_error = worst_case.convergence_error(min(GRID["tolerance"]))
+        least = max(
+            worst_case.loss(min(every, key=worst_case.rough_loss)) / _MARGIN,
+            convergence_error / _CONVERGENCE_SHARE,
+        )
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
             f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "
@@ -134,7 +141,7 @@ class Planner:
         )
 
     def within(self, seconds: float) -> Plan:
-        """The settings of least loss that take at most so many seconds a frame, fitted one by one.
+        """Return the settings of least loss that take at most so many seconds a frame, fitted one by one.
 
         Raises
         ------
@@ -144,7 +151,7 @@ class Planner:
         share = seconds / self.seconds(OWN)
         for _ in range(_TIMES):
             best = self._best(share)
-            if not math.isfinite(self.outlook.loss(best)):
+            if not math.isfinite(self.worst_case.loss(best)):
                 break  # so little a model describes no frame
             for tolerance in _ENDS:
                 settings = replace(best, tolerance=tolerance)
@@ -153,32 +160,32 @@ class Planner:
                 except JitterkitError:
                     spent = math.inf
                 if spent <= seconds:
-                    return Plan(settings, self.outlook.loss(settings), spent)
+                    return Plan(settings, self.worst_case.loss(settings), spent)
             share *= min(_SHORTER * seconds / spent, _SHORTER)
         problem = f"No settings that describe these frames fit one in {1e3 * seconds:.3g} ms on this machine"
         remedy = "give more, or ask for the fastest by --preset fast"
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
 
     def as_they_are(self) -> Plan:
-        """Return what is expected of the settings that the examples were fitted with."""
-        settings = replace(OWN, tolerance=self.outlook.examples[0].processor.options.tolerance)
-        return Plan(settings, self.outlook.loss(settings), self.seconds(settings))
+        """Return the plan with the settings that the examples were fitted with."""
+        settings = replace(OWN, tolerance=self.worst_case.examples[0].processor.options.tolerance)
+        return Plan(settings, self.worst_case.loss(settings), self.seconds(settings))
 
     def _best(self, share: float) -> Settings:
-        """The settings of least loss that are at most ``share`` of the work of the instrument's own."""
-        every, outlook = self.by_work(), self.outlook
+        """Return the settings of least loss with at most ``share`` of the work of the instrument's own."""
+        every, worst_case = self.by_work(), self.worst_case
         affordable = [settings for settings in every if self.work(settings) <= share] or every[:1]
         rest = []
         for region in dict.fromkeys(one.region for one in affordable):
             pads = sorted({one.pad or 0 for one in affordable if one.region == region}, reverse=True)
             geometries = (Settings(pad=pad, region=region) for pad in pads)
-            widest = next(filter(outlook.can_be_had, geometries), None)  # less padding is never more exact
+            widest = next(filter(worst_case.can_be_had, geometries), None)  # less padding is never more exact
             rest += (
                 []
                 if widest is None
                 else [one for one in affordable if (one.pad, one.region) == (widest.pad, region)]
             )
-        return min(rest or affordable, key=outlook.rough_loss)
+        return min(rest or affordable, key=worst_case.rough_loss)
 
     def seconds(self, settings: Settings) -> float:
         """Measure the time of a frame: one at a time, as in a run of so many.
@@ -188,7 +195,7 @@ class Planner:
         JitterkitError
             If an example cannot be fitted so.
         """
-        examples = self.outlook.examples
+        examples = self.worst_case.examples
         raws, processor = [one.raw for one in examples], settings.applied(examples[0].processor)
         few = self.frames < PLAN.fewest  # each of which looks at the optics itself
         fitting = Fitting(processor) if few else Fitting.anchored(processor, raws[0], self.frames)
@@ -196,14 +203,14 @@ class Planner:
 
     def work(self, settings: Settings) -> float:
         """Return the work for a frame, as a share of that with the instrument's own settings."""
-        beside = (self.outlook.instrument, len(self.outlook.examples[0].result.names), self.frames)
+        beside = (self.worst_case.instrument, len(self.worst_case.examples[0].result.names), self.frames)
         return work(settings, *beside) / work(OWN, *beside)
 
     def by_work(self) -> list[Settings]:
-        """Rungs of what the model of a frame is made of, with each other, from the cheapest on."""
-        instrument = self.outlook.instrument
+        """Return all combinations of the model's settings, from the cheapest on."""
+        instrument = self.worst_case.instrument
         axes = {
-            name: [value for value in RUNGS[name] if can_be_had(name, value, instrument)]
+            name: [value for value in GRID[name] if can_be_had(name, value, instrument)]
             for name in ("pad", "samples", "binning", "region")
         }
         axes["samples"].append(None)
@@ -212,25 +219,25 @@ class Planner:
         every = (Settings(**dict(zip(axes, values, strict=True))) for values in product(*axes.values()))
         return sorted(every, key=self.work)
 
-    def _leaner(self, settings: Settings, allowed: float) -> Settings:
-        """Without the aberrations that hardly cost anything, also together, and are not seen."""
-        known, outlook, rest = self.outlook.instrument.aberrations, self.outlook, settings
-        for name in sorted(known, key=lambda one: outlook.cost_of((one,), rest)):
+    def _drop_aberrations(self, settings: Settings, allowed: float) -> Settings:
+        """Drop the aberrations that hardly change the separation, also together, and are not seen."""
+        known, worst_case, rest = self.worst_case.instrument.aberrations, self.worst_case, settings
+        for name in sorted(known, key=lambda one: worst_case.cost_of((one,), rest)):
             without = tuple(one for one in known if one in (*settings.without, name))
-            leaner = replace(settings, without=without)
-            cost = outlook.cost_of(without, settings)
-            if cost <= _LEFT_OUT * allowed and outlook.holds(leaner, _MARGIN * allowed):
-                settings = leaner
+            fewer = replace(settings, without=without)
+            cost = worst_case.cost_of(without, settings)
+            if cost <= _LEFT_OUT * allowed and worst_case.holds(fewer, _MARGIN * allowed):
+                settings = fewer
         return settings
 
-    def _stiller(self, settings: Settings, allowed: float) -> Settings:
-        """Without jitter in frames that show none, where the promise allows."""
+    def _drop_jitter(self, settings: Settings, allowed: float) -> Settings:
+        """Drop jitter in frames that show none, where the limit allows."""
         seen = replace(settings, jitter="seen")
-        return seen if self.outlook.holds(seen, _MARGIN * allowed) else settings
+        return seen if self.worst_case.holds(seen, _MARGIN * allowed) else settings
 
 
 def _rounded_up(value: float) -> str:
-    """With two digits, the second not too small.
+    """Round up to two digits.
 
     >>> _rounded_up(2.31), _rounded_up(0.0400001)
     ('2.4', '0.041')

@@ -1,6 +1,6 @@
-"""What settings do to the separation of a frame, foreseen without a fit.
+"""Forecast the effect of settings on the separation of a frame, without a fit.
 
-Reach for :meth:`Example.of` with a frame of a run, then for :meth:`Example.foresee`.  Where the image of a
+Reach for :meth:`Example.of` with a frame of a run, then for :meth:`Example.forecast`.  Where the image of a
 model is off by ``d``, its fit is off by ``F⁻¹ J'W d``: one scoring step from the truth.  Image, slopes and
 information are those of the model with the settings, for it is their score that the fit brings to zero.
 """
@@ -27,29 +27,29 @@ from jitterkit.likelihood import Data, NormalEquations, normal_equations
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.refit import FitResult
-from jitterkit.refit.choose import DETECTED, shows_no_jitter
+from jitterkit.refit.choose import DETECTED, is_jitter_undetected
 from jitterkit.trade.scenes import truest
 from jitterkit.trade.settings import Settings
 
 _CREDIBLE = 2.0
-"""Standard errors that what is left out may be from where a frame sees it."""
+"""Standard errors by which a parameter that is left out may differ from its fitted value."""
 
 UNSEEN = (math.sqrt(DETECTED) + _CREDIBLE) ** 2
-"""Chi-squared of the most jitter of a frame that shows none: what has more is taken for none in less than one
-frame of fifty."""
+"""Chi-squared of the largest jitter of a frame that shows none: more is missed in less than one frame of
+fifty."""
 
 
-class Foresight(NamedTuple):
-    """Expected separation of a fit with some settings.
+class BiasForecast(NamedTuple):
+    """Hold the expected bias and error of the separation of a fit with some settings.
 
     Attributes
     ----------
     bias : float
-        What they put wrong with the separation, to first order, signed [arcsec].
+        Of the separation, to first order, signed [arcsec].
     sigma : float
-        Its standard error, as the model with them has it [arcsec].
+        Standard error of the separation, by the model with these settings [arcsec].
     misfit : float
-        What they add to chi-squared, in units of its own scatter.
+        Their contribution to chi-squared, in units of its own scatter.
     scatter : float
         Of chi-squared.
     """
@@ -62,7 +62,7 @@ class Foresight(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A frame of a run, and what it would show if its fit were the truth.
+    """Hold a fitted frame of a run, whose fit is taken for the truth.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Example:
     frame: Frame
     result: FitResult
     processor: FrameProcessor
-    _told: dict[Settings, tuple[tuple[str, ...], np.ndarray]] = field(
+    _known_information: dict[Settings, tuple[tuple[str, ...], np.ndarray]] = field(
         init=False, repr=False, default_factory=dict
     )
 
@@ -92,7 +92,7 @@ class Example:
 
     @property
     def truth(self) -> Parameters:
-        """Return the fit, but with colours and wavelength as expected: what the frame is taken to show."""
+        """Return the fit, with colours and wavelength as expected: the assumed truth of the frame."""
         assert self.result.parameters is not None  # what is usable has them
         parameters, instrument = self.result.parameters, self.processor.instrument
         modes = parameters.aberrations[: len(instrument.aberrations)]
@@ -104,26 +104,26 @@ class Example:
 
     @property
     def still(self) -> bool:
-        """Return whether such a frame may do without jitter: it shows none, and nobody has said its kind.
+        """Return whether a frame may be fitted without jitter: it shows none, and its kind was not given.
 
         Only of the score estimate, by which a frame's jitter is seen or not, are the errors those of the fit.
         """
         processor, locus = self.processor, self.truth.locus
-        told = processor.prior is not None or processor.priors.on_jitter()
-        if told or processor.locus != "auto" or processor.kernel != SCORE:
+        given = processor.prior is not None or processor.priors.on_jitter()
+        if given or processor.locus != "auto" or processor.kernel != SCORE:
             return False
         fitted = isinstance(locus, Mvn) and set(locus.names) <= set(self.result.names)
-        return fitted and shows_no_jitter(*self.result.moments())
+        return fitted and is_jitter_undetected(*self.result.moments())
 
     @cached_property
     def _at_rest(self) -> Example:
-        """The same without what noise has made of its jitter."""
+        """Return the example with the jitter that noise has caused set to zero."""
         truth = self.truth.with_locus(Mvn.near(jnp.zeros(3)))
         return replace(self, result=replace(self.result, parameters=truth))
 
     @cached_property
     def image(self) -> np.ndarray:
-        """Expected electrons (ny, nx), exact."""
+        """Return the expected electrons (ny, nx), exact."""
         optics = truest(self.processor.instrument, self.frame.shape, self._scale)
         otf = optics.otf(self.truth.aberrations, derivatives=False)
         return np.asarray(expected_image(self.truth, otf), float)
@@ -132,8 +132,8 @@ class Example:
     def _scale(self) -> float:
         return self.frame.plate_scale or self.processor.instrument.plate_scale
 
-    def foresee(self, settings: Settings) -> Foresight:
-        """Return what a fit with some settings would make of the separation.
+    def forecast(self, settings: Settings) -> BiasForecast:
+        """Forecast bias and error of the separation of a fit with some settings.
 
         Raises
         ------
@@ -144,22 +144,22 @@ class Example:
 
         Notes
         -----
-        *Assumes* an error small against the resolution of the parameters, and says nothing of a fit that ends
-        before it has arrived.  Of priors it counts those on single parameters.
+        *Assumes* an error small against the resolution of the parameters, and a fit that
+        converges.  Of priors it counts those on single parameters.
         """
         names, equations, known, pixels = self._equations(settings.applied(self.processor))
         covariance, sound = invert_information(equations.information + known)
         if not sound:
             problem = f"{self.raw.name} does not determine its parameters with {settings}."
             raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
-        slot = names.index("separation")
+        index = names.index("separation")
         step = covariance @ equations.score
         scatter = math.sqrt(2 * pixels)
         misfit = (equations.deviance - equations.score @ step) / scatter
-        return Foresight(float(step[slot]), math.sqrt(covariance[slot, slot]), float(misfit), scatter)
+        return BiasForecast(float(step[index]), math.sqrt(covariance[index, index]), float(misfit), scatter)
 
     def without(self, names: Collection[str], settings: Settings | None = None) -> float:
-        """Return what it may do to the separation to hold at zero what is fitted [arcsec].
+        """Return the possible change of the separation if fitted aberrations are held at zero [arcsec].
 
         Parameters
         ----------
@@ -174,22 +174,24 @@ class Example:
             What their values change, to first order, and two of the errors that is known to by all of the
             frame.
         """
-        whole, told = self._information(Settings())
+        whole, information = self._information(Settings())
         held = [name in names for name in whole]
         if not any(held):
             return 0.0
         gone = np.flatnonzero(held)
         values = np.array([self._value(whole[i]) for i in gone])
-        covariance, _ = invert_information(told)
-        free, told = self._information(Settings() if settings is None else replace(settings, without=()))
+        covariance, _ = invert_information(information)
+        free, information = self._information(
+            Settings() if settings is None else replace(settings, without=())
+        )
         gone_here = np.array([free.index(whole[i]) for i in gone])
-        slope = _change(told, free.index("separation"), gone_here)
+        slope = _change(information, free.index("separation"), gone_here)
         return float(
             abs(slope @ values) + _CREDIBLE * math.sqrt(slope @ covariance[np.ix_(gone, gone)] @ slope)
         )
 
     def without_jitter(self, settings: Settings) -> float:
-        """Return what jitter that such a frame hides may do to the separation, if not fitted [arcsec].
+        """Return the possible change of the separation by undetected jitter that is not fitted [arcsec].
 
         Parameters
         ----------
@@ -202,19 +204,19 @@ class Example:
             Of moments two errors beyond the edge of what is said to be none, in whatever direction moves the
             separation most.
         """
-        names, told = self._at_rest._information(replace(settings, jitter="always"))
+        names, information = self._at_rest._information(replace(settings, jitter="always"))
         moments = np.array([names.index(name) for name in self.truth.locus.names])
-        slope = _change(told, names.index("separation"), moments)
-        covariance, _ = invert_information(told)
+        slope = _change(information, names.index("separation"), moments)
+        covariance, _ = invert_information(information)
         spread = math.sqrt(slope @ covariance[np.ix_(moments, moments)] @ slope)
         return math.sqrt(UNSEEN) * spread
 
     def _information(self, settings: Settings) -> tuple[tuple[str, ...], np.ndarray]:
-        """Return what a model with some settings varies, and what the exact image and priors tell of it."""
-        if settings not in self._told:
+        """Return the names of the free parameters, and their information by image and priors."""
+        if settings not in self._known_information:
             names, equations, known, _ = self._equations(settings.applied(self.processor))
-            self._told[settings] = names, np.asarray(equations.information + known)
-        return self._told[settings]
+            self._known_information[settings] = names, np.asarray(equations.information + known)
+        return self._known_information[settings]
 
     def _value(self, name: str) -> float:
         """Return the value of an aberration, or of a coordinate of the locus."""
@@ -222,7 +224,7 @@ class Example:
         return float([*self.truth.aberrations, *self.truth.locus.coords][names.index(name)])
 
     def _equations(self, processor: FrameProcessor) -> tuple[tuple[str, ...], NormalEquations, Array, int]:
-        """Names of the free parameters, what the exact image and what priors tell of them, and its pixels."""
+        """Return names of free parameters, normal equations of the exact image, prior precision, pixels."""
         frame = processor.calibrate(self.raw)
         held = processor.options.hold
         truth, nodes = self._seen_in(frame, held), processor.options.nodes
@@ -238,7 +240,7 @@ class Example:
         return names, normal_equations(truth, otf, data, free), known, int(data.used.sum())
 
     def _seen_in(self, frame: Frame, held: Collection[str]) -> Parameters:
-        """The truth, with the pair where it is in a part of the frame, and without what is held at zero."""
+        """Return the truth, in the coordinates of a part of the frame, with held aberrations at zero."""
         middle, whole = (np.array(one.origin) + np.array(one.shape[::-1]) / 2 for one in (frame, self.frame))
         x, y = (whole - middle) * self._scale
         free = np.array([name not in held for name in self.processor.instrument.aberrations], bool)
@@ -246,8 +248,8 @@ class Example:
         return eqx.tree_at(lambda p: p.aberrations, self.truth.shifted(x, y), aberrations)
 
 
-def _change(told: np.ndarray, slot: int, held: np.ndarray) -> np.ndarray:
-    """By how much a parameter changes with those that are held, if the others are fitted anew."""
-    kept = np.delete(np.arange(len(told)), held)
-    narrow, _ = invert_information(told[np.ix_(kept, kept)])
-    return narrow[kept.tolist().index(slot)] @ told[np.ix_(kept, held)]
+def _change(information: np.ndarray, index: int, held: np.ndarray) -> np.ndarray:
+    """Return the change of a parameter with those that are held, the others being fitted again."""
+    kept = np.delete(np.arange(len(information)), held)
+    narrow, _ = invert_information(information[np.ix_(kept, kept)])
+    return narrow[kept.tolist().index(index)] @ information[np.ix_(kept, held)]

@@ -19,7 +19,7 @@ from jitterkit.metric import invert_information
 from jitterkit.optics import OpticalSystem, grid_for, lines, toliman_pupil
 from jitterkit.optics.public import PUBLIC_LINES, PUBLIC_SHAPE, public_image
 from jitterkit.scene import Binary
-from jitterkit.trade.ladder import Point
+from jitterkit.trade.grid import Point
 
 _SCALE, _PAD = 0.375, 128
 _SETTINGS = tuple((images, samples) for images in (3, 5, 11, 41) for samples in (2, 4, 8))

@@ -51,7 +51,7 @@ class TradeScene:
     images: tuple[np.ndarray, ...]
     plain: tuple[RawFrame, ...]
     noisy: tuple[RawFrame, ...]
-    lead: RawFrame
+    reference: RawFrame
 
     @classmethod
     def of(
@@ -85,11 +85,11 @@ class TradeScene:
         truths, images, known_light = [], [], KnownLight.of(instrument)
         for theta in [rng.uniform(0, 360)] * (frames + 1) + list(rng.uniform(0, 360, frames)):
             x, y = rng.uniform(-_OFF, _OFF, 2) * instrument.plate_scale
-            place = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
+            start = Binary(pair.separation, theta, x, y, pair.flux, pair.contrast)
             here = state + rng.normal(0, _WANDER, len(state))
             otf = system.otf(here, derivatives=False)
-            truths.append(Parameters(place, locus, here).completed(otf))
-            check_reach(place, locus, otf)
+            truths.append(Parameters(start, locus, here).completed(otf))
+            check_reach(start, locus, otf)
             image = np.asarray(expected_image(truths[-1], otf), float)
             images.append(image if known_light is None else image + known_light.image(truths[-1], otf))
 
@@ -99,14 +99,14 @@ class TradeScene:
             )
             return tuple(RawFrame.from_array(one, exposure=instrument.exposure) for one in exposed)
 
-        lead, *noisy = read(images[: frames + 1], rng)
-        return cls(tuple(truths[1:]), tuple(images[1:]), read(images[1:], None), tuple(noisy), lead)
+        reference, *noisy = read(images[: frames + 1], rng)
+        return cls(tuple(truths[1:]), tuple(images[1:]), read(images[1:], None), tuple(noisy), reference)
 
 
 def truest(
     instrument: Instrument, shape: tuple[int, int] | None = None, plate_scale: float | None = None
 ) -> Optics:
-    """The most exact optics that the pupil of an instrument carries, on a frame's grid if not its own.
+    """Return the most exact optics that the pupil of an instrument carries, on a frame's grid if not its own.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from jitterkit.optics import DEFAULT_PAD
 from jitterkit.refit import FitOptions
 
 ABERRATIONS = ("held", "anchored", "expanded")
-"""At what they are without any; fitted about one state of many frames; computed anew for every frame."""
+"""At what they are without any; fitted about one state of many frames; computed again for every frame."""
 
 JITTER = ("seen", "always")
 """Fitted, where the locus is ``auto``, to frames that show some; or to every frame."""
@@ -53,7 +53,7 @@ class Settings:
     jitter : str
         One of :data:`JITTER`.
     method : str
-        One of :data:`METHODS`, for the ladder; a :class:`~jitterkit.batch.FrameProcessor` refits whatever it
+        One of :data:`METHODS`, for the grid; a :class:`~jitterkit.batch.FrameProcessor` refits whatever it
         is.
 
     Raises
@@ -89,7 +89,7 @@ class Settings:
                 raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     def instrument(self, instrument: Instrument) -> Instrument:
-        """The instrument as it is modelled.
+        """Return the instrument as it is modelled.
 
         Raises
         ------
@@ -110,13 +110,13 @@ class Settings:
         return replace(instrument, **changes)
 
     def at_least(self, instrument: Instrument) -> Settings:
-        """The same, with no less padding and no fewer wavelengths than an instrument has itself."""
+        """Return settings with at least the padding and the wavelengths of an instrument."""
         pad = None if self.pad is None else max(self.pad, own_pad(instrument))
         own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
         return replace(self, pad=pad, samples=None if self.samples is None else max(self.samples, own))
 
     def options(self, instrument: Instrument, options: FitOptions | None = None) -> FitOptions:
-        """The options of a fit: others, with what is held and when it has arrived."""
+        """Return the options of a fit: others, with what is held and when it has arrived."""
         options = FitOptions() if options is None else options
         held = instrument.aberrations if self.aberrations == "held" else self.without
         nodes = options.nodes if self.nodes is None else self.nodes
@@ -129,9 +129,9 @@ class Settings:
         )
 
     def applied(self, processor: FrameProcessor) -> FrameProcessor:
-        """The same as another processor, with these settings.
+        """Return a copy of another processor with these settings.
 
-        In as many bits as JAX is set to, and with aberrations anchored where it is told what is known.
+        In as many bits as JAX is set to, and with aberrations anchored where the state is known.
         """
         telescope = processor.instrument
         options = self.options(telescope, processor.options)
@@ -147,7 +147,7 @@ PRESETS = {
 
 
 def preset(name: str, instrument: Instrument) -> Settings:
-    """The settings of a preset for an instrument.
+    """Return the settings of a preset for an instrument.
 
     Parameters
     ----------
@@ -172,5 +172,5 @@ def preset(name: str, instrument: Instrument) -> Settings:
 
 
 def own_pad(instrument: Instrument) -> int:
-    """Pixels of padding that an instrument is modelled with where no setting says otherwise."""
+    """Return the pixels of padding that an instrument is modelled with where no setting says otherwise."""
     return DEFAULT_PAD if instrument.pad is None else instrument.pad

@@ -10,7 +10,7 @@ from astropy.table import QTable
 
 from jitterkit.instruments import Instrument
 from jitterkit.report.columns import Column, bind
-from jitterkit.trade.ladder import Point, front
+from jitterkit.trade.grid import Point, front
 from jitterkit.trade.settings import Settings, own_pad
 
 _NONE = {"pad": -1, "tolerance": 0.0} | dict.fromkeys(("aberrations", "jitter", "method"), "")
@@ -64,6 +64,6 @@ def _used(settings: Settings | None, instrument: Instrument) -> dict[str, Any]:
     """Settings by name, with what an instrument says itself where they say nothing."""
     if settings is None:
         return {}
-    said = {name: value for name, value in vars(settings).items() if value is not None}
+    stated = {name: value for name, value in vars(settings).items() if value is not None}
     own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
-    return {"pad": own_pad(instrument), "samples": own, "region": max(instrument.shape)} | said
+    return {"pad": own_pad(instrument), "samples": own, "region": max(instrument.shape)} | stated

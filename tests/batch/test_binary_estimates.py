@@ -71,7 +71,7 @@ class _Blind(FrameProcessor):
         return replace(found, estimate=replace(found.estimate, moments=np.zeros(3), locus=None))
 
 
-def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_doubted(
+def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_not_questioned(
     telescope, drifted
 ):
     (row,) = estimate_files([drifted], TemplateBlurEstimator(_Blind(telescope)))

@@ -50,7 +50,7 @@ def processor(telescope):
 
 def done(night, processor, executor):
     """What becomes of each batch, by its number; one picture is left to be drawn, the worst."""
-    ranks = [(True, -1e9, -1, place) for place in range(TOP - 1)]
+    ranks = [(True, -1e9, -1, position) for position in range(TOP - 1)]
     batches = plan_batches(night, [1] * FRAMES, SIZE)
     return {
         part.batch.number: part
@@ -149,7 +149,7 @@ def test_a_worker_is_replaced_however_often_it_dies():
         assert client.submit(os.getpid).result() != os.getpid()
 
 
-def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
+def test_a_scheduler_that_does_not_answer_is_reported(monkeypatch):
     monkeypatch.setattr(cluster, "_REACHED", 0.5)
     with (
         refused(ErrorCode.UNREACHABLE, "tcp://127.0.0.1:9"),
@@ -158,7 +158,7 @@ def test_a_scheduler_that_does_not_answer_is_told(monkeypatch):
         pass
 
 
-def test_a_scheduler_without_workers_is_told(monkeypatch):
+def test_a_scheduler_without_workers_is_reported(monkeypatch):
     monkeypatch.setattr(cluster, "_JOINED", 0.2)
     empty = distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None)
     with (
@@ -169,7 +169,7 @@ def test_a_scheduler_without_workers_is_told(monkeypatch):
         pass
 
 
-def test_without_dask_the_remedy_is_told(monkeypatch):
+def test_without_dask_the_remedy_is_reported(monkeypatch):
     monkeypatch.setattr(cluster, "distributed", None)
     with refused(ErrorCode.MISSING_PACKAGE, "jitterkit[cluster]"), connected(workers=2):
         pass
@@ -200,13 +200,13 @@ def test_what_a_worker_has_set_itself_is_kept(setup, far, monkeypatch):
     assert os.environ["NPROC"] == "2"
 
 
-def test_a_worker_that_does_not_see_the_files_is_told(setup, far, tmp_path):
+def test_a_worker_that_does_not_see_the_files_is_reported(setup, far, tmp_path):
     setup.probe = tmp_path / "elsewhere.fits"
     with refused(ErrorCode.NOT_FOUND, far.address, setup.probe):
         setup.setup(far)
 
 
-def test_a_worker_of_another_version_is_told(setup, far):
+def test_a_worker_of_another_version_is_reported(setup, far):
     setup.computed["numpy"] = "1.0"
     with refused(ErrorCode.CONFLICT, far.address, f"numpy {np.__version__}", "1.0"):
         setup.setup(far)
@@ -235,6 +235,6 @@ def test_workers_that_die_whatever_they_do_end_the_run():
 
     one = cluster._Scheduler(client=None, name="any", finish=list)
     killing = SimpleNamespace(result=result)
-    assert [one._result(killing) for _ in range(cluster._HOPELESS - 1)] == [None] * 7
+    assert [one._result(killing) for _ in range(cluster._MOST_DEATHS - 1)] == [None] * 7
     with refused(ErrorCode.WORKER_LOST, 8):
         one._result(killing)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from jitterkit.batch.directory_watcher import _RESTING, DirectoryWatcher
+from jitterkit.batch.directory_watcher import _RETIRED_AFTER, DirectoryWatcher
 from jitterkit.frames import write_fits, write_tiff
 
 
@@ -16,76 +16,76 @@ def small(tmp_path_factory):
     ).read_bytes()
 
 
-def told(arrivals):
-    return [(path.name, index) for path, index in arrivals.look()]
+def scanned(watcher):
+    return [(path.name, index) for path, index in watcher.scan()]
 
 
-def test_a_file_that_grows_to_the_end_is_told(small, tmp_path):
-    arrivals = DirectoryWatcher(tmp_path)
+def test_a_file_that_grows_to_the_end_is_reported(small, tmp_path):
+    watcher = DirectoryWatcher(tmp_path)
     for size in (100, 200, 300):
         (tmp_path / "a.fits").write_bytes(small[:size])
-        assert told(arrivals) == []
-    assert list(arrivals.unfinished()) == [(tmp_path / "a.fits", 0)]
+        assert scanned(watcher) == []
+    assert list(watcher.unfinished()) == [(tmp_path / "a.fits", 0)]
 
 
 def test_a_file_is_taken_when_it_is_whole_and_rests(small, tmp_path):
-    arrivals, path = DirectoryWatcher(tmp_path), tmp_path / "a.fits"
+    watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.fits"
     for size in (0, 100, 2000, 2900):
         path.write_bytes(small[:size])
-        assert told(arrivals) == []
-        assert arrivals.changed
+        assert scanned(watcher) == []
+        assert watcher.changed
     path.write_bytes(small)
-    assert told(arrivals) == []
-    assert told(arrivals) == [("a.fits", 0)]
-    assert not arrivals.changed
-    assert told(arrivals) == []
-    assert list(arrivals.unfinished()) == []
+    assert scanned(watcher) == []
+    assert scanned(watcher) == [("a.fits", 0)]
+    assert not watcher.changed
+    assert scanned(watcher) == []
+    assert list(watcher.unfinished()) == []
 
 
 def test_a_file_that_rests_unfinished_is_taken_when_it_is_finished_later(small, tmp_path):
-    arrivals, path = DirectoryWatcher(tmp_path), tmp_path / "a.fits"
+    watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.fits"
     path.write_bytes(small[:2900])
-    assert [told(arrivals) for _ in range(20)] == [[]] * 20
-    assert list(arrivals.unfinished()) == [(path, 0)]
+    assert [scanned(watcher) for _ in range(20)] == [[]] * 20
+    assert list(watcher.unfinished()) == [(path, 0)]
     path.write_bytes(small)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
+    assert [scanned(watcher) for _ in range(2)] == [[], [("a.fits", 0)]]
 
 
 def test_frames_that_are_added_to_a_file_are_taken_and_none_twice(tmp_path):
-    arrivals, path = DirectoryWatcher(tmp_path, done={("a.tif", 1)}), tmp_path / "a.tif"
+    watcher, path = DirectoryWatcher(tmp_path, done={("a.tif", 1)}), tmp_path / "a.tif"
     for pages, expected in ((1, [("a.tif", 0)]), (3, [("a.tif", 2)]), (4, [("a.tif", 3)])):
         write_tiff(path, np.ones((pages, 8, 8), np.uint16), overwrite=True)
-        assert [told(arrivals) for _ in range(3)] == [[], expected, []]
+        assert [scanned(watcher) for _ in range(3)] == [[], expected, []]
 
 
 def test_what_has_rested_for_long_is_not_looked_at_again(small, tmp_path, monkeypatch):
     (tmp_path / "a.fits").write_bytes(small)
-    arrivals = DirectoryWatcher(tmp_path)
-    for _ in range(_RESTING + 2):
-        told(arrivals)
+    watcher = DirectoryWatcher(tmp_path)
+    for _ in range(_RETIRED_AFTER + 2):
+        scanned(watcher)
     monkeypatch.setattr("pathlib.Path.stat", None)  # whoever asks is told
-    assert told(arrivals) == []
+    assert scanned(watcher) == []
 
 
 def test_only_frames_of_the_directory_itself_count(small, tmp_path):
     for name in ("a.fits", ".hidden.fits", "results.ecsv", "out/b.fits"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(small)
-    arrivals = DirectoryWatcher(tmp_path)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
+    watcher = DirectoryWatcher(tmp_path)
+    assert [scanned(watcher) for _ in range(2)] == [[], [("a.fits", 0)]]
 
 
 def test_a_directory_that_is_lost_for_a_while_is_waited_for(small, tmp_path, caplog):
     where = tmp_path / "camera"
     where.mkdir()
     (where / "a.fits").write_bytes(small)
-    arrivals = DirectoryWatcher(where)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
+    watcher = DirectoryWatcher(where)
+    assert [scanned(watcher) for _ in range(2)] == [[], [("a.fits", 0)]]
     where.rename(tmp_path / "elsewhere")
-    assert [told(arrivals) for _ in range(2)] == [[], []]
+    assert [scanned(watcher) for _ in range(2)] == [[], []]
     assert [record.args[0] for record in caplog.records] == [where]
     (tmp_path / "elsewhere").rename(where)
-    assert [told(arrivals) for _ in range(3)] == [[], [], []]
+    assert [scanned(watcher) for _ in range(3)] == [[], [], []]
 
 
 @pytest.fixture
@@ -93,74 +93,74 @@ def taken(small, tmp_path):
     """What watches a directory, and a file in it that was told."""
     path = tmp_path / "a.fits"
     path.write_bytes(small)
-    arrivals = DirectoryWatcher(tmp_path)
-    assert [told(arrivals) for _ in range(2)] == [[], [("a.fits", 0)]]
-    return arrivals, path
+    watcher = DirectoryWatcher(tmp_path)
+    assert [scanned(watcher) for _ in range(2)] == [[], [("a.fits", 0)]]
+    return watcher, path
 
 
-def test_a_frame_that_was_written_anew_counts_once(taken, small):
-    arrivals, path = taken
+def test_a_frame_that_was_rewritten_counts_once(taken, small):
+    watcher, path = taken
     path.write_bytes(small + bytes(2880))
-    assert [told(arrivals) for _ in range(5)] == [[]] * 5
-    assert list(arrivals.unfinished()) == []
+    assert [scanned(watcher) for _ in range(5)] == [[]] * 5
+    assert list(watcher.unfinished()) == []
 
 
-def test_a_file_written_anew_page_by_page_has_each_frame_once(tmp_path):
-    arrivals, path = DirectoryWatcher(tmp_path), tmp_path / "a.tif"
+def test_a_file_rewritten_page_by_page_has_each_frame_once(tmp_path):
+    watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.tif"
     for pages, expected in ((2, [("a.tif", 0), ("a.tif", 1)]), (1, []), (3, [("a.tif", 2)])):
         write_tiff(path, np.ones((pages, 8, 8), np.uint16), overwrite=True)
-        assert [told(arrivals) for _ in range(3)] == [[], expected, []]
+        assert [scanned(watcher) for _ in range(3)] == [[], expected, []]
 
 
-def test_a_frame_that_could_not_be_read_is_told_again_when_its_file_has_changed(taken, small, caplog):
-    arrivals, path = taken
+def test_a_frame_that_could_not_be_read_is_yielded_again_when_its_file_has_changed(taken, small, caplog):
+    watcher, path = taken
     path.write_bytes(small[:2900])
-    arrivals.again(path, 0)
+    watcher.retry(path, 0)
     assert [record.args for record in caplog.records] == [(str(path),)]
-    assert [told(arrivals) for _ in range(9)] == [[]] * 9
-    assert list(arrivals.unfinished()) == [(path, 0)]
+    assert [scanned(watcher) for _ in range(9)] == [[]] * 9
+    assert list(watcher.unfinished()) == [(path, 0)]
     path.write_bytes(small)
-    assert [told(arrivals) for _ in range(3)] == [[], [("a.fits", 0)], []]
-    assert list(arrivals.unfinished()) == []
+    assert [scanned(watcher) for _ in range(3)] == [[], [("a.fits", 0)], []]
+    assert list(watcher.unfinished()) == []
 
 
-def test_a_frame_that_could_not_be_read_though_nothing_changed_is_told_again_now_and_then(taken):
-    arrivals, path = taken
+def test_a_frame_that_could_not_be_read_though_nothing_changed_is_yielded_again_now_and_then(taken):
+    watcher, path = taken
     found = []
-    for look in range(2, 17):
-        arrivals.again(path, 0)
-        found += [look] * len(told(arrivals))
+    for scan in range(2, 17):
+        watcher.retry(path, 0)
+        found += [scan] * len(scanned(watcher))
     assert found == [2, 4, 8, 16]
 
 
-def test_only_the_frames_that_could_not_be_read_are_told_again(tmp_path):
+def test_only_the_frames_that_could_not_be_read_are_yielded_again(tmp_path):
     """Two of three; the file has one page for a while then."""
-    arrivals, path = DirectoryWatcher(tmp_path), tmp_path / "a.tif"
+    watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.tif"
     write_tiff(path, np.ones((3, 8, 8), np.uint16))
-    assert [len(told(arrivals)) for _ in range(2)] == [0, 3]
+    assert [len(scanned(watcher)) for _ in range(2)] == [0, 3]
     for index in (0, 2):
-        arrivals.again(path, index)
+        watcher.retry(path, index)
     for pages, expected in ((1, [("a.tif", 0)]), (4, [("a.tif", 2), ("a.tif", 3)])):
         write_tiff(path, np.ones((pages, 8, 8), np.uint16), overwrite=True)
-        assert [told(arrivals) for _ in range(3)] == [[], expected, []]
+        assert [scanned(watcher) for _ in range(3)] == [[], expected, []]
 
 
 def test_a_file_of_which_nothing_was_read_and_that_is_gone_is_forgotten(taken, small):
     """It may have been given another name: it is told under that one."""
-    arrivals, path = taken
-    arrivals.again(path, 0)
+    watcher, path = taken
+    watcher.retry(path, 0)
     path.rename(path.with_name("b.fits"))
-    assert [told(arrivals) for _ in range(3)] == [[], [("b.fits", 0)], []]
-    assert list(arrivals.unfinished()) == []
+    assert [scanned(watcher) for _ in range(3)] == [[], [("b.fits", 0)], []]
+    assert list(watcher.unfinished()) == []
 
 
-def test_a_frame_that_is_taken_back_late_is_told_again(taken, small):
-    arrivals, path = taken
-    for _ in range(_RESTING + 2):
-        told(arrivals)
-    arrivals.again(path, 0)
+def test_a_frame_that_is_taken_back_late_is_yielded_again(taken, small):
+    watcher, path = taken
+    for _ in range(_RETIRED_AFTER + 2):
+        scanned(watcher)
+    watcher.retry(path, 0)
     path.write_bytes(small + bytes(2880))
-    assert [told(arrivals) for _ in range(3)] == [[], [("a.fits", 0)], []]
+    assert [scanned(watcher) for _ in range(3)] == [[], [("a.fits", 0)], []]
 
 
 def test_a_file_is_whole_with_the_hdu_that_was_asked_for_and_not_before(tmp_path):
@@ -169,26 +169,26 @@ def test_a_file_is_whole_with_the_hdu_that_was_asked_for_and_not_before(tmp_path
     content = path.read_bytes()
     first, second = DirectoryWatcher(tmp_path), DirectoryWatcher(tmp_path, hdu=1)
     path.write_bytes(content[:5760])
-    assert [told(first) for _ in range(3)] == [[], [("a.fits", 0)], []]
-    assert [told(second) for _ in range(3)] == [[]] * 3
+    assert [scanned(first) for _ in range(3)] == [[], [("a.fits", 0)], []]
+    assert [scanned(second) for _ in range(3)] == [[]] * 3
     assert list(second.unfinished()) == [(path, 0)]
     path.write_bytes(content)
-    assert [told(second) for _ in range(3)] == [[], [("a.fits", 0)], []]
-    assert [told(first) for _ in range(3)] == [[]] * 3
+    assert [scanned(second) for _ in range(3)] == [[], [("a.fits", 0)], []]
+    assert [scanned(first) for _ in range(3)] == [[]] * 3
 
 
 def test_frames_that_nobody_asked_for_are_counted(small, tmp_path):
     write_tiff(tmp_path / "a.tif", np.ones((3, 8, 8), np.uint16))
-    arrivals = DirectoryWatcher(tmp_path, done={("c.fits", 0)})
-    told(arrivals)
+    watcher = DirectoryWatcher(tmp_path, done={("c.fits", 0)})
+    scanned(watcher)
     for name in ("b.fits", "c.fits", "d.fits"):
         (tmp_path / name).write_bytes(small)
-    look = arrivals.look()
-    assert arrivals.pending() == "1 file"
-    next(look)
-    assert arrivals.pending() == "2 frames of a.tif"
-    for _ in look:
+    scan = watcher.scan()
+    assert watcher.pending() == "1 file"
+    next(scan)
+    assert watcher.pending() == "2 frames of a.tif"
+    for _ in scan:
         pass
-    assert arrivals.pending() == "2 files"
-    told(arrivals)
-    assert arrivals.pending() == ""
+    assert watcher.pending() == "2 files"
+    scanned(watcher)
+    assert watcher.pending() == ""

@@ -76,12 +76,12 @@ def spell(batches, processor, finish, *, backwards=False, most=9, **_):
     batches = list(batches)
     for batch in batches[::-1][:most] if backwards else batches[:most]:
         rows = []
-        for path, place in batch.items:
-            letter = LETTERS[path.name][place]
+        for path, position in batch.items:
+            letter = LETTERS[path.name][position]
             bad = letter == "z" and path.name == "3.fits"
             fit = FitResult(Status.POOR_FIT if bad else Status.OK, letter)
             rows.append(
-                make_row(fit, path, place, digest=letter) | {"separation": 1.0, "separation_err": 2.0}
+                make_row(fit, path, position, digest=letter) | {"separation": 1.0, "separation_err": 2.0}
             )
         yield Record(batch, rows, {})
     if len(batches) > most:

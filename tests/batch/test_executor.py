@@ -119,7 +119,7 @@ def test_what_is_not_worth_a_picture_is_not_drawn(night, processor):
     batch = Batch(7, tuple((path, 0) for path in night[3:6]))
     (part,) = process_batches([batch], processor)
     assert sorted(part.pictures) == [0, 1]  # of the damaged file there is nothing to draw
-    worse = [(usable, -1e9, 0, place) for usable in (True, False) for place in range(24)]
+    worse = [(usable, -1e9, 0, position) for usable in (True, False) for position in range(24)]
     (again,) = process_batches([batch], processor, ranks=worse)
     assert again.pictures == {}
 

@@ -134,8 +134,8 @@ def test_a_frame_without_memory_is_a_row_and_the_others_are_fitted_as_ever(files
     plan = [*plan_batches(files, [1] * FRAMES, FRAMES)]
     (done,) = process_batches(plan, greedy, threads=3)
     (sound,) = process_batches(plan, FrameProcessor(telescope, locus="mvn"), threads=3)
-    for place, (row, expected) in enumerate(zip(done.rows, sound.rows, strict=True)):
-        if place == GREEDY:
+    for position, (row, expected) in enumerate(zip(done.rows, sound.rows, strict=True)):
+        if position == GREEDY:
             assert (row["status"], row["reason"]) == ("failed", "out_of_memory")
         else:
             assert repr({**row, "seconds": 0}) == repr({**expected, "seconds": 0})

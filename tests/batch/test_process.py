@@ -132,7 +132,7 @@ def test_nor_is_somebody_s_own_configuration(spoilt, processor, tmp_path):
     assert (tmp_path / "configuration.json").read_text() == "mine"
 
 
-def test_a_path_that_does_not_exist_is_told_before_any_work(tmp_path, processor):
+def test_a_path_that_does_not_exist_is_reported_before_any_work(tmp_path, processor):
     with refused(ErrorCode.NOT_FOUND, tmp_path / "nowhere.fits", error=FrameError):
         process_files([tmp_path / "nowhere.fits"], tmp_path / "out", processor)
     assert not (tmp_path / "out").exists()

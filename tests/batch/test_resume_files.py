@@ -78,7 +78,7 @@ def test_a_time_that_a_file_system_has_rounded_is_the_same_time(files, known, ti
     ],
     ids=["ns", "grain", "next frame of a camera", "hour", "two seconds", "second by second", "us by us"],
 )
-def test_another_time_is_told(files, then, now):
+def test_another_time_is_reported(files, then, now):
     for path in files:
         write(path, "a", then)
     known = [counted(path, frames_in) for path in files]
@@ -88,7 +88,7 @@ def test_another_time_is_told(files, then, now):
     assert "bytes" not in str(caught.value)
 
 
-def test_another_size_is_told_and_others_are_counted_with_the_remedy(files, known):
+def test_another_size_is_reported_and_others_are_counted_with_the_remedy(files, known):
     write(files[1], "bbb")
     write(files[3], "bb")
     for done, values in [
@@ -101,7 +101,7 @@ def test_another_size_is_told_and_others_are_counted_with_the_remedy(files, know
         assert (" more" in str(caught.value)) == ("1 more" in values)
 
 
-def test_a_file_of_which_nothing_was_done_is_counted_anew(files, known):
+def test_a_file_of_which_nothing_was_done_is_counted_again(files, known):
     write(files[3], "b", WRITTEN + 5 * SECOND)
     write(files[11], "bbb")
     expected = {3: Counted(1, (1, WRITTEN + 5 * SECOND)), 11: Counted(3, (3, WRITTEN))}

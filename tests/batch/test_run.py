@@ -27,8 +27,8 @@ def spell(batches, processor, finish, *, most=FILES, **_):
         if done == most:
             raise KeyboardInterrupt
         rows = [
-            make_row(FitResult(Status.UNREADABLE, path.read_text()[place]), path, place)
-            for path, place in batch.items
+            make_row(FitResult(Status.UNREADABLE, path.read_text()[position]), path, position)
+            for path, position in batch.items
         ]
         yield Record(batch, rows, {})
 
@@ -82,7 +82,7 @@ def test_a_file_that_was_overwritten_between_two_sessions_is_refused_until_it_is
     assert stopped(resume=True) == "aaaaaa"
 
 
-def test_what_was_refused_is_begun_anew_by_overwriting(stopped, night):
+def test_what_was_refused_is_started_again_by_overwriting(stopped, night):
     (night / "1.fits").write_text("bb")
     assert stopped(overwrite=True) == "abbaaaa"
 
@@ -113,7 +113,7 @@ def test_a_refusal_leaves_what_was_counted(stopped, night):
             stopped(resume=True)
 
 
-def test_a_directory_that_has_gained_files_is_told_how_many_and_what_to_do(stopped, night, out):
+def test_a_directory_that_has_gained_files_is_reported_with_how_many_and_what_to_do(stopped, night, out):
     for name in ("00.fits", "9.fits"):
         (night / name).write_text("b")
     with refused(ErrorCode.CONFLICT, out, 2, night / "00.fits", "--overwrite", "--resume"):
@@ -139,7 +139,7 @@ def test_results_beside_a_ledger_that_holds_no_run_are_not_replaced_either(run, 
     assert (out / "report.html").read_text() == "mine"
 
 
-def test_a_run_that_is_begun_anew_and_interrupted_leaves_no_results_of_the_one_before(run, night, out):
+def test_a_run_that_is_started_again_and_interrupted_leaves_no_results_of_the_one_before(run, night, out):
     run()
     assert names(out) == RESULTS | {STORE}
     (out / "summary.json.bak").write_text("mine")
@@ -162,13 +162,13 @@ def test_results_that_cannot_be_removed_keep_the_run_to_which_they_belong(run, o
     assert run(resume=True, most=0) == "aaaaaa"
 
 
-def test_a_run_is_not_both_gone_on_with_and_begun_anew(run, out):
+def test_a_run_is_not_both_continued_and_started_again(run, out):
     with refused(ErrorCode.CONFLICT, "--resume", "--overwrite"):
         run(resume=True, overwrite=True)
     assert not out.exists()
 
 
-def test_rows_of_an_earlier_session_are_told_apart_from_those_of_this_one(stopped):
+def test_rows_of_an_earlier_session_are_distinguished_from_those_of_this_one(stopped):
     now, earlier, both = [], [], []
     with pytest.raises(KeyboardInterrupt):
         stopped(most=1, resume=True, watch=now.append, before=earlier.append)

@@ -107,7 +107,7 @@ def test_with_a_cadence_such_frames_count_in_the_order_of_their_names(write, tmp
     np.testing.assert_allclose([e.time for e in frames], [0.25, 3.25, 6.25])
 
 
-def test_equal_times_come_in_the_order_of_names_and_a_cadence_tells_them_apart(write, tmp_path):
+def test_equal_times_come_in_the_order_of_names_and_a_cadence_separates_them(write, tmp_path):
     for name in ("f10.fits", "f9.fits"):
         write(name, 4.0)
     write("f11.fits", 3.0)
@@ -134,9 +134,9 @@ def test_a_duplicate_is_passed_on_without_pixels_and_takes_no_time(write, tmp_pa
     _, frames = gone_over(tmp_path)
     assert [e.frame is None for e in frames] == [False, True, False, False, True, True]
     originals = {1: "a.fits [0]", 4: "c.fits [0]", 5: "d.fits [0]"}
-    for place, name in originals.items():
-        assert frames[place].problem.status is Status.DUPLICATE
-        assert str(tmp_path / name) in frames[place].problem.message
+    for position, name in originals.items():
+        assert frames[position].problem.status is Status.DUPLICATE
+        assert str(tmp_path / name) in frames[position].problem.message
     times = [e.time for e in frames if e.frame is not None]
     np.testing.assert_allclose(times, [0.25, 0.75, 1.25])
 

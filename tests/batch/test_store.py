@@ -78,7 +78,7 @@ def test_columns_may_differ_between_rows_and_have_any_name(store):
 
 def test_rows_are_in_the_order_of_the_plan_whichever_batch_came_first(store):
     for batch in (2, 8, 1, 3):
-        store.add(batch, [row(frame=10 * batch + place) for place in range(2)])
+        store.add(batch, [row(frame=10 * batch + position) for position in range(2)])
     assert [one["frame"] for one in store.rows()] == [10, 11, 20, 21, 30, 31, 80, 81]
     assert store.done() == {1, 2, 3, 8}
 
@@ -143,7 +143,7 @@ def test_frames_are_counted_once_and_stay_counted(store, tmp_path):
         assert list(again.frame_counts(files, pytest.fail)) == [n % 3 + 1 for n in range(200)]
 
 
-def test_a_run_is_not_begun_twice_unless_it_may_be_forgotten(store, tmp_path):
+def test_a_run_is_not_started_twice_unless_it_may_be_forgotten(store, tmp_path):
     store.add(0, [row()], {0: b"arrays"})
     list(store.frame_counts([Path("a")], lambda path: 3))
     store.close()
@@ -155,7 +155,7 @@ def test_a_run_is_not_begun_twice_unless_it_may_be_forgotten(store, tmp_path):
         assert again.configuration == {"--locus": "mvn"}
 
 
-def test_a_run_that_was_interrupted_before_it_began_is_begun(tmp_path):
+def test_a_run_that_was_interrupted_before_it_began_is_started(tmp_path):
     with Store.resume(tmp_path, CONFIGURATION, {"date": "Monday"}) as store:
         store.add(0, [row()])
     with Store.resume(tmp_path, CONFIGURATION, {"date": "Tuesday"}) as store:

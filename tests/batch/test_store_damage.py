@@ -18,13 +18,13 @@ def rows_of(batch):
     return [
         {
             "file": f"{batch}.fits",
-            "frame": place,
+            "frame": position,
             "status": str(rng.choice(["ok", "ok", "no_star"])),
             "chi2_dof": float(rng.choice([rng.random(), np.nan])),
             "separation": float(rng.normal(10, 1e-6)),
             "separation_err": float(rng.random()),
         }
-        for place in range(5)
+        for position in range(5)
     ]
 
 
@@ -39,9 +39,9 @@ def filled(tmp_path):
 
 def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path):
     (tmp_path / STORE).write_text("my notes, " * 1000)
-    for begin in (Store.resume, Store.create):
+    for prepare_run in (Store.resume, Store.create):
         with refused(ErrorCode.DAMAGED, tmp_path / STORE):
-            begin(tmp_path, CONFIGURATION)
+            prepare_run(tmp_path, CONFIGURATION)
     assert (tmp_path / STORE).read_text() == "my notes, " * 1000
 
 
@@ -69,12 +69,12 @@ def test_a_ledger_cut_short_is_refused(filled):
         Store.resume(filled.parent, CONFIGURATION)
 
 
-def test_damage_anywhere_is_told_or_does_no_harm(filled):
+def test_damage_anywhere_is_reported_or_does_no_harm(filled):
     rng = np.random.default_rng(4)
     whole, rows = filled.read_bytes(), [one for batch in range(40) for one in rows_of(batch)]
     told = 0
-    for place in rng.integers(100, len(whole) - 64, 150):
-        filled.write_bytes(whole[:place] + rng.bytes(64) + whole[place + 64 :])
+    for position in rng.integers(100, len(whole) - 64, 150):
+        filled.write_bytes(whole[:position] + rng.bytes(64) + whole[position + 64 :])
         try:
             with Store.resume(filled.parent, CONFIGURATION) as store:
                 assert repr(list(store.rows())) == repr(rows)

@@ -30,13 +30,13 @@ def batch_rows(batch):
     return [
         {
             "file": f"{batch}.fits",
-            "frame": place,
+            "frame": position,
             "status": rng.choice(["ok", "ok", "no_star"]),
             "chi2_dof": rng.choice([rng.random(), math.nan]),
             "separation": rng.gauss(10, 1e-6),
             "separation_err": rng.random(),
         }
-        for place in range(5)
+        for position in range(5)
     ]
 
 
@@ -52,9 +52,9 @@ def work(directory, batches, opened):
         for batch in sorted(set(range(batches)) - store.done()):
             time.sleep(0.002)
             rows = batch_rows(batch)
-            places = wanted(store.ranks(), batch, dict(enumerate(rows)))
+            positions = wanted(store.ranks(), batch, dict(enumerate(rows)))
             picture = bytes([batch % 256]) * 20_000
-            store.add(batch, rows, dict.fromkeys(places, picture))
+            store.add(batch, rows, dict.fromkeys(positions, picture))
 
 
 def hold(directory, opened, leave):
@@ -221,7 +221,7 @@ def test_a_full_disk_ends_the_run_in_a_sentence_and_keeps_what_was_done(tmp_path
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
-def test_a_write_that_the_system_refuses_is_told_and_keeps_what_was_done(tmp_path, start, context):
+def test_a_write_that_the_system_refuses_is_reported_and_keeps_what_was_done(tmp_path, start, context):
     ours, theirs = context.Pipe()
     start(fill, str(tmp_path), theirs).join()
     code, sentence, entered, done = ours.recv()

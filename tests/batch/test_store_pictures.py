@@ -21,8 +21,8 @@ def chosen_of(store):
     """Frames that the report shows, with what their pictures are drawn from."""
     pictures = store.pictures()
     return [
-        (pictures[place][0]["frame"], pictures[place][1])
-        for place in choose_pictures([one for one, _ in pictures])
+        (pictures[position][0]["frame"], pictures[position][1])
+        for position in choose_pictures([one for one, _ in pictures])
     ]
 
 
@@ -31,9 +31,9 @@ def drawn(store, batches, order):
     count = 0
     for batch in order:
         rows = dict(enumerate(batches[batch]))
-        places = wanted(store.ranks(), batch, rows)
-        store.add(batch, batches[batch], {place: packed(rows[place]) for place in places})
-        count += len(places)
+        positions = wanted(store.ranks(), batch, rows)
+        store.add(batch, batches[batch], {position: packed(rows[position]) for position in positions})
+        count += len(positions)
     return count
 
 
@@ -52,7 +52,7 @@ def test_the_pictures_are_those_that_would_be_chosen_among_all_frames(tmp_path):
         count = drawn(store, batches, range(50))
         chosen = chosen_of(store)
     rows = [one for batch in batches for one in batch]
-    assert chosen == [(place, packed(rows[place])) for place in choose_pictures(rows)]
+    assert chosen == [(position, packed(rows[position])) for position in choose_pictures(rows)]
     # of n frames in random order the r-th is among the worst 24 with probability 24/r: 24 (1 + ln(n/24)), of
     # 1800 fitted 128 +- 10, of 200 failed 75 +- 6; within a batch only its worst are drawn, which is fewer
     assert 48 < count < 250

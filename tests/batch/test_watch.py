@@ -81,7 +81,7 @@ def test_numbers_agree_with_those_of_a_run_of_the_same_files(watched, night, pro
         assert np.abs(off).max() < 2e-3
 
 
-def test_a_file_that_is_never_finished_is_told_at_the_end_with_the_reason(watched):
+def test_a_file_that_is_never_finished_is_reported_at_the_end_with_the_reason(watched):
     run, rows, _ = watched
     assert (rows[-1]["status"], rows[-1]["reason"]) == ("unreadable", "truncated")
     assert run.summary["status"] == {"ok": 19, "unreadable": 1}
@@ -93,15 +93,15 @@ def test_a_watch_that_is_resumed_does_what_is_left_and_nothing_twice(watched, ni
     run, _, where = watched
     (where / night[-1].name).write_bytes(night[-1].read_bytes())
     now, before = [], []
-    tell = {"watch": now.append, "before": before.append}
-    table = watch_directory(where, where, processor, idle=2, resume=True, sleep=Camera(), **tell).table
+    callback = {"watch": now.append, "before": before.append}
+    table = watch_directory(where, where, processor, idle=2, resume=True, sleep=Camera(), **callback).table
     assert [len(before), len(now)] == [19, 1]
     assert list(table["file"]) == [path.name for path in night]
     assert set(table["status"]) == {"ok"}
     assert list(table["seconds"][:-1]) == list(run.table["seconds"][:-1])  # not fitted again
 
 
-def test_a_watch_that_is_told_to_stop_ends_with_what_it_has_begun(
+def test_a_watch_that_is_asked_to_stop_ends_with_what_it_has_started(
     night, processor, tmp_path, monkeypatch, caplog
 ):
     """It is told while it reads the second of many files."""
@@ -126,7 +126,7 @@ def test_a_watch_without_a_frame_says_so(processor, tmp_path):
         watch_directory(tmp_path, tmp_path / "out", processor, idle=1, sleep=Camera())
 
 
-def test_what_is_no_directory_is_told(night, processor, tmp_path):
+def test_what_is_no_directory_is_reported(night, processor, tmp_path):
     with refused(ErrorCode.NOT_READABLE, night[0], error=FrameError):
         watch_directory(night[0], tmp_path / "out", processor)
 
@@ -168,7 +168,7 @@ def test_a_frame_that_became_unreadable_after_its_file_was_whole_is_tried_again(
     assert list(run.table["status"]) == ["ok", "ok"]
 
 
-def test_a_frame_that_stays_unreadable_is_told_at_the_end_and_done_by_a_resumed_watch(
+def test_a_frame_that_stays_unreadable_is_reported_at_the_end_and_done_by_a_resumed_watch(
     night, processor, spoilt
 ):
     run = watch_directory(spoilt, spoilt, processor, idle=5, sleep=Camera())
@@ -186,7 +186,7 @@ def cube(night, tmp_path):
     return write_fits(tmp_path / "camera" / "cube.fits", np.array(frames, np.float32))
 
 
-def test_a_file_of_many_frames_that_is_cut_is_told_and_resumed(cube, processor, monkeypatch, caplog):
+def test_a_file_of_many_frames_that_is_cut_is_reported_and_resumed(cube, processor, monkeypatch, caplog):
     """Two frames are asked for before the stop is heard; then the directory is named otherwise."""
     asked, out = [], cube.parent.parent / "out"
     monkeypatch.setattr("jitterkit.run.watch.WATCH", replace(WATCH, batch=2))

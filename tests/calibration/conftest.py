@@ -31,8 +31,8 @@ class Camera:
         self.dark = 0.8 * np.exp(0.2 * self.rng.normal(size=(n, n)))
         x = np.linspace(-1, 1, n)
         self.response = (1 + self.prnu * self.rng.normal(size=(n, n))) * (1 + self.tilt * x)
-        places = self.rng.choice(n * n, self.hot + self.dead, replace=False)
-        self.hot_places, self.dead_places = places[: self.hot], places[self.hot :]
+        positions = self.rng.choice(n * n, self.hot + self.dead, replace=False)
+        self.hot_places, self.dead_places = positions[: self.hot], positions[self.hot :]
         self.dark.flat[self.hot_places] = self.rng.uniform(20, 200, self.hot)
         self.response.flat[self.dead_places] = self.rng.uniform(0, 0.3, self.dead)
 

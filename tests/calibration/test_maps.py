@@ -78,10 +78,10 @@ def test_hot_dead_noisy_and_blank_pixels_are_found_and_no_others(a_camera):
     found = calibrate(
         Stack.of("bias", pixels), [camera.darks(10, 20.0)], [camera.flats(8, s) for s in (0.2, 0.6)]
     )
-    for flag, places in (("hot", camera.hot_places), ("dead", camera.dead_places)):
+    for flag, positions in (("hot", camera.hot_places), ("dead", camera.dead_places)):
         marked = np.flatnonzero(found.bad & FLAGS[flag])
-        assert set(marked) == set(places)
-        assert found.count(flag) == len(places)
+        assert set(marked) == set(positions)
+        assert found.count(flag) == len(positions)
     assert np.argwhere(found.bad & FLAGS["noisy"]).tolist() == [[5, 6]]
     assert np.argwhere(found.bad & FLAGS["blank"]).tolist() == [[8, 9]]
 

@@ -5,8 +5,8 @@ from refusals import assert_names
 
 
 @pytest.fixture
-def told():
-    """Check that a command told an error: exit status, and one line with the values and the code.
+def check_error():
+    """Check that a command reported an error: exit status, and one line with the values and the code.
 
     Called with the result of the run, the :class:`~jitterkit.errors.ErrorCode` and the values that the line
     must name in this order: file, option, number.  The line ends with the code in brackets.

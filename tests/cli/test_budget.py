@@ -30,15 +30,19 @@ def test_the_table_is_printed_and_kept(tmp_path):
     assert fitted == {"wavelength", "band", "index_a", "index_b", "background", "gradient"}
 
 
-def test_a_size_that_is_none_is_refused(told):
-    told(runner.invoke(app, [*SMALL, "--effect", "flat"]), ErrorCode.MALFORMED, "flat")
-    told(runner.invoke(app, [*SMALL, "--effect", "flat=0"]), ErrorCode.OUT_OF_RANGE, "flat=0")
-    told(runner.invoke(app, [*SMALL, "--effect", "seeing=1"]), ErrorCode.UNKNOWN_NAME, "seeing")
+def test_a_size_that_is_none_is_refused(check_error):
+    check_error(runner.invoke(app, [*SMALL, "--effect", "flat"]), ErrorCode.MALFORMED, "flat")
+    check_error(runner.invoke(app, [*SMALL, "--effect", "flat=0"]), ErrorCode.OUT_OF_RANGE, "flat=0")
+    check_error(runner.invoke(app, [*SMALL, "--effect", "seeing=1"]), ErrorCode.UNKNOWN_NAME, "seeing")
 
 
-def test_a_change_that_leaves_no_separation_is_refused(told):
-    told(runner.invoke(app, [*SMALL, "--effect", "velocity_aberration=2"]), ErrorCode.OUT_OF_RANGE, "2")
+def test_a_change_that_leaves_no_separation_is_refused(check_error):
+    check_error(
+        runner.invoke(app, [*SMALL, "--effect", "velocity_aberration=2"]), ErrorCode.OUT_OF_RANGE, "2"
+    )
 
 
-def test_a_pair_outside_of_the_frame_is_refused(told):
-    told(runner.invoke(app, ["budget", "-i", "plain", "--separation", "60"]), ErrorCode.OUT_OF_RANGE, "30")
+def test_a_pair_outside_of_the_frame_is_refused(check_error):
+    check_error(
+        runner.invoke(app, ["budget", "-i", "plain", "--separation", "60"]), ErrorCode.OUT_OF_RANGE, "30"
+    )

@@ -24,9 +24,9 @@ def frames(tmp_path_factory):
     """Directories of bias (a TIFF stack), dark and flat frames of 128 x 128 pixels: 3.7 e-/ADU, 2.4 e-."""
     root, rng = tmp_path_factory.mktemp("frames"), np.random.default_rng(20262)
     shape = (128, 128)
-    places = rng.choice(128**2, 15, replace=False)
+    positions = rng.choice(128**2, 15, replace=False)
     dark, response = np.full(shape, 0.8), 1 + 0.006 * rng.normal(size=shape)
-    dark.flat[places[:9]], response.flat[places[9:]] = 50.0, 0.1
+    dark.flat[positions[:9]], response.flat[positions[9:]] = 50.0, 0.1
 
     def read(light, seconds, count):
         mean = light * response * (1 + 0.004 * rng.normal(size=(count, 1, 1))) + dark * seconds
@@ -125,17 +125,17 @@ def test_flats_alone_stand_on_a_level(frames, tmp_path):
     ],
 )  # fmt: skip
 def test_what_cannot_be_measured_is_one_sentence_and_nothing_is_written(
-    arguments, code, values, frames, tmp_path, monkeypatch, told
+    arguments, code, values, frames, tmp_path, monkeypatch, check_error
 ):
     monkeypatch.chdir(tmp_path)
     done = run(*(a.replace("FRAMES", str(frames)) for a in arguments), "-o", "out")
-    told(done, code, *values)
+    check_error(done, code, *values)
     assert len(done.stderr.splitlines()) == 1  # not where a gain is taken from: it was not
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_there_is_not_replaced_unasked(frames, tmp_path, told):
+def test_what_is_there_is_not_replaced_unasked(frames, tmp_path, check_error):
     (tmp_path / "bias.fits").touch()
     done = run("--bias", frames / "bias", "-o", tmp_path)
-    told(done, ErrorCode.EXISTS, tmp_path / "bias.fits", "--overwrite")
+    check_error(done, ErrorCode.EXISTS, tmp_path / "bias.fits", "--overwrite")
     assert run("--bias", frames / "bias", "-o", tmp_path, "--overwrite").exit_code == 0

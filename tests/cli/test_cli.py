@@ -54,7 +54,7 @@ def test_help_loads_nothing_heavy():
         ["motion", "ready/a.csv", "-o", "ready/results.ecsv"],
     ],
 )
-def test_what_is_wrong_with_paths_is_told_before_jax_is_loaded(arguments, tmp_path):
+def test_what_is_wrong_with_paths_is_reported_before_jax_is_loaded(arguments, tmp_path):
     (tmp_path / "ready").mkdir()
     for name in ("a.fits", "results.ecsv"):
         (tmp_path / "ready" / name).touch()
@@ -89,10 +89,10 @@ def test_info_says_where_each_number_comes_from(frame):
     assert "header EGAIN" in gain
 
 
-def test_info_goes_on_after_a_bad_file(frame, tmp_path, told):
+def test_info_goes_on_after_a_bad_file(frame, tmp_path, check_error):
     (tmp_path / "bad.fits").write_text("not a frame")
     done = runner.invoke(app, ["info", str(tmp_path)])
-    told(done, ErrorCode.UNKNOWN_FORMAT, tmp_path / "bad.fits", status=1)
+    check_error(done, ErrorCode.UNKNOWN_FORMAT, tmp_path / "bad.fits", status=1)
     assert "frame.fits" in done.stdout
 
 
@@ -126,7 +126,7 @@ def test_one_seed_gives_one_frame(tmp_path):
     assert np.any(pixels[0] != pixels[2])
 
 
-def test_process_prints_the_separation_and_leaves_its_files(frame, tmp_path, told):
+def test_process_prints_the_separation_and_leaves_its_files(frame, tmp_path, check_error):
     out = tmp_path / "out"
     done = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "plain"])
     assert done.exit_code == 0, done.output
@@ -136,7 +136,7 @@ def test_process_prints_the_separation_and_leaves_its_files(frame, tmp_path, tol
     mean, error = (json.loads((out / "summary.json").read_text())["separation"][k] for k in ("mean", "error"))
     assert abs(mean - 10.0) < 5 * error
     again = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "plain"])
-    told(again, ErrorCode.EXISTS, out, "--overwrite")
+    check_error(again, ErrorCode.EXISTS, out, "--overwrite")
 
 
 def test_some_failed_frames_are_exit_status_one(frame, tmp_path):
@@ -222,12 +222,14 @@ def useless_frames(where):
         ("estimate frame.fits --reference link.fits --no-stars", ErrorCode.BAD_REFERENCE, ["link.fits"]),
     ],
 )
-def test_usage_errors_are_one_sentence_and_exit_status_two(arguments, code, values, frame, monkeypatch, told):
+def test_usage_errors_are_one_sentence_and_exit_status_two(
+    arguments, code, values, frame, monkeypatch, check_error
+):
     monkeypatch.chdir(frame.parent)
     if "--reference" in arguments:
         useless_frames(frame.parent)
     done = runner.invoke(app, arguments.split())
-    told(done, code, *values)
+    check_error(done, code, *values)
     assert done.stdout == ""
 
 

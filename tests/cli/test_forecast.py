@@ -37,9 +37,11 @@ def test_one_forecast_says_every_error_and_what_it_takes(tmp_path):
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_no_more_than_two_settings_are_swept(told):
+def test_no_more_than_two_settings_are_swept(check_error):
     ideal = ["--sweep", "flux=1e9,4e9", "--sweep", "read_noise=0"]
-    told(runner.invoke(app, [*SMALL, *ideal, "--sweep", "full_well=1e12"]), ErrorCode.TOO_MANY, 3, "--sweep")
+    check_error(
+        runner.invoke(app, [*SMALL, *ideal, "--sweep", "full_well=1e12"]), ErrorCode.TOO_MANY, 3, "--sweep"
+    )
 
 
 def test_what_is_no_jitter_costs_no_more_time_than_without_jitter(tmp_path):
@@ -54,7 +56,7 @@ def test_what_is_no_jitter_costs_no_more_time_than_without_jitter(tmp_path):
     assert np.all(kept["masked"] == 0)
 
 
-def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path, told):
+def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path, check_error):
     table, picture = tmp_path / "sweep.ecsv", tmp_path / "sweep.png"
     sweep = ["--locus", "shm", "--sweep", "length=0.1:0.5:3", "--sweep", "angle=0,90"]
     done = runner.invoke(app, [*SMALL, *sweep, "--target", "10uas", "-o", str(table), "--plot", str(picture)])
@@ -67,7 +69,7 @@ def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path, told):
     assert np.all(np.diff(kept["time_ratio"][::2]) > 0)
     assert picture.read_bytes().startswith(b"\x89PNG")
     again = runner.invoke(app, [*SMALL, *sweep, "-o", str(table)])
-    told(again, ErrorCode.EXISTS, table, "--overwrite")
+    check_error(again, ErrorCode.EXISTS, table, "--overwrite")
 
 
 @pytest.mark.parametrize(
@@ -92,8 +94,8 @@ def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path, told):
         (["--plot", "x.pdf"], ErrorCode.WRONG_SUFFIX, ["x.pdf", ".png"]),
     ],
 )
-def test_what_is_wrong_is_told_in_a_sentence(arguments, code, values, told):
-    told(runner.invoke(app, [*SMALL, *arguments]), code, *values)
+def test_what_is_wrong_is_reported_in_a_sentence(arguments, code, values, check_error):
+    check_error(runner.invoke(app, [*SMALL, *arguments]), code, *values)
 
 
 def test_angles_and_shares_are_read_with_their_units():
@@ -105,7 +107,7 @@ def test_angles_and_shares_are_read_with_their_units():
         parse_sweeps(["a=1", "b=1", "c=1"])
 
 
-def test_a_cross_fit_is_a_table_and_a_picture(tmp_path, told):
+def test_a_cross_fit_is_a_table_and_a_picture(tmp_path, check_error):
     table, picture = tmp_path / "cross.ecsv", tmp_path / "cross.png"
     asked = ["--data", "linear", "--fit", "stable", "--fit", "linear", "--size", "0.5", "--angle", "0"]
     done = runner.invoke(
@@ -117,4 +119,4 @@ def test_a_cross_fit_is_a_table_and_a_picture(tmp_path, told):
     still, right = (abs(value) for value in kept["bias"].to_value("uas"))
     assert right < 0.1 < still
     assert picture.read_bytes().startswith(b"\x89PNG")
-    told(runner.invoke(app, ["crossfit", "--data", "wobble"]), ErrorCode.UNKNOWN_NAME, "'wobble'")
+    check_error(runner.invoke(app, ["crossfit", "--data", "wobble"]), ErrorCode.UNKNOWN_NAME, "'wobble'")

@@ -19,19 +19,19 @@ def rows(output):
 def test_info_tells_a_preset_with_the_provenance_of_each_number(name):
     done = runner.invoke(app, ["info", name])
     assert done.exit_code == 0
-    told = rows(done.stdout)
-    assert "SNRmax 41.6 dB" in told["full_well"]
-    assert "a choice" in told["dark_current"]
-    assert "an estimate" in told["line_time"]
-    assert "not modelled" in told["flat"]
+    table = rows(done.stdout)
+    assert "SNRmax 41.6 dB" in table["full_well"]
+    assert "a choice" in table["dark_current"]
+    assert "an estimate" in table["line_time"]
+    assert "not modelled" in table["flat"]
 
 
 def test_info_tells_an_instrument_file(tmp_path):
     path = tmp_path / "cam.toml"
     path.write_text('[instrument]\nbase = "smallsat"\n[detector]\nbase = "imx183"\ncoupling = 0.004\n')
-    told = rows(runner.invoke(app, ["info", str(path)]).stdout)
-    assert "instrument file cam.toml [detector] coupling" in told["coupling"]
-    assert "preset smallsat" in told["plate_scale"]
+    table = rows(runner.invoke(app, ["info", str(path)]).stdout)
+    assert "instrument file cam.toml [detector] coupling" in table["coupling"]
+    assert "preset smallsat" in table["plate_scale"]
 
 
 @pytest.mark.parametrize(
@@ -41,12 +41,12 @@ def test_info_tells_an_instrument_file(tmp_path):
         ('transmission = ["q"]', ErrorCode.OUT_OF_RANGE, ["'q'", "x, y, r"]),
     ],
 )
-def test_info_refuses_the_instrument_files_that_commands_refuse(tmp_path, told, line, code, values):
+def test_info_refuses_the_instrument_files_that_commands_refuse(tmp_path, check_error, line, code, values):
     path = tmp_path / "cam.toml"
     path.write_text(f'[instrument]\nbase = "smallsat"\n{line}\n')
     commands = [["info", str(path)], ["simulate", str(tmp_path / "s.fits"), "-i", str(path)]]
     info, simulate = (runner.invoke(app, command) for command in commands)
-    told(info, code, *values)
+    check_error(info, code, *values)
     assert info.stderr == simulate.stderr
 
 
@@ -65,5 +65,5 @@ def test_info_warns_of_what_it_does_not_use(tmp_path, header, data, said):
     assert said in rows(done.stdout)["warning:"]
 
 
-def test_info_of_nothing_says_so(told):
-    told(runner.invoke(app, ["info", "imx138"]), ErrorCode.NOT_FOUND, "imx138")
+def test_info_of_nothing_says_so(check_error):
+    check_error(runner.invoke(app, ["info", "imx138"]), ErrorCode.NOT_FOUND, "imx138")

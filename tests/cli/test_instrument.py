@@ -36,17 +36,17 @@ def test_a_pupil_becomes_a_file_that_info_reads(tmp_path, pupil):
     ]
     done = runner.invoke(app, ["instrument", str(pupil), "-o", str(path), *options])
     assert done.exit_code == 0, done.output
-    told = runner.invoke(app, ["info", str(path)]).stdout
-    assert "24 x 20" in told
-    assert "instrument file tel.toml [instrument] plate_scale" in told
+    printed = runner.invoke(app, ["info", str(path)]).stdout
+    assert "24 x 20" in printed
+    assert "instrument file tel.toml [instrument] plate_scale" in printed
 
 
-def test_what_is_missing_is_asked_for_and_nothing_is_replaced_unasked(tmp_path, pupil, told):
+def test_what_is_missing_is_asked_for_and_nothing_is_replaced_unasked(tmp_path, pupil, check_error):
     words = ["instrument", str(pupil), "-o", str(tmp_path / "tel.toml"), "--wavelength", "550"]
-    told(runner.invoke(app, words), ErrorCode.MISSING_VALUE, pupil, "--plate-scale")
+    check_error(runner.invoke(app, words), ErrorCode.MISSING_VALUE, pupil, "--plate-scale")
     words += ["--plate-scale", "0.05", "--shape", "16", "16"]
     assert runner.invoke(app, words).exit_code == 0
-    told(runner.invoke(app, words), ErrorCode.EXISTS, tmp_path / "tel-pupil.npz")
+    check_error(runner.invoke(app, words), ErrorCode.EXISTS, tmp_path / "tel-pupil.npz")
     assert runner.invoke(app, [*words, "--overwrite"]).exit_code == 0
 
 

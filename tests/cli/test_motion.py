@@ -50,7 +50,7 @@ def test_hst_is_a_worked_example_in_tables_on_stdout_and_talk_on_stderr(tmp_path
         assert value in line
 
 
-def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path, told):
+def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path, check_error):
     table, picture = tmp_path / "budget.ecsv", tmp_path / "motion.png"
     done = assess(lines, "-o", table, "--plot", picture, "--cadence", "0.5")
     assert done.exit_code == 0, done.output
@@ -66,7 +66,7 @@ def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path, told):
     ratio = np.divide(loss["error_with"], loss["error_without"]) ** 2 - 1
     np.testing.assert_allclose(ratio, [along, across])
     assert "more_time" in done.stdout
-    told(assess(lines, "-o", table), ErrorCode.EXISTS, table, "--overwrite")
+    check_error(assess(lines, "-o", table), ErrorCode.EXISTS, table, "--overwrite")
 
 
 @pytest.mark.slow
@@ -143,7 +143,7 @@ def test_what_the_rows_of_a_spectrum_are_is_said_and_can_be_given(tmp_path):
     assert total(curve) < 0.6 * total(done)
 
 
-def test_rates_in_a_unit_that_is_given_are_integrated(tmp_path, told):
+def test_rates_in_a_unit_that_is_given_are_integrated(tmp_path, check_error):
     path, t = tmp_path / "gyro.csv", np.arange(0, 5, 0.001)
     rates = 0.1 * 2 * np.pi * 70 * np.cos(2 * np.pi * 70 * t) / 3600
     path.write_text("t,x,y\n" + "\n".join(f"{a},{b},0" for a, b in zip(t, rates, strict=True)))
@@ -153,7 +153,7 @@ def test_rates_in_a_unit_that_is_given_are_integrated(tmp_path, told):
         70.7, rel=0.02
     )  # straight lines of 1 ms leave out (2 pi 70 / 1000)² / 12
     assert "integrated" in done.stderr
-    told(assess(path, "--rates", "deg"), ErrorCode.CONFLICT, path, "deg/s")
+    check_error(assess(path, "--rates", "deg"), ErrorCode.CONFLICT, path, "deg/s")
 
 
 def test_exposures_with_a_gap_are_left_out_with_a_word(tmp_path):
@@ -197,9 +197,9 @@ def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path
         assert header["TRUSXX"] == pytest.approx(0.08 * 0.75, rel=0.1)
         assert header["TRUSYY"] == pytest.approx(0.08 * 0.25 + 0.02, rel=0.1)
     assert headers[0]["TRUSXX"] != headers[1]["TRUSXX"]
-    places = [(header["TRUX"], header["TRUY"]) for header in headers]
-    np.testing.assert_allclose(np.sum(places, axis=0), 0, atol=1e-12)  # about the mean of both
-    assert 0 < np.hypot(*places[0]) < 0.4  # and by no more than the slower line's amplitude
+    positions = [(header["TRUX"], header["TRUY"]) for header in headers]
+    np.testing.assert_allclose(np.sum(positions, axis=0), 0, atol=1e-12)  # about the mean of both
+    assert 0 < np.hypot(*positions[0]) < 0.4  # and by no more than the slower line's amplitude
 
 
 @pytest.mark.parametrize(
@@ -224,8 +224,8 @@ def test_frames_shaken_by_a_spectrum_differ_and_know_their_truth(lines, tmp_path
     ],
 )
 def test_what_cannot_be_done_is_one_sentence_and_exit_status_two(
-    arguments, code, values, lines, monkeypatch, told
+    arguments, code, values, lines, monkeypatch, check_error
 ):
     monkeypatch.chdir(lines.parent)
     Path("short.csv").write_text("t,x,y\n0,0,0\n0.01,0,0\n")
-    told(runner.invoke(app, [*arguments.split(), "-i", "smallsat"]), code, *values)
+    check_error(runner.invoke(app, [*arguments.split(), "-i", "smallsat"]), code, *values)

@@ -126,7 +126,7 @@ def test_the_picture_is_a_png(tmp_path):
     ],
 )
 def test_what_cannot_be_counted_is_one_sentence_and_exit_status_two(
-    arguments, code, values, tmp_path, monkeypatch, told
+    arguments, code, values, tmp_path, monkeypatch, check_error
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "short.csv").write_text("530,1\n640,1\n")
@@ -140,9 +140,9 @@ def test_what_cannot_be_counted_is_one_sentence_and_exit_status_two(
     from jitterkit.frames import write_fits
 
     write_fits(tmp_path / "star.fits", np.pad([[100.0]], 8)[:-1, :-1].astype("float32"))
-    told(run(*arguments), code, *values)
+    check_error(run(*arguments), code, *values)
 
 
-def test_without_synphot_one_sentence_names_the_extra(monkeypatch, told):
+def test_without_synphot_one_sentence_names_the_extra(monkeypatch, check_error):
     monkeypatch.setitem(sys.modules, "synphot", None)
-    told(run(), ErrorCode.MISSING_PACKAGE, "synphot", '"jitterkit[spectra]"')
+    check_error(run(), ErrorCode.MISSING_PACKAGE, "synphot", '"jitterkit[spectra]"')

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
 from jitterkit.errors import ErrorCode
-from jitterkit.trade import outlook, plan
+from jitterkit.trade import plan, worst_case
 
 runner = CliRunner()
 FEW = {"pad": (8, 32), "samples": (3,), "binning": (1,), "region": (), "tolerance": (1e-2, 1e-4)}
@@ -25,11 +25,13 @@ def frames(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    monkeypatch.setattr(plan, "RUNGS", FEW)
+    monkeypatch.setattr(plan, "GRID", FEW)
 
 
 @pytest.mark.slow
-def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp_path, monkeypatch, told):
+def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(
+    frames, tmp_path, monkeypatch, check_error
+):
     out = tmp_path / "out"
     plain = ["process", str(frames), "-o", str(out), "-i", "plain", "--locus", "mvn"]
     command = [*plain, "--tolerance", "30%"]
@@ -42,11 +44,11 @@ def test_a_run_is_made_with_what_its_frames_need_and_goes_on_with_it(frames, tmp
     assert kept["instrument"]["pad"] == kept["plan"]["settings"]["pad"] == 8
     assert kept["options"]["tolerance"] == kept["plan"]["settings"]["tolerance"] == 1e-2
 
-    monkeypatch.setattr(outlook, "examples_of", None)  # whoever looks again breaks down
+    monkeypatch.setattr(worst_case, "examples_of", None)  # whoever looks again breaks down
     again = runner.invoke(app, [*command[:-1], "0.3e2%", "--resume"])  # the same in other words
     assert again.exit_code == 0, again.output
     another = runner.invoke(app, [*plain, "--resume"])
-    told(another, ErrorCode.CONFLICT, out)
+    check_error(another, ErrorCode.CONFLICT, out)
 
 
 @pytest.mark.slow
@@ -59,9 +61,9 @@ def test_frames_that_stand_still_get_no_jitter_where_the_promise_allows_it(tmp_p
     done = runner.invoke(app, [*command, "--explain"])
     assert done.exit_code == 0, done.output
     assert re.search(r"^  jitter: .* [mµ]as", done.stderr, re.MULTILINE)
-    told = json.loads((out / "configuration.json").read_text())
-    assert told["plan"]["settings"]["jitter"] == "seen"
-    assert told["options"]["may_be_still"] is True
+    written = json.loads((out / "configuration.json").read_text())
+    assert written["plan"]["settings"]["jitter"] == "seen"
+    assert written["options"]["may_be_still"] is True
     assert json.loads((out / "summary.json").read_text())["locus"] == {"stable": 3}
     again = runner.invoke(app, [*command, "--resume"])
     assert again.exit_code == 0, again.output
@@ -92,8 +94,10 @@ def test_explain_alone_changes_nothing(frames, tmp_path):
         (["--budget", "1us"], ErrorCode.OUT_OF_RANGE, ["0.001 ms"]),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_is_written(frames, tmp_path, given, code, values, told):
+def test_what_cannot_be_is_refused_before_anything_is_written(
+    frames, tmp_path, given, code, values, check_error
+):
     out = tmp_path / "out"
     done = runner.invoke(app, ["process", str(frames), "-o", str(out), "-i", "plain", *given])
-    told(done, code, *values)
+    check_error(done, code, *values)
     assert not out.exists()

@@ -29,7 +29,7 @@ def how_to_go_on(stopped, out):
     return set(re.findall(r"--\w+", line))
 
 
-def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_path, monkeypatch, told):
+def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_path, monkeypatch, check_error):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
@@ -40,7 +40,7 @@ def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_pat
         stopped = runner.invoke(app, command)
     assert stopped.exit_code == 130
     assert how_to_go_on(stopped, out) == {"--resume"}
-    told(runner.invoke(app, command), ErrorCode.EXISTS, out)  # which is not to be lost unasked
+    check_error(runner.invoke(app, command), ErrorCode.EXISTS, out)  # which is not to be lost unasked
     assert runner.invoke(app, [*command, "--resume"]).exit_code == 1
     with monkeypatch.context() as patched:
         patched.setattr("jitterkit.run.process.execute", interrupted)
@@ -48,15 +48,17 @@ def test_a_run_that_is_interrupted_says_how_to_go_on_and_goes_on(blanks, tmp_pat
     assert how_to_go_on(stopped, out) == {"--resume", "--overwrite"}
 
 
-def test_a_file_that_was_overwritten_before_a_run_goes_on_is_told(blanks, tmp_path, told):
+def test_a_file_that_was_overwritten_before_a_run_goes_on_is_reported(blanks, tmp_path, check_error):
     command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--locus", "mvn"]
     assert runner.invoke(app, command).exit_code == 1
     (blanks / "07.fits").write_text("exposure = 4\n")
-    told(runner.invoke(app, [*command, "--resume"]), ErrorCode.CHANGED, "07.fits", "650 bytes", "13")
+    check_error(runner.invoke(app, [*command, "--resume"]), ErrorCode.CHANGED, "07.fits", "650 bytes", "13")
     assert runner.invoke(app, [*command, "--overwrite"]).exit_code == 1
 
 
-def test_the_line_on_the_screen_is_told_which_rows_are_of_an_earlier_session(blanks, tmp_path, monkeypatch):
+def test_the_line_on_the_screen_is_reported_which_rows_are_of_an_earlier_session(
+    blanks, tmp_path, monkeypatch
+):
     now, earlier = [], []
     monkeypatch.setattr(
         "jitterkit.cli.process.run_progress", lambda total: nullcontext((now.append, earlier.append))
@@ -68,26 +70,26 @@ def test_the_line_on_the_screen_is_told_which_rows_are_of_an_earlier_session(bla
     assert (len(now), len(earlier)) == (52, 52)
 
 
-def test_of_many_failures_some_are_told_and_the_others_counted(blanks, tmp_path):
+def test_of_many_failures_some_are_reported_and_the_others_counted(blanks, tmp_path):
     done = runner.invoke(app, ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat"])
     assert done.stderr.count("] unreadable: ") == 50
     (others,) = [line for line in done.stderr.splitlines() if line.startswith("...")]
     assert re.findall(r"\d+", others) == ["2"]
 
 
-def test_a_preset_is_what_a_run_was_made_with_and_goes_on_with(blanks, tmp_path, told):
+def test_a_preset_is_what_a_run_was_made_with_and_goes_on_with(blanks, tmp_path, check_error):
     out = tmp_path / "out"
     command = ["process", str(blanks), "-o", str(out), "-i", "smallsat", "--locus", "mvn", "--preset"]
     assert runner.invoke(app, [*command, "fast"]).exit_code == 1
     kept = json.loads((out / "configuration.json").read_text())
     assert kept["instrument"]["pad"] == 16
     assert kept["options"]["tolerance"] == 0.01
-    told(
+    check_error(
         runner.invoke(app, [*command, "balanced", "--resume"]), ErrorCode.CONFLICT, out, "instrument.pad", 16
     )
     assert runner.invoke(app, [*command, "fast", "--resume"]).exit_code == 1
 
 
-def test_a_preset_that_cannot_be_is_refused_before_a_frame_is_read(blanks, tmp_path, told):
+def test_a_preset_that_cannot_be_is_refused_before_a_frame_is_read(blanks, tmp_path, check_error):
     command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--preset", "slow"]
-    told(runner.invoke(app, command), ErrorCode.UNKNOWN_NAME, "'slow'", "fast, balanced, exact")
+    check_error(runner.invoke(app, command), ErrorCode.UNKNOWN_NAME, "'slow'", "fast, balanced, exact")

@@ -26,8 +26,8 @@ def test_the_rate_is_that_of_batches_whose_rows_come_together():
     """Thirty-two rows every two seconds, each batch told within milliseconds."""
     tally, rates = RunningStatistics(), []
     for batch in range(30):
-        for place in range(32):
-            tally.add(row(), now=2.0 * batch + 1e-4 * place)
+        for position in range(32):
+            tally.add(row(), now=2.0 * batch + 1e-4 * position)
         rates.append(tally.rate)
     assert rates[0] != rates[0]
     assert rates[1:] == pytest.approx([16.0] * 29)

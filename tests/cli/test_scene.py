@@ -66,18 +66,18 @@ def test_a_pair_that_is_asked_for_is_not_found_in_one_star(guide, tmp_path):
     assert not set(QTable.read(tmp_path / "out" / "results.ecsv")["status"]) & {"ok"}
 
 
-def test_what_does_not_go_with_a_scene_is_refused(guide, tmp_path, told):
+def test_what_does_not_go_with_a_scene_is_refused(guide, tmp_path, check_error):
     simulate = ["simulate", str(tmp_path / "x.fits"), "-i", "plain", "--scene"]
-    told(runner.invoke(app, [*simulate, "star", "--theta", "30"]), ErrorCode.CONFLICT, "--theta")
-    told(runner.invoke(app, [*simulate, "galaxy"]), ErrorCode.UNKNOWN_NAME, "'galaxy'", "star, binary")
+    check_error(runner.invoke(app, [*simulate, "star", "--theta", "30"]), ErrorCode.CONFLICT, "--theta")
+    check_error(runner.invoke(app, [*simulate, "galaxy"]), ErrorCode.UNKNOWN_NAME, "'galaxy'", "star, binary")
     assert not list(tmp_path.iterdir())
     field = ["estimate", str(guide), "--stars", "--scene", "star"]
-    told(runner.invoke(app, field), ErrorCode.CONFLICT, "--scene")
+    check_error(runner.invoke(app, field), ErrorCode.CONFLICT, "--scene")
     unknown = ["process", str(guide), "-i", "plain", "--scene", "galaxy", "-o", str(tmp_path / "out")]
-    told(runner.invoke(app, unknown), ErrorCode.UNKNOWN_NAME, "'galaxy'", "binary")
+    check_error(runner.invoke(app, unknown), ErrorCode.UNKNOWN_NAME, "'galaxy'", "binary")
 
 
-def test_a_forecast_for_one_star_knows_no_pair(tmp_path, told):
+def test_a_forecast_for_one_star_knows_no_pair(tmp_path, check_error):
     command = ["forecast", "-i", "plain", "--scene", "star", "--locus", "mvn", "--sigma", "0.2"]
     done = runner.invoke(app, [*command, "-o", str(tmp_path / "f.ecsv")])
     assert done.exit_code == 0, done.output
@@ -86,14 +86,16 @@ def test_a_forecast_for_one_star_knows_no_pair(tmp_path, told):
     table = QTable.read(tmp_path / "f.ecsv")
     assert not {"separation", "contrast", "theta"} & set(table["parameter"])
     assert {"x", "y", "flux", "mvn_xx", "background"} <= set(table["parameter"])
-    told(runner.invoke(app, [*command, "--allow", "10%"]), ErrorCode.CONFLICT, "--allow")
-    told(runner.invoke(app, [*command, "--theta", "3"]), ErrorCode.CONFLICT, "--theta")
-    told(runner.invoke(app, ["forecast", "--scene", "stars"]), ErrorCode.UNKNOWN_NAME, "'stars'", "binary")
+    check_error(runner.invoke(app, [*command, "--allow", "10%"]), ErrorCode.CONFLICT, "--allow")
+    check_error(runner.invoke(app, [*command, "--theta", "3"]), ErrorCode.CONFLICT, "--theta")
+    check_error(
+        runner.invoke(app, ["forecast", "--scene", "stars"]), ErrorCode.UNKNOWN_NAME, "'stars'", "binary"
+    )
 
 
-def test_a_sequence_is_of_a_pair(guide, tmp_path, told):
+def test_a_sequence_is_of_a_pair(guide, tmp_path, check_error):
     command = ["sequence", str(guide), "-i", "plain", "--locus", "mvn", "-o", str(tmp_path / "out")]
-    told(runner.invoke(app, [*command, "--scene", "star"]), ErrorCode.UNKNOWN_NAME, "'star'", "binary")
+    check_error(runner.invoke(app, [*command, "--scene", "star"]), ErrorCode.UNKNOWN_NAME, "'star'", "binary")
 
 
 FIELD = "x,y,flux\n-5,4,60000\n5,5.5,30000\n5.5,-5,20000\n-3,-6,45000\n"

@@ -76,7 +76,7 @@ def test_separation_and_sense_of_the_motion(fitted):
 
 
 @pytest.mark.slow
-def test_no_header_says_when_is_told_unless_the_cadence_is_given(fitted, night, tmp_path):
+def test_no_header_says_when_is_reported_unless_the_cadence_is_given(fitted, night, tmp_path):
     # The torn frame's message names its header too; this warning is the first line, before any frame's.
     warning = fitted[0].stderr.splitlines()[0]
     assert_names(warning, ["header", "follow each other"])
@@ -92,8 +92,8 @@ def test_pictures_are_there(fitted):
         assert (fitted[1] / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_results_are_not_replaced_unasked(night, fitted, told):
-    told(run(night, "-o", str(night / "out")), ErrorCode.EXISTS, night / "out", "--overwrite")
+def test_results_are_not_replaced_unasked(night, fitted, check_error):
+    check_error(run(night, "-o", str(night / "out")), ErrorCode.EXISTS, night / "out", "--overwrite")
 
 
 @pytest.mark.parametrize(
@@ -111,6 +111,8 @@ def test_results_are_not_replaced_unasked(night, fitted, told):
         ),
     ],
 )
-def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(night, words, code, values, told):
-    told(run(night, "-o", str(night / "other"), *words), code, *values)
+def test_bad_words_are_refused_in_a_sentence_before_anything_is_written(
+    night, words, code, values, check_error
+):
+    check_error(run(night, "-o", str(night / "other"), *words), code, *values)
     assert not (night / "other").exists() or not any((night / "other").iterdir())

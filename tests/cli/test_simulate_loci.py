@@ -48,8 +48,8 @@ def test_every_locus_is_built_from_its_sizes_and_describes_itself_by_them(name):
     sizes = parse_sizes([f"{size}={value}" for size, value in SIZES[name].items()])
     described = build_locus(name, sizes).describe()
     if name == "path":
-        places = np.reshape(list(described.values()), (-1, 2))
-        assert np.diff(places, axis=0) == pytest.approx(np.array([[0.2, 0.1], [0.1, 0.2]]), abs=1e-14)
+        positions = np.reshape(list(described.values()), (-1, 2))
+        assert np.diff(positions, axis=0) == pytest.approx(np.array([[0.2, 0.1], [0.1, 0.2]]), abs=1e-14)
     else:
         assert {size: described[size] for size in sizes} == pytest.approx(sizes, abs=1e-9)
 
@@ -132,8 +132,8 @@ def test_a_shear_is_one_minus_the_ratio_of_the_sigmas():
     ],
 )
 def test_what_a_locus_does_not_take_is_one_sentence_and_exit_status_two(
-    arguments, code, values, tmp_path, monkeypatch, told
+    arguments, code, values, tmp_path, monkeypatch, check_error
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "short.csv").write_text("t,x,y\n0,0,0\n0.0005,0,0\n0.001,0,0\n")
-    told(simulate("a.fits", *arguments.split()), code, *values)
+    check_error(simulate("a.fits", *arguments.split()), code, *values)

@@ -87,8 +87,8 @@ def test_frames_in_a_spectrum_of_motion_are_pieces_of_one_record(here):
     apart = pointing.positions[1] - pointing.positions[0]
     late = 0.1 + np.linspace(0.0, 0.012, 50)
     for axis in (0, 1):
-        seen = np.interp(late, first.times, first.places[:, axis])
-        again = np.interp(late - 0.1, second.times, second.places[:, axis]) + apart[axis]
+        seen = np.interp(late, first.times, first.positions[:, axis])
+        again = np.interp(late - 0.1, second.times, second.positions[:, axis]) + apart[axis]
         assert seen == pytest.approx(again, abs=1e-9)
     still = shaken(here / "motion.csv", load_instrument("smallsat"), 3, 1, np.random.default_rng(5))
     assert still.shutters is None
@@ -103,7 +103,7 @@ def test_a_shaken_sequence_rolls(here):
     assert (header["TRULOCUS"], header["TRULINE"]) == ("trace*mvn", 2e-4)
 
 
-def test_a_rolling_detector_is_told_of_a_locus_that_has_no_time(here):
+def test_a_rolling_detector_is_warned_of_a_locus_that_has_no_time(here):
     done = simulate("a.fits", "-i", "roller.toml", "--locus", "linear", "--length", "0.5")
     assert done.exit_code == 0
     advice = {"linear", "--drift", "--trace", "--spectrum"}
@@ -128,13 +128,13 @@ def test_a_rolling_detector_is_told_of_a_locus_that_has_no_time(here):
         ("--trace gyro.csv --locus shm", ErrorCode.CONFLICT, ["--trace", "--locus"]),
     ],
 )
-def test_what_cannot_be_moved_so_is_one_sentence(here, arguments, code, values, told):
-    told(simulate("a.fits", "-i", "roller.toml", *arguments.split()), code, *values)
+def test_what_cannot_be_moved_so_is_one_sentence(here, arguments, code, values, check_error):
+    check_error(simulate("a.fits", "-i", "roller.toml", *arguments.split()), code, *values)
 
 
-def test_a_drift_needs_an_exposure(here, told):
+def test_a_drift_needs_an_exposure(here, check_error):
     toml = ROLLING.replace('base = "smallsat"', "plate_scale = 0.375\nshape = [32, 32]")
     toml += "[telescope]\ndiameter = 0.125\n[spectrum]\nband = [530, 640]\n"
     (here / "roller.toml").write_text(toml)
     done = simulate("a.fits", "-i", "roller.toml", "--drift", "3,4", "--flux", "1e5")
-    told(done, ErrorCode.MISSING_VALUE, "'roller'", "--drift")
+    check_error(done, ErrorCode.MISSING_VALUE, "'roller'", "--drift")

@@ -26,9 +26,9 @@ def test_all_commands_that_write_a_table_are_known_here():
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_refuses_another_ending_before_any_work(command, tmp_path, monkeypatch, told):
+def test_every_command_refuses_another_ending_before_any_work(command, tmp_path, monkeypatch, check_error):
     monkeypatch.chdir(tmp_path)
     for name in COMMANDS[command]:
         (tmp_path / name).touch()
     done = typer.testing.CliRunner().invoke(app, [command, *COMMANDS[command], "-o", "t.txt"])
-    told(done, ErrorCode.WRONG_SUFFIX, "t.txt", *TABLES)
+    check_error(done, ErrorCode.WRONG_SUFFIX, "t.txt", *TABLES)

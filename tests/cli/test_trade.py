@@ -9,7 +9,7 @@ from jitterkit.cli.main import app
 from jitterkit.errors import ErrorCode
 from jitterkit.report.table import read_table
 from jitterkit.trade import PRESETS
-from jitterkit.trade.ladder import Point
+from jitterkit.trade.grid import Point
 
 POINTS = [
     Point("balanced", PRESETS["balanced"], 0.05, 3e-6, 4e-6, 1e-3, 1e-3),
@@ -23,11 +23,11 @@ POINTS = [
 def run(tmp_path, monkeypatch, *more):
     asked = []
 
-    def climb_ladder(telescope, scene, *, locus):
+    def measure_grid(telescope, scene, *, locus):
         asked.append((telescope.name, locus, scene.truths[0].binary.separation))
         yield from POINTS
 
-    monkeypatch.setattr("jitterkit.trade.climb_ladder", climb_ladder)
+    monkeypatch.setattr("jitterkit.trade.measure_grid", measure_grid)
     table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"
     given = ["trade", "-i", "plain", "--frames", "1", "-o", str(table), "--plot", str(picture), *more]
     return CliRunner().invoke(app, given), asked, table, picture
@@ -54,8 +54,8 @@ def test_frames_that_stand_still_are_fitted_as_if_nobody_knew(tmp_path, monkeypa
     assert asked == [("plain", "auto", 10.0)]
 
 
-def test_a_size_of_another_locus_is_refused_before_anything_is_measured(tmp_path, monkeypatch, told):
+def test_a_size_of_another_locus_is_refused_before_anything_is_measured(tmp_path, monkeypatch, check_error):
     done, asked, table, _ = run(tmp_path, monkeypatch, "--locus", "linear", "--shear", "0.3")
-    told(done, ErrorCode.UNKNOWN_NAME, "linear", "--shear", "--length")
+    check_error(done, ErrorCode.UNKNOWN_NAME, "linear", "--shear", "--length")
     assert asked == []
     assert not table.exists()

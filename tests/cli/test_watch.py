@@ -58,7 +58,7 @@ def test_where_there_is_no_terminal_lines_come_every_few_seconds(capsys):
     assert [re.search(r"; last (\d)", line)[1] for line in said] == ["0", "3"]
 
 
-def test_frames_are_watched_for_and_the_result_is_told_as_process_tells_it(tmp_path):
+def test_frames_are_watched_for_and_the_result_is_reported_as_process_tells_it(tmp_path):
     night = tmp_path / "night"
     night.mkdir()
     for seed, name in enumerate("ab"):
@@ -100,6 +100,6 @@ def test_options_that_make_a_processor_are_those_of_process():
     ],
     ids=["no directory", "workers and a scheduler"],
 )
-def test_what_cannot_be_is_told(arguments, code, values, tmp_path, monkeypatch, told):
+def test_what_cannot_be_is_reported(arguments, code, values, tmp_path, monkeypatch, check_error):
     monkeypatch.chdir(tmp_path)
-    told(runner.invoke(app, arguments.split()), code, *values)
+    check_error(runner.invoke(app, arguments.split()), code, *values)

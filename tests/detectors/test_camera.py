@@ -95,6 +95,6 @@ def test_the_well_of_a_preset_fills_before_its_converter_ends(name):
     assert detector.calibrate(RawFrame.from_array(reading, exposure=0.1)).full.all()
 
 
-def test_a_detector_that_is_not_there_is_told_from_those_that_are():
+def test_a_detector_that_is_not_there_is_distinguished_from_those_that_are():
     with refused(ErrorCode.UNKNOWN_NAME, "'imx138'", "'imx183'", ", ".join(DETECTORS)):
         detector_preset("imx138")

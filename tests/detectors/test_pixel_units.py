@@ -6,7 +6,7 @@ from refusals import refused
 
 from jitterkit.detectors import NORMALISED, Detector
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames import Known, Metadata, RawFrame
+from jitterkit.frames import Metadata, RawFrame, Sourced
 
 COUNTS = np.arange(12.0).reshape(3, 4) * 100
 
@@ -14,7 +14,7 @@ COUNTS = np.arange(12.0).reshape(3, 4) * 100
 def frame(data, unit, **metadata):
     known = Metadata().override("header X", **metadata)
     return RawFrame(
-        data, metadata=known.override("header BUNIT", unit=Known(unit, "", "header BUNIT (HDU 0)"))
+        data, metadata=known.override("header BUNIT", unit=Sourced(unit, "", "header BUNIT (HDU 0)"))
     )
 
 

@@ -63,7 +63,7 @@ def test_the_shape_of_nothing_is_not_a_number(name, otf):
 
 
 @pytest.mark.parametrize("name", ["mtf", "score"])
-def test_once_the_shape_is_told_it_no_longer_biases_the_moments(name, otf):
+def test_once_the_shape_is_determined_it_no_longer_biases_the_moments(name, otf):
     locus = Linear.of(0.5, 27.0)
     found, truth = estimate(name, locus, otf), np.asarray(locus.moments())
     assert found.shape_err < 1.2
@@ -73,7 +73,7 @@ def test_once_the_shape_is_told_it_no_longer_biases_the_moments(name, otf):
 
 
 @pytest.mark.parametrize("name", ["mtf", "score"])
-def test_until_it_is_told_the_errors_hold_what_it_might_do(name, otf):
+def test_until_it_is_determined_the_errors_hold_what_it_might_do(name, otf):
     locus = Linear.of(0.34, 27.0)
     found, truth = estimate(name, locus, otf), np.asarray(locus.moments())
     assert found.shape_err > 1.2
@@ -85,7 +85,7 @@ def test_until_it_is_told_the_errors_hold_what_it_might_do(name, otf):
 def test_a_known_shape_is_held_and_the_moments_are_exact(length, otf):
     locus = Linear.of(length, 27.0)
     found = estimate("score", locus, otf, shape=-1.2)
-    # the climb ends within 1e-4 errors of the top
+    # the fit ends within 1e-4 errors of the top
     np.testing.assert_allclose(found.moments, np.asarray(locus.moments()), atol=1e-3 * found.errors.min())
     assert float(found.locus.coords[3]) == -1.2
     assert np.isnan(found.shape)

@@ -89,10 +89,12 @@ def test_frames_that_share_too_few_pixels_are_refused(gravel):
 
 def starlight(x, y, seed, fwhm):
     """Normal stars at places moved by (x, y), in noise of 2."""
-    places, noise = np.random.default_rng(1), np.random.default_rng(seed)
+    positions, noise = np.random.default_rng(1), np.random.default_rng(seed)
     rows, columns = np.mgrid[:200, :200]
     image, sigma = noise.normal(0, 2, (200, 200)), fwhm / 2.355
-    for x0, y0, peak in zip(*places.uniform(20, 180, (2, 40)), 10 ** places.uniform(1, 3, 40), strict=True):
+    for x0, y0, peak in zip(
+        *positions.uniform(20, 180, (2, 40)), 10 ** positions.uniform(1, 3, 40), strict=True
+    ):
         image += peak * np.exp(-((columns - x0 - x) ** 2 + (rows - y0 - y) ** 2) / (2 * sigma**2))
     return image
 

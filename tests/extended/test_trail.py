@@ -24,8 +24,8 @@ def trails(streaks, noise=3.0, seed=0):
 
 
 def sky(length, angle, light=9e3):
-    places = [(50, 60), (180.3, 50.7), (60.4, 185.2), (190.1, 180.6), (120.2, 75.1)]
-    return [(x, y, light, length, angle) for x, y in places]
+    positions = [(50, 60), (180.3, 50.7), (60.4, 185.2), (190.1, 180.6), (120.2, 75.1)]
+    return [(x, y, light, length, angle) for x, y in positions]
 
 
 @pytest.mark.parametrize(("length", "angle"), [(8.6, 115.0), (14.0, 20.0), (31.3, 160.0), (20.0, 0.0)])

@@ -43,7 +43,7 @@ def test_the_bound_is_that_of_differences_of_images(bench, locus):
     np.testing.assert_allclose([found.error(name) for name in found.names], errors, rtol=1e-4)
 
 
-def test_saturated_pixels_tell_nothing(bench):
+def test_saturated_pixels_determine_nothing(bench):
     truth = bench.under(flux=3e5)
     image = np.asarray(expected_image(truth, bench.otf))
     level = 0.5 * image.max()

@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
-from jitterkit.forecast.causes import tell_causes
+from jitterkit.forecast.causes import forecast_causes
 from jitterkit.forecast.causes_frame import Setting, with_seeing
 from jitterkit.forecast.causes_information import Information
 from jitterkit.forward import GRADIENT, expected_image
@@ -50,11 +50,11 @@ def image(setting, locus):
 
 
 def test_of_a_normal_image_jitter_and_diffusion_are_one():
-    found = tell_causes(normal_setting(), Mvn.of(0.3, 0.2, 0.0))
+    found = forecast_causes(normal_setting(), Mvn.of(0.3, 0.2, 0.0))
     assert found.names == ("jitter_along", "jitter_turn", "jitter_across", "diffusion")
-    assert abs(np.linalg.eigvalsh(found.told.likeness)[0]) < 1e-12
+    assert abs(np.linalg.eigvalsh(found.information.likeness)[0]) < 1e-12
     np.testing.assert_array_equal(np.isfinite(found.errors()), [False, True, False, False])
-    (one,) = found.confusions()
+    (one,) = found.degeneracies()
     assert one.stretch == np.inf
     # one square arcsecond more of both moments and one less of diffusion is no change at all
     assert (one.pivot, set(one.others)) == ("diffusion", {"jitter_along", "jitter_across"})
@@ -66,8 +66,8 @@ def test_of_a_normal_image_jitter_and_diffusion_are_one():
 
 def test_the_sums_are_known_as_the_variances_of_a_normal_law_are():
     sigma, flux, locus = 0.6, 1e5, Mvn.of(0.3, 0.2, 0.0)
-    found = tell_causes(normal_setting(sigma, flux), locus)
-    (one,) = found.confusions()
+    found = forecast_causes(normal_setting(sigma, flux), locus)
+    (one,) = found.degeneracies()
     along, across = sigma**2 + 0.3**2 + 0.1**2, sigma**2 + 0.2**2 + 0.1**2
     # N draws of a normal law tell its variance v to v sqrt(2/N), a covariance to sqrt(v w/N); flux and place
     # are told apart by symmetry.  The frame ends 11 sigma out, and pixels of half a sigma, summed as points,
@@ -111,7 +111,7 @@ def jitter_on_axis(locus):
 @pytest.mark.parametrize("locus", [Mvn.of(0.3, 0.2, 25.0), Linear.of(0.8, 25.0)], ids=["mvn", "linear"])
 @pytest.mark.parametrize("focus", [pytest.param(30.0, marks=pytest.mark.slow), 0.0])
 def test_every_slope_is_that_of_differences_of_images(locus, focus):
-    setting = tell_causes(lit(aberrations=(focus,)), locus).setting
+    setting = forecast_causes(lit(aberrations=(focus,)), locus).setting
     assert setting.square == (focus == 0)  # a round pupil is its own mirror image
     _, slopes = setting.slopes(locus)
     # a central difference misses by the third derivative times step²/6, which a thousandth of each size makes
@@ -142,12 +142,12 @@ def test_the_atmosphere_is_kolmogorovs():
 
 
 def test_a_streak_shows_that_diffusion_is_round():
-    found = tell_causes(normal_setting(), Linear.of(0.8, 25.0))
+    found = forecast_causes(normal_setting(), Linear.of(0.8, 25.0))
     assert np.all(np.isfinite(found.errors()))
-    assert np.linalg.eigvalsh(found.told.likeness)[0] > 0.01
+    assert np.linalg.eigvalsh(found.information.likeness)[0] > 0.01
     assert found.names == ("jitter_along", "jitter_turn", "diffusion")
-    (one, *_) = found.confusions(least=1.1)
-    assert one.stretch == pytest.approx(np.linalg.eigvalsh(found.told.likeness)[0] ** -0.5)
+    (one, *_) = found.degeneracies(least=1.1)
+    assert one.stretch == pytest.approx(np.linalg.eigvalsh(found.information.likeness)[0] ** -0.5)
     assert {one.pivot, *one.others} == {"jitter_along", "diffusion"}
     ((_, error),) = one.sums.values()
     assert error < found.errors()[found.names.index(one.pivot)]  # together they are better known than one
@@ -155,23 +155,23 @@ def test_a_streak_shows_that_diffusion_is_round():
 
 @pytest.mark.parametrize("locus", [Mvn.of(0.0), Mvn.of(0.3), Ellipse.of(0.2, 0.1, 40.0)])
 @pytest.mark.parametrize("obscuration", [0.0, 0.05])
-def test_where_the_jitter_is_free_in_both_axes_small_or_normal_it_is_never_told_from_diffusion(
+def test_where_the_jitter_is_free_in_both_axes_small_or_normal_it_is_never_distinguished_from_diffusion(
     locus, obscuration
 ):
     setting = lit(obscuration, seeing=None, diffusion=0.1**2)
-    found = tell_causes(setting, locus)
+    found = forecast_causes(setting, locus)
     diffusion = found.errors()[found.names.index("diffusion")]
     if isinstance(locus, Ellipse):  # a ring is no normal law, but nearly one at half a pixel
-        assert 10 * found.told.alone[-1] < diffusion < np.inf
+        assert 10 * found.information.alone[-1] < diffusion < np.inf
     else:
         assert diffusion == np.inf
 
 
-def test_defocus_is_told_from_jitter_where_the_pupil_has_rings_to_show_it():
-    found = tell_causes(lit(aberrations=(30.0,), seeing=None), Mvn.of(0.2))
-    told = dict(zip(found.names, found.errors() / found.told.alone, strict=True))
-    assert told["noll4"] < 2
-    assert told["diffusion"] == np.inf
+def test_defocus_is_distinguished_from_jitter_where_the_pupil_has_rings_to_show_it():
+    found = forecast_causes(lit(aberrations=(30.0,), seeing=None), Mvn.of(0.2))
+    information = dict(zip(found.names, found.errors() / found.information.alone, strict=True))
+    assert information["noll4"] < 2
+    assert information["diffusion"] == np.inf
 
 
 def test_about_perfect_focus_only_a_lopsided_pupil_tells_the_sign_of_defocus():
@@ -180,13 +180,13 @@ def test_about_perfect_focus_only_a_lopsided_pupil_tells_the_sign_of_defocus():
     half = np.asarray(light.transmission) * np.where(np.arange(64) < 40, 1.0, 0.3)
     pupil = Pupil(half, 0.125, basis=light.basis, names=light.names)
     lopsided = replace(lit(**bright), optics=OpticalSystem(pupil, lines(550.0), Grid((32, 32), SCALE, 16)))
-    assert "noll4" in tell_causes(lopsided, Stable.of()).names
-    assert "noll4_square" in tell_causes(lit(**bright), Stable.of()).names
+    assert "noll4" in forecast_causes(lopsided, Stable.of()).names
+    assert "noll4_square" in forecast_causes(lit(**bright), Stable.of()).names
 
 
 def test_sizes_are_those_a_person_gives():
     locus = Linear.of(0.6, 30.0)
-    found = tell_causes(lit(), locus)
+    found = forecast_causes(lit(), locus)
     sizes = {cause.name: (cause.size, cause.unit) for cause in found.causes}
     assert sizes == {
         "jitter_along": (pytest.approx(600 / 12**0.5), "mas"),
@@ -203,26 +203,26 @@ def test_sizes_are_those_a_person_gives():
 
 def test_what_cannot_be_asked_is_refused_in_a_sentence():
     with refused(ErrorCode.UNSUPPORTED, "path"):
-        tell_causes(normal_setting(), Path.of([[0, 0], [0.1, 0], [0.2, 0.1]]))
+        forecast_causes(normal_setting(), Path.of([[0, 0], [0.1, 0], [0.2, 0.1]]))
     with refused(ErrorCode.OUT_OF_RANGE, 0):
-        tell_causes(normal_setting(), Linear.of(0.0))
+        forecast_causes(normal_setting(), Linear.of(0.0))
     with refused(ErrorCode.OUT_OF_RANGE, "diffusion", -1):
-        tell_causes(replace(normal_setting(), diffusion=-1.0), Mvn.of(0.1))
+        forecast_causes(replace(normal_setting(), diffusion=-1.0), Mvn.of(0.1))
 
 
 def test_information_about_some_is_the_inverse_of_their_covariance(rng):
     rows = rng.standard_normal((9, 5))
     matrix = rows.T @ rows
-    told = Information(tuple("abcde"), matrix)
-    kept = told.about(("d", "b"))
+    information = Information(tuple("abcde"), matrix)
+    kept = information.about(("d", "b"))
     np.testing.assert_allclose(np.linalg.inv(kept.matrix), np.linalg.inv(matrix)[np.ix_([3, 1], [3, 1])])
-    np.testing.assert_allclose(told.errors, np.sqrt(np.diag(np.linalg.inv(matrix))))
-    np.testing.assert_allclose(told.knowing("ace").matrix, matrix[np.ix_([1, 3], [1, 3])])
+    np.testing.assert_allclose(information.errors, np.sqrt(np.diag(np.linalg.inv(matrix))))
+    np.testing.assert_allclose(information.knowing("ace").matrix, matrix[np.ix_([1, 3], [1, 3])])
     both = kept + Information.prior({"z": 0.5})
     assert both.names == ("d", "b", "z")
     assert both.errors[2] == pytest.approx(0.5)
     assert kept.about(("d", "q")).errors[1] == np.inf
-    turned = told.changed(("a", "b"), ("p", "q"), np.array([[2.0, 1.0], [0.0, 3.0]]))
+    turned = information.changed(("a", "b"), ("p", "q"), np.array([[2.0, 1.0], [0.0, 3.0]]))
     covariance = np.linalg.inv(matrix)[:2, :2]
     expected = np.array([[2.0, 1.0], [0.0, 3.0]]) @ covariance @ np.array([[2.0, 0.0], [1.0, 3.0]])
     np.testing.assert_allclose(turned.errors[:2], np.sqrt(np.diag(expected)))

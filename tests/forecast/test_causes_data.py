@@ -8,8 +8,8 @@ from refusals import refused
 
 from jitterkit.detectors import Detector
 from jitterkit.errors import ErrorCode
-from jitterkit.forecast.causes import tell_causes
-from jitterkit.forecast.causes_data import DataSet, Offer, cheapest, further_data
+from jitterkit.forecast.causes import forecast_causes
+from jitterkit.forecast.causes_data import FollowUp, Observation, cheapest, further_data
 from jitterkit.forecast.causes_frame import Setting
 from jitterkit.forecast.causes_information import Information
 from jitterkit.loci import Linear, Mvn, Stable
@@ -27,7 +27,7 @@ def normal():
     x = SCALE * (np.arange(41) - 20)
     stamp = np.exp(-(x**2 + x[:, None] ** 2) / (2 * 0.6**2))
     optics = FixedOptics(empirical_otf(stamp, SCALE, (41, 41), pad=12))
-    return tell_causes(Setting(Star(0.0, 0.0, 1e5), optics, diffusion=0.1**2), Mvn.of(0.3))
+    return forecast_causes(Setting(Star(0.0, 0.0, 1e5), optics, diffusion=0.1**2), Mvn.of(0.3))
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +37,12 @@ def seen():
     optics = OpticalSystem(pupil, flat_band(530.0, 640.0, 3), Grid((32, 32), SCALE, 16))
     scene = Binary(3.0, 150.0, 0.1, -0.2, 1e5, 3.0)
     detector = Detector(gain=2.0, read_noise=3.0)
-    return tell_causes(Setting(scene, optics, detector, (25.0, 0.0), 0.1**2, 0.8), Linear.of(0.6, 20.0))
+    return forecast_causes(Setting(scene, optics, detector, (25.0, 0.0), 0.1**2, 0.8), Linear.of(0.6, 20.0))
 
 
 @pytest.fixture(scope="module")
 def sets(seen):
-    return further_data(seen, Offer(frames=3))
+    return further_data(seen, FollowUp(frames=3))
 
 
 def named(sets, words):
@@ -83,7 +83,7 @@ def test_no_data_ever_make_an_error_larger(seen, sets):
         assert np.all(both <= seen.errors(sets[first].extra) * (1 + 1e-9))
 
 
-def test_what_is_exactly_degenerate_no_light_and_no_number_of_frames_tells_apart(normal):
+def test_what_is_exactly_degenerate_no_light_and_no_number_of_frames_separates(normal):
     sets = further_data(normal)
     for words in ("times the light", "8 more frames, each"):
         errors = normal.errors(named(sets, words).extra)
@@ -91,11 +91,11 @@ def test_what_is_exactly_degenerate_no_light_and_no_number_of_frames_tells_apart
     light = normal.errors(named(sets, "times the light").extra)
     assert light[1] == pytest.approx(normal.errors()[1] / 2)
     # the turn may hide (0.46 arcsec²/sqrt(1e5))**0.5 = 0.1017 pixels of blur
-    assert verdicts(normal, 0.11) == ["not told", "told", "not told", "not told"]
-    assert verdicts(normal, 0.1) == ["not told", "told in part", "not told", "not told"]
-    (confusion,) = normal.confusions()
-    assert confusion.pivot == "diffusion"
-    assert confusion.stretch == np.inf
+    assert verdicts(normal, 0.11) == ["undetermined", "determined", "undetermined", "undetermined"]
+    assert verdicts(normal, 0.1) == ["undetermined", "determined in part", "undetermined", "undetermined"]
+    (degeneracy,) = normal.degeneracies()
+    assert degeneracy.pivot == "diffusion"
+    assert degeneracy.stretch == np.inf
     (sentence, focus) = causes_sentences(normal)
     for mixed in ("+0.58 diffusion", f"{MINUS}0.58 jitter along 0°", f"{MINUS}0.58 jitter across 0°"):
         assert mixed in sentence
@@ -104,7 +104,7 @@ def test_what_is_exactly_degenerate_no_light_and_no_number_of_frames_tells_apart
 
 def test_telemetry_breaks_it_as_far_as_it_goes(normal):
     share, flux = 0.05, 1e5
-    sets = further_data(normal, Offer(frames=1, telemetry=share))
+    sets = further_data(normal, FollowUp(frames=1, telemetry=share))
     errors = normal.errors(next(one for one in sets if one.words == "telemetry of the jitter to 5 %").extra)
     total = 0.6**2 + 0.3**2 + 0.1**2
     known, summed = share * 0.3**2, total * (2 / flux) ** 0.5
@@ -133,12 +133,12 @@ def test_a_frame_at_rest_shows_the_diffusion_alone(normal):
 @pytest.mark.slow
 def test_a_refocused_pair_tells_the_size_of_a_defocus_whose_sign_is_hidden(seen):
     setting = Setting(seen.setting.scene, seen.setting.optics, None, (0.0, 0.0), 0.1**2, 0.8)
-    found = tell_causes(setting, Mvn.of(0.2))
+    found = forecast_causes(setting, Mvn.of(0.2))
     assert found.setting.square
     others = causes_sentences(replace(found, setting=replace(found.setting, square=False)))
     (focus,) = set(causes_sentences(found)) - set(others)
     assert "defocus" in focus
-    pair = named(further_data(found, Offer(frames=1, diversity=60.0)), "refocused by ±60 nm")
+    pair = named(further_data(found, FollowUp(frames=1, diversity=60.0)), "refocused by ±60 nm")
     i = found.names.index("noll4_square")
     alone, paired = (
         found.causes[i].size_error(errors[i]) for errors in (found.errors(), found.errors(pair.extra))
@@ -156,14 +156,14 @@ def test_a_refocused_pair_tells_the_size_of_a_defocus_whose_sign_is_hidden(seen)
 
 def test_the_halves_of_a_band_hold_the_light_of_one_frame_and_a_redder_filter_sees_less_sharply(seen):
     # without a sky, which the fainter and wider images of a half tell less well from their wings
-    seen = tell_causes(replace(seen.setting, hold=("background",)), seen.locus)
-    sets = further_data(seen, Offer(frames=3))
+    seen = forecast_causes(replace(seen.setting, hold=("background",)), seen.locus)
+    sets = further_data(seen, FollowUp(frames=3))
     same = seen.setting.frame(seen.locus).about(seen.setting.shared)
     names = same.names
 
     def strength(words):
-        told = named(sets, words).extra.padded(names).matrix
-        return np.diag(told) / np.diag(same.matrix)
+        information = named(sets, words).extra.padded(names).matrix
+        return np.diag(information) / np.diag(same.matrix)
 
     # half the photons in each, and 5 % of the wavelength from the middle: as much in all, a little sharper
     assert np.all(np.abs(strength("halves of the band") - 1) < 0.1)
@@ -175,15 +175,15 @@ def test_the_cheapest_is_the_first_that_serves_or_the_first_pair(seen):
     (weak, strong), names = (0.5, 1e-3), seen.names
 
     def knows(words, errors):
-        scale = dict(zip(names, seen.told.alone, strict=True))
-        return DataSet(words, Information.prior({n: e * scale[n] for n, e in errors.items()}))
+        scale = dict(zip(names, seen.information.alone, strict=True))
+        return Observation(words, Information.prior({n: e * scale[n] for n, e in errors.items()}))
 
     weakly = knows("weak", dict.fromkeys(names, weak))
     half, other = (
         knows("half", dict.fromkeys(names[:2], strong)),
         knows("other", dict.fromkeys(names[2:], strong)),
     )
-    target = 3 * float(np.max(seen.shares(strong * seen.told.alone)))
+    target = 3 * float(np.max(seen.shares(strong * seen.information.alone)))
     pair = cheapest(seen, [weakly, half, other], target).words
     assert [name in pair for name in ("weak", "half", "other")] == [False, True, True]
     whole = knows("whole", dict.fromkeys(names, strong))
@@ -199,7 +199,7 @@ def test_the_cheapest_is_the_first_that_serves_or_the_first_pair(seen):
         assert [one.words for one in sets if one.words in sentence] == named_in_it
 
 
-def test_what_has_no_size_is_told_to_no_share_of_it(seen):
+def test_what_has_no_size_is_reported_to_no_share_of_it(seen):
     there = replace(seen, causes=tuple(cause._replace(value=1e-2) for cause in seen.causes))
     sentence = remedy_sentence(there, [], 1e9)
     assert "1e+11 %" in sentence
@@ -214,17 +214,17 @@ def test_what_has_no_size_is_told_to_no_share_of_it(seen):
 def test_without_jitter_there_is_nothing_to_tell_of_it():
     pupil = obstructed_circle(0.125, 0.04, noll=(), samples=64)
     optics = OpticalSystem(pupil, flat_band(530.0, 640.0, 3), Grid((32, 32), SCALE, 16))
-    found = tell_causes(Setting(Star(0.0, 0.0, 1e5), optics, diffusion=0.1**2), Stable.of())
+    found = forecast_causes(Setting(Star(0.0, 0.0, 1e5), optics, diffusion=0.1**2), Stable.of())
     assert found.names == ("diffusion",)
     words = " ".join(one.words for one in further_data(found))
     assert "telemetry" not in words
     assert "refocused" not in words
 
 
-def test_of_a_jitter_that_may_be_there_but_is_not_a_frame_at_rest_tells_the_most(normal):
-    still = tell_causes(normal.setting, Mvn.of(0.0))
-    sets = further_data(still, Offer(frames=1))
+def test_of_a_jitter_that_may_be_there_but_is_not_a_frame_at_rest_determines_the_most(normal):
+    still = forecast_causes(normal.setting, Mvn.of(0.0))
+    sets = further_data(still, FollowUp(frames=1))
     assert not any("telemetry" in one.words for one in sets)
     assert np.all(np.isfinite(still.errors(named(sets, "a frame at rest").extra)))
     with refused(ErrorCode.OUT_OF_RANGE, "frames", 0):
-        Offer(frames=0)
+        FollowUp(frames=0)

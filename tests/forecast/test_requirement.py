@@ -65,10 +65,10 @@ def test_a_slow_vibration_may_be_as_large_as_its_frames_are_smeared(bench):
         (Mvn.of(0.05, 0.01, 40.0), "stable"),
     ],
 )
-def test_a_climb_finds_the_bias_that_the_exact_fit_has(bench, locus, fitted):
+def test_fisher_scoring_finds_the_bias_that_the_exact_fit_has(bench, locus, fitted):
     exact = noise_free_fit(bench.under(locus), fitted, bench.optics, otf=bench.otf)
     found = moment_bias(bench.under(locus), fitted, bench.otf)
-    # optics linear in the aberrations, and 1e-4 of an error that the climb may leave, are all that differs
+    # optics linear in the aberrations, and 1e-4 of an error that the fit may leave, are all that differs
     assert found == pytest.approx(exact.bias, rel=0.01, abs=1e-4 * exact.error)
 
 
@@ -82,7 +82,7 @@ def test_with_its_own_locus_nothing_is_biased_and_any_jitter_is_allowed(bench):
     ) == pytest.approx(1e-6, rel=0.01)
 
 
-def test_nothing_allowed_is_refused_and_so_is_a_frame_that_tells_nothing(bench):
+def test_nothing_allowed_is_refused_and_so_is_a_frame_that_determines_nothing(bench):
     with refused(ErrorCode.NOT_CONSTRAINED):
         jitter_requirements(bench.under(), bench.otf, 0.1, Detector(gain=1.0, saturation=1.0))
     with refused(ErrorCode.OUT_OF_RANGE, 0):

@@ -92,6 +92,6 @@ def test_a_kind_is_shaped_by_name():
         ("linear,shear=1", ErrorCode.UNKNOWN_NAME, ["linear", "shear"]),
     ],
 )
-def test_what_is_no_kind_is_told_in_a_sentence(kind, code, values):
+def test_what_is_no_kind_is_reported_in_a_sentence(kind, code, values):
     with refused(code, *values):
         jitter_of_kind(kind, 0.1, 0.0)

@@ -21,8 +21,8 @@ def path_nodes(locus, **size):
     if locus == "path":  # the parabola through three knots, its mean (k0 + 4 k1 + k2)/6 taken off
         t, weights = np.polynomial.legendre.leggauss(10)
         k0, k1, k2 = np.asarray(size["knots"])[:, None]
-        places = k1 + (k2 - k0) / 2 * t[:, None] + (k0 + k2 - 2 * k1) / 2 * t[:, None] ** 2
-        return places - (k0 + 4 * k1 + k2) / 6, weights / 2
+        positions = k1 + (k2 - k0) / 2 * t[:, None] + (k0 + k2 - 2 * k1) / 2 * t[:, None] ** 2
+        return positions - (k0 + 4 * k1 + k2) / 6, weights / 2
     if locus == "tones":  # every phase of one with every phase of the other
         streaks = [streak_nodes("shm", size[f"length{k}"], 5) for k in (1, 2)]
         (first, w1), (second, w2) = streaks

@@ -43,7 +43,7 @@ SLOW = ("tones", "ellipse", "path")
     [lines(530.0, 585.0, 640.0), pytest.param(flat_band(530, 640), marks=pytest.mark.slow)],
     ids=["lines", "band"],
 )
-def test_a_frame_of_38_million_photons_cannot_tell_the_model_from_the_integral(
+def test_a_frame_of_38_million_photons_cannot_distinguish_the_model_from_the_integral(
     toliman, direct_image, locus, spectrum
 ):
     pairs = list(zip(spectrum.wavelengths, spectrum.weights, strict=True))

@@ -138,7 +138,7 @@ def test_a_plate_scale_that_is_free_moves_the_separation_to_the_truth(free, tele
 
 
 @pytest.mark.parametrize(("stated", "told"), [(None, True), (1e-6, False)])
-def test_a_plate_scale_that_can_hardly_be_told_is_reported(telescope, image_of, stated, told):
+def test_a_plate_scale_that_can_hardly_be_determined_is_reported(telescope, image_of, stated, told):
     """Held by what is known to 1e-6, the separation has an error close to that with a known scale."""
     errors, raw = {}, RawFrame.from_array(image_of(), unit="electron", read_noise=1.0)
     for name, more in {"held": {}, "free": {"plate_scale_free": True, "plate_scale_err": stated}}.items():

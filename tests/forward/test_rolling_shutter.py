@@ -53,9 +53,9 @@ def row_by_row(pupil):
     series = np.fft.rfft2(sharp)
     fy, fx = np.fft.fftfreq(grid.shape[0], SCALE), np.fft.rfftfreq(grid.shape[1], SCALE)
 
-    def image(places, shares):
+    def image(positions, shares):
         rows = []
-        for r, path in enumerate(places):
+        for r, path in enumerate(positions):
             along_x = np.exp(-2j * np.pi * np.outer(path[:, 0], fx))
             along_y = np.exp(2j * np.pi * np.outer((PAD + r) * SCALE - path[:, 1], fy))
             seen = ((shares[:, None] * along_y).T @ along_x) * series
@@ -78,7 +78,7 @@ def chi_squared(image, truth):
 
 @pytest.mark.parametrize("line_time", [LINE, -LINE], ids=["upwards", "downwards"])
 @pytest.mark.parametrize("direction", [0.0, 35.0, 90.0, 200.0, 300.0])
-def test_a_bright_frame_of_a_drifting_telescope_cannot_tell_two_images_from_its_rows(
+def test_a_bright_frame_of_a_drifting_telescope_cannot_distinguish_two_images_from_its_rows(
     otf, row_by_row, direction, line_time
 ):
     speed, exposure = 1.0, 0.2

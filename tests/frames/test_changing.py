@@ -59,7 +59,7 @@ def test_a_file_that_changes_while_it_is_read_gives_no_more_frames(tmp_path, nam
             file[1]
 
 
-def test_the_change_is_told_in_bytes(tmp_path):
+def test_the_change_is_given_in_bytes(tmp_path):
     path = write_fits(tmp_path / "a.fits", NOISE)
     with open_frames(path) as file:
         grow(path)

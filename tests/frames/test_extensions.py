@@ -37,12 +37,12 @@ def written(tmp_path, *hdus, name="a.fits", **cards):
 
 def plane(dtype=np.int16, **values):
     quality = np.zeros(SHAPE, dtype)
-    for place, value in values.items():
-        quality[int(place[1]), int(place[2])] = value
+    for position, value in values.items():
+        quality[int(position[1]), int(position[2])] = value
     return quality
 
 
-def places(mask):
+def positions(mask):
     return [f"p{y}{x}" for y, x in np.argwhere(mask)]
 
 
@@ -116,19 +116,19 @@ def test_every_chip_of_hst_is_a_frame_with_its_own_error_and_quality(tmp_path):
     assert (first.hdu, second.hdu, first.name, second.name) == (1, 4, "a.fits[0]", "a.fits[1]")
     np.testing.assert_allclose(first.variance[~first.mask], VARIANCE[~first.mask], rtol=1e-6)
     np.testing.assert_allclose(second.data, SCI[:4] + 1000)
-    assert places(first.mask) == ["p12", "p34", "p45"]  # 64 is a warm pixel
-    assert places(second.mask) == ["p00"]
+    assert positions(first.mask) == ["p12", "p34", "p45"]  # 64 is a warm pixel
+    assert positions(second.mask) == ["p00"]
     assert (first.unit, first.metadata.warnings) == ("electron", ())
 
 
 def test_one_chip_can_be_chosen_with_what_belongs_to_it(tmp_path):
     (frame,) = read_frames(flc(tmp_path), hdu=4)
-    assert (places(frame.mask), frame.variance_source) == (["p00"], "ERR (HDU 5)")
+    assert (positions(frame.mask), frame.variance_source) == (["p00"], "ERR (HDU 5)")
 
 
 def test_hits_in_a_ramp_of_the_infrared_channel_are_no_bad_pixels(tmp_path):
     first, _ = read_frames(flc(tmp_path, DETECTOR="IR"))
-    assert places(first.mask) == ["p12", "p34"]
+    assert positions(first.mask) == ["p12", "p34"]
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("MJy/sr", 0.5), ("DN/s", 0.1)])
@@ -138,7 +138,7 @@ def test_jwst_is_read_without_the_error_of_its_flat(tmp_path, unit, factor):
     np.testing.assert_allclose(frame.data[frame.data > 0], SCI[frame.data > 0] * scale, rtol=1e-6)
     used = ~frame.mask
     np.testing.assert_allclose(frame.variance[used], VARIANCE[used] * scale**2, rtol=1e-5)
-    assert places(frame.mask) == ["p12", "p34"]  # neither a jump nor a saturated group
+    assert positions(frame.mask) == ["p12", "p34"]  # neither a jump nor a saturated group
     assert frame.variance_source == "VAR_POISSON (HDU 4) + VAR_RNOISE (HDU 5)"
 
 
@@ -148,14 +148,14 @@ def test_the_integrations_of_jwst_have_each_its_plane(tmp_path):
         hdus["DQ"].data[2, 0, 0] = 1
         hdus["VAR_POISSON"].data[1] *= 2
     frames = list(read_frames(path))
-    assert [places(f.mask)[0] for f in frames] == ["p12", "p12", "p00"]
+    assert [positions(f.mask)[0] for f in frames] == ["p12", "p12", "p00"]
     np.testing.assert_allclose(frames[1].variance[0], VARIANCE[0] + SCI[0], rtol=1e-6)
     np.testing.assert_allclose(frames[2].variance[1, 3], VARIANCE[1, 3], rtol=1e-6)
 
 
 def test_the_planes_of_a_mask_of_lsst_are_known_by_name(tmp_path):
     (frame,) = read_frames(calexp(tmp_path))
-    assert places(frame.mask) == ["p12", "p23", "p50"]
+    assert positions(frame.mask) == ["p12", "p23", "p50"]
     np.testing.assert_allclose(frame.variance[0], VARIANCE[0], rtol=1e-6)
     assert frame.metadata.bad_bits.value == 1 + 2 + 16
 
@@ -165,7 +165,7 @@ def test_the_planes_of_a_mask_of_lsst_are_known_by_name(tmp_path):
 def test_a_mask_behind_a_primary_image_marks_pixels_by_any_bit(tmp_path, dtype, name):
     mask = hdu(name, plane(dtype, p12=1, p23=2, p55=64))
     (frame,) = read_frames(written(tmp_path, fits.PrimaryHDU(SCI), mask))
-    assert places(frame.mask) == ["p12", "p23", "p55"]
+    assert positions(frame.mask) == ["p12", "p23", "p55"]
     assert frame.variance is None
 
 
@@ -183,7 +183,7 @@ def test_errors_variances_and_weights_give_one_variance(tmp_path, name, values):
     values = values.copy()
     values[1, 2], values[2, 3] = np.nan, 0
     (frame,) = read_frames(written(tmp_path, fits.PrimaryHDU(SCI), hdu(name, values)))
-    assert places(frame.mask) == ["p12", "p23"]
+    assert positions(frame.mask) == ["p12", "p23"]
     np.testing.assert_allclose(frame.variance[~frame.mask], VARIANCE[~frame.mask])
 
 
@@ -192,7 +192,7 @@ def test_a_weight_that_may_be_an_exposure_time_only_masks(tmp_path):
     weight[1, 2] = 0
     hdus = hdu("SCI", SCI), hdu("WHT", weight), hdu("CTX", plane(np.int32))
     (frame,) = read_frames(written(tmp_path, *hdus))
-    assert (places(frame.mask), frame.variance) == (["p12"], None)
+    assert (positions(frame.mask), frame.variance) == (["p12"], None)
     assert any("WHT (HDU 2)" in text for text in frame.metadata.warnings)
 
 
@@ -216,12 +216,12 @@ def test_blank_pixels_stay_masked_whatever_bits_are_bad(tmp_path):
     image = fits.PrimaryHDU(SCI.astype(np.int16), fits.Header({"BLANK": 101}))
     (frame,) = read_frames(written(tmp_path, image, hdu("DQ", plane(p01=4, p12=4, p23=8))))
     told = {bits: resolve(frame, load_instrument("smallsat"), {"bad_bits": bits}) for bits in (0, 4, 8)}
-    assert {bits: places(raw.mask) for bits, raw in told.items()} == {
+    assert {bits: positions(raw.mask) for bits, raw in told.items()} == {
         0: ["p01"],
         4: ["p01", "p12"],
         8: ["p01", "p23"],
     }
-    assert places(told[0].region(0, 0, 3, 3).with_metadata(told[8].metadata).mask) == ["p01"]
+    assert positions(told[0].region(0, 0, 3, 3).with_metadata(told[8].metadata).mask) == ["p01"]
 
 
 def test_rows_from_the_top_take_mask_and_variance_along(tmp_path):
@@ -230,7 +230,7 @@ def test_rows_from_the_top_take_mask_and_variance_along(tmp_path):
     path = written(tmp_path, image, hdu("DQ", quality[::-1]), hdu("VARIANCE", VARIANCE[::-1]))
     (frame,) = read_frames(path)
     cut = frame.region(1, 1, 4, 3)
-    assert (places(frame.mask), places(cut.mask)) == (["p12"], ["p01"])
+    assert (positions(frame.mask), positions(cut.mask)) == (["p12"], ["p01"])
     np.testing.assert_array_equal(cut.data, SCI[1:4, 1:5])
     np.testing.assert_array_equal(cut.variance[1:], VARIANCE[2:4, 1:5])
 
@@ -250,7 +250,7 @@ def test_quality_and_weight_files_beside_an_image_belong_to_it(tmp_path):
     assert "_ooi_" in path.name
     with open_frames(path, hdu=2) as file:
         frame = file[0]
-    assert places(frame.mask) == ["p23"]
+    assert positions(frame.mask) == ["p23"]
     np.testing.assert_allclose(frame.variance[0], VARIANCE[0] / 2, rtol=0.01)
 
 
@@ -309,7 +309,7 @@ def test_a_ccddata_written_by_astropy_comes_back_whole(tmp_path, uncertainty):
     ccd = CCDData(SCI, unit="electron", mask=mask, uncertainty=uncertainty)
     ccd.write(tmp_path / "a.fits")
     for frame in (next(read_frames(tmp_path / "a.fits")), RawFrame.from_ccddata(ccd)):
-        assert places(frame.mask) == ["p12"]
+        assert positions(frame.mask) == ["p12"]
         np.testing.assert_allclose(frame.variance[0], VARIANCE[0])
 
 

@@ -57,18 +57,18 @@ def test_the_mask_of_a_masked_array_is_kept():
 
 def test_a_digest_is_of_the_pixels_and_of_nothing_else(tmp_path):
     # sha256 of the shape in words and the values as little-endian doubles, computed by the standard library
-    told = hashlib.sha256(b"(3, 4)" + struct.pack("<12d", *range(12))).hexdigest()[:16]
+    changed = hashlib.sha256(b"(3, 4)" + struct.pack("<12d", *range(12))).hexdigest()[:16]
     raw = RawFrame.from_array(IMAGE)
-    assert raw.digest == told
+    assert raw.digest == changed
     for stored in (np.uint16, ">f4", "<i8"):
-        assert RawFrame.from_array(IMAGE.astype(stored), gain=3.7).digest == told
+        assert RawFrame.from_array(IMAGE.astype(stored), gain=3.7).digest == changed
     packed = write_fits(tmp_path / "packed.fits.gz", IMAGE.astype(np.uint16))
     with open_frames(packed) as file:
-        assert file[0].digest == told
-    assert RawFrame.from_array(IMAGE.reshape(4, 3)).digest != told
-    assert RawFrame.from_array(IMAGE[::-1]).digest != told
+        assert file[0].digest == changed
+    assert RawFrame.from_array(IMAGE.reshape(4, 3)).digest != changed
+    assert RawFrame.from_array(IMAGE[::-1]).digest != changed
     assert RawFrame.from_array(IMAGE.T).digest != RawFrame.from_array(IMAGE.reshape(4, 3)).digest
-    assert raw.region(0, 0, 4, 2).digest != told
+    assert raw.region(0, 0, 4, 2).digest != changed
 
 
 @pytest.mark.parametrize("image", [IMAGE[0], IMAGE[None], np.zeros((0, 4))])
@@ -109,16 +109,16 @@ def test_a_region_must_lie_inside(box):
         RawFrame.from_array(IMAGE).region(*box)
 
 
-def test_what_is_told_of_a_frame_changes_neither_its_pixels_nor_their_digest():
+def test_replaced_fields_of_a_frame_change_neither_its_pixels_nor_their_digest():
     raw = RawFrame.from_array(IMAGE, gain=2.0)
     digest = raw.digest
-    told = raw.told(metadata=raw.metadata.override("argument", gain=3.0))
-    assert (told.metadata.value("gain"), raw.metadata.value("gain")) == (3.0, 2.0)
-    assert told.data is raw.data
-    assert vars(told)["digest"] == digest  # not found again
+    changed = raw.with_fields(metadata=raw.metadata.override("argument", gain=3.0))
+    assert (changed.metadata.value("gain"), raw.metadata.value("gain")) == (3.0, 2.0)
+    assert changed.data is raw.data
+    assert vars(changed)["digest"] == digest  # not found again
     for word in ("data", "gain"):
         with pytest.raises(TypeError, match=f"'{word}'.* RawFrame"):
-            raw.told(**{word: IMAGE})
+            raw.with_fields(**{word: IMAGE})
 
 
 def test_a_frame_keeps_pixels_of_its_own():

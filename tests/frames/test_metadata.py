@@ -6,7 +6,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames import Known, Metadata
+from jitterkit.frames import Metadata, Sourced
 from jitterkit.frames.units import resolve_unit
 
 LAYERS = {
@@ -23,7 +23,7 @@ def test_layers_may_be_laid_in_any_order_and_the_most_authoritative_wins():
         metadata = Metadata()
         for source in order:
             metadata = metadata.apply(source, gain=LAYERS[source])
-        assert metadata.gain == Known(1.0, "e-/ADU", "command line")
+        assert metadata.gain == Sourced(1.0, "e-/ADU", "command line")
 
 
 def test_of_equal_sources_the_later_is_believed():

@@ -302,7 +302,9 @@ def test_the_scale_of_a_distorted_frame_agrees_with_astropys_separations(tmp_pat
     fits.PrimaryHDU(np.ones((64, 64), np.float32), header(cards)).writeto(tmp_path / "a.fits")
     (frame,) = read_frames(tmp_path / "a.fits")
     wcs = WCS(header(cards))
-    middle, right, up = (wcs.pixel_to_world(*place) for place in ((31.5, 31.5), (31.6, 31.5), (31.5, 31.6)))
+    middle, right, up = (
+        wcs.pixel_to_world(*position) for position in ((31.5, 31.5), (31.6, 31.5), (31.5, 31.6))
+    )
     angles = [middle.position_angle(other).rad for other in (right, up)]
     sides = [middle.separation(other).arcsec / 0.1 for other in (right, up)]
     area = sides[0] * sides[1] * abs(np.sin(angles[1] - angles[0]))

@@ -16,9 +16,9 @@ SKY, READ_NOISE, ELECTRONS = 120.0, 3.0, 2e6
 def speckles(rng, centre, shape, spread=18.0, count=400):
     """A pattern some 100 pixels wide of which no pixel has more than a few thousandths of the light."""
     image = np.zeros(shape)
-    places = np.rint(rng.normal(centre, spread, (count, 2))).astype(int)
-    inside = ((places >= 0) & (places < shape)).all(axis=1)
-    np.add.at(image, tuple(places[inside].T), 1 / count)
+    positions = np.rint(rng.normal(centre, spread, (count, 2))).astype(int)
+    inside = ((positions >= 0) & (positions < shape)).all(axis=1)
+    np.add.at(image, tuple(positions[inside].T), 1 / count)
     blur = np.exp(-0.5 * (np.arange(-4, 5) / 1.3) ** 2)
     for axis in (0, 1):
         image = np.apply_along_axis(np.convolve, axis, image, blur / blur.sum(), mode="same")
@@ -61,10 +61,10 @@ def camera(rng, shape, light=None, flux=ELECTRONS, vignetting=0.0):
 @pytest.mark.parametrize(("y", "x", "angle"), [(300, 500, 0.3), (431, 211, 1.6), (250, 650, 2.5)])
 def test_the_light_is_at_the_centre_of_the_region(make, y, x, angle):
     rng = np.random.default_rng(y)
-    image, place = make(rng, y, x, angle)
+    image, position = make(rng, y, x, angle)
     rows = np.arange(201) - 100
-    light = np.array([image.sum(axis=1) @ rows, image.sum(axis=0) @ rows]) / image.sum() + place
-    raw = RawFrame.from_array(camera(rng, (600, 800), (image, place), vignetting=0.1))
+    light = np.array([image.sum(axis=1) @ rows, image.sum(axis=0) @ rows]) / image.sum() + position
+    raw = RawFrame.from_array(camera(rng, (600, 800), (image, position), vignetting=0.1))
     region = find_region(raw)
     x0, y0 = region.origin
     assert region.shape == (128, 128)

@@ -251,7 +251,7 @@ def test_the_exposure_is_read_from_ome(tmp_path):
 
 
 @pytest.mark.parametrize("orientation", SIDES)
-def test_what_became_of_the_stored_rows_is_told(tmp_path, orientation):
+def test_what_became_of_the_stored_rows_is_reported(tmp_path, orientation):
     tag = [(274, "H", 1, orientation, True)]
     tifffile.imwrite(tmp_path / "a.tif", IMAGE, extratags=tag, metadata=None)
     # the first stored row at the top: our rows, upwards, are the stored ones from the last to the first

@@ -81,7 +81,7 @@ def test_numbers_of_a_file_name_the_file_the_table_and_the_key(toml):
     assert bed.detector.source("gain") == "instrument file bed.toml [detector] gain"
 
 
-def test_what_is_known_of_aberrations_is_read_and_told(toml):
+def test_what_is_known_of_aberrations_is_read_and_reported(toml):
     bed = read_instrument(toml(WHOLE.replace("exposure = 0.2", "exposure = 0.2\naberration_sigma = 5")))
     assert bed.aberration_sigma == 5.0
     row = ("aberration_sigma", "5", "nm", "instrument file bed.toml [instrument] aberration_sigma")
@@ -233,7 +233,7 @@ def test_a_file_that_lacks_a_part_says_which(toml, text, code, values):
         read_instrument(path)
 
 
-def test_a_missing_file_is_told_from_a_missing_preset(tmp_path):
+def test_a_missing_file_is_distinguished_from_a_missing_preset(tmp_path):
     with refused(ErrorCode.NOT_FOUND, tmp_path / "gone.toml"):
         load_instrument(tmp_path / "gone.toml")
     with refused(ErrorCode.NOT_READABLE, tmp_path):

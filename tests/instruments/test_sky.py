@@ -141,7 +141,7 @@ def test_a_day_without_a_time_of_day_is_no_time(bed, frame):
     assert beside.value("orbit_change") == pytest.approx(0.5 * 182.5 / 365.25, rel=1e-9)
 
 
-def test_a_factor_in_a_header_whose_scale_stars_may_have_told_is_remarked_on(bed, frame):
+def test_a_factor_in_a_header_whose_scale_stars_may_have_determined_is_remarked_on(bed, frame):
     assert any("--plate-scale" in text for text in resolve(frame(HST), bed).metadata.warnings)
 
 
@@ -195,7 +195,7 @@ def test_a_scale_that_a_pipeline_has_corrected_is_not_corrected_again(bed, frame
     assert twice.va_factor == metadata.va_factor
 
 
-def test_the_scale_of_a_wcs_that_stars_may_have_told_is_not_corrected(bed, frame):
+def test_the_scale_of_a_wcs_that_stars_may_have_determined_is_not_corrected(bed, frame):
     cards = {key: value for key, value in HST.items() if key != "VAFACTOR"}
     metadata = resolve(frame(cards), bed).metadata
     assert metadata.va_factor is None

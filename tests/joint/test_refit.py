@@ -16,17 +16,17 @@ from jitterkit.frames.metadata import Metadata
 from jitterkit.joint import (
     Constant,
     Exposure,
+    FrameFitter,
     FrameRecord,
-    Looker,
-    Messages,
+    LikelihoodSummaries,
+    OrnsteinUhlenbeck,
     Polynomial,
     Records,
     SequenceOptions,
-    Wander,
     refit_sequence,
 )
-from jitterkit.joint.look import _alike
-from jitterkit.joint.refit import _record, _told
+from jitterkit.joint.frame_fitter import _alike
+from jitterkit.joint.refit import _record, _require_fitted
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics import Colours
 from jitterkit.refit import FitResult, Priors, Status
@@ -59,9 +59,9 @@ def exposures(optics, count, rng, *, loci=None, states=None, scenes=None, veloci
 def test_equal_frames_are_one_frame_of_their_sum(optics, rng):
     # shared and own alike are the same in every frame, so the sum of the frames is as good as all of them
     frames = exposures(optics, 6, None)
-    laws = {"aberrations": Constant()}
-    joint = refit_sequence(frames, Looker(optics), SequenceOptions(laws=laws))
-    single = refit_sequence(frames[:1], Looker(optics), SequenceOptions(laws=laws))
+    time_models = {"aberrations": Constant()}
+    joint = refit_sequence(frames, FrameFitter(optics), SequenceOptions(time_models=time_models))
+    single = refit_sequence(frames[:1], FrameFitter(optics), SequenceOptions(time_models=time_models))
     assert joint.separation[0] == pytest.approx(5.0, abs=1e-7)
     assert joint.separation[1] == pytest.approx(single.separation[1] / np.sqrt(6), rel=1e-5)
 
@@ -74,20 +74,20 @@ def test_a_third_star_is_fitted_in_every_frame_wherever_the_pair_stands(optics, 
         image = np.asarray(expected_image(Parameters(scene, Mvn.of(0.1), np.zeros(2), 30.0), optics.nominal))
         frame = Frame(rng.poisson(image).astype(float), 0.0, exposure=STEP, plate_scale=0.375)
         exposed.append(Exposure(f"frame {i}", (i + 0.5) * STEP, frame))
-    laws = SequenceOptions(laws={"aberrations": Constant()})
-    joint = refit_sequence(exposed, Looker(optics), laws)
+    time_models = SequenceOptions(time_models={"aberrations": Constant()})
+    joint = refit_sequence(exposed, FrameFitter(optics), time_models)
     assert all(record.status is Status.OK for record in joint.records)
     assert abs(joint.separation[0] - 5.0) < 3.5 * joint.separation[1]
     monkeypatch.setattr("jitterkit.locate.search.with_further_stars", lambda start, *_, **__: start)
     with pytest.raises(JitterkitError, match="does not describe the frame"):
-        refit_sequence(exposed, Looker(optics), laws)
+        refit_sequence(exposed, FrameFitter(optics), time_models)
 
 
 def test_separation_is_unbiased_and_its_error_honest(optics, rng):
     pulls = []
     for _ in range(12):
-        places = {"x": rng.normal(0, 0.4, 8), "y": rng.normal(0, 0.4, 8)}
-        fit = refit_sequence(exposures(optics, 8, rng, scenes=places), Looker(optics))
+        positions = {"x": rng.normal(0, 0.4, 8), "y": rng.normal(0, 0.4, 8)}
+        fit = refit_sequence(exposures(optics, 8, rng, scenes=positions), FrameFitter(optics))
         value, error = fit.separation
         pulls.append((value - 5.0) / error)
         assert fit.combined.kept.all()
@@ -95,19 +95,19 @@ def test_separation_is_unbiased_and_its_error_honest(optics, rng):
     assert 0.5 < np.std(pulls) < 1.7  # 12 pulls: 0.2
 
 
-def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
+def test_a_different_streak_in_each_frame_and_optics_that_vary(optics, rng):
     count = 24
     states = np.cumsum(rng.normal(0, 0.5, (count, 2)), axis=0)
     loci = [Linear.of(size, angle) for size, angle in zip(
         rng.uniform(0.3, 0.6, count), rng.uniform(0, 180, count), strict=True)]  # fmt: skip
-    places = {"x": np.cumsum(rng.normal(0, 0.2, count)), "y": np.cumsum(rng.normal(0, 0.2, count))}
-    frames = exposures(optics, count, rng, loci=loci, states=states, scenes=places)
-    fit = refit_sequence(frames, Looker(optics, "linear"))
+    positions = {"x": np.cumsum(rng.normal(0, 0.2, count)), "y": np.cumsum(rng.normal(0, 0.2, count))}
+    frames = exposures(optics, count, rng, loci=loci, states=states, scenes=positions)
+    fit = refit_sequence(frames, FrameFitter(optics, "linear"))
     value, error = fit.separation
     assert abs(value - 5.0) < 4 * error
-    assert isinstance(fit.laws["noll7"], Wander)
+    assert isinstance(fit.time_models["noll7"], OrnsteinUhlenbeck)
     # a walk of 0.5 nm a step: rms²/timescale is the variance of a step over twice its length
-    assert fit.laws["noll7"].rms ** 2 / fit.laws["noll7"].timescale == pytest.approx(
+    assert fit.time_models["noll7"].rms ** 2 / fit.time_models["noll7"].timescale == pytest.approx(
         0.25 / (2 * STEP), rel=1.0
     )
     shared, slots = list(fit.combined.shared()), [fit.combined.names.index(f"noll{j}") for j in (7, 8)]
@@ -117,11 +117,11 @@ def test_a_different_streak_in_each_frame_and_optics_that_wander(optics, rng):
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.4)  # 48 pulls: 0.1, smoothed ones more
     lengths = [Linear(jnp.asarray(r.values[3:5])).describe()["length"] for r in fit.records]
     assert np.allclose(lengths, [one.describe()["length"] for one in loci], atol=0.1)
-    assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
+    assert np.allclose([r.values[0] for r in fit.records], positions["x"], atol=0.02)
 
 
 def test_weighted_mean_of_the_frames_is_the_joint_separation(optics, rng):
-    fit = refit_sequence(exposures(optics, 10, rng), Looker(optics))
+    fit = refit_sequence(exposures(optics, 10, rng), FrameFitter(optics))
     frames = list(fit.frames())
     values, errors = (np.array([getattr(f, n) for f in frames]) for n in ("separation", "separation_err"))
     assert np.average(values, weights=errors**-2) == pytest.approx(fit.separation[0], abs=1e-9)
@@ -130,11 +130,11 @@ def test_weighted_mean_of_the_frames_is_the_joint_separation(optics, rng):
 @pytest.mark.slow
 def test_a_rolling_shutter_is_undone_by_the_motion_between_frames(optics):
     velocity, line_time = np.array([3.0, 5.0]), 1e-4
-    places = {"x": 0.3 * np.arange(10) - 1.5, "y": 0.5 * np.arange(10) - 2.5}
+    positions = {"x": 0.3 * np.arange(10) - 1.5, "y": 0.5 * np.arange(10) - 2.5}
     loci = [Linear.of(float(np.hypot(*velocity)) * STEP, np.degrees(np.arctan2(5, 3)))] * 10
-    frames = exposures(optics, 10, None, loci=loci, scenes=places, velocity=velocity, line_time=line_time)
-    with_rows = refit_sequence(frames, Looker(optics, "linear"))
-    without = refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(rolling=False))
+    frames = exposures(optics, 10, None, loci=loci, scenes=positions, velocity=velocity, line_time=line_time)
+    with_rows = refit_sequence(frames, FrameFitter(optics, "linear"))
+    without = refit_sequence(frames, FrameFitter(optics, "linear"), SequenceOptions(rolling=False))
     # the rule: v tau sep sin²(theta) / p and the like for the cross term; of milliarcseconds here
     assert abs(without.separation[0] - 5.0) > 2e-3
     assert with_rows.separation[0] == pytest.approx(5.0, abs=2e-6)
@@ -148,50 +148,50 @@ def test_telemetry_takes_the_place_of_the_motion_between_frames(optics):
     frames = exposures(optics, 3, None, loci=streak, velocity=velocity, line_time=line_time)
     t = np.linspace(-0.1, 1.0, 50)
     told = (t, 0 * t, 5.0 * t)
-    fit = refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=told))
+    fit = refit_sequence(frames, FrameFitter(optics, "linear"), SequenceOptions(telemetry=told))
     assert fit.separation[0] == pytest.approx(5.0, abs=2e-6)
     with refused(ErrorCode.IMPLAUSIBLE, "50 arcsec/s", "3 of 3"):
-        refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=(t, 0 * t, 50.0 * t)))
+        refit_sequence(frames, FrameFitter(optics, "linear"), SequenceOptions(telemetry=(t, 0 * t, 50.0 * t)))
     short = (np.array([0.0, 0.2]), np.zeros(2), np.zeros(2))
     with refused(ErrorCode.OUT_OF_RANGE, "0 to 0.2 s"):
-        refit_sequence(frames, Looker(optics, "linear"), SequenceOptions(telemetry=short))
+        refit_sequence(frames, FrameFitter(optics, "linear"), SequenceOptions(telemetry=short))
 
 
 @pytest.mark.slow
-def test_diffusion_is_told_from_streaks_that_differ(optics, rng):
+def test_diffusion_is_distinguished_from_streaks_that_differ(optics, rng):
     loci = [Linear.of(0.5, angle) for angle in np.linspace(0, 180, 10, endpoint=False)]
     frames = []
     for exposure, locus in zip(exposures(optics, 10, rng, loci=loci), loci, strict=True):
         truth = Parameters(SCENE, locus, np.zeros(2), diffusion=0.1**2)
         counts = rng.poisson(np.asarray(expected_image(truth, optics.nominal))).astype(float)
         frames.append(exposure._replace(frame=replace(exposure.frame, electrons=counts)))
-    fit = refit_sequence(frames, Looker(optics, "linear", diffusion=True))
+    fit = refit_sequence(frames, FrameFitter(optics, "linear", diffusion=True))
     value, error = fit.combined.value("diffusion"), fit.combined.error("diffusion")
     assert error < 0.002
     assert abs(value - 0.01) < 4 * error
     with refused(ErrorCode.NOT_CONSTRAINED, "'mvn'", "linear"):
-        Looker(optics, "mvn", diffusion=True)
+        FrameFitter(optics, "mvn", diffusion=True)
 
 
 def test_a_frame_that_does_not_belong_is_flagged_and_not_counted(optics, rng):
     scenes = {"separation": np.full(10, 5.0)}
     scenes["separation"][6] = 5.01
-    fit = refit_sequence(exposures(optics, 10, rng, scenes=scenes), Looker(optics))
+    fit = refit_sequence(exposures(optics, 10, rng, scenes=scenes), FrameFitter(optics))
     assert np.flatnonzero(~fit.combined.kept).tolist() == [6]
     assert [frame.kept for frame in fit.frames()] == [i != 6 for i in range(10)]
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
 
 
-def test_a_slow_change_is_told(optics, rng):
+def test_a_slow_change_is_reported(optics, rng):
     scenes = {"separation": 5.0 + 2e-3 * np.linspace(-1, 1, 12)}
-    fit = refit_sequence(exposures(optics, 12, rng, scenes=scenes), Looker(optics))
+    fit = refit_sequence(exposures(optics, 12, rng, scenes=scenes), FrameFitter(optics))
     slope = fit.slope()
     true = 2e-3 / (11 * STEP / 2)
     assert slope.rate == pytest.approx(true, abs=4 * slope.error)
     assert slope.chi2 > 25
     bent = refit_sequence(
         exposures(optics, 12, rng, scenes=scenes),
-        Looker(optics),
+        FrameFitter(optics),
         SequenceOptions({"separation": Polynomial(1)}),
     )
     assert abs(bent.combined.value("separation") - 5.0) < 4 * bent.combined.error("separation")
@@ -202,7 +202,7 @@ def test_frames_that_cannot_be_used_keep_their_rows(optics, rng):
     frames[1] = Exposure("torn", float("nan"), None, TORN)
     blank = replace(frames[3].frame, electrons=rng.poisson(20.0, (48, 44)).astype(float))
     frames[3] = frames[3]._replace(frame=blank)
-    fit = refit_sequence(frames, Looker(optics))
+    fit = refit_sequence(frames, FrameFitter(optics))
     rows = list(fit.frames())
     assert [row.record.status.usable for row in rows] == [True, False, True, False, True]
     assert rows[1].record.message == TORN.message
@@ -219,38 +219,38 @@ def test_frames_of_one_star_have_no_separation(optics, rng):
         one._replace(frame=replace(one.frame, electrons=rng.poisson(image).astype(float))) for one in frames
     ]
     with refused(ErrorCode.NO_PAIR, "only one star", "process", error=JitterkitError):
-        refit_sequence(stars, Looker(optics, "linear"))
+        refit_sequence(stars, FrameFitter(optics, "linear"))
 
 
 def test_no_frame_at_all_is_an_error_with_the_first_reason(optics):
     with refused(ErrorCode.TRUNCATED, TORN.message, error=JitterkitError):
-        refit_sequence([Exposure("torn", 0.0, None, TORN)], Looker(optics))
+        refit_sequence([Exposure("torn", 0.0, None, TORN)], FrameFitter(optics))
     with refused(ErrorCode.NO_DATA, error=JitterkitError):
-        refit_sequence([], Looker(optics))
+        refit_sequence([], FrameFitter(optics))
 
 
-def test_a_frame_alone_that_was_fitted_and_tells_nothing_is_not_constrained():
+def test_a_frame_alone_that_was_fitted_and_determines_nothing_is_not_constrained():
     records = Records(())
     records.append(FrameRecord("endless", 0.0, Status.OK, ""))
     with refused(ErrorCode.NOT_CONSTRAINED, error=JitterkitError):
-        _told(Messages(("separation",)), records)
+        _require_fitted(LikelihoodSummaries(("separation",)), records)
 
 
 def test_frames_out_of_order_are_refused(optics, rng):
     frames = exposures(optics, 2, rng)
     with refused(ErrorCode.OUT_OF_RANGE, "frame 0", "0.05 s", "0.15 s"):
-        refit_sequence(frames[::-1], Looker(optics))
+        refit_sequence(frames[::-1], FrameFitter(optics))
 
 
 def test_a_law_for_what_is_not_shared_is_refused(optics, rng):
     with refused(ErrorCode.UNKNOWN_NAME, "'flux'", "separation", "'aberrations'"):
-        refit_sequence(exposures(optics, 1, rng), Looker(optics), SequenceOptions({"flux": Constant()}))
+        refit_sequence(exposures(optics, 1, rng), FrameFitter(optics), SequenceOptions({"flux": Constant()}))
 
 
 def test_a_direction_at_the_seam_and_stars_as_bright_as_each_other(optics, rng):
     # theta to either side of 360 degrees from frame to frame, and who is the brighter left to noise
     scenes = {"theta": np.full(8, 359.9999), "contrast": np.full(8, 1.0005)}
-    fit = refit_sequence(exposures(optics, 8, rng, scenes=scenes), Looker(optics))
+    fit = refit_sequence(exposures(optics, 8, rng, scenes=scenes), FrameFitter(optics))
     assert fit.combined.kept.all()
     turned = (fit.combined.value("theta") - 359.9999 + 90) % 180 - 90
     assert abs(turned) < 4 * fit.combined.error("theta")
@@ -258,10 +258,13 @@ def test_a_direction_at_the_seam_and_stars_as_bright_as_each_other(optics, rng):
 
 
 def test_a_pair_that_jumps_is_found_again(optics, rng):
-    places = {"x": np.array([0.0, 0.1, 2.5, -2.4, 0.2, 0.1]), "y": np.array([0.0, 2.2, -2.0, 2.4, 0.0, -0.1])}
-    fit = refit_sequence(exposures(optics, 6, rng, scenes=places), Looker(optics))
+    positions = {
+        "x": np.array([0.0, 0.1, 2.5, -2.4, 0.2, 0.1]),
+        "y": np.array([0.0, 2.2, -2.0, 2.4, 0.0, -0.1]),
+    }
+    fit = refit_sequence(exposures(optics, 6, rng, scenes=positions), FrameFitter(optics))
     assert fit.combined.kept.all()
-    assert np.allclose([r.values[0] for r in fit.records], places["x"], atol=0.02)
+    assert np.allclose([r.values[0] for r in fit.records], positions["x"], atol=0.02)
 
 
 def test_a_prior_parts_jitter_from_diffusion(optics):
@@ -272,14 +275,14 @@ def test_a_prior_parts_jitter_from_diffusion(optics):
     frames = [Exposure(f"frame {i}", (i + 0.5) * STEP, frame) for i in range(3)]
     for told in (0.010, 0.012):
         known = (np.array([told, 0.0, told]), 1e-6 * np.eye(3))
-        looker = Looker(optics, "mvn", diffusion=True, priors=Priors(moments=known))
-        fit = refit_sequence(frames, looker, SequenceOptions({"aberrations": Constant()}))
+        fitter = FrameFitter(optics, "mvn", diffusion=True, priors=Priors(moments=known))
+        fit = refit_sequence(frames, fitter, SequenceOptions({"aberrations": Constant()}))
         assert fit.combined.value("diffusion") == pytest.approx(0.02 - told, abs=1e-5)
 
 
 def test_frames_that_disagree_all_over_are_all_counted_and_their_scatter_says_so(optics, rng):
     scenes = {"separation": 5.0 + 0.1 * np.arange(6)}
-    fit = refit_sequence(exposures(optics, 6, rng, scenes=scenes), Looker(optics))
+    fit = refit_sequence(exposures(optics, 6, rng, scenes=scenes), FrameFitter(optics))
     assert fit.combined.kept.all()
     assert fit.separation[0] == pytest.approx(5.25, abs=5e-3)
     values = np.array([f.separation for f in fit.frames()])
@@ -288,23 +291,25 @@ def test_frames_that_disagree_all_over_are_all_counted_and_their_scatter_says_so
 
 def test_few_frames_whose_optics_are_anywhere(optics, rng):
     frames = exposures(optics, 6, rng, states=rng.normal(0, 5.0, (6, 2)))
-    fit = refit_sequence(frames, Looker(optics))
+    fit = refit_sequence(frames, FrameFitter(optics))
     assert fit.combined.kept.all()
-    assert len(fit.messages) == 6
+    assert len(fit.summaries) == 6
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
 
 
 def test_steps_between_exposures_are_not_motion_within_them(optics):
-    places = {"y": 0.4 * np.arange(8) - 1.6}  # stands still while the shutter is open
-    frames = exposures(optics, 8, None, scenes=places, line_time=1e-4)
-    fit = refit_sequence(frames, Looker(optics))
+    positions = {"y": 0.4 * np.arange(8) - 1.6}  # stands still while the shutter is open
+    frames = exposures(optics, 8, None, scenes=positions, line_time=1e-4)
+    fit = refit_sequence(frames, FrameFitter(optics))
     assert fit.separation[0] == pytest.approx(5.0, abs=1e-5)
     assert fit.rows.unknown > 1
 
 
 def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
-    fit = refit_sequence(exposures(optics, 12, rng, loci=[Linear.of(0.0)] * 12), Looker(optics, "linear"))
-    assert len(fit.messages) >= 11  # 18 % were lost before
+    fit = refit_sequence(
+        exposures(optics, 12, rng, loci=[Linear.of(0.0)] * 12), FrameFitter(optics, "linear")
+    )
+    assert len(fit.summaries) >= 11  # 18 % were lost before
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
 
 
@@ -346,7 +351,7 @@ def test_the_error_is_that_of_one_dense_fisher_matrix_of_all_frames(optics):
         information += np.einsum("iyx,jyx,yx->ij", slopes, slopes, 1 / image(known))
     scale = 1 / np.sqrt(np.diag(information))
     errors = scale * np.sqrt(np.diag(np.linalg.inv(information * np.outer(scale, scale))))
-    fit = refit_sequence(frames, Looker(optics), SequenceOptions({"aberrations": Constant()}))
+    fit = refit_sequence(frames, FrameFitter(optics), SequenceOptions({"aberrations": Constant()}))
     found = [fit.combined.error(name) for name in shared]
     # differences are good to the square of a step over the resolution; the prior of the filter to 1e-6
     assert np.allclose(found, errors[:7], rtol=1e-4)
@@ -383,7 +388,7 @@ def test_what_is_known_of_the_colours_counts_once(telescope, rng):
         image = np.asarray(expected_image(Parameters(scene, Mvn.of(0.1), np.zeros(2)), optics.nominal))
         frame = Frame(rng.poisson(image).astype(float), 0.0, exposure=STEP, plate_scale=0.375)
         made.append(Exposure(f"frame {i}", (i + 0.5) * STEP, frame))
-    joint = refit_sequence(made, Looker(optics, known=("noll7", "noll8"), scene="binary"))
+    joint = refit_sequence(made, FrameFitter(optics, known=("noll7", "noll8"), scene="binary"))
     names, errors = joint.combined.names, np.sqrt(np.diag(joint.combined.covariance))
     slots = [names.index(name) for name in Binary.colours]
     np.testing.assert_allclose(errors[slots], 0.3, rtol=0.1)  # 1.8e4 photons tell a little

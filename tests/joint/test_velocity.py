@@ -12,8 +12,8 @@ from jitterkit.joint.velocity import motion_unknown, velocity_between_frames, ve
 
 def test_a_uniform_drift_has_its_velocity_even_with_gaps():
     times = np.array([0.0, 0.1, np.nan, 0.5, 0.6])
-    places = np.column_stack([2.0 * times, -3.0 * times])
-    found = velocity_between_frames(times, places)
+    positions = np.column_stack([2.0 * times, -3.0 * times])
+    found = velocity_between_frames(times, positions)
     assert np.allclose(found[[0, 1, 3, 4]], [2.0, -3.0])
     assert np.all(np.isnan(found[2]))
 
@@ -24,10 +24,10 @@ def test_one_frame_alone_stands_still():
 
 def test_places_that_jump_about_say_nothing_of_the_velocity(rng):
     times = 0.1 * np.arange(4000)
-    places = 0.05 * rng.standard_normal((4000, 2))
+    positions = 0.05 * rng.standard_normal((4000, 2))
     # frames that stand still while exposed: the velocity that is found is all error
-    error = velocity_between_frames(times, places)[1:-1].std()
-    assert motion_unknown(times, places) == pytest.approx(error, rel=0.03)
+    error = velocity_between_frames(times, positions)[1:-1].std()
+    assert motion_unknown(times, positions) == pytest.approx(error, rel=0.03)
 
 
 def test_a_straight_drift_is_known():

@@ -13,7 +13,7 @@ from jitterkit.likelihood import Data, deviance, deviance_and_score, normal_equa
 from jitterkit.loci import Linear, Mvn, PartialShm, Stable
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
-from jitterkit.scoring import Prior, climb
+from jitterkit.scoring import Prior, fisher_scoring
 from jitterkit.shutter import Drifting
 
 SCENE = Binary(4.0, 40.0, 0.2, -0.1, 1e6, 2.0)
@@ -36,7 +36,7 @@ def free_of(parameters, otf):
 def test_it_ends_at_the_maximum_that_another_optimiser_finds(truth, otf, data):
     start = Parameters(Binary(4.2, 43.0, 0.0, 0.0, 9e5, 1.7), Mvn.of(0.05), [0.0, 0.0])
     free = free_of(start, otf)
-    end = climb(start, otf, data, free, Prior.none(len(free)))
+    end = fisher_scoring(start, otf, data, free, Prior.none(len(free)))
     assert bool(end.converged)
     vector, unravel = to_vector(end.parameters)
     errors = np.sqrt(np.diag(np.linalg.inv(end.information)))
@@ -59,8 +59,8 @@ def test_a_start_at_zero_jitter_is_as_good_as_any(truth, otf, data):
     for locus in (Mvn(jnp.zeros(3)), Mvn.of(0.2, 0.2), Mvn.of(0.1, 0.05, 30.0)):
         start = Parameters(truth.scene, locus, truth.aberrations)
         free = free_of(start, otf)
-        ends.append(climb(start, otf, data, free, Prior.none(len(free))).parameters.locus.coords)
-    # each climb stops within 1e-4 standard errors (2e-4 arcsec² here); allow ten times that
+        ends.append(fisher_scoring(start, otf, data, free, Prior.none(len(free))).parameters.locus.coords)
+    # each stops within 1e-4 standard errors (2e-4 arcsec² here); allow ten times that
     np.testing.assert_allclose(ends, [ends[0]] * 3, atol=1e-3 * 2e-4)
 
 
@@ -69,7 +69,9 @@ def test_a_prior_that_is_certain_decides(truth, otf, data):
     free = free_of(start, otf)
     precision = np.zeros((len(free), len(free)))
     precision[0, 0] = 1e-9**-2
-    end = climb(start, otf, data, free, Prior(jnp.zeros(len(free)).at[0].set(4.01), jnp.asarray(precision)))
+    end = fisher_scoring(
+        start, otf, data, free, Prior(jnp.zeros(len(free)).at[0].set(4.01), jnp.asarray(precision))
+    )
     assert float(end.parameters.scene.separation) == pytest.approx(4.01, abs=1e-8)
 
 
@@ -77,8 +79,8 @@ def test_a_prior_that_is_certain_decides(truth, otf, data):
 def test_information_that_is_wrong_is_renewed_and_changes_no_end(truth, otf, data, wrong):
     start = Parameters(Binary(4.02, 40.3, 0.21, -0.1, 9.8e5, 1.95), Mvn.of(0.12, 0.05, 30.0), [3.0, -2.0])
     free = free_of(start, otf)
-    right = climb(start, otf, data, free, Prior.none(len(free)), tolerance=1e-6)
-    end = climb(
+    right = fisher_scoring(start, otf, data, free, Prior.none(len(free)), tolerance=1e-6)
+    end = fisher_scoring(
         start, otf, data, free, Prior.none(len(free)), tolerance=1e-6, known=wrong * right.information
     )
     assert bool(end.converged)
@@ -124,7 +126,7 @@ def test_the_adjoint_gives_the_score_that_derivatives_of_the_image_do(parameters
 def test_far_starts_do_not_leave_the_domain(truth, otf, data):
     start = Parameters(Binary(4.0, 40.0, 0.2, -0.1, 1.0, 500.0), Mvn(jnp.zeros(3)), [0.0, 0.0])
     free = free_of(start, otf)
-    end = climb(start, otf, data, free, Prior.none(len(free)), steps=200)
+    end = fisher_scoring(start, otf, data, free, Prior.none(len(free)), max_steps=200)
     assert float(end.parameters.scene.flux) > 0
     assert float(end.parameters.scene.contrast) > 0
     assert np.isfinite(float(end.objective))
@@ -133,21 +135,21 @@ def test_far_starts_do_not_leave_the_domain(truth, otf, data):
 def test_a_start_without_an_image_ends(truth, otf, data):
     start = Parameters(Binary(4.0, 40.0, 0.2, -0.1, np.nan, 2.0), truth.locus, truth.aberrations)
     free = free_of(start, otf)
-    end = climb(start, otf, data, free, Prior.none(len(free)))
+    end = fisher_scoring(start, otf, data, free, Prior.none(len(free)))
     assert not bool(end.converged)
     assert int(end.iterations) == 50
 
 
 def test_held_parameters_do_not_move(truth, otf, data):
     start = Parameters(Binary(4.1, 40.0, 0.2, -0.1, 1e6, 2.0), Stable.of(), [1.0, 1.0], 0.5)
-    end = climb(start, otf, data, (0, 4), Prior.none(2))
+    end = fisher_scoring(start, otf, data, (0, 4), Prior.none(2))
     before, after = np.asarray(to_vector(start)[0]), np.asarray(to_vector(end.parameters)[0])
     held = [i for i in range(len(before)) if i not in (0, 4)]
     np.testing.assert_array_equal(before[held], after[held])
     assert before[0] != after[0]
 
 
-def test_an_aberration_whose_sign_the_image_cannot_tell_is_not_fitted():
+def test_an_aberration_whose_sign_the_image_cannot_distinguish_is_not_fitted():
     # a telescope of its own: the common one has no even aberrations, and noll 4 and 5 are what is tested
     pupil, band = obstructed_circle(0.125, 0.04, samples=64, noll=(4, 5, 7)), flat_band(530, 640, 3)
     otf = expand(pupil, band, grid_for(pupil, band, (32, 32), 0.375, pad=8))
@@ -167,7 +169,7 @@ def test_holding_what_does_not_exist_is_refused(truth, otf):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_it_settles_in_32_bits_where_rounding_lets_no_step_be_told(seed, otf):
+def test_it_settles_in_32_bits_where_rounding_hides_every_step(seed, otf):
     # Ten roundings of a deviance of a thousand are a step of 0.035 errors squared.
     jax.clear_caches()
     with jax.enable_x64(False):
@@ -176,7 +178,7 @@ def test_it_settles_in_32_bits_where_rounding_lets_no_step_be_told(seed, otf):
         image = np.maximum(np.asarray(expected_image(bright, otf), float), 0.0)
         counts = Data(np.random.default_rng(seed).poisson(image), 0.0)
         free = free_of(bright, otf)
-        end = climb(bright, otf, counts, free, Prior.none(len(free)))
+        end = fisher_scoring(bright, otf, counts, free, Prior.none(len(free)))
         assert bool(end.converged)
         error = float(np.linalg.inv(np.asarray(end.information, float))[0, 0]) ** 0.5
         assert abs(float(end.parameters.scene.separation) - 4.0) < 4 * error

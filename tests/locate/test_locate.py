@@ -28,7 +28,7 @@ def frame(optics, scene, locus, aberrations, rng):
     return Data(rng.poisson(np.maximum(image, 0)) + rng.normal(0, 2.4, image.shape), 2.4**2)
 
 
-def places(scene):
+def positions(scene):
     """Offsets of both stars, the brighter first (2, 2)."""
     half = float(scene.separation) / 2
     angle = np.radians(float(scene.theta))
@@ -73,8 +73,8 @@ def test_the_pair_is_found_through_jitter_and_aberrations(values, optics, rng):
     truth = Binary(separation, theta, x, y, 9.53e6, contrast)
     data = frame(optics, truth, Linear.of(0.5, 70.0), rng.normal(0, 5, 7), rng)
     found = locate_binary(data, optics).parameters.scene
-    ordered = places(found) if contrast > 1.2 else sorted(places(found).tolist())
-    expected = places(truth) if contrast > 1.2 else sorted(places(truth).tolist())
+    ordered = positions(found) if contrast > 1.2 else sorted(positions(found).tolist())
+    expected = positions(truth) if contrast > 1.2 else sorted(positions(truth).tolist())
     # a twentieth of a pixel, far inside the half resolution element (0.5 arcsec) that a fit needs
     np.testing.assert_allclose(ordered, expected, atol=0.02)
 
@@ -99,7 +99,7 @@ def test_masked_pixels_do_not_mislead(optics, rng):
     used[40:50, 60:90] = False
     counts[~used] = 1e7
     found = locate_binary(Data(counts, 2.4**2, used), optics).parameters.scene
-    np.testing.assert_allclose(places(found), places(truth), atol=0.02)
+    np.testing.assert_allclose(positions(found), positions(truth), atol=0.02)
 
 
 def test_a_large_telescope_finds_a_close_pair(rng):
@@ -120,12 +120,12 @@ def test_the_blur_of_the_template_has_the_direction_that_it_is_given(plain_otf):
     assert along.gain > across.gain  # no template explains more than the true one
 
 
-@pytest.mark.parametrize("place", [(0.31, -0.22), (-17.0, 15.0)])
-def test_one_star_is_found_through_jitter_and_aberrations(place, optics, rng):
-    data = frame(optics, Star(*place, 9.53e6), Linear.of(0.5, 70.0), rng.normal(0, 5, 7), rng)
+@pytest.mark.parametrize("position", [(0.31, -0.22), (-17.0, 15.0)])
+def test_one_star_is_found_through_jitter_and_aberrations(position, optics, rng):
+    data = frame(optics, Star(*position, 9.53e6), Linear.of(0.5, 70.0), rng.normal(0, 5, 7), rng)
     start = locate_star(data, optics)
     scene = start.parameters.scene
-    assert (float(scene.x), float(scene.y)) == pytest.approx(place, abs=0.02)
+    assert (float(scene.x), float(scene.y)) == pytest.approx(position, abs=0.02)
     assert float(scene.flux) == pytest.approx(9.53e6, rel=2e-3)
     moments = np.asarray(start.parameters.locus.moments())
     np.testing.assert_allclose(moments, np.asarray(Linear.of(0.5, 70.0).moments()), atol=1e-3)
@@ -141,8 +141,8 @@ def test_a_star_in_the_residual_explains_the_chi_squared_of_its_light(plain_otf)
     dark = np.zeros(otf.grid.shape)
     one = np.asarray(expected_image(Parameters(Star(3 * 0.375, -2 * 0.375, 100.0), Stable.of()), otf))
     star, gain = Residual(Data(one, variance), dark, otf).star()
-    places = offsets(one.shape[1], 0.375), offsets(one.shape[0], 0.375)
-    nearest = [axis[np.argmin(np.abs(axis - v))] for axis, v in zip(places, (1.125, -0.75), strict=True)]
+    positions = offsets(one.shape[1], 0.375), offsets(one.shape[0], 0.375)
+    nearest = [axis[np.argmin(np.abs(axis - v))] for axis, v in zip(positions, (1.125, -0.75), strict=True)]
     assert (float(star.x), float(star.y)) == pytest.approx(nearest)
     there = np.asarray(expected_image(Parameters(Star(*nearest, 1.0), Stable.of()), otf))
     assert gain == pytest.approx(np.sum(one * there) ** 2 / np.sum(there**2) / variance, rel=1e-6)

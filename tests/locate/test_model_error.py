@@ -79,9 +79,9 @@ def test_speckles_are_alike_over_a_resolution_element(image, optics, rng):
     assert np.mean(lost) > 3
 
 
-@pytest.mark.parametrize("place", [(-4.0, 4.5), (1.0, -6.0)])
-def test_a_star_that_the_model_lacks_is_no_error_of_the_model(image, otf, place, rng):
-    third = np.asarray(_image(truth(Star(*place, 3e4)), otf))
+@pytest.mark.parametrize("position", [(-4.0, 4.5), (1.0, -6.0)])
+def test_a_star_that_the_model_lacks_is_no_error_of_the_model(image, otf, position, rng):
+    third = np.asarray(_image(truth(Star(*position, 3e4)), otf))
     data = drawn(rng, image + third)
     assert pearson(image, data).chi2 / image.size > 1.5
     assert pearson(image, allowed(data, image, otf)).chi2 / image.size > 1.5

@@ -68,14 +68,14 @@ def test_pixels_all_over_the_frame_are_the_models_fault(rng):
 
 def test_further_stars_are_found_one_by_one_and_hot_pixels_are_none(rng):
     otf, known = optics(0.6), Star(0.0, 0.0, 3e5)
-    places = [(6.2, 3.1, 4000.0), (9.0, 3.4, 2500.0), (-8.0, 5.0, 1500.0)]
+    positions = [(6.2, 3.1, 4000.0), (9.0, 3.4, 2500.0), (-8.0, 5.0, 1500.0)]
     base = 20.0 + 3e5 * normal_star(0.6)
-    counts = rng.poisson(base + sum(flux * normal_star(0.6, x, y) for x, y, flux in places)).astype(float)
+    counts = rng.poisson(base + sum(flux * normal_star(0.6, x, y) for x, y, flux in positions)).astype(float)
     counts[8, 8] += 500.0
     left = Residual(Data(counts), base, otf)
     found = left.further_stars(known)
     assert isinstance(found, FurtherStars)
-    for x, y, flux in places:
+    for x, y, flux in positions:
         i = int(np.hypot(np.asarray(found.x) - x, np.asarray(found.y) - y).argmin())
         assert (float(found.x[i]), float(found.y[i])) == pytest.approx((x, y), abs=0.2)
         assert float(found.flux[i]) == pytest.approx(flux, rel=0.15)

@@ -207,7 +207,7 @@ def test_masked_and_full_pixels_are_left_out(telescope, reference):
     ],
     ids=str,
 )
-def test_a_frame_of_something_else_is_told_apart_or_told_right(telescope, reference, changes):
+def test_a_frame_of_something_else_is_distinguished_or_reported_right(telescope, reference, changes):
     told = estimated(reference, draw(telescope, Mvn.of(0.1, 0.1, 0.0), seed=10, **changes))
     if told is not None:
         _believed(told, Mvn.of(0.1, 0.1, 0.0), changes)

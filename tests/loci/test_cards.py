@@ -5,7 +5,7 @@ import pytest
 from jitterkit.loci import Mvn, jitter_cards
 
 
-def test_a_blur_is_told_in_the_units_and_angles_of_each_tool():
+def test_a_blur_is_given_in_the_units_and_angles_of_each_tool():
     cards = {
         key: value for key, (value, _) in jitter_cards(Mvn.of(0.2, 0.1, 30.0).moments(), normal=True).items()
     }

@@ -54,8 +54,8 @@ def test_a_path_run_backwards_leaves_the_same_image_and_mirrored_another():
 def test_where_a_path_as_a_whole_lies_does_not_matter_but_its_knots_are_given_back():
     path = Path.of(KNOTS + np.array([3.0, -2.0]))
     assert np.asarray(path.coords) == pytest.approx(np.asarray(Path.of(KNOTS).coords), abs=1e-14)
-    places = np.reshape(list(path.describe().values()), (-1, 2))
-    assert np.diff(places, axis=0) == pytest.approx(np.diff(KNOTS, axis=0), abs=1e-14)
+    positions = np.reshape(list(path.describe().values()), (-1, 2))
+    assert np.diff(positions, axis=0) == pytest.approx(np.diff(KNOTS, axis=0), abs=1e-14)
 
 
 def test_a_fit_starts_with_the_moments_it_is_given():
@@ -84,11 +84,11 @@ def test_a_trace_is_the_time_average_over_the_exposure(start, exposure):
     inside = np.array([t for t in TIMES if begin < t < end])
     breaks = (np.concatenate([[begin], inside, [end]]) - begin) / (end - begin)
 
-    def place(values):
+    def position(values):
         return lambda s: np.interp(begin + s * (end - begin), TIMES, values)
 
     for fx, fy in [(0.8, 0.3), (-0.5, 1.1)]:
-        expected = time_average(place(X), place(Y), fx, fy, breaks)
+        expected = time_average(position(X), position(Y), fx, fy, breaks)
         # 13 nodes a piece, each turning the phase by 1 rad
         assert complex(locus.transfer(fx, fy)) == pytest.approx(expected, abs=1e-12)
 

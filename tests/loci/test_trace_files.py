@@ -56,7 +56,7 @@ def test_rates_are_integrated_when_the_header_or_an_option_says_so(header, rates
 )
 def test_angles_are_converted_and_not_integrated(header, factors, write):
     said = []
-    found = read_trace(write(header, T, *ANGLES), tell=said.append)
+    found = read_trace(write(header, T, *ANGLES), log=said.append)
     for values, written, factor in zip(found, (T, *ANGLES), factors, strict=True):
         np.testing.assert_allclose(values, written * factor, rtol=1e-12, atol=1e-15)
     assert said == []
@@ -124,7 +124,7 @@ def test_numbers_that_stand_for_missing_ones_are_gaps(value, count, lost, word, 
     t, (x, y) = 0.01 * np.arange(5000), NOISE.copy()
     y[100 : 100 + count] = value
     said = []
-    found = read_trace(write(header, t, x, y), tell=said.append)
+    found = read_trace(write(header, t, x, y), log=said.append)
     kept = np.ones(len(t), bool)
     kept[100 : 100 + count] = not lost
     np.testing.assert_allclose(found[0], t[kept])
@@ -154,11 +154,11 @@ def test_several_codes_are_found_and_without_a_listener_python_warns(write):
 )
 def test_motion_of_all_kinds_has_no_missing_samples(x, write):
     said = []
-    assert len(read_trace(write("t,x,y", T, x, np.zeros_like(T)), tell=said.append)[0]) == T.size
+    assert len(read_trace(write("t,x,y", T, x, np.zeros_like(T)), log=said.append)[0]) == T.size
     assert not said
 
 
 def test_a_path_that_somebody_drew_is_kept(write):
     said, x = [], np.array([0.0, 0.1, 0.2, 8.0, 8.0, 0.1])
-    np.testing.assert_array_equal(read_trace(write("t,x,y", np.arange(6), x, x), tell=said.append)[1], x)
+    np.testing.assert_array_equal(read_trace(write("t,x,y", np.arange(6), x, x), log=said.append)[1], x)
     assert not said

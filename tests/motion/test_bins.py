@@ -59,7 +59,7 @@ def test_a_periodogram_keeps_the_variance_of_the_signal(signal, write):
 def test_a_line_in_the_bins_is_a_line(signal, write):
     f, p = welch(signal, RATE, nperseg=4096)
     said = []
-    spectrum = read_motion(write((f, p, p / 4)), tell=said.append)
+    spectrum = read_motion(write((f, p, p / 4)), log=said.append)
     (line,) = spectrum.lines
     assert line.frequency == pytest.approx(37, abs=0.01)
     assert (line.amplitude, line.minor) == pytest.approx((0.1, 0.05), rel=1e-3)
@@ -114,7 +114,7 @@ def test_a_two_sided_table_has_the_same_power(signal, shift, write):
 def test_a_table_that_says_it_is_two_sided_is_doubled(write):
     f, said = np.arange(1, 101.0), []
     path = write((f, 0 * f + 1e-6, 0 * f), comment="# two-sided\n")
-    assert power(read_motion(path, tell=said.append))[0] == pytest.approx(2e-4, rel=1e-6)
+    assert power(read_motion(path, log=said.append))[0] == pytest.approx(2e-4, rel=1e-6)
     assert any("two-sided" in sentence for sentence in said)
     path.write_text("# one-sided, once two-sided\n" + path.read_text())
     with refused(ErrorCode.CONFLICT, path, "one-sided", "two-sided"):
@@ -159,7 +159,7 @@ def test_a_drawn_curve_keeps_its_power_law(write):
     """f^-2 from 0.1 to 100 Hz by four points, and by 3 points an octave apart: the integral is 1/a - 1/b."""
     said = []
     for f in (np.array([0.1, 1.0, 10.0, 100.0]), 2.0 ** np.arange(-3, 8)):
-        found = power(read_motion(write((f, f**-2, 0 * f)), tell=said.append))
+        found = power(read_motion(write((f, f**-2, 0 * f)), log=said.append))
         assert found[0] == pytest.approx(1 / f[0] - 1 / f[-1], rel=1e-6)
     assert all("curve" in sentence for sentence in said)
 
@@ -167,7 +167,7 @@ def test_a_drawn_curve_keeps_its_power_law(write):
 def test_a_row_at_zero_is_left_out_with_a_word(write):
     f, said = np.arange(101.0), []
     p = np.where(f == 0, 1e6, 1e-6)
-    assert power(read_motion(write((f, p, p)), tell=said.append))[0] == pytest.approx(1e-4, rel=1e-6)
+    assert power(read_motion(write((f, p, p)), log=said.append))[0] == pytest.approx(1e-4, rel=1e-6)
     assert any("0 Hz" in sentence for sentence in said)
 
 

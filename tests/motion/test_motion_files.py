@@ -34,7 +34,7 @@ def test_lines_are_read_alone_or_below_the_densities(table):
     assert (len(both.frequencies), both.lines) == (2, (Line(61, 0.02, 30, 0.01),))
 
 
-def test_a_trace_is_told_by_its_header(table):
+def test_a_trace_is_recognised_by_its_header(table):
     record = read_motion(table("t,x,y\n0,1,2\n0.5,3,4\n"))
     assert isinstance(record, Record)
     np.testing.assert_array_equal(record, [[0, 0.5], [1, 3], [2, 4]])

@@ -41,8 +41,8 @@ def test_smear_and_rest_are_the_second_moments_that_a_trace_draws(rng):
 def test_a_random_walk_in_time_has_its_known_split(rng):
     # D T/10 and D T/15 as in test_split; straight lines between samples leave out a bridge of D dt/6 each
     steps, exposures, walk = 50, 4000, 2e-4
-    places = np.cumsum(rng.normal(0, np.sqrt(walk / steps), (2, steps * exposures + 1)), axis=1)
-    split = measure_exposures(Record(np.arange(steps * exposures + 1) / steps, *places), 1.0).split()
+    positions = np.cumsum(rng.normal(0, np.sqrt(walk / steps), (2, steps * exposures + 1)), axis=1)
+    split = measure_exposures(Record(np.arange(steps * exposures + 1) / steps, *positions), 1.0).split()
     scatter = 5 * np.sqrt(2 / exposures)  # of a mean of squares of normal numbers
     for k in (0, 2):
         assert split.smear[k] == pytest.approx(walk / 10, rel=scatter)

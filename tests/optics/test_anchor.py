@@ -51,7 +51,7 @@ def test_diffused_charge_is_in_the_anchor(system):
 
 
 @pytest.mark.parametrize(("size", "own"), [(1.0, True), (7.0, False), (60.0, False)])
-def test_beyond_its_reach_the_optics_are_computed_anew(system, anchor, size, own):
+def test_beyond_its_reach_the_optics_are_computed_again(system, anchor, size, own):
     """At 1e7 photons the reach is 1.9 nm; 7 nm is near enough for the derivatives, 60 nm for nothing."""
     optics, state = AnchoredOptics.about(system, anchor, 1e7), STATE + size * CHANGE / np.linalg.norm(CHANGE)
     here, exact = optics.otf(state), system.otf(state)

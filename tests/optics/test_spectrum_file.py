@@ -66,7 +66,7 @@ def test_a_spectrum_is_not_modelled_with_no_wavelengths():
         band_from_table(np.array([530.0, 640.0]), np.ones(2), 0)
 
 
-def test_a_file_that_cannot_be_read_is_told_from_one_that_is_not_there(tmp_path):
+def test_a_file_that_cannot_be_read_is_distinguished_from_one_that_is_not_there(tmp_path):
     with refused(ErrorCode.NOT_FOUND, tmp_path / "none.csv"):
         read_spectrum(tmp_path / "none.csv")
     with refused(ErrorCode.NOT_READABLE, tmp_path):

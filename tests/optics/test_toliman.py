@@ -84,7 +84,7 @@ def test_the_pupil_is_built_in_double_precision_whatever_the_caller_works_in(dir
 
 
 @pytest.mark.parametrize("content", [b"", b"PK damaged"], ids=["empty", "damaged"])
-def test_a_damaged_file_is_written_anew(directory, builds, toliman, content):
+def test_a_damaged_file_is_rewritten(directory, builds, toliman, content):
     toliman_pupil()
     (file,) = directory.iterdir()
     file.write_bytes(content)

@@ -45,7 +45,7 @@ def test_auto_takes_the_locus_that_the_frame_shows(locus, chosen, bench, rng):
     assert result.locus_weight > 0.95
     assert sum(c.weight for c in result.candidates) == pytest.approx(1.0)
     assert "µas" not in result.message  # of a separation that hangs on the choice
-    # a fit on a leash stops within 0.03 errors of its end, and the leash pulls
+    # a regularized fit stops within 0.03 errors of its end, and the prior pulls
     off = float(result.parameters.binary.separation) - 5.0
     assert abs(off) < 0.05 * result.error("separation")
 
@@ -112,7 +112,7 @@ def test_a_frame_that_no_still_model_describes_is_fitted_as_ever(bench, rng, spo
     """Jitter is seen; or it is not, by an estimate that is wrong."""
     data, may = bench.draw(bench.truth(Mvn.of(0.6, 0.2)), rng), FitOptions(may_be_still=True)
     moments, covariance = estimated(bench, data)
-    assert choose.shows_no_jitter(moments, covariance) is False
+    assert choose.is_jitter_undetected(moments, covariance) is False
     usual = choose_for(bench, data, moments)
     found = choose_for(bench, data, moments, options=may, covariance=covariance * (1e9 if spoilt else 1.0))
     assert found.locus == usual.locus != "stable"

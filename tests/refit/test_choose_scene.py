@@ -93,7 +93,7 @@ def test_who_knows_something_of_a_pair_gets_one(options, bench):
 def test_two_stars_much_closer_than_the_resolution_look_like_a_smear_and_that_is_said(chosen):
     choice = chosen(Binary(0.25, 140.0, 0.3, -0.2, 1e5, 1.0), Stable.of())
     assert choice.scene == "star"
-    assert "two stars 0.2" in choice.doubt
+    assert "two stars 0.2" in choice.ambiguity
     assert "one star with a jitter of" in choice.readings
     assert "two stars 0.2" in choice.readings
 

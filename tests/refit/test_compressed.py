@@ -54,14 +54,14 @@ def test_gain_and_evidence_are_those_of_fits_to_the_image_within_what_is_left_ou
             assert np.all(np.abs(away) < 0.03 * np.array([full.error(mode) for mode in aberrations]))
 
 
-def test_a_shape_is_told_as_a_fit_tells_it(bench, rng):
+def test_a_shape_is_determined_as_by_a_fit(bench, rng):
     data = bench.draw(bench.truth(Shm.of(0.35, 30.0)), rng)
     normal, likelihood, _ = compressed(bench, data)
     told = likelihood.fit(Shaped)
     assert told.left_out < 1
     full = fit_locus("shaped", data, bench.optics, normal.parameters, normal.moments()[0])
     error = full.error("shaped_kurtosis")
-    pulled = 1 - error**2 / 4  # by the leash of 2 on the fit's
+    pulled = 1 - error**2 / 4  # by the regularizing prior of 2 on the fit's
     kurtosis = float(told.locus.coords[3]) * pulled
     assert kurtosis == pytest.approx(float(full.parameters.locus.coords[3]), abs=0.1 * error)
 
@@ -140,7 +140,7 @@ def test_what_a_held_moment_or_another_kind_of_locus_needs_is_a_fit(bench, rng):
     assert CompressedLikelihood.of(step) is None
 
 
-def test_a_normal_that_has_not_settled_tells_nothing_of_the_others(bench, rng, monkeypatch):
+def test_a_normal_that_has_not_settled_determines_nothing_of_the_others(bench, rng, monkeypatch):
     """Its expansion is not about a maximum: the candidates are fitted."""
     locus = Linear.of(0.5, 30.0)
     data, fit = bench.draw(bench.truth(locus, flux=1e7), rng), locus_fit.fit_and_allow

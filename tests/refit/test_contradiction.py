@@ -85,7 +85,7 @@ def test_a_prior_is_accused_however_sure_it_is_of_itself_but_not_for_being_sure(
     assert flagged == 0  # by chance in two of a hundred runs of this test
 
 
-def test_a_step_that_a_climb_left_undone_changes_no_chance(bench, rng):
+def test_a_step_that_a_fit_left_undone_changes_no_chance(bench, rng):
     locus = Mvn.of(0.12, 0.06, 30.0)
     data = bench.draw(bench.truth(locus), rng)
     error = fit(bench, data, locus, "mvn").error("separation")
@@ -124,7 +124,7 @@ def test_a_prior_on_one_parameter_is_tested_too_whoever_chooses_the_locus(bench,
         assert ("prior_contradicted" in result.flags) == flagged
 
 
-def test_a_streak_at_its_tip_is_not_accused_for_what_a_cone_forbids(bench, rng):
+def test_a_streak_of_zero_length_is_not_accused_for_what_a_cone_forbids(bench, rng):
     # a prior about no jitter has negative variances as often as not; no streak has
     told, flagged = SHAPE @ SHAPE.T * 1e-10, 0
     for _ in range(12):
@@ -137,7 +137,7 @@ def test_a_streak_at_its_tip_is_not_accused_for_what_a_cone_forbids(bench, rng):
 
 
 def test_a_prior_of_three_sigmas_that_no_streak_can_have_is_no_contradiction(bench, rng):
-    # the likelihood's slope at a tip is no step that a climb left undone, nor is the tip a mean of prior and
+    # the likelihood's slope at a tip is no step that a fit left undone, nor is the tip a mean of prior and
     # frame: of the prior's width alone it is 9 for three degrees of freedom, one in 34
     data = bench.draw(bench.truth(Stable.of()), rng)
     priors = Priors(moments=(np.array([-1.0, 0.0, -1.0]) * 3e-5 / np.sqrt(2), np.eye(3) * 1e-10))

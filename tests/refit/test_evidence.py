@@ -85,8 +85,8 @@ def test_a_partial_vibration_points_anywhere_and_two_sets_of_numbers_are_one_mot
     assert log_evidence(fitted("partial", locus, sigma)) == pytest.approx(expected, abs=1e-6)
 
 
-def on_its_leash(steps, sigma):
-    """A fit of a path whose objective is the leash's quadratic form alone."""
+def regularized(steps, sigma):
+    """A fit of a path whose objective is the regularizing prior's quadratic form alone."""
     locus = Path(steps)
     (_, width), *_ = regularizing_priors(locus).values()
     return fitted("path", locus, sigma, float(np.sum(np.square(steps))) / width**2)
@@ -101,13 +101,15 @@ def test_paths_have_one_unit_of_prior_in_each_unit_of_ln_size(rng):
         steps *= np.exp(rng.uniform(0, 0.5)) * 0.1 / np.sqrt(sxx + syy)
         sigma = 1e-9
         # two sets of steps are one image; the posterior is (2 pi)³ sigma⁶ wide
-        prior = log_evidence(on_its_leash(steps, sigma)) - np.log(2) - 6 * np.log(np.sqrt(2 * np.pi) * sigma)
+        prior = log_evidence(regularized(steps, sigma)) - np.log(2) - 6 * np.log(np.sqrt(2 * np.pi) * sigma)
         ratios.append(np.exp(prior) * np.pi**3 * np.sum(steps**2) ** 3 / 2)
     assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(len(ratios)))
-    assert np.std(ratios) < 0.8  # so that the mean is good to 0.1; the leash alone would give 0.40
+    assert (
+        np.std(ratios) < 0.8
+    )  # so that the mean is good to 0.1; the regularizing prior alone would give 0.40
 
 
-def test_the_sizes_of_paths_drawn_from_a_leash_are_as_dense_as_said(rng):
+def test_the_sizes_of_paths_drawn_from_the_regularizing_prior_are_as_dense_as_said(rng):
     # T of splines through four knots whose steps are normal with 1.5, read at 400 times; its density at ln 1
     drawn = 1.5 * rng.standard_normal((200_000, 2, 3))
     knots = np.concatenate([np.zeros((200_000, 2, 1)), drawn.cumsum(axis=2)], axis=2)
@@ -117,19 +119,19 @@ def test_the_sizes_of_paths_drawn_from_a_leash_are_as_dense_as_said(rng):
     half = 0.1
     count = np.sum(np.abs(np.log(totals)) < half)
     density = count / len(totals) / (2 * half)
-    # what the evidence divides by: its leash of 1.5 sqrt(T) in each of six steps, and nothing else
+    # what the evidence divides by: its prior of 1.5 sqrt(T) in each of six steps, and nothing else
     steps = np.array([0.1, 0.03, -0.05, 0.02, 0.08, 0.01])
     sxx, _, syy = np.asarray(Path(steps).moments())
-    sigma, leash = 1e-9, 1.5 * np.sqrt(sxx + syy)
-    free = np.log(2) + 6 * np.log(sigma / leash) - 0.5 * np.sum(steps**2) / leash**2
+    sigma, width = 1e-9, 1.5 * np.sqrt(sxx + syy)
+    free = np.log(2) + 6 * np.log(sigma / width) - 0.5 * np.sum(steps**2) / width**2
     # a count's error four times: 3.2 %; the density bends by 0.2 % over so narrow a bin
-    evidence = log_evidence(on_its_leash(steps, sigma))
+    evidence = log_evidence(regularized(steps, sigma))
     assert evidence == pytest.approx(free - np.log(density), abs=4 / np.sqrt(count) + 0.002)
 
 
 def test_the_evidence_of_a_path_does_not_depend_on_its_size():
     steps = np.array([0.1, 0.03, -0.05, 0.02, 0.08, 0.01])
-    small, large = (log_evidence(on_its_leash(size * steps, size * 1e-4)) for size in (1.0, 7.0))
+    small, large = (log_evidence(regularized(size * steps, size * 1e-4)) for size in (1.0, 7.0))
     assert large == pytest.approx(small, abs=1e-9)
 
 
@@ -159,7 +161,7 @@ def test_a_variance_below_zero_leaves_what_of_the_posterior_is_above():
     assert lost == pytest.approx(-np.log(0.022750131948), rel=1e-6)  # a normal's tail beyond 2 sigma
 
 
-def test_a_part_that_cannot_be_told_from_nothing_has_no_evidence():
+def test_a_part_that_cannot_be_distinguished_from_nothing_has_no_evidence():
     assert log_evidence(fitted("tones", Tones.of(0.4, 30.0, 0.01, 80.0), 1e-3)) == -np.inf
     assert log_evidence(fitted("smear", Smear.of(0.01, 30.0, 0.1), 1e-3)) == -np.inf
     assert log_evidence(fitted("smear", Smear.of(0.4, 30.0, 0.01), 1e-3)) == -np.inf

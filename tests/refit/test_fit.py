@@ -12,9 +12,9 @@ from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
-from jitterkit.refit.fit import unfinished
+from jitterkit.refit.fit import convergence_error
 from jitterkit.scene import Binary
-from jitterkit.scoring import climb
+from jitterkit.scoring import fisher_scoring
 
 SCENE = Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0)
 
@@ -71,13 +71,13 @@ def test_a_tight_tolerance_makes_the_optics_as_exact(bench, optics):
     for tolerance in (1e-4, 1e-5, 1e-6):
         result = fit_frame(data, optics, truth, otf, FitOptions(tolerance=tolerance))
         off.append(abs(result.of_scene("separation") - 5.0) / result.error("separation"))
-        assert off[-1] < unfinished(tolerance, truth.locus, aberrations=True)
+        assert off[-1] < convergence_error(tolerance, truth.locus, aberrations=True)
     assert off[0] > 1e-5  # there is something to see
     assert off[2] < 0.1 * off[0]
 
 
 def test_faint_frames_settle_from_a_wavefront_far_off(bench, optics, rng):
-    # 40 nm rms of coma, unknown: in noise the climbs of successive expansions overshoot one another
+    # 40 nm rms of coma, unknown: in noise the maxima of successive expansions overshoot one another
     for flux in (3e4, 3e5):
         for _ in range(4):
             truth = bench.truth(Mvn.of(0.2, 0.1, 30.0), rng.normal(0, 28, 2), flux=flux)
@@ -86,7 +86,7 @@ def test_faint_frames_settle_from_a_wavefront_far_off(bench, optics, rng):
             cold, warm = (fit_frame(data, optics, start, options=options) for start in (far, truth))
             assert cold.status is warm.status is Status.OK
             difference = cold.of_scene("separation") - warm.of_scene("separation")
-            left = unfinished(1e-6, truth.locus, aberrations=True)
+            left = convergence_error(1e-6, truth.locus, aberrations=True)
             assert abs(difference) < 2 * left * warm.error("separation")
 
 
@@ -177,7 +177,7 @@ def test_a_start_with_the_stars_exchanged_gives_the_same_covariance(bench, optic
 
 
 @pytest.mark.parametrize("name", ["linear", "shm"])
-def test_a_streak_fitted_to_a_still_frame_ends_at_the_tip_of_its_cone(bench, name, optics, rng):
+def test_a_streak_fitted_to_a_still_frame_ends_at_zero_length(bench, name, optics, rng):
     unsettled = 0
     for _ in range(12):
         data = bench.draw(Parameters(SCENE, Stable.of(), [0.0, 0.0]), rng)
@@ -203,34 +203,34 @@ def test_weakly_visible_aberrations_settle_too(bench, rng):
 
 
 @pytest.fixture
-def climbs(monkeypatch):
-    """Deviance a pixel at the end of every climb."""
+def deviances(monkeypatch):
+    """Deviance a pixel at the end of every maximisation."""
     levels = []
 
     def noted(start, otf, data, *rest, **options):
-        end = climb(start, otf, data, *rest, **options)
+        end = fisher_scoring(start, otf, data, *rest, **options)
         levels.append(float(end.objective) / int(np.sum(np.asarray(data.used))))
         return end
 
-    monkeypatch.setattr("jitterkit.linearisation.climb", noted)
+    monkeypatch.setattr("jitterkit.linearisation.fisher_scoring", noted)
     return levels
 
 
-def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, climbs):
-    """Ten climbs of fifty steps took twenty seconds to the same verdict."""
+def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, deviances):
+    """Ten maximisations of fifty steps took twenty seconds to the same result."""
     image = np.array(bench.image(Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])))
     image[:44] = np.rot90(image[:44])
     result = fit_frame(Data(image + 3e4 * np.eye(48, 44)[::-1], 4.0), optics, bench.near())
     assert result.status is Status.POOR_FIT
-    assert min(climbs) > 30
-    assert len(climbs) <= 6
+    assert min(deviances) > 30
+    assert len(deviances) <= 6
 
 
-def test_a_bright_frame_far_off_is_not_given_up(bench, optics, climbs):
+def test_a_bright_frame_far_off_is_not_given_up(bench, optics, deviances):
     truth = Parameters(Binary(5.0, 140.0, 0.3, -0.2, 1e8, 3.0), Mvn.of(0.1, 0.05, 20.0), [30.0, -25.0])
     near = bench.near()
     start = Parameters(Binary(5.1, 141.0, 0.35, -0.15, 9e7, 2.8), near.locus, near.aberrations)
     result = fit_frame(Data(bench.image(truth), 4.0), optics, start)
-    assert climbs[0] > 30
+    assert deviances[0] > 30
     assert result.status is Status.OK
     np.testing.assert_allclose(result.parameters.aberrations, [30.0, -25.0], atol=1e-2)

@@ -9,7 +9,7 @@ from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import fit_frame
-from jitterkit.refit.over_field import say_if_blur_varies
+from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
 
 PLACES = np.array([[-6.0, -5.0], [5.5, -6.0], [6.0, 5.0], [-5.0, 6.0], [0.5, 0.3]])
@@ -28,7 +28,7 @@ def said_of(telescope, moments, rng):
     data = Data(rng.poisson(image).astype(float))
     start = Parameters(Stars.of(*PLACES.T, FLUX), Mvn.near(ROUND), state, 10.0)
     fit = fit_frame(data, system, start, otf)
-    return say_if_blur_varies(fit.parameters, system.otf(fit.parameters.aberrations), fit.image, data)
+    return describe_field_variation(fit.parameters, system.otf(fit.parameters.aberrations), fit.image, data)
 
 
 def test_one_blur_for_all_is_not_remarked(telescope, rng):
@@ -36,7 +36,7 @@ def test_one_blur_for_all_is_not_remarked(telescope, rng):
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0), (4.0, -3.0)])
-def test_a_roll_is_told_with_its_size_wherever_its_axis_is(axis, telescope, rng):
+def test_a_roll_is_reported_with_its_size_wherever_its_axis_is(axis, telescope, rng):
     """A star moves by the roll times its distance from the axis, uniformly: a twelfth of the square."""
     roll = np.radians(4.0)
     x, y = (PLACES - axis).T
@@ -48,6 +48,6 @@ def test_a_roll_is_told_with_its_size_wherever_its_axis_is(axis, telescope, rng)
     assert float(found[2]) < 0.5
 
 
-def test_a_blur_that_grows_to_one_side_is_told(telescope, rng):
+def test_a_blur_that_grows_to_one_side_is_reported(telescope, rng):
     wider = ROUND * (1 + 0.15 * PLACES[:, :1])
     assert "differs from star to star" in said_of(telescope, wider, rng)

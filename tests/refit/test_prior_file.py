@@ -105,7 +105,7 @@ def test_a_row_whose_digest_is_missing_goes_by_its_name(rng, tmp_path, estimates
     assert [e.digest for e in read_kernel_prior(tmp_path / "both.ecsv").estimates] == ["", *["0" * 16] * 6]
 
 
-def test_a_frame_is_told_its_own_row_by_its_pixels_from_file_to_fit(telescope, tmp_path, rng):
+def test_a_frame_is_given_its_own_row_by_its_pixels_from_file_to_fit(telescope, tmp_path, rng):
     from jitterkit.batch import FrameProcessor
     from jitterkit.batch.template_blur import TemplateBlurEstimator
     from jitterkit.frames import write_fits

@@ -64,7 +64,7 @@ def bright(bench, optics):
 @pytest.mark.slow
 def test_the_number_of_photons_has_a_gamma_posterior(faint):
     # a flat prior and N photons of which a share s is seen: a gamma law of shape N + 1 and scale 1/s, whose
-    # density falls to nothing at the border of lawful scenes, three errors away
+    # density falls to nothing at the border of valid scenes, three errors away
     _, fit, posterior, law = faint
     flux, effective = posterior.of("flux"), float(posterior.effective[0])
     assert np.all(flux > 0)
@@ -155,7 +155,7 @@ def test_a_prior_is_counted(bright, bench, optics):
 
 
 @pytest.mark.slow
-def test_a_streak_near_its_tip_has_the_posterior_that_quadrature_finds(bench, optics, rng):
+def test_a_streak_of_almost_zero_length_has_the_posterior_that_quadrature_finds(bench, optics, rng):
     # only the two coordinates vary: their posterior on a grid of 61 by 61 places is known to rounding, flat
     # prior in them included; Laplace's normal law is far off
     start = bench.truth(Linear.of(0.08, 25.0), flux=1e5)
@@ -163,17 +163,17 @@ def test_a_streak_near_its_tip_has_the_posterior_that_quadrature_finds(bench, op
     fit = fit_of(data, optics, start, only=Linear.names)
     posterior = draw(data, optics, fit)
     reach = np.linspace(-1, 1, 61) * 1.3 * np.abs(posterior.draws).max()
-    places = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    positions = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
     otf, counts = optics.nominal, np.asarray(data.electrons)
 
     @jax.jit
-    def log_likelihood(place):
-        image = expected_image(start.with_locus(Linear(place)), otf)
+    def log_likelihood(position):
+        image = expected_image(start.with_locus(Linear(position)), otf)
         return jax.scipy.stats.poisson.logpmf(counts, image).sum()
 
-    density = np.asarray(jax.lax.map(log_likelihood, places))
+    density = np.asarray(jax.lax.map(log_likelihood, positions))
     weights = np.exp(density - density.max())
-    lengths = np.sqrt(np.hypot(*places.T))
+    lengths = np.sqrt(np.hypot(*positions.T))
     mean = np.average(lengths, weights=weights)
     spread = np.sqrt(np.average((lengths - mean) ** 2, weights=weights))
     drawn = np.sqrt(12 * (posterior.moments[:, 0] + posterior.moments[:, 2]))

@@ -40,9 +40,9 @@ def test_the_step_is_that_of_a_shaped_locus_from_no_kurtosis(bench, rng):
     np.testing.assert_allclose(unlike, 0, atol=1e-5)
     assert list(shape.response) == list(names)
     for name, slope in shape.response.items():
-        place = names.index(name)
-        expected = -covariance[slot, place] / covariance[slot, slot]
-        assert slope == pytest.approx(expected, rel=1e-3, abs=1e-4 / scale[place])
+        position = names.index(name)
+        expected = -covariance[slot, position] / covariance[slot, slot]
+        assert slope == pytest.approx(expected, rel=1e-3, abs=1e-4 / scale[position])
 
 
 @pytest.mark.parametrize(("locus", "kurtosis"), [(Linear.of(0.3, 20.0), -1.2), (Shm.of(0.3, 20.0), -1.5)])
@@ -66,7 +66,7 @@ def test_the_response_foretells_the_bias_of_a_normal(bench):
     assert abs(bias) > 1e-7
 
 
-def test_beside_a_moment_that_is_held_no_shape_is_told(bench, rng):
+def test_beside_a_moment_that_is_held_no_shape_is_determined(bench, rng):
     data = bench.draw(bench.truth(Mvn.of(0.15)), rng)
     options = FitOptions(hold=("background", "mvn_xy"))
     normal, otf = fit_and_allow(data, bench.optics, bench.near(), None, options)[:2]

@@ -32,11 +32,11 @@ def integrated(frames):
     """Logarithm of the odds, by a sum over separation, direction and contrast."""
     axes = np.linspace(0.7, 1.3, 91), np.linspace(0, 80, 91), np.linspace(1, 4, 91)
     s, t, c = np.meshgrid(*axes, indexing="ij")
-    places = np.stack([s, t, c], axis=-1)
+    positions = np.stack([s, t, c], axis=-1)
     log = np.log(COMPANIONS / (s * 360 * c * math.log(FAINTEST))) - ALONE
     for one in frames:
         normal = multivariate_normal(one.values, one.covariance)
-        log += one.pair + normal.logpdf(places) - one.star
+        log += one.pair + normal.logpdf(positions) - one.star
     cell = np.prod([np.diff(axis[:2])[0] for axis in axes])
     return float(np.logaddexp.reduce(log, axis=None) + math.log(cell))
 

@@ -63,7 +63,7 @@ def test_rows_and_sentences_say_what_was_measured(found):
     assert table["saturated"].tolist() == [False] * 4 + [True]
 
 
-def test_of_the_response_only_what_is_local_is_told(found):
+def test_of_the_response_only_what_is_local_is_reported(found):
     uneven = replace(found, local=replace(found.local, error=0.5))
     maps = [uneven.local if one.name == "flat" else one for one in uneven.maps if one is not None]
     said = calibration_sentences(uneven)

@@ -34,8 +34,8 @@ def told(error, locus=None):
 
 def swept(first="length", sizes=LENGTHS, shear=0.0):
     forecasts = np.empty(ERRORS.shape, object)
-    for place, error in np.ndenumerate(ERRORS):
-        forecasts[place] = told(error, Mvn.sheared(sizes[place[0]], shear, ANGLES[place[1]]))
+    for position, error in np.ndenumerate(ERRORS):
+        forecasts[position] = told(error, Mvn.sheared(sizes[position[0]], shear, ANGLES[position[1]]))
     return Sweep({first: sizes, "angle": ANGLES}, forecasts)
 
 
@@ -78,10 +78,10 @@ def test_other_axes_count_pixels_and_hours():
 def test_labels_stand_at_their_curves_in_their_order_and_do_not_overlap():
     ax = plot_errors(swept(), limits=(0.0, 2000.0))
     assert ax.get_ylim() == (0.0, 2000.0)
-    places = {text.get_text().strip(): text.xy[1] for text in ax.texts}
-    assert places["0°"] > places["45°"] > places["90°"]
-    assert min(-np.diff([places["0°"], places["45°"], places["90°"]])) > 0.04 * 2000
-    assert np.mean(list(places.values())) == pytest.approx(1e6 * ERRORS[-1].mean())
+    positions = {text.get_text().strip(): text.xy[1] for text in ax.texts}
+    assert positions["0°"] > positions["45°"] > positions["90°"]
+    assert min(-np.diff([positions["0°"], positions["45°"], positions["90°"]])) > 0.04 * 2000
+    assert np.mean(list(positions.values())) == pytest.approx(1e6 * ERRORS[-1].mean())
     np.testing.assert_allclose(spread([1.0, 9.0, 4.0], 2.0), [1.0, 9.0, 4.0])  # far enough apart
 
 
@@ -89,8 +89,10 @@ def test_equal_ratios_are_drawn_on_logarithmic_axes():
     ax = plot_errors(swept("flux", np.array([1e4, 1e5, 1e6])))
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     assert all(line.get_marker() == "o" for line in curves(ax))  # few points are marked
-    places = [text.xy[1] for text in ax.texts]
-    assert np.prod(places) == pytest.approx(np.prod(1e6 * ERRORS[-1]))  # spread about their mean, in ratios
+    positions = [text.xy[1] for text in ax.texts]
+    assert np.prod(positions) == pytest.approx(
+        np.prod(1e6 * ERRORS[-1])
+    )  # spread about their mean, in ratios
 
 
 def test_shades_of_curves_differ_in_grey():

@@ -151,6 +151,6 @@ def test_the_worst_residuals_are_shown_worst_first(make_fit, tmp_path):
     table = make_table([one.row for one in entries] * 20)
     write_report(tmp_path / "r.html", entries, table, summarise(table), max_pictures=3)
     said = Page((tmp_path / "r.html").read_text(encoding="utf-8")).text
-    places = [said.rindex(name) for name in ("f9", "f7", "f3")]
-    assert all(a < b for a, b in pairwise(places))
+    positions = [said.rindex(name) for name in ("f9", "f7", "f3")]
+    assert all(a < b for a, b in pairwise(positions))
     assert "Worst residuals 3 of 80 frames" in said

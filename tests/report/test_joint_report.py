@@ -1,4 +1,4 @@
-"""Table, summary, words and picture of a joint fit, of messages written by hand."""
+"""Table, summary, words and picture of a joint fit, of likelihood summaries written by hand."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import pytest
 from jitterkit.joint import (
     Constant,
     FrameRecord,
-    Message,
-    Messages,
+    LikelihoodSummaries,
+    LikelihoodSummary,
+    OrnsteinUhlenbeck,
     Polynomial,
     Records,
     Rows,
     SequenceFit,
-    Wander,
     combine,
 )
 from jitterkit.refit import Status
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.joint_plots import plot_run
-from jitterkit.report.joint_table import frame_table, joint_summary, say_joint, separation_series
+from jitterkit.report.joint_table import describe_joint_fit, frame_table, joint_summary, separation_series
 from jitterkit.report.table import read_table, write_table
 from jitterkit.series import fit_floor
 
@@ -33,7 +33,7 @@ ERROR = 1e-4
 
 def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3):
     """A sequence whose separations scatter by their errors; one frame in the middle could not be read."""
-    messages, records = Messages(("separation", "noll4")), Records(OWN)
+    summaries, records = LikelihoodSummaries(("separation", "noll4")), Records(OWN)
     information = np.diag([ERROR**-2, 25.0])
     for i in range(frames):
         time = 0.1 * i
@@ -46,16 +46,18 @@ def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3):
             [10 + ERROR * rng.standard_normal() + slope * (time - 1.5), 0.2 * rng.standard_normal()]
         )
         best[0] += 0.01 * (i in odd)
-        messages.append(Message(time, best, np.zeros(2), information))
+        summaries.append(LikelihoodSummary(time, best, np.zeros(2), information))
         own = np.array([0.3 * time, 0.4 * time, 1e5, 0.04, 0.0])
         records.append(
             FrameRecord(
                 f"frame {i}", time, Status.OK, "fitted", (), own, np.full(5, 0.1), np.array([0.01, 0.0, 0.0]),
-                np.full(3, 1e-3), 1.0, own[:2], np.array([-0.3, 0.0]), np.array(stated), told=True,
+                np.full(3, 1e-3), 1.0, own[:2], np.array([-0.3, 0.0]), np.array(stated), has_summary=True,
             )
         )  # fmt: skip
-    laws = {"separation": Constant(), "noll4": Wander(1.0, 2.0)}
-    return SequenceFit(combine(messages, laws), messages, records, laws, "linear", (np.inf, 0.1), 3.0, rows)
+    time_models = {"separation": Constant(), "noll4": OrnsteinUhlenbeck(1.0, 2.0)}
+    return SequenceFit(
+        combine(summaries, time_models), summaries, records, time_models, "linear", (np.inf, 0.1), 3.0, rows
+    )
 
 
 def test_a_row_a_frame_with_units_and_reasons(rng, tmp_path):
@@ -101,7 +103,7 @@ def test_the_error_of_the_plate_scale_is_not_averaged_down(rng):
     assert np.isnan(joint_summary(made(rng))["separation"]["scale_error"])
 
 
-def test_the_summary_is_what_the_messages_say(rng):
+def test_the_summary_is_what_the_likelihood_summaries_give(rng):
     fit = made(rng)
     summary = json.loads(json.dumps(joint_summary(fit, fit_floor(separation_series(fit)))))
     assert summary["frames"] == 30
@@ -110,11 +112,11 @@ def test_the_summary_is_what_the_messages_say(rng):
     assert summary["separation"]["error"] == pytest.approx(ERROR / np.sqrt(29), rel=1e-6)
     assert summary["separation"]["error_of_a_frame"] == pytest.approx(ERROR, rel=1e-9)
     assert summary["shared"]["noll4"]["law"] == {"kind": "wander", "rms": 1.0, "timescale": 2.0}
-    assert say_joint(summary) == []
+    assert describe_joint_fit(summary) == []
 
 
 def test_what_a_person_should_know_is_said(rng):
-    told = say_joint(joint_summary(made(rng, slope=5e-4, odd=(9,))))
+    told = describe_joint_fit(joint_summary(made(rng, slope=5e-4, odd=(9,))))
     assert "1 frames" in told[0]
     assert "frame 9." in told[0]
     assert " 1." in told[1]  # 5e-4 arcsec/s in arcsec an hour, to its error
@@ -123,19 +125,19 @@ def test_what_a_person_should_know_is_said(rng):
 
 def test_a_motion_that_is_not_known_under_a_rolling_shutter_is_said(rng):
     rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7)
-    (told,) = say_joint(joint_summary(made(rng, rows=rows)))
+    (told,) = describe_joint_fit(joint_summary(made(rng, rows=rows)))
     assert "280 µas" in told
     assert "--telemetry" in told
-    assert say_joint(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
+    assert describe_joint_fit(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
 
 
-def test_a_slope_is_that_of_the_messages(rng):
+def test_a_slope_is_that_of_the_summaries(rng):
     fit = made(rng, slope=5e-4)
     slope = fit.slope()
     assert slope.rate == pytest.approx(5e-4, abs=4 * slope.error)
-    times = np.array([m.time for m in fit.messages])
+    times = np.array([m.time for m in fit.summaries])
     assert slope.error == pytest.approx(ERROR / np.sqrt(np.sum((times - times.mean()) ** 2)), rel=1e-4)
-    bent = combine(fit.messages, {**fit.laws, "separation": Polynomial(1)})
+    bent = combine(fit.summaries, {**fit.time_models, "separation": Polynomial(1)})
     assert bent.evidence > fit.combined.evidence
 
 
@@ -150,12 +152,12 @@ def test_the_page_has_four_pictures(rng, odd):
 
 
 @pytest.mark.parametrize(("correlation", "factor"), [(0.5, 2 / np.sqrt(3)), (0.98, 5.0252)])
-def test_a_plate_scale_that_can_hardly_be_told_is_said(rng, correlation, factor):
+def test_a_plate_scale_that_can_hardly_be_determined_is_said(rng, correlation, factor):
     fit = made(rng)
     known = np.outer([1e-5, 1e-6], [1e-5, 1e-6]) * [[1, correlation], [correlation, 1]]
     names = ("separation", "plate_scale_shift")
     combined = replace(fit.combined, names=names, values=np.zeros(2), covariance=known)
-    laws = dict.fromkeys(names, Constant())
-    summary = joint_summary(replace(fit, combined=combined, laws=laws))
+    time_models = dict.fromkeys(names, Constant())
+    summary = joint_summary(replace(fit, combined=combined, time_models=time_models))
     assert summary["separation"]["scale_factor"] == pytest.approx(factor, rel=1e-4)
-    assert any(f"{factor:.1f} times" in told for told in say_joint(summary)) == (factor > 2)
+    assert any(f"{factor:.1f} times" in told for told in describe_joint_fit(summary)) == (factor > 2)

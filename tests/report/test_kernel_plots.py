@@ -31,7 +31,7 @@ def test_a_kernel_of_pixels_stands_upright_with_its_ellipse():
     assert ax.get_xlim()[1] == pytest.approx(kernel.shape[1] * 0.375 / 2)
 
 
-def test_points_and_lines_of_a_transfer_function_are_told_apart_without_colours():
+def test_points_and_lines_of_a_transfer_function_are_distinguished_without_colours():
     ax = plot_transfer([ratio(20), ratio(110)])
     first, second = (container.lines[0] for container in ax.containers)
     assert first.get_marker() != second.get_marker()

@@ -87,7 +87,7 @@ def test_what_a_loop_leaves_is_said():
     assert tells(said, "10001 Hz", "10.0 mas of 14.1 mas")
 
 
-def test_a_short_record_is_doubted():
+def test_a_short_record_is_qualified():
     told = []
     for exposures in (5, 500):
         t = np.linspace(0, 0.1 * exposures, 40 * exposures)

@@ -64,7 +64,7 @@ def test_a_long_run_shows_as_many_failures_as_fits_and_the_worst_of_each(rng):
     rows = []
     for chi2 in rng.permutation(1000):
         rows += [_row(1 + chi2 / 1000), _row(5 + chi2 / 1000, "poor_fit"), _row(float("nan"), "no_star")]
-    chosen = [rows[place] for place in choose_pictures(rows, 6)]
+    chosen = [rows[position] for position in choose_pictures(rows, 6)]
     assert [(one["status"], round(one["chi2_dof"], 9)) for one in chosen] == [
         ("poor_fit", 5.999), ("poor_fit", 5.998), ("poor_fit", 5.997),
         ("ok", 1.999), ("ok", 1.998), ("ok", 1.997)]  # fmt: skip

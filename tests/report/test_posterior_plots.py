@@ -37,7 +37,7 @@ def test_bars_and_curve_are_densities(draws):
     assert heights.max() == pytest.approx(1 / (0.5 * np.sqrt(2 * np.pi)), rel=0.11)
 
 
-def test_bars_and_curve_are_told_apart_without_colours(draws):
+def test_bars_and_curve_are_distinguished_without_colours(draws):
     ax = plot_marginal(draws, 3.0, 0.5, label="length [arcsec]", truth=2.8)
     _, _, curve = drawn(ax)
     assert curve.get_linestyle() == "--"

@@ -188,7 +188,7 @@ def test_the_place_of_the_scene_is_that_of_its_pixel_in_the_stack(shape):
         y, x = ((at - (n - 1) / 2 + 0.25) * SCALE for at, n in zip((row, column), shape, strict=True))
         stack = stacked([result(residual, x, y)], (40, 44))
         (found,) = np.argwhere(stack.total)
-        np.testing.assert_allclose(found - np.array([19.5, 21.5]) + 0.25, stack.place, atol=1e-4)
+        np.testing.assert_allclose(found - np.array([19.5, 21.5]) + 0.25, stack.position, atol=1e-4)
         assert stack.read_noise == 2.0
 
 

@@ -57,7 +57,7 @@ def test_few_frames_are_drawn_with_bars_about_the_trend(rng):
     assert ax.get_xlabel() == "time [s]"
 
 
-def test_the_trend_is_told_in_the_units_drawn(rng):
+def test_the_trend_is_given_in_the_units_drawn(rng):
     series = draw(20_000, rng, slope=1e-8)
     trend = fit_trend(series)
     ax = plot_series(series, trend=trend)

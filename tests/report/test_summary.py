@@ -9,7 +9,7 @@ from jitterkit.frames import Metadata
 from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.row import make_row
-from jitterkit.report.sequence import say_loci
+from jitterkit.report.sequence import describe_loci
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table
 
@@ -147,7 +147,7 @@ def test_a_run_says_what_it_has_decided_and_what_not(make_fit):
     undecided = {"linear": -100.0, "shm": -100.3, "mvn": -104.0}
 
     def said(*frames):
-        return say_loci(summarise(_compared(make_fit, *frames))["loci"])
+        return describe_loci(summarise(_compared(make_fit, *frames))["loci"])
 
     many = said(*[undecided] * 30)
     assert all(value in many for value in ("30 frames", "linear", "1.000"))

@@ -31,8 +31,8 @@ def test_columns_have_units_and_descriptions(rows):
     assert all(table[name].info.description for name in table.colnames)
     assert table.colnames[:5] == ["file", "frame", "time", "exposure", "status"]
     assert table.colnames[5:7] == ["reason", "message"]
-    place = table.colnames.index
-    assert place("jitter_length") < place("noll4") < place("noll10") < place("background")
+    position = table.colnames.index
+    assert position("jitter_length") < position("noll4") < position("noll10") < position("background")
 
 
 def test_frames_before_the_first_fit_get_nan_aberrations(rows):

@@ -105,6 +105,6 @@ def test_capitals_are_no_other_ending(table, tmp_path):
 
 
 @pytest.mark.skipif(find_spec("pyarrow") is not None, reason="tells that it is missing")
-def test_a_package_that_is_missing_is_told_before_any_work(tmp_path):
+def test_a_package_that_is_missing_is_reported_before_any_work(tmp_path):
     with refused(ErrorCode.MISSING_PACKAGE, tmp_path / "t.parquet", "pyarrow", "jitterkit[parquet]"):
         check_table(tmp_path / "t.parquet", overwrite=False)

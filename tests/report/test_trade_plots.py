@@ -31,8 +31,8 @@ def test_the_front_is_joined_from_the_fastest_on(ax):
 
 
 def test_an_error_that_nobody_will_see_is_drawn_at_the_edge(ax):
-    places = [tuple(line.get_xydata()[0]) for line in ax.lines if len(line.get_xdata()) == 1]
-    assert (400.0, 1e-5) in places
+    positions = [tuple(line.get_xydata()[0]) for line in ax.lines if len(line.get_xdata()) == 1]
+    assert (400.0, 1e-5) in positions
     assert ax.get_ylim()[0] < 1e-5
 
 

@@ -71,7 +71,7 @@ def test_a_trend_is_no_floor(rng):
     assert not fit_floor(Series.of(y + 1e-9 * np.arange(3000) ** 2, WHITE), degree=2).detected
 
 
-def test_a_walk_is_told_from_a_floor(rng):
+def test_a_walk_is_distinguished_from_a_floor(rng):
     n, step = 6000, 20e-6
     walk = step * np.cumsum(rng.standard_normal(n))
     fit = fit_floor(Series.of(WHITE * rng.standard_normal(n) + walk, WHITE), walk=True)

@@ -86,6 +86,6 @@ def test_an_absurd_value_hides_no_other(rng):
     assert list(np.flatnonzero(find_outliers(Series.of(y)).flags)) == [50, 51]
 
 
-def test_a_few_measurements_do_not_tell(rng):
+def test_a_few_measurements_do_not_decide(rng):
     with refused(ErrorCode.TOO_FEW, 14, 15):
         find_outliers(Series.of(rng.standard_normal(14)))

@@ -51,9 +51,11 @@ def moments(image):
 
 @pytest.mark.parametrize("locus", LOCI, ids=lambda locus: type(locus).__name__)
 def test_one_star_has_its_place_its_light_and_the_moments_of_jitter_and_telescope(locus):
-    total, place, second = moments(simulate_frame(BLOB, Star(0.7, -1.1, 2e5), locus, detector=False).raw.data)
+    total, position, second = moments(
+        simulate_frame(BLOB, Star(0.7, -1.1, 2e5), locus, detector=False).raw.data
+    )
     assert total == pytest.approx(2e5, rel=1e-9)
-    assert place == pytest.approx([0.7, -1.1], abs=1e-6)
+    assert position == pytest.approx([0.7, -1.1], abs=1e-6)
     # a star of 2.2 pixels sigma, which its own pixels have widened already
     telescope = (2.2 * SCALE) ** 2 * np.array([1, 0, 1])
     assert second == pytest.approx(telescope + np.asarray(locus.moments()), abs=1e-6)
@@ -67,12 +69,12 @@ def test_one_star_has_no_separation(rng):
 @pytest.mark.parametrize("locus", LOCI, ids=lambda locus: type(locus).__name__)
 def test_the_moments_of_an_image_are_those_of_stars_and_jitter_and_telescope_together(locus):
     image = simulate_frame(BLOB, SCENE, locus, background=0.0, detector=False).raw.data
-    total, place, second = moments(image)
+    total, position, second = moments(image)
     # A has 2/3 of the light and B, 4 arcsec from it towards 25 degrees, 1/3: the photocentre lies 1/6 of
     # the separation from the midpoint towards A, and the pair has the variance 2/9 separation²
     towards_b = np.array([np.cos(np.radians(25.0)), np.sin(np.radians(25.0))])
     assert total == pytest.approx(2e5, rel=1e-9)
-    assert place == pytest.approx(np.array([0.3, -0.5]) - 4.0 / 6 * towards_b, abs=1e-6)
+    assert position == pytest.approx(np.array([0.3, -0.5]) - 4.0 / 6 * towards_b, abs=1e-6)
     pair = 2 / 9 * 16.0 * np.array([towards_b[0] ** 2, towards_b.prod(), towards_b[1] ** 2])
     _, _, star = moments(np.pad(gaussian_star(), 10))
     assert second == pytest.approx(star + pair + np.asarray(locus.moments()), abs=1e-4)

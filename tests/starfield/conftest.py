@@ -33,17 +33,17 @@ def draw_star(dx, dy, ux=0.0, uy=0.0, *, fwhm=3.0, beta=3.0, half=HALF):
 
 def draw_field(rng, path, *, stars=200, side=680, sky=200.0, fwhm=3.0, faint=3e3):
     """A noisy frame of isolated stars; ``path(x, y)`` is the trail's vector at a place from the centre."""
-    image, places = np.full((side, side), sky), np.zeros((0, 2))
-    while len(places) < stars:
-        place = rng.uniform(HALF, side - HALF - 1, 2)
-        if len(places) and np.min(np.hypot(*(places - place).T)) < 32:
+    image, positions = np.full((side, side), sky), np.zeros((0, 2))
+    while len(positions) < stars:
+        position = rng.uniform(HALF, side - HALF - 1, 2)
+        if len(positions) and np.min(np.hypot(*(positions - position).T)) < 32:
             continue
-        places = np.vstack([places, place])
-        x, y = np.rint(place).astype(int)
-        star = draw_star(*(place - [x, y]), *path(*(place - (side - 1) / 2)), fwhm=fwhm)
+        positions = np.vstack([positions, position])
+        x, y = np.rint(position).astype(int)
+        star = draw_star(*(position - [x, y]), *path(*(position - (side - 1) / 2)), fwhm=fwhm)
         flux = np.exp(rng.uniform(np.log(faint), np.log(3e5)))
         image[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1] += flux * star
-    return Frame(rng.poisson(image) + rng.normal(0, 5, image.shape), 25.0), places
+    return Frame(rng.poisson(image) + rng.normal(0, 5, image.shape), 25.0), positions
 
 
 def along(length, angle):

@@ -152,7 +152,7 @@ def test_galaxies_are_no_trailed_stars(n, beside, reference):
     assert estimate_field(frame, reference=reference if beside else None).kernel.undetermined
 
 
-def test_stars_are_told_from_galaxies_and_give_the_trail():
+def test_stars_are_distinguished_from_galaxies_and_give_the_trail():
     stars = [moffat(3.2)] * 25
     frame = drawn([*stars, *galaxies(25, 5)], 7, low=2e4, line=(3.5, 2.0))
     estimate = estimate_field(frame)
@@ -163,7 +163,7 @@ def test_stars_are_told_from_galaxies_and_give_the_trail():
 
 
 @pytest.mark.parametrize("line", [(0.0, 0.0), (5.0, 0.0)])
-def test_flat_tops_are_told_from_the_tops_of_trails(line):
+def test_flat_tops_are_distinguished_from_the_tops_of_trails(line):
     frame = drawn([moffat(3.2)] * 50, 8, low=2e4, high=4e5, line=line)
     assert len(find_stars(frame)) == 50
     ceiling = np.sort(frame.electrons.ravel())[-60]
@@ -207,10 +207,10 @@ def test_where_sampling_is_the_obstacle_it_is_named():
 
 def test_a_star_with_speckles_and_a_halo_is_one_star():
     core, halo = airy(3.0), moffat(14.0, 2.5)
-    places = [(7 * np.cos(t), 7 * np.sin(t)) for t in np.arange(0.3, 6.3, 0.7)]
+    positions = [(7 * np.cos(t), 7 * np.sin(t)) for t in np.arange(0.3, 6.3, 0.7)]
 
     def profile(x, y):
-        return core(x, y) + 0.03 * halo(x, y) + 0.01 * sum(core(x - u, y - v) for u, v in places)
+        return core(x, y) + 0.03 * halo(x, y) + 0.01 * sum(core(x - u, y - v) for u, v in positions)
 
     stars = find_stars(drawn([profile], 15, side=100, low=1e6, high=1e6))
     assert len(stars) == 1

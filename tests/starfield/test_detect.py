@@ -8,16 +8,16 @@ from jitterkit.frames import Frame
 from jitterkit.starfield.detect import find_stars
 
 
-def nearest(places, stars):
+def nearest(positions, stars):
     """Distance of each place to the nearest star found."""
     found = np.stack([stars.x, stars.y], axis=1)
-    return np.min(np.hypot(*(places[:, None] - found).transpose(2, 0, 1)), axis=1)
+    return np.min(np.hypot(*(positions[:, None] - found).transpose(2, 0, 1)), axis=1)
 
 
-def placed(star, places, flux=5e4, shape=(200, 240), seed=3):
+def placed(star, positions, flux=5e4, shape=(200, 240), seed=3):
     """A frame with equal stars at integer places, and noise."""
     image = np.full(shape, 100.0)
-    for x, y in places:
+    for x, y in positions:
         stamp = star(0, 0, half=16)
         image[y - 16 : y + 17, x - 16 : x + 17] += flux * stamp
     return np.random.default_rng(seed).poisson(image).astype(float)
@@ -27,12 +27,12 @@ PLACES = np.array([(40, 40), (90, 40), (40, 90), (90, 90), (150, 150)])
 
 
 def test_every_isolated_star_of_a_trailed_field_is_found_once(trailed):
-    frame, places = trailed
+    frame, positions = trailed
     stars = find_stars(frame)
     # the faintest, 3e3 electrons on a sky of 200, are near the least signal to noise that is asked for
-    assert len(places) * 0.95 < len(stars) <= len(places)
+    assert len(positions) * 0.95 < len(stars) <= len(positions)
     # a centroid within a contour: a tenth of a pixel, at most a quarter where a star is faint
-    assert np.sum(nearest(places, stars) < 0.3) == len(stars)
+    assert np.sum(nearest(positions, stars) < 0.3) == len(stars)
 
 
 def test_x_is_the_column(star):

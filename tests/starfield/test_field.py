@@ -15,7 +15,7 @@ from jitterkit.loci import Linear
 from jitterkit.metric import invert_information
 from jitterkit.optics import empirical_otf
 from jitterkit.scene import Star
-from jitterkit.scoring import Prior, climb
+from jitterkit.scoring import Prior, fisher_scoring
 from jitterkit.starfield import estimate_field, field_psf, roundest
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.joint import fit_joint
@@ -44,7 +44,7 @@ def test_with_a_sharp_reference_length_and_angle_are_right(field, trail, sharp, 
     assert apart(estimate.angle, angle) < 4 * estimate.angle_err
     assert estimate.length_err < 0.02
     assert not estimate.conditional
-    assert estimate.verdict.kind == "smear"
+    assert estimate.pattern.kind == "smear"
     assert estimate.kernel.axes[0] == pytest.approx(length / np.sqrt(12), rel=0.02)
     chi2, dof = estimate.variation
     assert chi2 == pytest.approx(dof, abs=5 * np.sqrt(2 * dof))
@@ -111,14 +111,14 @@ def test_turning_the_frame_turns_the_axis(alone, trailed):
 
 def test_optics_are_not_taken_for_tracking(field, trail, rng):
     frame, _ = field(rng, lambda x, y: (x * 3 / 480, y * 3 / 480), stars=120)
-    verdict = estimate_field(frame).verdict
-    assert verdict.kind == "radial"
-    assert f"{verdict.pattern_share:.0%}" in verdict.sentence
-    assert f"{verdict.smear_share:.0%}" in verdict.sentence
+    pattern = estimate_field(frame).pattern
+    assert pattern.kind == "radial"
+    assert f"{pattern.pattern_share:.0%}" in pattern.sentence
+    assert f"{pattern.smear_share:.0%}" in pattern.sentence
 
 
 @pytest.mark.slow
-def test_a_change_of_seeing_is_told_and_leaves_the_length(field, trail, sharp):
+def test_a_change_of_seeing_is_reported_and_leaves_the_length(field, trail, sharp):
     frame, _ = field(np.random.default_rng(9), trail(4.0, 120.0), stars=120, fwhm=3.3)
     estimate = estimate_field(frame, reference=field_psf(sharp[0]))
     assert estimate.length == pytest.approx(4.0, rel=0.05)
@@ -150,7 +150,7 @@ def test_a_psf_may_have_stamps_of_another_size(field, trail, sharp, half):
     assert not estimate.remarks or half == 12
 
 
-def test_a_vibration_against_a_reference_is_told_not_to_be_a_line(field, trail, sharp):
+def test_a_vibration_against_a_reference_is_reported_not_to_be_a_line(field, trail, sharp):
     """Half the time at rest and half along a line, as no line alone is."""
     parts = [field(np.random.default_rng(5), trail(size, 30.0), stars=40, side=400)[0] for size in (0.0, 6.0)]
     frame = Frame(sum(part.electrons for part in parts), 50.0)
@@ -180,7 +180,7 @@ def test_the_joint_fit_is_the_weighted_mean_of_single_ones(trailed, sharp):
     for i in range(len(stars)):
         start = Parameters(Star(*moments.centre[i], moments.flux[i]), Linear.of(3.5, 25.0))
         data = Data(stars.electrons[i], stars.sky_variance[i], stars.used[i])
-        end = climb(start, otf, data, tuple(range(6)), Prior.none(6))
+        end = fisher_scoring(start, otf, data, tuple(range(6)), Prior.none(6))
         weight = np.linalg.inv(invert_information(end.information)[0][3:5, 3:5])
         total, weighted = total + weight, weighted + weight @ np.asarray(end.parameters.locus.coords)
     mean, covariance = np.linalg.solve(total, weighted), np.linalg.inv(total)

@@ -29,13 +29,15 @@ def as_stars(images, sky=1.0, response=1.0):
 
 def test_a_normal_star_gives_its_own_covariance_and_flux():
     truth = np.array([[2.0, 0.0, 2.0], [4.0, 0.7, 2.0], [1.6, -0.8, 3.9]])
-    places = np.array([[0.0, 0.0], [0.3, -0.4], [-0.5, 0.2]])
-    measured = adaptive_moments(as_stars([9e4 * normal(*p, *s) for p, s in zip(places, truth, strict=True)]))
+    positions = np.array([[0.0, 0.0], [0.3, -0.4], [-0.5, 0.2]])
+    measured = adaptive_moments(
+        as_stars([9e4 * normal(*p, *s) for p, s in zip(positions, truth, strict=True)])
+    )
     assert measured.sound.all()
     # the narrowest star, under its weight, has variance 0.67: its sum over pixels is wrong by
     # exp(-2 pi² 0.67) = 2e-6, its second moment by 4 pi² 0.67² times that
     np.testing.assert_allclose(measured.moments, truth, atol=4e-5)
-    np.testing.assert_allclose(measured.centre, places, atol=4e-5)
+    np.testing.assert_allclose(measured.centre, positions, atol=4e-5)
     np.testing.assert_allclose(measured.flux, 9e4, rtol=4e-5)
 
 

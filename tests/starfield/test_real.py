@@ -26,9 +26,9 @@ def test_the_smeared_frame_agrees_with_its_measured_answer():
     assert estimate.moment_length == pytest.approx(5.0, abs=0.1)
     assert estimate.length == pytest.approx(5.0, abs=3 * estimate.length_err)
     assert estimate.conditional
-    assert estimate.verdict.kind == "smear"
-    assert estimate.verdict.smear_share > 0.95
-    assert estimate.verdict.pattern_share < 0.1
+    assert estimate.pattern.kind == "smear"
+    assert estimate.pattern.smear_share > 0.95
+    assert estimate.pattern.pattern_share < 0.1
     # the moving object's streak, from (23, 339) to (339, 310), holds no star
     on_streak = np.abs(estimate.y - 339 + (estimate.x - 23) * 29 / 316) < 8
     assert not np.any(on_streak & (estimate.x > 20) & (estimate.x < 345))

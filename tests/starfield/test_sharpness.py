@@ -54,8 +54,8 @@ def test_a_frame_as_sharp_as_its_reference_has_no_trail(field, trail, sharp, see
     estimate = estimate_field(frame, reference=sharp[0])
     assert np.isnan(estimate.length)
     assert np.isnan(estimate.length_err)
-    assert estimate.verdict.kind == "sharp"
-    assert estimate.verdict.sentence.startswith("sharp:")
+    assert estimate.pattern.kind == "sharp"
+    assert estimate.pattern.sentence.startswith("sharp:")
     # 16 of three degrees of freedom, noise alone: one field in a thousand
     assert estimate.kernel.significance < 16
     assert not estimate.remarks
@@ -64,7 +64,7 @@ def test_a_frame_as_sharp_as_its_reference_has_no_trail(field, trail, sharp, see
 def test_frames_that_are_all_trailed_are_said_to_be(field, trail, trailed):
     frame, _ = field(np.random.default_rng(3), trail(4.0, 30.0), stars=40, side=400)
     estimate = estimate_field(frame, reference=field_psf(trailed[0]))
-    assert estimate.verdict.kind == "sharp"
+    assert estimate.pattern.kind == "sharp"
     # moments overstate a line of 4 pixels by 13 %
     assert "4.5 pixels along 30 degrees" in estimate.remarks[0]
 

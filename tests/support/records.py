@@ -17,9 +17,9 @@ def process_batches(batches, processor, *, ranks=(), executor=execute, **options
         begun = [part.batch.start - parts[0].batch.start for part in parts]
         rows = [row for part in parts for row in part.rows]
         pictures = {
-            start + place: packed
+            start + position: packed
             for start, part in zip(begun, parts, strict=True)
-            for place, packed in part.pictures.items()
+            for position, packed in part.pictures.items()
         }
         stacks = reduce(join_stacks, [part.stacks for part in parts])
         yield Record(parts[0].batch, rows, pictures, stacks)

@@ -11,13 +11,13 @@ from jitterkit.errors import ErrorCode, JitterkitError
 from jitterkit.loci import Linear, Mvn
 from jitterkit.scene import Binary
 from jitterkit.trade import TradeScene
-from jitterkit.trade.ladder import without_noise
+from jitterkit.trade.grid import without_noise
 from jitterkit.trade.methods import Fitting, separations
 
 
 @pytest.fixture(scope="module")
 def anchored(plain, scene):
-    return Fitting.anchored(FrameProcessor(plain, locus="mvn"), scene.lead).processor
+    return Fitting.anchored(FrameProcessor(plain, locus="mvn"), scene.reference).processor
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def wide(plain):
     """The same with so many pixels that a frame can repeat another, and a turned one."""
     telescope, pair = replace(plain, shape=(128, 128)), Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
     scene = TradeScene.of(telescope, pair, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
-    anchored = Fitting.anchored(FrameProcessor(telescope, locus="mvn"), scene.lead).processor
+    anchored = Fitting.anchored(FrameProcessor(telescope, locus="mvn"), scene.reference).processor
     frames = zip(scene.plain, scene.images, strict=True)
     return anchored, [without_noise(anchored.calibrate(raw), image) for raw, image in frames]
 
@@ -86,7 +86,7 @@ def test_a_blur_that_is_held_is_taken_for_known(anchored, exact, refitted):
     assert np.all((held > 0.9) & (held < 1.001))  # of three parameters fewer, which hardly matter
 
 
-def test_three_frames_whose_aberrations_wander_tell_together_what_they_tell_alone(anchored, scene):
+def test_three_frames_whose_aberrations_vary_determine_together_what_they_do_alone(anchored, scene):
     frames = [anchored.calibrate(raw) for raw in scene.noisy]
     alone, together = (separations(how, replace(anchored, known={}), frames) for how in ("refit", "joint"))
     assert together[:, 1] == pytest.approx(np.sqrt(np.mean(alone[:, 1] ** 2)), rel=0.01)

@@ -21,9 +21,9 @@ from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, plan
 from jitterkit.trade.explain import explain
 from jitterkit.trade.methods import Fitting
-from jitterkit.trade.outlook import OWN, Outlook, examples_of
 from jitterkit.trade.plan import Plan, Planner, work
 from jitterkit.trade.predict import Example
+from jitterkit.trade.worst_case import OWN, WorstCase, examples_of
 
 FEW = {
     "pad": (0, 8, 32),
@@ -36,7 +36,7 @@ FEW = {
 
 @pytest.fixture
 def planner(example, monkeypatch):
-    monkeypatch.setattr(plan, "RUNGS", FEW)
+    monkeypatch.setattr(plan, "GRID", FEW)
     return Planner([example])
 
 
@@ -54,7 +54,7 @@ def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, o
 @pytest.mark.parametrize(("share", "tolerance"), [(1.2, 0.1), (0.21, 1e-2), (0.11, 1e-4), (0.011, 1e-5)])
 def test_a_fit_is_ended_within_a_tenth_of_what_is_allowed(planner, share, tolerance):
     """Linearised optics leave 0.01 of an error to any tolerance down to 1e-4, and less to tighter ones."""
-    assert planner.cheapest(share * planner.outlook.sigma).settings.tolerance == tolerance
+    assert planner.cheapest(share * planner.worst_case.sigma).settings.tolerance == tolerance
 
 
 @pytest.mark.slow
@@ -70,20 +70,22 @@ def test_the_faintest_example_says_when_a_fit_has_to_end(plain, planner, example
     scene = TradeScene.of(plain, faint, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
     other = Example.of(scene.noisy[0], example.processor)
     sigma = other.result.error("separation")
-    assert sigma > 3 * planner.outlook.sigma
+    assert sigma > 3 * planner.worst_case.sigma
     both = Planner([example, other])
-    assert both.outlook.sigma == planner.outlook.sigma  # what a share of the error is counted by
-    assert both.cheapest(planner.outlook.sigma).settings.tolerance * sigma <= 0.1 * planner.outlook.sigma
+    assert both.worst_case.sigma == planner.worst_case.sigma  # what a share of the error is counted by
+    assert (
+        both.cheapest(planner.worst_case.sigma).settings.tolerance * sigma <= 0.1 * planner.worst_case.sigma
+    )
 
 
 @pytest.mark.slow
 def test_what_no_fit_can_keep_is_not_promised(planner, example):
-    """A locus on a leash ends within 0.03 of an error, whatever is asked for."""
+    """A locus with regularizing priors ends within 0.03 of an error, whatever is asked for."""
     loose = replace(example.result, parameters=example.truth.with_locus(PartialShm.of(0.4, 20.0, 0.7, 30.0)))
-    on_a_leash = Planner([replace(example, result=loose)])
-    allowed = 0.1 * planner.outlook.sigma
+    regularized = Planner([replace(example, result=loose)])
+    allowed = 0.1 * planner.worst_case.sigma
     with refused(ErrorCode.OUT_OF_RANGE, f"{1e6 * allowed:.2g} uas"):
-        on_a_leash.cheapest(allowed)
+        regularized.cheapest(allowed)
 
 
 def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, example):
@@ -107,35 +109,35 @@ def still(plain):
     return Example.of(scene.noisy[0], FrameProcessor(plain, locus="auto"))
 
 
-def said_of_jitter(outlook, settings=OWN):
-    (found,) = (one for one in explain(outlook, Plan(settings, 0.0, 0.1)) if one.startswith("jitter"))
+def said_of_jitter(worst_case, settings=OWN):
+    (found,) = (one for one in explain(worst_case, Plan(settings, 0.0, 0.1)) if one.startswith("jitter"))
     assert re.findall(r"mvn|\d+", found)[:3] == ["mvn", "3", "1"]  # parameters, frames
     return found
 
 
 @pytest.mark.slow
 def test_it_is_said_what_jitter_that_is_not_seen_would_cost(planner, still):
-    outlook = Outlook([still])
-    cost = outlook.cost_of_jitter()
+    worst_case = WorstCase([still])
+    cost = worst_case.cost_of_jitter()
     assert 0 < cost < 0.3 * still.result.error("separation")
-    always, seen = (said_of_jitter(outlook, settings) for settings in (OWN, Settings(jitter="seen")))
+    always, seen = (said_of_jitter(worst_case, settings) for settings in (OWN, Settings(jitter="seen")))
     assert always != seen
     for said in (always, seen):
         assert angle_size(cost, 2) in said
         assert "--locus" not in said
-    assert "--locus" in said_of_jitter(planner.outlook)
+    assert "--locus" in said_of_jitter(planner.worst_case)
 
 
 @pytest.mark.slow
 def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(still, example, monkeypatch):
-    monkeypatch.setattr(plan, "RUNGS", FEW)
+    monkeypatch.setattr(plan, "GRID", FEW)
     ours = Planner([still])
-    cost = ours.outlook.cost_of_jitter()
+    cost = ours.worst_case.cost_of_jitter()
     ample, short = ours.cheapest(1.5 * cost), ours.cheapest(cost)
     assert (ample.settings.jitter, short.settings.jitter) == ("seen", "always")
     cut = ample.settings  # in a region less is seen of the jitter, and it costs more
-    without = ours.outlook.cost_of_jitter(cut)
-    assert ample.loss == pytest.approx(ours.outlook.loss(replace(cut, jitter="always")) + without)
+    without = ours.worst_case.cost_of_jitter(cut)
+    assert ample.loss == pytest.approx(ours.worst_case.loss(replace(cut, jitter="always")) + without)
     assert ample.loss <= 0.8 * 1.5 * cost
     fitted = cut.applied(still.processor).process(still.raw).result
     assert fitted.locus == "stable"
@@ -149,7 +151,7 @@ def test_a_still_frame_gets_no_jitter_where_the_promise_allows_it(still, example
         (example, {"locus": "auto"}),
     ):
         other = Planner([replace(one, processor=replace(one.processor, **changes))])
-        assert other.outlook.cost_of_jitter() == math.inf
+        assert other.worst_case.cost_of_jitter() == math.inf
         assert other.cheapest(1.5 * cost).settings.jitter == "always"
 
 
@@ -169,10 +171,10 @@ def test_settings_that_would_be_seen_in_chi_squared_promise_nothing(plain, plann
     scene = TradeScene.of(plain, bright, Mvn.of(0.2, 0.1, 20.0), 1, np.random.default_rng(5))
     detector = FrameProcessor(plain, locus="mvn")
     shown = Example.of(scene.noisy[0], detector)
-    seen = shown.foresee(Settings(samples=3))
+    seen = shown.forecast(Settings(samples=3))
     assert seen.misfit > 1
-    assert Outlook([shown]).loss(Settings(samples=3)) == math.inf
-    assert planner.outlook.loss(Settings(samples=3)) < math.inf
+    assert WorstCase([shown]).loss(Settings(samples=3)) == math.inf
+    assert planner.worst_case.loss(Settings(samples=3)) < math.inf
 
 
 @pytest.mark.slow
@@ -182,13 +184,13 @@ def test_within_a_budget_the_least_loss_is_had(planner, monkeypatch):
     assert ample.loss < short.loss
     assert short.seconds <= 0.4
     affordable = [s for s in planner.by_work() if planner.work(s) <= 0.4]
-    assert short.loss <= 1.01 * min(map(planner.outlook.loss, affordable))
+    assert short.loss <= 1.01 * min(map(planner.worst_case.loss, affordable))
     with refused(ErrorCode.OUT_OF_RANGE, "1 ms", "--preset"):
         planner.within(1e-3)
 
 
 def test_padding_that_the_pupil_does_not_carry_is_no_choice(example, monkeypatch):
-    monkeypatch.setattr(plan, "RUNGS", {**FEW, "pad": (8, 300), "region": (), "samples": (5,)})
+    monkeypatch.setattr(plan, "GRID", {**FEW, "pad": (8, 300), "region": (), "samples": (5,)})
     ample = Planner([example])
     monkeypatch.setattr(ample, "seconds", lambda settings: 0.1)
     assert ample.within(100.0).settings.pad == 8
@@ -224,7 +226,7 @@ def test_what_is_left_out_is_said_with_what_it_would_cost(planner, example):
     held = replace(example.processor, options=FitOptions(("background",)))
     planner = Planner([replace(example, processor=held)])
     found = planner.cheapest(5e-6)
-    said = {line.split()[0]: line for line in explain(planner.outlook, found)}
+    said = {line.split()[0]: line for line in explain(planner.worst_case, found)}
     assert "48 x 48" in said["pixels:"]
     pad, own, *rest = re.findall(r"\d+", said["padding:"])
     assert (int(pad), own) == (found.settings.pad, "64")
@@ -232,7 +234,7 @@ def test_what_is_left_out_is_said_with_what_it_would_cost(planner, example):
     assert "noll7, noll8" in said["aberrations"]
     assert all(value in said["jitter:"] for value in ("mvn (3 parameters) in 1 ", "--locus"))
     cheaper = FEW["samples"][FEW["samples"].index(found.settings.samples) - 1]
-    lost = planner.outlook.loss(
+    lost = planner.worst_case.loss(
         Settings(pad=found.settings.pad, samples=cheaper, region=found.settings.region)
     )
     assert re.search(rf"\b{cheaper}\b.* {re.escape(f'{1e6 * lost:.2g}')}", said["wavelengths:"])
@@ -240,7 +242,7 @@ def test_what_is_left_out_is_said_with_what_it_would_cost(planner, example):
 
 def test_an_aberration_that_no_frame_tells_is_named_with_what_holds_it(plain, example, planner):
     def said(example):
-        return [line for line in explain(Outlook([example]), found) if line.startswith(example.raw.name)]
+        return [line for line in explain(WorstCase([example]), found) if line.startswith(example.raw.name)]
 
     found = planner.cheapest(1e-4)
     assert said(example) == []

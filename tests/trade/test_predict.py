@@ -17,8 +17,8 @@ from jitterkit.optics import Colours
 from jitterkit.refit import FitOptions, Priors
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene
-from jitterkit.trade.outlook import Outlook
 from jitterkit.trade.predict import Example
+from jitterkit.trade.worst_case import WorstCase
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ from jitterkit.trade.predict import Example
 def test_what_is_foreseen_is_what_a_fit_without_noise_finds(shown, one, settings):
     found = fitted(settings, shown, one)
     bias = bias_of(found, one)
-    seen = shown.foresee(settings)
+    seen = shown.forecast(settings)
     assert abs(bias) > 1e-7  # arcsec: there is something to foresee
     assert seen.bias == pytest.approx(bias, rel=0.05, abs=1e-8)
     sigma = found.error("separation")  # that of where the bias led it
@@ -50,14 +50,14 @@ def test_it_is_foreseen_of_stars_whose_colours_are_free_too(plain):
     shown = replace(example, result=replace(example.result, parameters=one.truths[0]))
     bias = bias_of(fitted(settings, shown, one), one)
     assert abs(bias) > 1e-7
-    assert shown.foresee(settings).bias == pytest.approx(bias, rel=0.05, abs=1e-8)
+    assert shown.forecast(settings).bias == pytest.approx(bias, rel=0.05, abs=1e-8)
 
 
 @pytest.mark.parametrize(("region", "side"), [(None, 48), (24, 24)])
 def test_a_misfit_is_what_chi_squared_rises_by(shown, one, region, side):
     settings = Settings(samples=1, region=region)
     chi2 = fitted(settings, shown, one).chi2
-    assert shown.foresee(settings).misfit == pytest.approx(chi2 / np.sqrt(2 * side**2), rel=0.05)
+    assert shown.forecast(settings).misfit == pytest.approx(chi2 / np.sqrt(2 * side**2), rel=0.05)
 
 
 def test_what_an_aberration_may_cost_is_its_value_and_two_errors(shown, plain, one):
@@ -109,16 +109,16 @@ def test_what_jitter_may_cost_is_what_moments_do_that_are_not_seen(shown, plain,
     spread = np.sqrt(free.error("separation") ** 2 - narrow.error("separation") ** 2)
     price = still.without_jitter(Settings())
     assert price == pytest.approx(most * spread, rel=1e-3)
-    assert Outlook([still, shown]).cost_of_jitter() == price  # one of them shows some: it is fitted
-    assert Outlook([shown]).cost_of_jitter() == np.inf
+    assert WorstCase([still, shown]).cost_of_jitter() == price  # one of them shows some: it is fitted
+    assert WorstCase([shown]).cost_of_jitter() == np.inf
 
     slots = [free.names.index(name) for name in calm.locus.names]
-    told = np.linalg.inv(free.covariance[np.ix_(slots, slots)])
+    information = np.linalg.inv(free.covariance[np.ix_(slots, slots)])
     stable = replace(still, processor=replace(still.processor, locus="stable", _systems={}))
     biases = []
     for angle in (0.0, 45.0, 90.0, 135.0):
         unit = Mvn.of(1.0, 0.0, angle).moments()
-        size = np.sqrt(most / np.sqrt(unit @ told @ unit))
+        size = np.sqrt(most / np.sqrt(unit @ information @ unit))
         truth = calm.with_locus(Mvn.of(size, 0.0, angle))
         scene = replace(one, truths=(truth,), images=(np.asarray(expected_image(truth, otf)),))
         own = bias_of(fitted(Settings(), still, scene), scene)
@@ -147,7 +147,7 @@ def test_what_is_known_beforehand_makes_it_cheap_to_leave_out(shown, plain):
 
 def test_what_cannot_be_had_is_refused(shown):
     with refused(ErrorCode.OUT_OF_RANGE, 256, 3):
-        shown.foresee(Settings(binning=3))
+        shown.forecast(Settings(binning=3))
 
 
 def test_a_frame_that_cannot_be_fitted_is_no_example(plain, one):

@@ -1,8 +1,7 @@
-"""What one frame says about the parameters that all frames share.
+"""The likelihood of one frame, as a quadratic form in the parameters that all frames share.
 
-A frame's likelihood is a hill over its shared and its own parameters.  Its own (place, flux, jitter) are
-eliminated where they stand best: what remains is a quadratic form in the shared ones, a few dozen numbers
-however many pixels there are.  Such messages add up.
+A frame's own parameters (position, flux, jitter) are eliminated at their maximum: what remains is a quadratic
+form in the shared ones, a few dozen numbers however many pixels there are.  Such summaries add up.
 """
 
 from __future__ import annotations
@@ -12,23 +11,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.joint.spool import Spool
+from jitterkit.joint.record_file import RecordFile
 
-__all__ = ["Message", "Messages", "eliminate"]
+__all__ = ["LikelihoodSummaries", "LikelihoodSummary", "eliminate"]
 
 
-class Message(NamedTuple):
-    """A frame's log-likelihood near a point: ``score (c - at) - (c - at)' information (c - at)/2``.
+class LikelihoodSummary(NamedTuple):
+    """Hold a frame's log-likelihood near a point: ``score (c - at) - (c - at)' information (c - at)/2``.
 
     Attributes
     ----------
     time : float
         s, of the middle of the exposure.
     at : (k,) array
-        Shared parameters at which the frame was looked at.
+        Shared parameters at which the frame was fitted.
     score : (k,) array
     information : (k, k) array
-        Expected Fisher information of the frame on the shared parameters, its own unknown.
+        Expected Fisher information of the frame on the shared parameters, its own being free.
     """
 
     time: float
@@ -37,8 +36,8 @@ class Message(NamedTuple):
     information: np.ndarray
 
 
-class Messages:
-    """The messages of a run, in the order of time, on disk.
+class LikelihoodSummaries:
+    """Keep the summaries of a run on disk, in the order of time.
 
     Parameters
     ----------
@@ -50,27 +49,27 @@ class Messages:
         self.names = tuple(names)
         k = len(self.names)
         self._upper = np.triu_indices(k)
-        self._spool = Spool(1 + 2 * k + len(self._upper[0]))
+        self._file = RecordFile(1 + 2 * k + len(self._upper[0]))
 
     def __len__(self) -> int:
-        return len(self._spool)
+        return len(self._file)
 
-    def append(self, message: Message) -> None:
-        """Add the next frame's."""
-        self._spool.append(message.time, message.at, message.score, message.information[self._upper])
+    def append(self, summary: LikelihoodSummary) -> None:
+        """Add the next frame's summary."""
+        self._file.append(summary.time, summary.at, summary.score, summary.information[self._upper])
 
-    def __iter__(self) -> Iterator[Message]:
-        return map(self._unpacked, self._spool)
+    def __iter__(self) -> Iterator[LikelihoodSummary]:
+        return map(self._unpacked, self._file)
 
-    def __reversed__(self) -> Iterator[Message]:
-        return map(self._unpacked, reversed(self._spool))
+    def __reversed__(self) -> Iterator[LikelihoodSummary]:
+        return map(self._unpacked, reversed(self._file))
 
-    def _unpacked(self, record: np.ndarray) -> Message:
+    def _unpacked(self, record: np.ndarray) -> LikelihoodSummary:
         k = len(self.names)
         half = np.zeros((k, k))
         half[self._upper] = record[1 + 2 * k :]
         information = half + half.T - np.diag(np.diag(half))
-        return Message(float(record[0]), record[1 : 1 + k], record[1 + k : 1 + 2 * k], information)
+        return LikelihoodSummary(float(record[0]), record[1 : 1 + k], record[1 + k : 1 + 2 * k], information)
 
 
 def eliminate(score, information, shared: list[int], own: list[int], covariance) -> tuple:
@@ -81,7 +80,7 @@ def eliminate(score, information, shared: list[int], own: list[int], covariance)
     score : (p,) array
     information : (p, p) array
     shared, own : lists of int
-        Slots of either kind; together all.
+        Indices of either kind; together all.
     covariance : (m, m) array
         Of the own while the shared are held: the inverse of their block, with what priors add to it.
 

@@ -18,13 +18,13 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import PartialShm
 from jitterkit.report.table import read_table
 from jitterkit.scene import Binary
-from jitterkit.trade import PRESETS, Point, Settings, TradeScene, climb_ladder, front, ladder
+from jitterkit.trade import PRESETS, Point, Settings, TradeScene, front, grid, measure_grid
 from jitterkit.trade.table import trade_table
 
 
 def measure(*given):
     """The point alone."""
-    return ladder.measure(*given)[0]
+    return grid.measure(*given)[0]
 
 
 def linear_biases(settings, plain, scene):
@@ -62,7 +62,7 @@ def test_few_nodes_fit_what_few_nodes_show(plain):
         images.append(np.asarray(expected_image(truth.with_locus(truth.locus.sampled(10)), otf)))
     coarse = replace(scene, images=tuple(images))
     seen = measure("seen", few, plain, coarse, "partial")
-    # on its leash a fit may leave a hundredth of the error (refit.fit); as rounding has it, 3e-4 or 1.5e-3
+    # a regularized fit may leave a hundredth of the error (refit.fit); by rounding, 3e-4 or 1.5e-3
     assert seen.bias < 1e-2 * seen.sigma
     assert measure("exact", few, plain, scene, "partial").bias > 10 * seen.bias
     assert measure("own", replace(few, nodes=None), plain, coarse, "partial").bias > 10 * seen.bias
@@ -82,9 +82,9 @@ def test_without_approximation_there_is_no_bias_and_the_error_is_the_bound(plain
 
 @pytest.mark.slow
 def test_a_smaller_region_scatters_more(plain, scene):
-    """What light that is cut off would have told is what estimates differ by: their variances' difference."""
-    whole, reference = ladder.measure("whole", Settings(), plain, scene)
-    part, found = ladder.measure("part", Settings(region=24), plain, scene, "mvn", reference)
+    """The information of light that is cut off is the difference of the estimates' variances."""
+    whole, reference = grid.measure("whole", Settings(), plain, scene)
+    part, found = grid.measure("part", Settings(region=24), plain, scene, "mvn", reference)
     assert whole.scatter == 0
     assert part.bound == whole.sigma
     assert part.sigma > 1.003 * whole.sigma
@@ -103,7 +103,7 @@ def test_held_aberrations_bias(plain, scene):
 
 @pytest.mark.slow
 def test_thirty_two_bits_are_measured_beside_sixty_four(plain, scene):
-    _, reference = ladder.measure("64", Settings(), plain, scene)
+    _, reference = grid.measure("64", Settings(), plain, scene)
     beside = measure("32", Settings(bits=32), plain, scene, "mvn", reference)
     assert beside.seconds > 0
     assert 0 < beside.scatter < 0.1 * beside.sigma
@@ -133,8 +133,8 @@ def test_the_joint_fit_is_compared_with_the_most_exact_one(plain, scene, monkeyp
         given.append((settings.pad, settings.method, reference))
         return point(name, 1, 1), (settings.pad, settings.method)
 
-    monkeypatch.setattr(ladder, "measure", noted)
-    *_, last = climb_ladder(plain, scene)
+    monkeypatch.setattr(grid, "measure", noted)
+    *_, last = measure_grid(plain, scene)
     assert last.name == "method joint"
     assert given[-2:] == [(128, "joint", None), (None, "joint", (128, "joint"))]
     assert all(reference == (128, "refit") for _, _, reference in given[1:-2])
@@ -144,7 +144,7 @@ def test_what_breaks_down_is_a_row_that_says_so(plain, scene, monkeypatch):
     def broken(*_):
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr(ladder.Fitting, "separations", broken)
+    monkeypatch.setattr(grid.Fitting, "separations", broken)
     assert measure("one", Settings(), plain, scene).message == "Singular matrix"
 
 
@@ -153,15 +153,15 @@ def test_errors_add_in_squares():
     assert one.error == pytest.approx(0.5)
 
 
-def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monkeypatch):
+def test_values_without_effect_on_an_instrument_are_left_out(plain, scene, monkeypatch):
     asked = []
 
     def noted(name, settings, *_):
         asked.append(name)
         return point(name, 1, 1), None
 
-    monkeypatch.setattr(ladder, "measure", noted)
-    list(climb_ladder(plain, scene))
+    monkeypatch.setattr(grid, "measure", noted)
+    list(measure_grid(plain, scene))
     assert asked[:3] == ["exact", "balanced", "fast"]
     assert "pad 64" not in asked  # which balanced is
     assert "region 32" in asked
@@ -171,13 +171,13 @@ def test_rungs_that_say_nothing_of_an_instrument_are_left_out(plain, scene, monk
     assert {"method score", "method mtf", "method joint"} <= set(asked)
     asked.clear()
     lamp = replace(plain, spectrum=type(plain.spectrum)((530.0, 640.0), (1.0, 1.0)))
-    list(climb_ladder(lamp, scene))
+    list(measure_grid(lamp, scene))
     assert "samples 1" in asked
     asked.clear()
-    list(climb_ladder(lamp, scene, locus="auto"))
+    list(measure_grid(lamp, scene, locus="auto"))
     assert not [name for name in asked if "nodes" in name]
     asked.clear()
-    list(climb_ladder(lamp, scene, locus="path"))
+    list(measure_grid(lamp, scene, locus="path"))
     assert [name for name in asked if "nodes" in name] == [f"nodes {count}" for count in (4, 6, 8, 12)]
     assert "samples 5" not in asked  # of two lines there are no more
 
@@ -198,10 +198,10 @@ def test_the_table_has_every_number(plain):
 
 @pytest.mark.slow
 def test_the_command_measures_writes_and_draws(tmp_path, monkeypatch):
-    monkeypatch.setattr(ladder, "RUNGS", {"tolerance": (1.0,)})
+    monkeypatch.setattr(grid, "GRID", {"tolerance": (1.0,)})
     table, picture = tmp_path / "trade.ecsv", tmp_path / "trade.png"
     few = {"exact": Settings(pad=8), "fast": Settings(pad=4), "balanced": Settings()}
-    monkeypatch.setattr(ladder, "preset", lambda name, _: few[name])
+    monkeypatch.setattr(grid, "preset", lambda name, _: few[name])
     done = CliRunner().invoke(
         app,
         ["trade", "-i", "plain", "--frames", "1", "-o", str(table), "--plot", str(picture)],

@@ -1,7 +1,7 @@
-"""What is expected of settings, at the worst of some frames.
+"""The expected effect of settings, in the worst of some frames.
 
 Reach for :func:`examples_of` to fit frames spread over the files of a run, and give them to
-:class:`Outlook`.  What it is asked again it remembers.
+:class:`WorstCase`, which caches its forecasts.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.batch.plan import FrameReader, count_frames
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.refit.choose import DETECTED
-from jitterkit.refit.fit import unfinished
-from jitterkit.trade.predict import Example, Foresight
+from jitterkit.refit.fit import convergence_error
+from jitterkit.trade.predict import BiasForecast, Example
 from jitterkit.trade.settings import Settings
 
 _SEEN = 1.0
-"""Of its own scatter, from which on a misfit would be seen: a model that does not fit promises nothing."""
+"""Misfit, in units of its own scatter, from which a model is refused: it would not fit the frames."""
 
 OWN = Settings()
-"""Those of the instrument itself."""
+"""The settings of the instrument itself."""
 
-_NOTHING = Foresight(math.inf, math.inf, math.inf, math.inf)
-"""Of settings that cannot be had."""
+_NOTHING = BiasForecast(math.inf, math.inf, math.inf, math.inf)
+"""The forecast of settings that are not available."""
 
 
-class Outlook:
-    """Expected effect of settings on the separation of every example.
+class WorstCase:
+    """Forecast the effect of settings on the separation of every example.
 
     Parameters
     ----------
     examples : sequence of Example
-        At least one; what is said holds for each.
+        At least one; a result holds for each.
 
     Raises
     ------
@@ -49,22 +49,22 @@ class Outlook:
         self.examples = tuple(examples)
         (first, *_) = examples
         self.instrument = replace(first.processor.instrument, shape=first.frame.shape)
-        self._foreseen = {(one, OWN): one.foresee(OWN) for one in examples}  # what cannot be is told here
+        self._forecasts = {(one, OWN): one.forecast(OWN) for one in examples}  # raises here if there is none
 
     @property
     def sigma(self) -> float:
-        """Least standard error of the separation that an example was fitted with [arcsec]."""
+        """Return the least standard error of the separation in the fits of the examples [arcsec]."""
         return min(one.result.error("separation") for one in self.examples)
 
     def loss(self, settings: Settings) -> float:
-        """Bias and added scatter, in squares, and what jitter that is left out may cost, at most [arcsec].
+        """Return the largest loss: bias and added scatter, in squares, and jitter not fitted [arcsec].
 
-        Infinite where the settings cannot be had.
+        Infinite where the settings are not available.
         """
         return self._left_out(settings) + max(self._loss(one, settings) for one in self.examples)
 
     def rough_loss(self, settings: Settings) -> float:
-        """The same, where pupil and spectrum do to every geometry what they do to the instrument's own."""
+        """Return the loss if pupil and spectrum have the same effect in every geometry."""
         return self._left_out(settings) + max(
             self._loss(one, settings, roughly=True) for one in self.examples
         )
@@ -76,19 +76,19 @@ class Outlook:
 
     def can_be_had(self, settings: Settings) -> bool:
         """Return whether every example can be modelled so."""
-        return all(self._foresee(one, settings) is not _NOTHING for one in self.examples)
+        return all(self._forecast(one, settings) is not _NOTHING for one in self.examples)
 
     def cost_of(self, names: tuple[str, ...], settings: Settings = OWN) -> float:
-        """Return what it may do to the separation to leave out aberrations [arcsec]."""
+        """Return the possible change of the separation if aberrations are left out [arcsec]."""
         return max(one.without(names, settings) for one in self.examples)
 
     def cost_of_jitter(self, settings: Settings = OWN) -> float:
-        """The same of jitter that a frame does not show; infinite where no example may do without."""
+        """Return the loss [arcsec] if undetected jitter is left out; infinite if every example shows some."""
         still = [one for one in self.examples if one.still]
         return max((one.without_jitter(settings) for one in still), default=math.inf)
 
-    def unfinished(self, tolerance: float) -> float:
-        """By how much fits may end before they have arrived [arcsec].
+    def convergence_error(self, tolerance: float) -> float:
+        """Return the largest convergence error of the separation [arcsec].
 
         Parameters
         ----------
@@ -97,59 +97,59 @@ class Outlook:
         """
         varied = bool(self.instrument.aberrations)
         return max(
-            unfinished(tolerance, one.truth.locus, varied) * self._foresee(one, OWN).sigma
+            convergence_error(tolerance, one.truth.locus, varied) * self._forecast(one, OWN).sigma
             for one in self.examples
         )
 
     def _left_out(self, settings: Settings) -> float:
-        """Return what jitter may cost that is not fitted [arcsec]."""
+        """Return the loss by jitter that is not fitted [arcsec]."""
         return 0.0 if settings.jitter == "always" else self.cost_of_jitter(settings)
 
     def _loss(
         self, one: Example, settings: Settings, limit: float = math.inf, roughly: bool = False
     ) -> float:
-        """Bias and added scatter, in squares [arcsec]; infinite where there is no such model, or it misfits.
+        """Return bias and added scatter, in squares [arcsec]; infinite where no such model fits.
 
-        Something above ``limit`` where the scatter alone is.
+        Where the scatter alone exceeds ``limit``, return the scatter.
         """
         excess = self._excess(one, settings.region)
         if excess > limit:
             return excess
-        seen = self._rough(one, settings) if roughly else self._foresee(one, settings)
+        seen = self._rough(one, settings) if roughly else self._forecast(one, settings)
         unseen = 0.0 if settings.jitter == "always" else DETECTED / seen.scatter
         # at worst what is wrong with the model looks like the jitter that it lacks
         misfit = (math.sqrt(max(seen.misfit, 0.0)) + math.sqrt(unseen)) ** 2
         return math.hypot(seen.bias, excess) if misfit < _SEEN else math.inf
 
-    def _rough(self, one: Example, settings: Settings) -> Foresight:
-        geometry = self._foresee(one, Settings(pad=settings.pad, region=settings.region))
-        coarse = self._foresee(one, Settings(binning=settings.binning))
+    def _rough(self, one: Example, settings: Settings) -> BiasForecast:
+        geometry = self._forecast(one, Settings(pad=settings.pad, region=settings.region))
+        coarse = self._forecast(one, Settings(binning=settings.binning))
         if coarse is _NOTHING:  # a coarse pupil does not carry the instrument's own padding, but some less
-            return self._foresee(one, settings)
+            return self._forecast(one, settings)
         if geometry.misfit >= _SEEN:
             return geometry
-        few, own = self._foresee(one, Settings(samples=settings.samples)), self._foresee(one, OWN)
+        few, own = self._forecast(one, Settings(samples=settings.samples)), self._forecast(one, OWN)
         bias = geometry.bias + coarse.bias + few.bias - 2 * own.bias
         misfit = max(geometry.misfit, coarse.misfit, few.misfit)
-        return Foresight(bias, own.sigma, misfit, geometry.scatter)
+        return BiasForecast(bias, own.sigma, misfit, geometry.scatter)
 
     def _excess(self, one: Example, region: int | None) -> float:
-        """Scatter that the light outside of a region would have spared [arcsec]."""
-        cut, whole = (self._foresee(one, settings).sigma for settings in (Settings(region=region), OWN))
+        """Return the scatter that is added by excluding the light outside of a region [arcsec]."""
+        cut, whole = (self._forecast(one, settings).sigma for settings in (Settings(region=region), OWN))
         return math.sqrt(max(cut**2 - whole**2, 0.0))
 
-    def _foresee(self, one: Example, settings: Settings) -> Foresight:
+    def _forecast(self, one: Example, settings: Settings) -> BiasForecast:
         key = one, settings = one, replace(settings, jitter="always")
-        if key not in self._foreseen:
+        if key not in self._forecasts:
             try:
-                self._foreseen[key] = one.foresee(settings)
+                self._forecasts[key] = one.forecast(settings)
             except JitterkitError:
-                self._foreseen[key] = _NOTHING
-        return self._foreseen[key]
+                self._forecasts[key] = _NOTHING
+        return self._forecasts[key]
 
 
 _LOOKED_AT, _TRIED = 3, 12
-"""Frames that a plan is made for, spread over the run, and those that are tried to find as many."""
+"""Frames on which a plan is based, spread over the run, and those that are tried to find as many."""
 
 
 def examples_of(
@@ -170,7 +170,7 @@ def examples_of(
     examples : list of Example
         Of the frames that can be fitted, at least one.
     frames : int
-        In the run, by those in the files that were looked at.
+        In the run, estimated from the files that were read.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def examples_of(
     if not examples:
         raise ConfigurationError(
             ErrorCode.TOO_FEW,
-            f"None of {len(spread)} frames that were looked at can be fitted, so there is nothing to "
+            f"None of {len(spread)} frames that were tried can be fitted, so there is nothing to "
             "plan for; see what 'jitterkit process' without --tolerance and --budget says about them.",
         )
     return examples, round(len(files) * float(np.mean(list(counts.values()))))

@@ -1,8 +1,8 @@
-"""One frame, looked at with the shared parameters as they are believed to be.
+"""Fit one frame with the shared parameters held.
 
-Its own parameters (place, flux, jitter) are climbed while the shared ones stand still; then the normal
-equations of all are taken once, and its own eliminated.  The fit is the refit of a single frame with the
-shared parameters held, nothing else.
+Its own parameters (position, flux, jitter) are fitted while the shared ones are held; then the normal
+equations of all are computed once, and its own parameters are eliminated.  The fit is the refit of a single
+frame with the shared parameters held, nothing else.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import GRADIENT, Parameters, free_parameters, held_with, parameter_names, to_vector
 from jitterkit.frames import Frame
-from jitterkit.joint.message import Message, eliminate
+from jitterkit.joint.likelihood_summary import LikelihoodSummary, eliminate
 from jitterkit.known_light import KnownLight
 from jitterkit.likelihood import Data, normal_equations
-from jitterkit.linearisation import SETTLED, linearisation_error
+from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error
 from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
@@ -36,10 +36,10 @@ from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
 
-__all__ = ["Looker", "Nearby"]
+__all__ = ["FrameFitter", "NearbyOptics"]
 
 _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if choice.across == "none"))
-"""Loci that are lines: what blurs across them is not theirs."""
+"""Loci that are lines: they have no blur across their axis."""
 
 
 _VISIBLE = 0.015
@@ -50,8 +50,8 @@ _STALE = 0.03
 off by 3 %: of 16 TOLIMAN frames the separation moved by 0.0008 of its error, the error by 8e-6."""
 
 
-class Nearby:
-    """The optics of one frame after the other: exact at each, with derivatives computed now and then.
+class NearbyOptics:
+    """Optics of one frame after the other: exact at each, with derivatives computed now and then.
 
     Parameters
     ----------
@@ -63,18 +63,18 @@ class Nearby:
         self._slopes = self._here = optics.nominal
 
     def at(self, parameters: Parameters) -> OTF:
-        """The optics for parameters whose aberrations stand still."""
+        """Return the optics for parameters whose aberrations are held."""
         aberrations = parameters.aberrations
         if self.optics.phase(np.asarray(aberrations - self._slopes.state)) > _STALE:
             self._slopes = self._here = self.optics.otf(aberrations)
-        elif linearisation_error(self.optics, parameters, self._here) > SETTLED:
+        elif linearisation_error(self.optics, parameters, self._here) > LINEARISATION_TOLERANCE:
             self._here = self.optics.near(aberrations, self._slopes)
         return self._here
 
 
 @dataclass(frozen=True)
-class Looker:
-    """How to look at the frames of a sequence.
+class FrameFitter:
+    """Fit the frames of a sequence one by one.
 
     Attributes
     ----------
@@ -125,17 +125,17 @@ class Looker:
             raise ConfigurationError(
                 ErrorCode.NOT_CONSTRAINED,
                 f"Jitter of the kind {self.locus!r} blurs all ways, as diffusion does, and no number of "
-                f"frames tells them apart. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter.",
+                f"frames separates them. Take one of {', '.join(_STRAIGHT)}, or a prior on the jitter.",
             )
 
     @cached_property
     def hold(self) -> tuple[str, ...]:
-        """What no fit varies: what is known, and aberrations that do not show."""
+        """Return the parameters that no fit varies: those known, and aberrations without effect."""
         return (*self.known, *self.optics.nominal.blind())
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        """Names of what the frames share, in the order of the parameter vector."""
+        """Return the names of the shared parameters, in the order of the parameter vector."""
         nominal = self.optics.nominal
         known = nominal.colours
         coloured = known is not None and nominal.tints is not None and known.sigma > 0
@@ -145,15 +145,15 @@ class Looker:
 
     @cached_property
     def own(self) -> tuple[str, ...]:
-        """Names of what each frame has of its own."""
+        """Return the names of each frame's own parameters."""
         every = ("x", "y", "flux", *locus_class(self.locus).names, "background", *GRADIENT)
         held = held_with(self.hold)
         return tuple(name for name in every if name not in held)
 
-    def first(
+    def fit_first(
         self, frame: Frame, shutter: Shutter | None, near: Mapping[str, float] | None = None
     ) -> tuple[FitResult, OTF]:
-        """Fit a frame of which nothing is known: the pair is found, everything fitted, then its own again.
+        """Fit a frame of which nothing is known: find the pair, fit everything, then its own again.
 
         ``near`` are the shared parameters of other frames: star A is theirs, and theta within half a turn.
         """
@@ -166,27 +166,29 @@ class Looker:
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
         if search == self._choice and choice.scene != Binary.name:
-            told = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."
+            problem = f"{Status.NO_PAIR.value}: 'jitterkit process' measures its jitter."
             if choice.scene == Stars.name:
-                told = "it shows a field of stars; --scene binary fits the brightest two as a pair."
-            return FitResult(Status.NO_PAIR, told), nominal
+                problem = "it shows a field of stars; --scene binary fits the brightest two as a pair."
+            return FitResult(Status.NO_PAIR, problem), nominal
         start, p = choice.start, choice.start.parameters
         begin = replace(p, shutter=shutter)
         options = FitOptions(hold=self.hold, priors=self.priors, model_error=self.model_error)
         fit, otf, _ = fit_and_allow(data, self.optics, begin, start.otf, options)
         if self.diffusion and fit.parameters is not None:
-            fit = replace(fit, parameters=self._parted(fit.parameters))
+            fit = replace(fit, parameters=self._split_diffusion(fit.parameters))
         fit, otf = self._with_locus(data, fit, otf, options)
         if fit.parameters is None or not fit.status.usable:
             return fit, otf
         values = _alike(self.values_of(fit.parameters), near)
-        return self.again(frame, self.at(fit.parameters, values), otf)
+        return self.refit(frame, self.at(fit.parameters, values), otf)
 
-    def again(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
-        """Fit a frame's own parameters from near where they are, locus and all."""
-        return self._judged(*fit_and_allow(self._data(frame), self.optics, start, otf, self._options)[:2])
+    def refit(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
+        """Fit a frame's own parameters from a start near them, with the locus."""
+        return self._check_plausible(
+            *fit_and_allow(self._data(frame), self.optics, start, otf, self._options)[:2]
+        )
 
-    def anew(self, frame: Frame, start: Parameters, image, otf: OTF) -> tuple[FitResult, OTF]:
+    def fit_cold(self, frame: Frame, start: Parameters, image, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from another frame's, its jitter unknown.
 
         Parameters
@@ -195,7 +197,7 @@ class Looker:
         start : Parameters
             Of the other frame.
         image : (ny, nx) array
-            That other frame as it was expected: where it fits best is where the pair stands.
+            The expected image of that other frame: its best match gives the position of the pair.
         otf : OTF
         """
         data = self._data(frame)
@@ -204,14 +206,14 @@ class Looker:
         start = start.with_locus(Mvn(jnp.zeros(3)))
         start = self.at(start, {"x": float(start.scene.x) + dx, "y": float(start.scene.y) + dy})
         normal, near, _ = fit_and_allow(data, self.optics, start, otf, self._options)
-        return self._judged(*self._with_locus(data, normal, near, self._options))
+        return self._check_plausible(*self._with_locus(data, normal, near, self._options))
 
-    def told(
+    def likelihood_summary(
         self, frame: Frame, fit: FitResult, otf: OTF, time: float, *, first: bool = False
-    ) -> Message | None:
-        """What a fitted frame says about the shared parameters; None where it was not fitted.
+    ) -> LikelihoodSummary | None:
+        """Return a frame's likelihood summary of the shared parameters; None where it was not fitted.
 
-        The first of a sequence says what is known of colours and shifts too, which counts once.
+        The first of a sequence includes the priors of colours and shifts, which count once.
         """
         if fit.parameters is None or not fit.status.usable or not np.all(np.isfinite(fit.covariance)):
             return None
@@ -225,12 +227,12 @@ class Looker:
             otf = replace(otf, colours=colours, sigmas=(math.inf,) * len(otf.sigmas))
         equations = normal_equations(fit.parameters, otf, data, free, exact=False)
         score, information = np.array(equations.score), equations.information
-        score[own] = 0.0  # its own stand at the top of their posterior, priors included
+        score[own] = 0.0  # its own are at the maximum of their posterior, priors included
         at = np.array(list(self.values_of(fit.parameters).values()))
-        return Message(time, at, *eliminate(score, information, shared, own, fit.covariance))
+        return LikelihoodSummary(time, at, *eliminate(score, information, shared, own, fit.covariance))
 
     def at(self, parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-        """Parameters with some of them as given, by name; further stars keep their places in the sky."""
+        """Return parameters with some replaced, by name; further stars keep their positions in the sky."""
         scene = parameters.scene
         dx, dy = (
             values.get(name, float(getattr(scene, name))) - float(getattr(scene, name)) for name in "xy"
@@ -247,14 +249,14 @@ class Looker:
         return unravel(jnp.asarray(numbers))
 
     def values_of(self, parameters: Parameters) -> dict[str, float]:
-        """The shared parameters by name."""
+        """Return the shared parameters by name."""
         vector, _ = to_vector(parameters)
         names = parameter_names(parameters, self.optics.nominal.names)
         known = {"diffusion": 0.0, **dict(zip(names, np.asarray(vector), strict=True))}
         return {name: float(known[name]) for name in self.shared}
 
-    def _parted(self, parameters: Parameters) -> Parameters:
-        """Parameters whose normal blur is parted: what it is across its axis is diffusion."""
+    def _split_diffusion(self, parameters: Parameters) -> Parameters:
+        """Return parameters whose normal blur is split: the part across its axis becomes diffusion."""
         _, minor, _ = axis_variances(parameters.locus.moments())
         rest = Mvn(parameters.locus.coords - minor * jnp.array([1.0, 0.0, 1.0]))
         return self.at(parameters.with_locus(rest), {"diffusion": minor})
@@ -276,30 +278,30 @@ class Looker:
     def _data(self, frame: Frame) -> Data:
         return Data.of(frame, censored=self.censored)
 
-    def _judged(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
-        """The fit, or what is absurd about it."""
+    def _check_plausible(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
+        """Return the fit; as a poor fit, with the reason, if it is implausible."""
         grid = self.optics.nominal.grid
         if not (problem := fit.implausible(grid.shape, grid.plate_scale)):
             return fit, otf
-        told = f"{Status.POOR_FIT.value}: {problem}."
-        return replace(fit, status=Status.POOR_FIT, message=told), otf
+        message = f"{Status.POOR_FIT.value}: {problem}."
+        return replace(fit, status=Status.POOR_FIT, message=message), otf
 
     def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:
-        """The fit with the locus, from that with a normal."""
+        """Fit the locus, starting from the fit of a normal."""
         if self.locus == "mvn" or normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
             return normal, otf
         kind, moments = locus_class(self.locus), normal.moments()[0]
-        place = starting_point(kind, moments, normal.parameters, otf, data, options)
-        fit, near, _ = fit_and_allow(data, self.optics, place, otf, options)
+        start = starting_point(kind, moments, normal.parameters, otf, data, options)
+        fit, near, _ = fit_and_allow(data, self.optics, start, otf, options)
         if fit.status is not Status.NOT_CONVERGED or not issubclass(kind, Streak):
             return fit, near
         # a streak that noise has made too short to start from
-        longer = place.with_locus(kind.near(jnp.array([_VISIBLE**2, 0.0, 0.0])))
+        longer = start.with_locus(kind.near(jnp.array([_VISIBLE**2, 0.0, 0.0])))
         return fit_and_allow(data, self.optics, longer, otf, options)[:2]
 
 
 def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[str, float]:
-    """Values of a pair with its stars named, and its direction counted, as another frame has them."""
+    """Return the values of a pair with its stars named, and its direction counted, as in another frame."""
     if near is None or not {"theta", "contrast"} <= values.keys():
         return values
     theta, contrast = values["theta"], values["contrast"]
@@ -312,7 +314,7 @@ def _alike(values: dict[str, float], near: Mapping[str, float] | None) -> dict[s
 
 
 def _shift(image: np.ndarray, template: np.ndarray) -> tuple[int, int]:
-    """Whole pixels, down rows and along columns, by which an image fits a template best."""
+    """Return the whole pixels, down rows and along columns, by which an image matches a template best."""
     product = np.fft.rfft2(image) * np.conj(np.fft.rfft2(template))
     peak = np.unravel_index(np.argmax(np.fft.irfft2(product, s=image.shape)), image.shape)
     dy, dx = ((int(k) + n // 2) % n - n // 2 for k, n in zip(peak, image.shape, strict=True))

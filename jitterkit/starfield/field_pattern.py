@@ -1,9 +1,9 @@
-"""Tracking or optics: what the directions of the smear do over the field.
+"""Classify the pattern of the smear over the field: tracking, optics or rotation.
 
 A pointing error smears every star alike.  Optics smear along or across the line to the axis, the more the
 farther out: coma and astigmatism.  A field that rotates about a guide star draws arcs about it, so
 tangential streaks about a point that need not be the frame's centre.  In the moments' complex
-ellipticity ``e = (Sxx - Syy) + 2i Sxy`` all three are polynomials of the place ``z = x + iy``:
+ellipticity ``e = (Sxx - Syy) + 2i Sxy`` all three are polynomials of the position ``z = x + iy``:
 
     tracking   e = c
     optics     e = a z²           a > 0 radial, a < 0 tangential
@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from jitterkit.conventions import axis_angle
 
 _LEAST = 8
-"""Stars below which nothing is said."""
+"""Smallest number of stars that is classified."""
 
 _BETTER = 12.0
 """Chi-squared that a further term must explain: 3.5 sigma; a scatter that is noise explains less."""
@@ -36,8 +36,8 @@ _NOTABLE = 0.1
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """The reason why the stars of a field are long.
+class FieldPattern:
+    """Hold the class of the stars' elongation over a field.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Verdict:
         a point off the centre), ``mixed`` (smear and a pattern), ``round``, ``irregular`` (long, but
         neither), ``sharp`` (as the reference is), or ``undetermined``.
     sentence : str
-        The verdict with its numbers.
+        The class with its numbers.
     angle, angle_err : float
         Of the common direction [deg].
     smear_share, pattern_share : float
@@ -73,14 +73,14 @@ class Verdict:
 
 
 class _Fit(NamedTuple):
-    """A linear model of the ellipticities: its terms, their covariance and what it leaves."""
+    """Hold a linear model of the ellipticities: its terms, their covariance and its chi-squared."""
 
     terms: np.ndarray
     covariance: np.ndarray
     chi2: float
 
 
-def judge(
+def classify_field(
     x: np.ndarray,
     y: np.ndarray,
     moments: np.ndarray,
@@ -88,13 +88,13 @@ def judge(
     *,
     shared: np.ndarray | None = None,
     direction: tuple[float, float] | None = None,
-) -> Verdict:
-    """Tell tracking from optics.
+) -> FieldPattern:
+    """Distinguish tracking from optics.
 
     Parameters
     ----------
     x, y : (n,) array
-        Places of the stars from the frame's centre, pixels.
+        Positions of the stars from the frame's centre, pixels.
     moments : (n, 3) array
         ``(Sxx, Sxy, Syy)`` of each star, those of a sharp star taken off where they are known.
     covariance : (n, 3, 3) array
@@ -107,7 +107,7 @@ def judge(
 
     Returns
     -------
-    verdict : Verdict
+    pattern : FieldPattern
 
     Notes
     -----
@@ -118,7 +118,7 @@ def judge(
     if len(x) < _LEAST:
         stars = "1 isolated star is" if len(x) == 1 else f"{len(x)} isolated stars are"
         sentence = f"undetermined: {stars} too few to see a pattern; {_LEAST} are needed."
-        return Verdict(
+        return FieldPattern(
             "undetermined", sentence, *(direction or (np.nan, np.nan)), np.nan, np.nan, {}, 2 * len(x)
         )
     project = np.array([[1.0, 0.0, -1.0], [0.0, 2.0, 0.0]])
@@ -149,11 +149,11 @@ def judge(
         direction = _direction(fits["smear"].terms, fits["smear"].covariance + offset)
     way = "radial" if both.terms[2] > 0 else "tangential"
     kind, text = _worded(found, direction, shares, way, centre)
-    return Verdict(kind, text + ".", *direction, smear, pattern, chi2, 2 * len(x), centre)
+    return FieldPattern(kind, text + ".", *direction, smear, pattern, chi2, 2 * len(x), centre)
 
 
 def _designs(z: np.ndarray) -> dict[str, np.ndarray]:
-    """Each model's derivatives (n, 2, k)."""
+    """Return each model's derivatives (n, 2, k)."""
     one, zero = np.ones(z.shape), np.zeros(z.shape)
     constant = np.stack([np.stack([one, zero], -1), np.stack([zero, one], -1)], axis=1)
     pattern = np.stack([(z**2).real, (z**2).imag], axis=1)[..., None]
@@ -166,7 +166,7 @@ def _designs(z: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _fit(e: np.ndarray, weight: np.ndarray, design: np.ndarray) -> _Fit:
-    """Weighted least squares of (n, 2) ellipticities."""
+    """Return the weighted least squares of (n, 2) ellipticities."""
     normal = np.einsum("nik,nij,njl->kl", design, weight, design)
     covariance = np.linalg.inv(normal)
     terms = covariance @ np.einsum("nik,nij,nj->k", design, weight, e)
@@ -222,7 +222,7 @@ def _rotation(e: np.ndarray, weight: np.ndarray, z: np.ndarray, start: _Fit) -> 
 
 
 def _worded(found, direction, shares, way: str, centre) -> tuple[str, str]:
-    """The kind and its sentence, from what was found."""
+    """Return the kind and its sentence, from what was found."""
     angle, angle_err = direction
     if found["rotation"]:
         return "rotation", (
@@ -254,7 +254,7 @@ def _worded(found, direction, shares, way: str, centre) -> tuple[str, str]:
 
 
 def _direction(e: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
-    """Axis of a constant ellipticity and its error, degrees."""
+    """Return the axis of a constant ellipticity and its error, degrees."""
     size = max(float(np.hypot(*e)), 1e-300)
     across = np.array([-e[1], e[0]]) / size
     error = np.degrees(np.sqrt(across @ covariance @ across) / size / 2)

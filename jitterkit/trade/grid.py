@@ -1,6 +1,6 @@
-"""Settings measured one by one: milliseconds a frame, and what they do to the separation.
+"""Measure settings one by one: milliseconds a frame, and their effect on the separation.
 
-Reach for :func:`climb_ladder`.  The error of a setting has two parts, both as shares of the least error that
+Reach for :func:`measure_grid`.  The error of a setting has two parts, both as shares of the least error that
 a frame allows (the Cramer-Rao bound at the most exact settings): its bias, which is what is wrong with the
 separation of frames without noise; and the scatter that it adds, which is how far the separations of frames
 with noise are from those that the most exact settings find in the same frames, the bias apart.
@@ -26,7 +26,7 @@ from jitterkit.trade.methods import Fitting
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import ABERRATIONS, PRESETS, Settings, own_pad, preset
 
-RUNGS: dict[str, tuple[Any, ...]] = {
+GRID: dict[str, tuple[Any, ...]] = {
     "pad": (0, 8, 16, 32, 64, 96, 128),
     "samples": (1, 3, 5, 7, 9, 11, 13, 16),
     "binning": (8, 4, 2, 1),
@@ -38,7 +38,7 @@ RUNGS: dict[str, tuple[Any, ...]] = {
     "jitter": ("seen",),
     "method": ("score", "mtf", "sampling"),
 }
-"""From the fastest to the most exact; what ``balanced`` is itself is measured as such, and the joint fit by
+"""From the fastest to the most exact; values of ``balanced`` are measured as such, and the joint fit by
 itself."""
 
 _ALIKE = ("score", "joint")
@@ -46,12 +46,12 @@ _ALIKE = ("score", "joint")
 
 
 _BREAKDOWNS = (JitterkitError, ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""What ends one row and not the ladder."""
+"""Errors that end one row and not the grid."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """Settings with their cost and their errors.
+    """Hold settings with their cost and their errors.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Point:
 
     @property
     def error(self) -> float:
-        """Bias and added scatter together, in squares, as a share of the bound."""
+        """Return the bias and added scatter together, in squares, as a share of the bound."""
         return math.hypot(self.bias, self.scatter) / self.bound
 
 
@@ -106,8 +106,8 @@ class Reference(NamedTuple):
     bound: float
 
 
-def climb_ladder(instrument: Instrument, scene: TradeScene, *, locus: str = "mvn") -> Iterator[Point]:
-    """Measure the presets, and every rung of every setting with the others as they are in ``balanced``.
+def measure_grid(instrument: Instrument, scene: TradeScene, *, locus: str = "mvn") -> Iterator[Point]:
+    """Measure the presets, and every value of every setting with the others as they are in ``balanced``.
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ def climb_ladder(instrument: Instrument, scene: TradeScene, *, locus: str = "mvn
     """
     named = {name: preset(name, instrument) for name in ("exact", "balanced", "fast")}
     seen = {_resolved(settings, instrument) for settings in named.values()}
-    for setting, rungs in RUNGS.items():
-        for value in rungs:
+    for setting, values in GRID.items():
+        for value in values:
             settings = replace(PRESETS["balanced"], **{setting: value})
             known = _resolved(settings, instrument) in seen
             if not known and can_be_had(setting, value, instrument, locus):
@@ -216,7 +216,7 @@ def _fitting(settings: Settings, instrument: Instrument, scene: TradeScene, locu
     processor = settings.applied(FrameProcessor(instrument, scene="binary", locus=locus))
     if settings.aberrations == "expanded" or settings.method == "joint":
         return Fitting(processor, method=settings.method)
-    return Fitting.anchored(processor, scene.lead, method=settings.method)
+    return Fitting.anchored(processor, scene.reference, method=settings.method)
 
 
 def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.ndarray]:
@@ -232,7 +232,7 @@ def _without_noise(fitting: Fitting, scene: TradeScene) -> tuple[np.ndarray, np.
 
 
 def without_noise(frame: Frame, image: np.ndarray) -> Frame:
-    """A frame with the electrons that were expected of it, neither rounded nor cut off at a ceiling."""
+    """Return a frame with its expected electrons, neither rounded nor cut off at a ceiling."""
     (x0, y0), (ny, nx) = frame.origin, frame.shape
     return replace(frame, electrons=image[y0 : y0 + ny, x0 : x0 + nx])
 

@@ -1,8 +1,9 @@
-"""How a parameter that frames share changes with time.
+"""Models of how a parameter that frames share changes with time.
 
-Reach for :func:`parse_law`.  A law is a small linear state: what a shared parameter is at a time is a row of
-numbers times the state, and the state moves by a factor and a noise from one frame to the next.  That is
-all that a filter needs, so that a constant, a polynomial and a Gaussian process cost the same a frame.
+Reach for :func:`parse_time_model`.  A time model is a small linear state: a shared parameter at a time is a
+row of numbers times the state, and the state changes by a factor and a noise from one frame to the next.
+That is all that a filter needs, so that a constant, a polynomial and a Gaussian process cost the same a
+frame.
 """
 
 from __future__ import annotations
@@ -10,45 +11,56 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Constant", "Free", "Law", "Polynomial", "Wander", "parse_law"]
+__all__ = ["Constant", "Independent", "OrnsteinUhlenbeck", "Polynomial", "TimeModel", "parse_time_model"]
 
 _MOST = 8
-"""Degree of a polynomial at most: one that bends more often is a wander."""
+"""Degree of a polynomial at most: one that bends more often is an Ornstein-Uhlenbeck process."""
 
 
-class Law(ABC):
-    """How one shared parameter changes with time, as a linear state."""
+class TimeModel(ABC):
+    """Describe how one shared parameter changes with time, as a linear state.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in ``--law`` and in results.
+    """
+
+    kind: ClassVar[str]
 
     @property
     @abstractmethod
     def states(self) -> int:
-        """Numbers in the state; the first is about what the parameter is."""
+        """Return how many numbers the state has; the first is about the parameter itself."""
 
     @abstractmethod
     def row(self, u: float) -> np.ndarray:
-        """Weights (states,) of the state in the parameter, at a time that runs from -1 to 1 over the run."""
+        """Return the weights (states,) of the state in the parameter, ``u`` being -1 to 1 over the run."""
 
     def memory(self, seconds: float) -> np.ndarray:
-        """Share (states,) of each state that is left after a time."""
+        """Return the share (states,) of each state that is left after a time."""
         return np.ones(self.states)
 
     def variance(self) -> np.ndarray:
-        """Prior variance (states,), infinite where nothing is known; in the parameter's unit squared.
+        """Return the prior variance (states,), in the parameter's unit squared; infinite where unknown.
 
-        A state that forgets keeps this variance: what it loses is made up by noise.
+        A state that decays keeps this variance: noise replaces what it loses.
         """
         return np.full(self.states, math.inf)
 
 
 @dataclass(frozen=True)
-class Constant(Law):
-    """The same in every frame."""
+class Constant(TimeModel):
+    """Keep the same value in every frame."""
+
+    kind = "constant"
 
     @property
     def states(self) -> int:
@@ -59,7 +71,7 @@ class Constant(Law):
 
 
 @dataclass(frozen=True)
-class Polynomial(Law):
+class Polynomial(TimeModel):
     """A polynomial in time, by Legendre's: the first state is the mean over the run.
 
     Parameters
@@ -67,6 +79,7 @@ class Polynomial(Law):
     degree : int
     """
 
+    kind = "polynomial"
     degree: int
 
     def __post_init__(self) -> None:
@@ -85,7 +98,7 @@ class Polynomial(Law):
 
 
 @dataclass(frozen=True)
-class Wander(Law):
+class OrnsteinUhlenbeck(TimeModel):
     """A Gaussian process of exponential covariance, ``rms² exp(-|t|/timescale)``, about an unknown mean.
 
     Parameters
@@ -96,6 +109,7 @@ class Wander(Law):
         s.
     """
 
+    kind = "wander"
     rms: float
     timescale: float
 
@@ -121,30 +135,32 @@ class Wander(Law):
 
 
 @dataclass(frozen=True)
-class Free(Wander):
-    """A wander so wide and quick that every frame stands alone."""
+class Independent(OrnsteinUhlenbeck):
+    """A process so wide and quick that every frame is independent of the others."""
+
+    kind = "free"
 
 
-def parse_law(text: str) -> Law | None:
-    """Read a law from words.
+def parse_time_model(text: str) -> TimeModel | None:
+    """Parse a time model.
 
     Parameters
     ----------
     text : str
         ``constant``; ``polynomial:2``; ``wander:3:60``, with rms in the parameter's unit and timescale in s;
-        or ``wander``, for one whose numbers the frames are to say.
+        or ``wander``, for one whose numbers are estimated from the frames.
 
     Returns
     -------
-    law : Law or None
-        None for a wander that is to be measured.
+    time_model : TimeModel or None
+        None for a process that is to be estimated.
 
     Raises
     ------
     ConfigurationError
 
-    >>> parse_law("polynomial:1"), parse_law("wander:3:60")
-    (Polynomial(degree=1), Wander(rms=3.0, timescale=60.0))
+    >>> parse_time_model("polynomial:1"), parse_time_model("wander:3:60")
+    (Polynomial(degree=1), OrnsteinUhlenbeck(rms=3.0, timescale=60.0))
     """
     kind, *words = text.split(":")
     try:
@@ -159,7 +175,7 @@ def parse_law(text: str) -> Law | None:
         case "wander", 0:
             return None
         case "wander", 2:
-            return Wander(*numbers)
+            return OrnsteinUhlenbeck(*numbers)
     raise ConfigurationError(
         ErrorCode.MALFORMED,
         f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander, or wander:RMS:SECONDS.",

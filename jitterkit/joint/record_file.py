@@ -11,14 +11,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-__all__ = ["Spool"]
+__all__ = ["RecordFile"]
 
 _BLOCK = 512
 """Records read or written at once."""
 
 
-class Spool:
-    """A file of float64 records that vanishes with its owner.
+class RecordFile:
+    """A file of float64 records that is deleted with its owner.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Spool:
         """Add a record, given in pieces of any shape."""
         record = np.concatenate([np.ravel(np.asarray(part, float)) for part in parts])
         if record.size != self.width:
-            raise ValueError(f"A record of {record.size} numbers does not fit a spool of {self.width}.")
+            raise ValueError(f"A record of {record.size} numbers does not fit a file of {self.width}.")
         self._waiting.append(record)
         if len(self._waiting) == _BLOCK:
             self._flush()
