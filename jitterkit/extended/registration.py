@@ -122,6 +122,22 @@ two images of a scene in white noise they stay below 6.5."""
 _MOST_BIAS, _MOST_SHARE = 0.1, 0.05
 """Pixels, and share of the shift, up to which what frames do not share is an error of the shift."""
 
+_STILL = 0.05
+"""Pixels up to which a shift is none: that of a pattern that stands still is zero but for what moves."""
+
+_STRIPED = 0.36
+"""Depth of stripes, 0.37 to 0.6 of scenes that moved behind a pattern; star fields and photographs whose
+focus, brightness or background changed have up to 0.35, and streaks beside sharp frames up to 0.5."""
+
+_ALIKE_FREQUENCIES, _LEAST_FREQUENCIES = 5, 50
+"""Frequencies on a side over which a blur hardly changes, and how many must have more than noise."""
+
+_RINGS, _FEW_FREQUENCIES = 64, 60.0
+"""Rings to a cycle/pixel; power over a ring's median of which no frequency of a scene has more by chance."""
+
+_LOW, _MOST_WHITE = 0.25, 20.0
+"""Cycles/pixel beyond which little but noise is left, and the largest share of a ring's mean that counts."""
+
 _LEAST_OVERLAP = 16
 """Smallest side, in pixels, of the area that both frames must show."""
 
@@ -181,10 +197,13 @@ def register(
     freed: it makes their correlation asymmetric about the shift, and what that may do to the shift is part of
     its covariance.
 
-    *Assumes* a pure shift of less than half the frame.  *Fails when* a pattern that stands still is much
-    stronger than the scene: then it is taken for it.
+    A pattern that is stronger than the scene is known by what it leaves.
+
+    *Assumes* a pure shift of less than half the frame.  *Fails when* a pattern is so much stronger than the
+    scene that this lies below the noise, or repeats itself: then it may be taken for the scene.
     """
     drift, bias = align(reference, image, mask)
+    refuse_hidden(reference, image, mask, drift)
     if bias > min(_MOST_BIAS, _MOST_SHARE * np.hypot(drift.x, drift.y)):
         problem = f"The frames differ by more than a shift, which may be off by {bias:.2g} pixels"
         reasons = "a pattern stands still, or the blur is lopsided"
@@ -234,6 +253,127 @@ def align(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None = No
         )
         (x, y), covariance, bias = _shift(one, two)
     return Drift(x, y, covariance), bias
+
+
+def refuse_hidden(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None, drift: Drift) -> None:
+    """Refuse a shift that a pattern may have made which stands still and is stronger than the scene.
+
+    Such a pattern leaves no shift along an axis on which it says most.  Once it is aligned, a scene that
+    moved otherwise is left twice, with opposite signs: the spectrum of what is left is striped, as that of
+    noise, or of light that changed its place within a star, is not.
+
+    Parameters
+    ----------
+    reference, image, mask
+        As :func:`register` takes them.
+    drift : Drift
+        Of :func:`align`.
+
+    Raises
+    ------
+    UndeterminedError
+        With the code ``model_mismatch``.
+    """
+    size, axes = np.linalg.eigh(drift.covariance)
+    axes = np.column_stack(
+        [axes, _strongest_wave(np.where(mask, 0.0, reference) if mask is not None else reference)]
+    )
+    still = np.abs((drift.x, drift.y) @ axes) < max(_STILL, 3 * np.sqrt(size[0]))
+    if still.any() and _stripes(_rest(reference, image, mask, drift)) > _STRIPED:
+        problem = "Along an axis the frames are alike without a shift, and hold a scene that moved otherwise"
+        remedy = "mask the pattern, divide by the flat field, or give frames that are blurred alike"
+        raise UndeterminedError(
+            ErrorCode.MODEL_MISMATCH,
+            f"{problem}: a pattern that stands still is stronger than the scene; {remedy}.",
+        )
+
+
+def _strongest_wave(frame: np.ndarray) -> np.ndarray:
+    """Return the direction (x, y) across the stripes that have most power, those of fringes or columns."""
+    power = np.abs(fft.fft2(_windowed(frame, _window(frame.shape))))
+    ky, kx = (fft.fftfreq(n, 1 / n) for n in frame.shape)
+    power[np.hypot(*np.meshgrid(ky, kx, indexing="ij")) <= _LEAST_ORDER] = 0
+    y, x = np.unravel_index(power.argmax(), power.shape)
+    wave = np.array([kx[x] / frame.shape[1], ky[y] / frame.shape[0]])
+    return wave / np.linalg.norm(wave)
+
+
+def striped(power: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return near which frequencies stripes such as columns or fringes have power, and no scene has so much.
+
+    Parameters
+    ----------
+    power, radius : arrays of one shape
+        Of each frequency; the radius in cycles/pixel.
+
+    Returns
+    -------
+    striped : bool array
+    """
+    rings = (radius * _RINGS).astype(int)
+    level = ndimage.median(power, rings, np.arange(rings.max() + 1))[rings]
+    return ndimage.binary_dilation(power > _FEW_FREQUENCIES * level, np.ones((3, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """Power of what noise and a blur leave of two aligned frames, by frequency, and of the second frame."""
+
+    power: np.ndarray
+    total: np.ndarray
+    radius: np.ndarray
+    low: np.ndarray
+
+    @property
+    def noise(self) -> float:
+        return float(self.power[(self.radius > _LOW) & (self.radius < _BAND)].mean())
+
+
+def _rest(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None, drift: Drift) -> _Rest:
+    bad = np.zeros(np.shape(reference), bool) if mask is None else np.asarray(mask, bool)
+    one, two = (fill(np.asarray(frame, float), bad) for frame in (reference, image))
+    bad = bad | standing_pixels(one, two)
+    shift = np.array([drift.y, drift.x])
+    whole = np.rint(shift).astype(int)
+    one, two = _overlap(fill(one, bad), fill(two, bad), whole)
+    two = two if np.abs(shift - whole).max() < _STILL else ndimage.shift(two, whole - shift, order=5)
+    window = _window(one.shape)
+    a, b = (fft.fft2(_windowed(frame, window)) for frame in (one, two))
+    fy, fx = np.meshgrid(*map(fft.fftfreq, one.shape), indexing="ij")
+    radius, order = np.hypot(fx, fy), np.hypot(fy * one.shape[0], fx * one.shape[1])
+
+    def near(values: np.ndarray) -> np.ndarray:
+        return ndimage.uniform_filter(values, _ALIKE_FREQUENCIES, mode="wrap")
+
+    cross = (
+        b * a.conj()
+    )  # of what is a blur, or alike in both frames, this hardly changes between frequencies
+    rest = b - a * (near(cross.real) + 1j * near(cross.imag)) / near(np.abs(a) ** 2)
+    return _Rest(np.abs(rest) ** 2, np.abs(b) ** 2, radius, (order > _LEAST_ORDER) & (radius < _LOW))
+
+
+def left_over(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None, drift: Drift) -> float:
+    """Return the share of the second frame's power that neither noise nor any blur of the first explains.
+
+    Parameters are those of :func:`refuse_hidden`; 0 where it is less than the noise.
+    """
+    rest = _rest(reference, image, mask, drift)
+    excess = float(rest.power[rest.low].mean()) - rest.noise
+    return excess / float(rest.total[rest.low].mean()) if excess > rest.noise else 0.0
+
+
+def _stripes(rest: _Rest) -> float:
+    """Return how deep the spectrum of what is left is striped: 0.5 of a scene twice, 0 of noise."""
+    rings = (rest.radius * min(rest.power.shape) / 2).astype(int)
+    level = (np.bincount(rings.ravel(), rest.power.ravel()) / np.bincount(rings.ravel()))[rings]
+    use = rest.low & (level > 2 * rest.noise)
+    if use.sum() < _LEAST_FREQUENCIES:
+        return 0.0
+    white = (rest.power - rest.noise) / np.maximum(level - rest.noise, rest.noise)
+    found = fft.ifft2(np.where(use, np.minimum(white, _MOST_WHITE), 0.0)).real * use.size / use.sum()
+    apart = np.hypot(*np.meshgrid(*(fft.fftfreq(n, 1 / n) for n in use.shape), indexing="ij"))
+    depth = -float(found[apart > 1.5].min())
+    return depth if depth > _ODD * found[apart > 1.5].std() else 0.0
 
 
 def drifts(

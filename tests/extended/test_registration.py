@@ -166,6 +166,29 @@ def test_a_pattern_that_would_hold_the_drift_is_refused(x, y, pattern):
         register(*with_pattern(HOLDING[pattern], x, y))
 
 
+@pytest.mark.parametrize(("x", "y"), [(3.4, -2.2), (0.3, 0.2)])
+@pytest.mark.parametrize("strength", [300, 1000, 3000, 10000])
+@pytest.mark.parametrize("name", ["white", "texture", "columns", "dust"])
+def test_a_pattern_much_stronger_than_the_scene_is_not_taken_for_it(x, y, strength, name):
+    """The stars alone vary by 90; without the pattern the shift is found."""
+    pattern = {
+        "white": _uneven(),
+        "texture": gaussian_filter(_uneven(), 2) / 0.14,
+        "columns": _uneven((1, 200)),
+        "dust": -gaussian_filter((_uneven() > 3.3) * 1.0, 4) * 100,
+    }[name]
+    with refused(ErrorCode.MODEL_MISMATCH, error=UndeterminedError):
+        register(*with_pattern(lambda image: image + strength * pattern, x, y))
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.0, 1.3), (2.0, 0.0)])
+@pytest.mark.parametrize("sigma", [0.0, 0.7])
+def test_a_scene_that_did_not_move_along_an_axis_is_registered(x, y, sigma):
+    one, two = starlight(0, 0, 1, 3.5), starlight(x, y, 2, 3.5)
+    drift = register(one, gaussian_filter(two, sigma))
+    assert np.hypot(drift.x - x, drift.y - y) < 5 * drift.errors.max()
+
+
 def test_what_a_weak_pattern_may_do_is_in_the_error():
     """A flat field of 10 % moves the shift by 1 %, which is 5 errors of noise."""
     frames = with_pattern(HOLDING["flat field"], 3.4, -2.2)
