@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended.registration import align, fill, standing_pixels
+from jitterkit.extended.registration import Drift, align, fill, left_over, standing_pixels, striped
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Mvn
 from jitterkit.loci.base import principal_axes
@@ -26,12 +26,20 @@ _BAND = 0.45
 _LEAST_ORDER = 4.0
 """Cycles in the frame: below, what moves through the borders counts."""
 
+_STRIPES = 0.05
+"""Cycles/pixel; below, a scene may have few strong frequencies, and blurs of pixels hardly show."""
+
 _LEAST_FREQUENCIES = 50
 """That must rise above the noise in the sharp frame."""
 
 _TOLERATED = 0.03
 """Share of the blur's larger variance that may be missing across it: a normal fitted to a streak on sharp
 photographs leaves at most 0.018 of it."""
+
+_LEFT_OVER, _LEAST_BLUR = 0.004, 0.03
+"""Share of the power that may be no blur of the reference, by the blur's larger variance [pixel²], which is
+taken to be at least the second: of blurs alone up to 0.001 are left, as they run out of the frame.  Patterns
+that make the variance wrong by more than a quarter leave more, but for fringes, which are few frequencies."""
 
 _SAMPLE = 3000
 """Frequencies on which the starts compete; the winner is fitted to all."""
@@ -80,7 +88,8 @@ def estimate_from_reference(
         If the frames are not two images of one shape with finite values.
     UndeterminedError
         If the frames have no scene in common, its spectrum does not rise above the noise, or the sharp
-        frame is blurrier than the other along any axis.
+        frame is blurrier than the other along any axis; or the frames differ by more than a blur and a shift
+        (code ``model_mismatch``), as by a pattern that stands still.
 
     Notes
     -----
@@ -105,6 +114,7 @@ def estimate_from_reference(
     band = (radius < _BAND) & (np.hypot(fy * window.shape[0], fx * window.shape[1]) > _LEAST_ORDER)
     # chosen by the neighbourhood's power: by its own, a frequency would be chosen for its noise
     band &= box_mean(np.abs(one) ** 2, 7) > 4 * noise[0]
+    band &= ~(striped(np.abs(one) ** 2, radius) & (radius > _STRIPES))
     if band.sum() < _LEAST_FREQUENCIES:
         raise UndeterminedError(
             ErrorCode.NO_SIGNAL,
@@ -113,11 +123,23 @@ def estimate_from_reference(
         )
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
     moments, covariance, streak = _fit(one[band], two[band], fx[band], fy[band], noise, drift, ties)
+    _refuse_other_differences(sharp, blurred, mask, drift, moments)
     kernel = _kernel(one, two, fx, fy, noise, drift, kernel_side, window.shape)
     locus = Linear.near(moments * plate_scale**2) if streak else Mvn.near(moments * plate_scale**2)
     return KernelEstimate(
         moments * plate_scale**2, covariance * plate_scale**4, "reference", kernel=kernel, locus=locus
     )
+
+
+def _refuse_other_differences(sharp, blurred, mask, drift: Drift, moments: np.ndarray) -> None:
+    """Refuse frames of which more differs than a blur and a shift can explain: patterns that stand still."""
+    share = left_over(sharp, blurred, mask, drift)
+    largest = float(np.linalg.eigvalsh(moments[[0, 1, 1, 2]].reshape(2, 2))[-1])
+    if share > _LEFT_OVER * max(largest, _LEAST_BLUR):
+        found = f"No blur explains {share:.2g} of the power of the frame"
+        reasons = "a pattern stands still, or the scene changed"
+        remedy = "divide by the flat field, mask the pattern, or give another reference"
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{found}: {reasons}; {remedy}.")
 
 
 def _fit(one, two, fx, fy, noise, drift, ties) -> tuple[np.ndarray, np.ndarray, bool]:

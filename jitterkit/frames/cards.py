@@ -204,10 +204,14 @@ class Cards:
         values = [number.value for number in numbers]
         mean = math.fsum(values) / len(values)
         if max(values) - min(values) > 0.01 * abs(mean):
-            shown = f"{keys[0]} to {keys[-1]} = {min(values):g} to {max(values):g}"
+            shown = f"{numbers[0].key} to {numbers[-1].key} = {min(values):g} to {max(values):g}"
             self.warnings.append(f"the amplifiers differ ({shown}); their mean is taken")
         first = numbers[0]
-        return replace(first, value=mean, source=first.source.replace(first.key, " and ".join(keys)))
+        return replace(
+            first,
+            value=mean,
+            source=first.source.replace(first.key, " and ".join(number.key for number in numbers)),
+        )
 
     def first(self, name: str) -> Sourced | None:
         """Return the first believable number of a quantity, with a warning if another keyword contradicts."""

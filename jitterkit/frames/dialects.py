@@ -13,10 +13,15 @@ from dataclasses import dataclass, field
 Keyword = str | tuple[str, ...]
 """A keyword, or those of the amplifiers of one detector, of which the mean is taken."""
 
+
+def _of_eso(name: str) -> tuple[str, ...]:
+    return tuple(f"ESO DET OUT{number} {name}" for number in range(1, 5))
+
+
 ALIASES: Mapping[str, tuple[Keyword, ...]] = {
     "exposure": ("EXPTIME", "EXPOSURE", "EXP_TIME", "XPOSURE"),
-    "gain": ("EGAIN", "EPERADU", "CVF", "ESO DET OUT1 CONAD", "GAIN"),
-    "read_noise": ("RDNOISE", "READNOIS", "READNOISE", "READNOI", "RON", "ENOISE", "ESO DET OUT1 RON"),
+    "gain": ("EGAIN", "EPERADU", "CVF", _of_eso("CONAD"), "GAIN"),
+    "read_noise": ("RDNOISE", "READNOIS", "READNOISE", "READNOI", "RON", "ENOISE", _of_eso("RON")),
     "saturation": ("SATURATE", "SATLEVEL", "MAXLIN", "DATAMAX"),
     "bias": ("BIASLVL", "BIASLEV"),
     "plate_scale": ("PIXSCALE", "PIXSCAL1", "SCALE", "SECPIX", "SECPIX1", "PIXELSCL"),

@@ -49,6 +49,12 @@ images about other things."""
 
 ROLE_OF = {name: role for role, names in _ROLES.items() for name in names}
 
+_WORD = r"(?<![A-Z])(%s)(?![A-Z])"
+_ROLE_WORDS = sorted((name for name, role in ROLE_OF.items() if role != "none"), key=len, reverse=True)
+_NAMED_ROLE = re.compile(_WORD % "|".join(_ROLE_WORDS))
+_NO_DETECTOR = re.compile(_WORD % "|".join([*_ROLE_WORDS, "SCIENCE", "SCI", "IMAGE", "IMG", "DATA"]))
+"""Words of a name that do not say of which detector its HDU is."""
+
 _PACKED = "COMPRESSED_IMAGE"
 """EXTNAME that programs give a tile-compressed image without a name."""
 
@@ -229,8 +235,24 @@ class Hdu:
         if self.given or not self.is_image:
             return self.given or "none"
         eso = [self.words(key).upper() for key in ("HDUCLAS3", "HDUCLAS2")]
-        role = next((_ESO_ROLES[word] for word in eso if word in _ESO_ROLES), ROLE_OF.get(self.name, ""))
+        named = ROLE_OF.get(self.name) or self._named[0]
+        role = next((_ESO_ROLES[word] for word in eso if word in _ESO_ROLES), named)
         return _ASTROPY_UNCERTAINTY.get(self.words("UTYPE").lower(), role) if role == "sigma" else role
+
+    @property
+    def detector(self) -> tuple[str, ...]:
+        """Words of the name that say of which detector it is: of SCI1, ERR_1 and DQ.1 ``("1",)``."""
+        return self._named[1]
+
+    @cached_property
+    def _named(self) -> tuple[str, tuple[str, ...]]:
+        """The role that a word of the name gives, as in CCD1_ERR, and the words for the detector."""
+        found = _NAMED_ROLE.findall(self.name)
+        listed = len(found) > 1 or re.search("[,;|+]", self.name)  # the labels of a cube's planes
+        if self.name in ROLE_OF or self.header.get("HDUCLAS2") or listed:
+            return "", ()
+        words = re.findall(r"[A-Z]+|\d+", _NO_DETECTOR.sub(" ", self.name))
+        return ROLE_OF[found[0]] if found else "", tuple(words)
 
     @property
     def may_describe(self) -> bool:

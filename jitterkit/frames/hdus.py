@@ -96,20 +96,19 @@ class Group:
             return f"{other.label} is not used, as its zeros are the bad pixels"
         if other.name in ROLE_OF and other.constant:
             return f"{other.label} is {other.constant:g} in all pixels, without an array, and is not used"
-        if (
-            (other.number == self.image.number and not other.given)
-            or not alike
-            or other.role in ("none", *(() if used else ("quality",)))
-        ):
+        if (other.number == self.image.number and not other.given) or not alike or other.role == "none":
             return ""
-        if other.may_describe:
+        if other.may_describe or (other.role and not self._is_of(other)):
             return f"{other.label} may describe the pixels and is not used, as its name does not say how"
-        if used is not None and used is not other and other.role == "quality":
+        if used not in (None, other) and (other.role == "quality" or other.detector):
             return f"{other.label} is not used beside {used.label}"
         return ""
 
+    def _is_of(self, other: Hdu) -> bool:
+        return other.detector in ((), self.image.detector)
+
     def _fits(self, other: Hdu) -> bool:
-        if other.role in ("", "none"):
+        if other.role in ("", "none") or not self._is_of(other):
             return False
         alike = other.planes in (1, self.image.planes) and other.shape[-2:] == self.image.shape[-2:]
         units = [one.words("BUNIT") for one in (self.image, other)]
@@ -183,7 +182,9 @@ def _is_other_chip(first: Hdu, other: Hdu) -> bool:
     alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
     alike = alike and not _is_other_read(first, other)
     chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
-    return bool(first.name and other.name) and (alike or chips)
+    lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (first, other))
+    lettered = lettered and first.detector != other.detector  # SCI_A and SCI_B
+    return bool(first.name and other.name) and (alike or chips or lettered)
 
 
 def _is_other_read(first: Hdu, other: Hdu) -> bool:
@@ -193,7 +194,15 @@ def _is_other_read(first: Hdu, other: Hdu) -> bool:
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
-    """Return what may belong to one image: of its EXTVER, or what follows it up to the next image."""
+    """Return what may belong to one image: of its detector by name, its EXTVER, or what follows it."""
+    named = [one for one in hdus if one.role and one.detector]
+    own = [one for one in named if one.detector == image.detector]
+    others = {one.detector for one in science} - {image.detector}
+    hdus = [one for one in hdus if one not in own and not (one in named and one.detector in others)]
+    return own + _by_order(image, chips, science, hdus)
+
+
+def _by_order(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
     reads = any(_is_other_read(image, one) for one in science)
     if len(chips) == 1 and image is science[0] and not reads:
         return list(hdus)

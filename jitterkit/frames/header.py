@@ -229,9 +229,16 @@ def _combined(cards: Cards) -> list[str]:
     return []
 
 
+_SHUTTERS = (
+    "SHUTTER", "SHUTMODE", "SHUTTYPE", "SHTRTYPE", "ELECSHUT", "EXPMODE", "READMODE", "READOUTM", "READOUT",
+    "ESO DET READ MODE", "ESO DET READ NAME",
+)  # fmt: skip
+"""Keywords in which a rolling shutter is named."""
+
+
 def _line_time(cards: Cards) -> Sourced | None:
     known = cards.first("line_time")
-    rolling = next((k for k in ("SHUTTER", "SHUTMODE") if "rolling" in cards.text(k).lower()), None)
+    rolling = next((k for k in _SHUTTERS if "rolling" in cards.text(k).lower()), None)
     if known is None and rolling is not None:
         said = f"{rolling} = {cards.text(rolling)!r}"
         cards.warnings.append(

@@ -25,6 +25,9 @@ _USUAL = (0.001, 600.0)
 _PIXEL, _LEAST_RATIO = (0.3, 300.0), 0.3
 """Sides of pixels [um] that detectors have, and a focal ratio that no optics have."""
 
+_NO_REDUCER = ("", "0", "0.0", "1", "1.0", "1.00", "None", "NONE", "none", "False")
+"""Values of REDUCER without a focal reducer or extender."""
+
 _BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DET WIN1 BINX")
 """Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
 
@@ -135,6 +138,9 @@ def _of_optics(cards: Cards) -> Sourced | None:
     if problem is not None:
         cards.warnings.append(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
         return None
+    if cards.find("REDUCER") is not None and cards.text("REDUCER").strip(" xX") not in _NO_REDUCER:
+        said = f"{focal.key} = {focal.value:g} mm is taken to include REDUCER = {cards.text('REDUCER')}"
+        cards.warnings.append(f"{said}: if it does not, give --plate-scale")
     if abs(y / x - 1) > 0.01:
         cards.warnings.append(f"pixels are {x:g} x {y:g} um, not square; {scale:g} arcsec/pixel is used")
     return Sourced(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-_SAME, _VARIES = 1e-6, 1e-3
-"""Relative differences: below the one the scale of the matrix is that of the middle; beyond the other the
-scale changes over the frame."""
+_SAME, _VARIES, _FAR = 1e-6, 1e-3, 1e-2
+"""Relative differences: below the first the scale of the matrix is that of the middle; beyond the second the
+scale changes over the frame; beyond the third a pixel far from the reference pixel is another one there."""
 
 
 def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, list[str]]:
@@ -32,12 +32,15 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
         Square root of the pixel's area in the middle of the frame, distortion included [arcsec/pixel].
     warnings : list of str
         Name the two sides where they differ by more than 1 %, and the scales over the frame where these do by
-        more than 0.1 %.
+        more than 0.1 %.  Name the reference pixel where it lies more than a field outside of the frame and
+        the frame's pixels differ from it by more than 1 %: a projection alone does so at several degrees
+        only, and a distortion is then extended over more than a field.
     """
     matrix = np.asarray(wcs.pixel_scale_matrix, dtype=float) * 3600.0
     scale, warnings = math.sqrt(abs(np.linalg.det(matrix))), []
     sides = np.linalg.norm(matrix, axis=0)
-    local = None if shape is None or not scale > 0 or _is_even(wcs, shape) else local_pixels(wcs, shape)
+    even = shape is None or not scale > 0 or _is_even(wcs, shape)
+    local = None if shape is None or even else local_pixels(wcs, shape)
     if local is not None:
         scales = np.sqrt(np.abs(np.linalg.det(local)))
         sides = np.linalg.norm(local[0], axis=0)
@@ -47,10 +50,22 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
                 f"the scale runs from {scales.min():.5g} to {scales.max():.5g} arcsec/pixel over the frame"
             )
             warnings.append(f"{found}; that of its middle is used: give --plate-scale for another position")
+    if shape is not None and not even and (far := _fields_away(wcs, shape)) > 1:
+        off = np.inf if local is None else np.linalg.norm(local[0] - matrix) / np.linalg.norm(matrix)
+        if off > _FAR:
+            differ = f"differ by {off:.2g} from those of" if off < np.inf else "are off the sky of"
+            found = f"pixels {differ} the WCS's reference pixel, {far:.3g} fields outside of the frame"
+            warnings.append(f"{found}: scale and position angle are right only if the WCS holds so far out")
     if abs(sides[0] - sides[1]) > 0.01 * scale:
         found = f"pixels are {sides[0]:g} x {sides[1]:g} arcsec, not square"
         warnings.append(f"{found}; {scale:g} arcsec is used")
     return scale, warnings
+
+
+def _fields_away(wcs: Any, shape: tuple[int, int]) -> float:
+    """Return how far outside of the frame the reference pixel lies, in the frame's sides."""
+    sides = np.array(shape[::-1])
+    return float(np.max(np.abs((np.asarray(wcs.wcs.crpix) - (sides + 1) / 2) / sides)) - 0.5)
 
 
 def _is_even(wcs: Any, shape: tuple[int, int]) -> bool:
@@ -99,7 +114,7 @@ def local_pixels(wcs: Any, shape: tuple[int, int]) -> np.ndarray | None:
     lon, lat = (np.reshape(world[axis], (9, 2, 2)) for axis in (wcs.wcs.lng, wcs.wcs.lat))
     across = ((np.diff(lon, axis=2) + 180) % 360 - 180) * np.cos(np.radians(lat.mean(axis=2, keepdims=True)))
     pixels = 3600.0 * np.concatenate([across, np.diff(lat, axis=2)], axis=2).transpose(0, 2, 1)
-    return pixels if np.all(np.abs(np.linalg.det(pixels)) > 0) else None
+    return pixels if np.isfinite(pixels).all() and np.all(np.linalg.det(pixels) != 0) else None
 
 
 def sky_position_angle(wcs: Any, x: float, y: float, theta_deg: float) -> float:

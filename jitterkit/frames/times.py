@@ -35,6 +35,9 @@ _OTHERS = {
 }
 """Dates of the years 1900 to 1999, and ISO 8601 without separators, with what they are replaced by."""
 
+_CONTRADICTION = timedelta(hours=1)
+"""Difference of a time in UTC and a local one, at least."""
+
 _FIRST_DETECTOR = 1970
 """Before, there were plates; the standard of two digits for the year means years from 1900 on."""
 
@@ -76,7 +79,7 @@ def resolve_time(cards: Cards) -> Sourced | None:
 
 
 def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
-    """Return a time, with a warning if another keyword says a day or more from it."""
+    """Return a time, with a warning if another keyword says an hour or more from it."""
     before = len(cards.warnings)
     for other in ("DATE-OBS", "MJD-OBS"):
         said = None if other == key else (_date if other.startswith("DATE") else _mjd)(cards, other)
@@ -84,10 +87,18 @@ def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
         if said is None or "T" not in said.value:
             continue
         apart = datetime.fromisoformat(said.value) - datetime.fromisoformat(known.value)
-        if abs(apart) >= timedelta(days=1):
+        if abs(apart) >= _CONTRADICTION and abs(apart).total_seconds() > _exposure(cards):
             cards.warnings.append(f"{key} = {known.value} is used, and {other} contradicts it ({said.value})")
             break
     return known
+
+
+def _exposure(cards: Cards) -> float:
+    """Seconds by which the beginning and the end of an exposure may differ."""
+    before = len(cards.warnings)
+    number = next(cards.believed("exposure"), None)
+    del cards.warnings[before:]
+    return 0.0 if number is None else number.value
 
 
 def _date(cards: Cards, key: str) -> Sourced | None:

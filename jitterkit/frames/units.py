@@ -136,8 +136,12 @@ _OTHER_NUMBER = re.compile(
 )
 """What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten, none."""
 
-_SCALED = re.compile(r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])", re.I)
-"""A part of a unit, in the comment: "in 0.01 s"."""
+_SCALED = re.compile(
+    r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])"
+    r"|\b(units?|steps|multiples) of (?!1\b)[\d.]+|\bin (half|quarter|double)\b|\bin \d+ ?[mµun]?s(ec\w*)?\b",
+    re.I,
+)
+"""A part or a multiple of a unit, in the comment: "in 0.01 s", "in units of 10 ms", "in half seconds"."""
 
 _OTHER_NUMBERS = {
     "exposure": r"\bEV\b|\bexposure value\b|\bcompensation\b",

@@ -120,3 +120,33 @@ def test_bad_input_is_refused(coins):
     rng = np.random.default_rng(0)
     with refused(ErrorCode.MODEL_MISMATCH, "-0.02", 0.3, error=UndeterminedError):  # the correlation
         estimate_from_reference(coins, rng.normal(size=coins.shape))
+
+
+def behind(pattern, coins, shift):
+    """A scene and its blur, moved by whole pixels (y, x), behind a pattern that stands still."""
+    soft = np.roll(gaussian_filter(coins, (1.5, 0.8), truncate=8), shift, axis=(0, 1))
+    rng = np.random.default_rng(1)
+    return [frame + pattern + rng.normal(0, 1, coins.shape) for frame in (coins, soft)]
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (2, -3)])
+@pytest.mark.parametrize("strength", [1.0, 3.0, 10.0])
+def test_a_pattern_that_stands_still_is_not_taken_for_a_sharp_scene(coins, shift, strength):
+    texture = gaussian_filter(np.random.default_rng(3).standard_normal(coins.shape), 2) / 0.14
+    with pytest.raises(UndeterminedError) as caught:
+        estimate_from_reference(*behind(strength * coins.std() * texture, coins, shift))
+    assert caught.value.code in (ErrorCode.MODEL_MISMATCH, ErrorCode.BAD_REFERENCE)
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (2, -3)])
+@pytest.mark.parametrize("strength", [1.0, 10.0])
+def test_fringes_and_columns_do_not_change_the_blur(coins, shift, strength):
+    y, x = np.indices(coins.shape)
+    columns = np.random.default_rng(3).standard_normal(coins.shape[1])[None, :]
+    for pattern in (np.sin(2 * np.pi * (x + 0.3 * y) / 12), columns):
+        try:
+            found = estimate_from_reference(*behind(strength * coins.std() * pattern, coins, shift))
+        except UndeterminedError:
+            continue
+        apart = np.abs(found.moments - [0.64, 0.0, 2.25])
+        assert np.all(apart < 0.2 + 5 * found.errors), (strength, found.moments, found.errors)

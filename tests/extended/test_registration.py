@@ -168,6 +168,14 @@ def test_a_pattern_that_would_hold_the_drift_is_refused(x, y, pattern):
         register(*with_pattern(HOLDING[pattern], x, y))
 
 
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.0, 1.3), (2.0, 0.0)])
+@pytest.mark.parametrize("sigma", [0.0, 0.7])
+def test_a_scene_that_did_not_move_along_an_axis_is_registered(x, y, sigma):
+    one, two = starlight(0, 0, 1, 3.5), starlight(x, y, 2, 3.5)
+    drift = register(one, gaussian_filter(two, sigma))
+    assert np.hypot(drift.x - x, drift.y - y) < 5 * drift.errors.max()
+
+
 def test_what_a_weak_pattern_may_do_is_in_the_error():
     """A flat field of 10 % moves the shift by 1 %, which is 5 errors of noise."""
     frames = with_pattern(HOLDING["flat field"], 3.4, -2.2)

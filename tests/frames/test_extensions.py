@@ -262,6 +262,28 @@ def test_chips_that_are_named_by_number_or_by_keyword_are_frames(tmp_path):
     assert len(list(read_frames(written(tmp_path, *other, name="c.fits")))) == 1
 
 
+@pytest.mark.parametrize(
+    "names",
+    [("CCD%d", "CCD%d_ERR"), ("SCI%d", "ERR%d"), ("SCI_%d", "ERR_%d"), ("DET%d.DATA", "DET%d.ERR")],
+)
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (0, 2, 1, 3), (1, 3, 2, 0), (2, 3, 0, 1)])
+def test_errors_that_name_their_detector_belong_to_it_in_any_order(tmp_path, names, order):
+    hdus = [hdu(name % chip, SCI * 0 + 10 ** (chip * k)) for k, name in enumerate(names) for chip in (1, 2)]
+    frames = list(read_frames(written(tmp_path, *[hdus[k] for k in order])))
+    assert sorted(frame.variance[0, 0] for frame in frames) == [1e2, 1e4]
+    names_of = {frame.hdu: frame.variance_source for frame in frames}
+    for number, source in names_of.items():
+        chip = 1 + order[number - 1]
+        assert source.startswith(f"{names[1] % chip} ")
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "frames"), [("SCI_A", "SCI_B", 2), ("SCI", "IMAGE", 1), ("A", "PSF_B", 1)]
+)
+def test_images_that_differ_in_a_letter_are_each_a_frame(tmp_path, one, two, frames):
+    assert len(list(read_frames(written(tmp_path, hdu(one, SCI), hdu(two, SCI))))) == frames
+
+
 def test_the_contents_are_listed_with_their_use(tmp_path):
     with open_frames(flc(tmp_path)) as file:
         rows = {row[0]: row[1:] for row in file.describe()}

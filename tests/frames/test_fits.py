@@ -220,3 +220,29 @@ def test_a_keyword_in_small_letters_is_read(tmp_path):
     path.write_bytes(path.read_bytes().replace(b"EXPTIME =", b"exptime ="))
     with open_frames(path) as file:
         assert file[0].metadata.value("exposure") == 7.0
+
+
+COUNTS = np.random.default_rng(0).poisson(40, (20, 20))
+
+
+@pytest.mark.parametrize("key", ["EGAIN", "CVF"])
+@pytest.mark.parametrize(
+    ("pixels", "gain"),
+    [
+        (COUNTS * 16, "--gain 0.015625"),
+        (COUNTS * 4, "--gain 0.0625"),
+        (COUNTS * 16 + 8, "--gain 0.015625"),
+        (COUNTS * 16.0, "--gain 0.015625"),
+        (COUNTS * 2, ""),
+        (COUNTS * 16 + (np.arange(400).reshape(20, 20) == 7), ""),
+        (COUNTS / 16, ""),
+        (COUNTS * 0 + 16, ""),
+    ],
+)
+def test_a_gain_beside_scaled_up_pixels_may_be_that_of_the_converter(tmp_path, key, pixels, gain):
+    dtype = np.float32 if pixels.dtype.kind == "f" else np.uint16
+    fits.PrimaryHDU(pixels.astype(dtype), fits.Header({key: 0.25})).writeto(tmp_path / "a.fits")
+    (frame,) = read_frames(tmp_path / "a.fits")
+    said = [text for text in frame.metadata.warnings if "multiples of" in text]
+    assert frame.metadata.gain.value == 0.25
+    assert [gain in text for text in said] == [True] * bool(gain)

@@ -49,7 +49,29 @@ def um(size, focus=1.0):
     return math.degrees(size * 1e-6 / focus) * 3600
 
 
+def exposed(comment):
+    return {"EXPTIME": (30.0, comment)}, "exposure"
+
+
 NUMBERS = [
+    # a multiple of a unit
+    *[(*exposed(comment), None, named) for comment, named in (
+        ("integration time in units of 10ms", "units of 10"), ("in half seconds", "in half"),
+        ("in 10 ms", "in 10 ms"),
+        ("steps of 100 us", "steps of 100"), ("in units of 0.5 seconds", "units of 0.5"))],
+    *[(*exposed(comment), 30.0, "") for comment in ("in units of 1 s", "in units of seconds", "in s")],
+    # a focal reducer
+    *[(*lens(XPIXSZ=3.8, REDUCER=reducer), um(3.8), named) for reducer, named in (
+        (0.63, "REDUCER = 0.63"), ("0.8x", "REDUCER = 0.8x"), ("Optec", "REDUCER"), (1.0, ""), (1, ""),
+        ("None", ""), ("", ""))],
+    ({"FOCALLEN": 1000, "REDUCER": 0.63, "PIXSCALE": um(3.8)}, "plate_scale", um(3.8), ""),
+    # amplifiers of ESO
+    ({"HIERARCH ESO DET OUT1 CONAD": 1.1, "HIERARCH ESO DET OUT2 CONAD": 1.3}, "gain", 1.2,
+      "OUT2 CONAD = 1.1 to 1.3"),
+    ({"HIERARCH ESO DET OUT4 CONAD": 1.1, "HIERARCH ESO DET OUT3 CONAD": 1.1}, "gain", 1.1, ""),
+    ({"HIERARCH ESO DET OUT2 RON": 4.9}, "read_noise", 4.9, ""),
+    ({"READMODE": "Rolling"}, "line_time", None, "READMODE"),
+    ({"READMODE": "Rolling", "LINETIME": 1e-5}, "line_time", 1e-5, ""),
     # another notation of a number, or something beside it
     (*time("1.000,5"), None, "'1.000,5'"), (*time("1,000.5"), None, "'1,000.5'"), (*time("0x10"),
     None, "'0x10'"),
@@ -213,6 +235,10 @@ TIMES = [  # cards, time in UTC, what a warning names
     ({"DATE-OBS": "2023-130"}, None, "2023-130"), ({"DATE-OBS": 1683745248.5}, None, "1683745248.5"),
     ({"DATE-OBS": "2023-02-29T00:00:00"}, None, "2023-02-29"), ({"MJD-OBS": 2460075.29}, None, "MJD-OBS"),
     ({"MJD-OBS": (74.79, "MJD-60000")}, None, "MJD-OBS = 74.79"),
+    ({"DATE-OBS": "2026-11-21T03:00:00", "MJD-OBS": 61365.4167}, "2026-11-21T03:00:00",
+      "MJD-OBS contradicts"),
+    ({"DATE-OBS": "2026-11-21T03:00:00", "MJD-OBS": 61365.15, "EXPTIME": 7200}, "2026-11-21T03:00:00", ""),
+    ({"DATE-OBS": "2026-11-21T03:00:00", "MJD-OBS": 61365.175, "EXPTIME": 7200}, "2026-11-21T03:00:00", ""),
     ({"DATE-OBS": "2026-11-27T03:00:00", "MJD-OBS": 61000.0}, "2026-11-27T03:00:00", "MJD-OBS contradicts"),
     ({"DATE-OBS": "2026-11-27T03:00:00", "MJD-OBS": 61371.125}, "2026-11-27T03:00:00", ""),
     *[({"DATE-OBS": ("2023-05-10T19:00:48", comment)}, "2023-05-10T19:00:48", named) for comment, named in (
@@ -273,6 +299,12 @@ SKIES = [  # cards, arcsec/pixel in the middle, position angle of +y (None: not 
     ({**CDELT, **SIP}, 0.4, 0.0, ""),
     ({**CDELT, **SIP, "A_1_0": 0.1, "B_0_1": 0.1}, 0.44, 0.0, ""),
     ({**CDELT, **SIP, "A_2_0": 1e-3, "CRPIX1": -467.5}, 0.4 * 2**0.5, 0.0, "over the frame"),
+    ({**CDELT, **SIP, "A_2_0": 1e-5, "CRPIX1": -1967.5}, 0.4 * 1.04**0.5, None, "fields outside"),
+    ({**CDELT, **SIP, "A_2_0": 1e-6, "CRPIX1": -1967.5}, 0.4 * 1.004**0.5, None, ""),
+    *[({**CDELT, "CRPIX2": 32.5 - math.tan(far) * math.degrees(1) / STEP},
+       0.4 * math.cos(far)**1.5, 0.0, named)
+      for far, named in ((0.02, ""), (0.12, "fields outside"))],
+    ({**CDELT, "CTYPE1": "RA---SIN", "CTYPE2": "DEC--SIN", "CRPIX1": 1e6}, 0.4, None, "off the sky"),
     ({**CD, "CTYPE1": "RA---TPV", "CTYPE2": "DEC--TPV", **PV}, 0.8, 0.0, ""),
     ({**CD, **PV}, 0.8, 0.0, "SCAMP"),
     ({**CDELT, "CTYPE1": "RA---CAR", "CTYPE2": "DEC--CAR", "CRVAL2": 0.0, "CRPIX2": 32.5 - 60 / STEP},
@@ -333,7 +365,7 @@ ELECTRONS = image(BUNIT="electron")
 FILES = [  # HDUs, pixels masked, median of the variance (None: not used), what a warning names
     ([image(), beside("MASK", 1 - BAD)], BAD.size - 1, None, "--bad-bits 0"),
     *[([image(), beside(name, BAD)], 0, None, name) for name in
-      ("GOODPIX", "VALID", "HOTPIX", "CRMASK", "SATMASK", "DATA QUALITY", "COVERAGE", "EXPMAP", "RMSMAP",
+      ("GOODPIX", "VALID", "HOTPIX", "CRMASK", "SATMASK", "COVERAGE", "DQ_2", "CCD1_MASK", "EXPMAP", "RMSMAP",
       "UNC", "WT",
        "VARMAP", "INVVARIANCE", "CONFIDENCE")],
     ([image(), fits.ImageHDU(BAD)], 0, None, "HDU 1"),
@@ -358,7 +390,17 @@ FILES = [  # HDUs, pixels masked, median of the variance (None: not used), what 
     ([fits.PrimaryHDU(IMAGE, fits.Header({"EXTNAME": "WHT"}))], 0, None, "WHT (HDU 0)"),
     ([fits.PrimaryHDU(), *[fits.CompImageHDU(data, quantize_level=0, compression_type="GZIP_1") for data in
       (IMAGE, BAD)]], 0, None, "HDU 2"),
-    ([fits.PrimaryHDU(), beside("1-1.E.SCI", IMAGE), beside("1-1.E.FLG", BAD)], 0, None, "1-1.E.FLG"),
+    ([fits.PrimaryHDU(), beside("1-1.E.SCI", IMAGE), beside("1-1.E.FLG", BAD)], 1, None, ""),
+    ([image(), beside("DATA QUALITY", BAD)], 1, None, ""),
+    *[([fits.PrimaryHDU(), beside(science, IMAGE), beside(noise, IMAGE), beside(mask, BAD)], 1, 100.0, "")
+      for science, noise, mask in
+      (("SCI1", "VAR1", "DQ1"), ("SCI_1", "VAR_1", "MASK_1"), ("CCD1", "CCD1_VAR", "CCD1_DQ"),
+       ("DET1.DATA", "DET1.STAT", "DET1.DQ"), ("CHIP1.INT1", "CHIP1.INT1.VAR", "CHIP1.INT1.DQ"),
+       ("IMAGE", "VARIANCE_IMAGE", "IMAGE_MASK"))],
+    *[([fits.PrimaryHDU(), beside("SCI1", IMAGE), beside(name, IMAGE)], 0, None, name)
+      for name in ("VAR2", "VAR_FLAT_1", "SKY_VAR_1", "VARIANCES 1")],
+    ([fits.PrimaryHDU(), beside("SCI1", IMAGE), beside("VAR1", IMAGE), beside("VAR_1", 2 * IMAGE)], 0, 100.0,
+      "VAR_1 (HDU 3)"),
     ([fits.PrimaryHDU(), beside("DATA", IMAGE), beside("STAT", IMAGE)], 0, 100.0, ""),
     ([fits.PrimaryHDU(), beside("A1", IMAGE, HDUCLAS2="DATA"),
       beside("A2", IMAGE**0.5, HDUCLAS2="ERROR", HDUCLAS3="RMSE"),
