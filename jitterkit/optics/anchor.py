@@ -189,10 +189,10 @@ def _sums(weights, rows):
 
 def _pairs(k: int) -> np.ndarray:
     """Positions (k, k) of pairs of modes among the pairs (i, j >= i) in order."""
-    places = np.zeros((k, k), int)
+    positions = np.zeros((k, k), int)
     i, j = np.triu_indices(k)
-    places[i, j] = places[j, i] = np.arange(len(i))
-    return places
+    positions[i, j] = positions[j, i] = np.arange(len(i))
+    return positions
 
 
 def _positions(anchor: Anchor) -> np.ndarray:

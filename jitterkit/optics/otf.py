@@ -138,7 +138,7 @@ class OTF(eqx.Module):
         return _combined(jnp.concatenate([jnp.ones(1, change.dtype), change]), self.tints)
 
     def _change(self, aberrations: Float[Array, " k"]) -> Float[Array, " r"]:
-        """How far those that have a row of the slopes are from their state."""
+        """Return the distance from the state of the parameters that have a row of the slopes."""
         rows = min(len(aberrations), len(self.slopes))
         return aberrations[:rows] - self.state[:rows]
 
@@ -156,7 +156,7 @@ class OTF(eqx.Module):
         return scene.coloured(self.colours.of(len(scene.colours)))
 
     def multiplied(self, factor) -> OTF:
-        """The same with another factor (My, Mx//2 + 1) in the transfer function of every source."""
+        """Return the optics with another factor (My, Mx//2 + 1) in the transfer function of every source."""
         tints = None if self.chromatic is None else to_parts(self.chromatic * factor)
         difference = None if self.difference is None else self.difference * factor
         bend = None if self.bend is None else self.bend * factor
@@ -211,7 +211,7 @@ def _combined(weights: Float[Array, " r"], parts: Float[Array, "n 2 my mx"]) -> 
 
 
 def with_further(otf: OTF, further: Further, slopes: Float[Array, "c s 2 my mx"], bend, beside, of_b) -> OTF:
-    """The same optics with what else may vary of an instrument.
+    """Return the optics with the further parameters of an instrument.
 
     Parameters
     ----------
