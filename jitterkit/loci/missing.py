@@ -1,4 +1,4 @@
-"""Samples of a record that stand for a value that is missing: -999, 9999, 1e30, a reading at its limit.
+"""Samples of a record that stand for a missing value: -999, 1e30, a reading at its limit, the last value.
 
 Reach for :func:`without_missing`.
 """
@@ -31,6 +31,9 @@ one of two positions between which the pointing jumps."""
 _FEWEST = 11
 """Samples from which a value that is no usual code may stand for none; fewer are a path somebody drew."""
 
+_BY_CHANCE = 1e-6
+"""Chance of a run of equal samples below which it does not belong to the motion around it."""
+
 _MOST_LOOKED_AT = 50
 """Of the values that may stand for a missing one, so many are looked at, those farthest from others first."""
 
@@ -58,7 +61,9 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
     within five standard deviations of it: motion passes the places between, and noise does not repeat itself.
     The deviation is half the range of the middle 68 % of the others.  A value that is no usual code (nines,
     the limit of an integer) must take at most a tenth of more than ten samples.  A single outlier is motion;
-    of a single code a sentence says so.  No angle is beyond 1e15.
+    of a single code a sentence says so.  No angle is beyond 1e15.  A sensor that loses its target may repeat
+    its last value: a run of equal samples that those outside of it make improbable counts as motion, and a
+    sentence says so.
     """
     keep = np.isfinite(table).all(axis=1)
     sentences = [f"{(~keep).sum()} samples of the trace have no value and count as gaps."] * bool(
@@ -77,7 +82,23 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
             sentences.append(
                 f"{name} is {code:g} in {count} samples, far from all others: they count as gaps."
             )
+        if (run := _held(values[keep])) is not None:
+            first, last = table[keep, 0][[run.start, run.stop - 1]]
+            sentence = f"{name} does not change from t = {first:g} to {last:g}, which counts as motion"
+            sentences.append(f"{sentence}: if the sensor held its last value, leave these samples out.")
     return table[keep], sentences
+
+
+def _held(values: np.ndarray) -> slice | None:
+    """Return the longest run of equal samples, if those outside of it do not repeat themselves so often."""
+    edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0)
+    lengths = np.diff(edges)
+    if len(lengths) < _FEWEST:
+        return None
+    longest, others = int(lengths.argmax()), len(values) - lengths.max()
+    repeats = (others - (len(lengths) - 1) + 1) / (others + 1)
+    improbable = len(values) * repeats ** (lengths[longest] - 1) < _BY_CHANCE
+    return slice(int(edges[longest]), int(edges[longest + 1])) if improbable else None
 
 
 def _code(values: np.ndarray) -> tuple[float, int] | None:

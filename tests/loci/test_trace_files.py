@@ -113,7 +113,7 @@ CODES = [  # values in samples 100 to 102, or a share of all, samples left out, 
     (1e30, 3, 3, "1e+30 in 3"), (1e30, 1, 1, "1e+30 in 1"), (-32768.0, 3, 3, "-32768 in 3"),
     (np.nan, 3, 3, "3 samples of the trace have no value"),
     (2.048, 40, 40, "2.048 in 40"),  # a sensor at its limit
-    (-999.0, 2000, 2000, "-999 in 2000"), (3.7, 2000, 0, ""),  # one of two places
+    (-999.0, 2000, 2000, "-999 in 2000"), (3.7, 2000, 0, "does not change"),
     (5.1, 1, 0, ""), (-999.0, 1, 0, "-999 in one sample"),  # a single outlier is motion
 ]  # fmt: skip
 
@@ -156,6 +156,19 @@ def test_motion_of_all_kinds_has_no_missing_samples(x, write):
     said = []
     assert len(read_trace(write("t,x,y", T, x, np.zeros_like(T)), log=said.append)[0]) == T.size
     assert not said
+
+
+@pytest.mark.parametrize("length", [8, 300])
+@pytest.mark.parametrize("step", [None, 0.05])
+def test_a_sensor_that_holds_its_last_value_is_reported(length, step, write):
+    t, (x, y) = 0.01 * np.arange(5000), NOISE.copy()
+    if step is not None:
+        x = np.round(x / step) * step  # of a converter
+    x[1000 : 1000 + 10 * length] = x[1000]
+    said = []
+    assert len(read_trace(write("t,x,y", t, x, y), log=said.append)[0]) == len(t)
+    assert len(said) == 1
+    assert f"from t = {t[1000]:g} to {t[999 + 10 * length]:g}" in said[0]
 
 
 def test_a_path_that_somebody_drew_is_kept(write):
