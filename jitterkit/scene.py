@@ -64,7 +64,7 @@ class Scene(eqx.Module):
     own : tuple of str
         Names of the parameters that every scene of the class has, in their order (class attribute).
     colours : tuple of str
-        Names of the spectral indices (class attribute).
+        Names of the spectral indices, one for each of its stars (class attribute).
     """
 
     x: eqx.AbstractVar[Float[Array, ""]]
@@ -91,16 +91,15 @@ class Scene(eqx.Module):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters; those of further stars end in the number of the star: ``flux_3``."""
-        count = len(self.stars()[0])
         coloured = () if self.indices is None else self.colours
-        further = () if self.others is None else self.others.named(count + 1)
+        further = () if self.others is None else self.others.named(len(self.colours) + 1)
         return (*self.own, *coloured, *further)
 
     @property
     def values(self) -> dict[str, float]:
         """All parameters by name."""
-        vector, _ = jax.flatten_util.ravel_pytree(self)
-        return dict(zip(self.names, np.asarray(vector).tolist(), strict=True))
+        vector = np.concatenate([np.ravel(part) for part in jax.tree.leaves(self)])
+        return dict(zip(self.names, vector.tolist(), strict=True))
 
     def sources(self) -> tuple[Float[Array, " s"], Float[Array, " s"], Float[Array, " s"]]:
         """Offsets x and y from the frame's centre [arcsec] and fluxes [electrons] of every source."""
