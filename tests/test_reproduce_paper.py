@@ -13,7 +13,7 @@ import pytest
 
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian
 from jitterkit.loci import LOCI, Linear, Shm, Stable, axis_variances
-from jitterkit.optics import OTF, Grid, expand, lines, obstructed_circle
+from jitterkit.optics import Grid, expand, lines, obstructed_circle
 from jitterkit.scene import Binary
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
@@ -64,7 +64,7 @@ def test_the_mean_over_points_of_a_pixel_is_the_mean_over_points(scripts):
     optics = expand(pupil, spectrum, Grid((24, 24), 0.375, 12))
     sampled = scripts["numerics"].point_sampled(optics)
     # no pixel, so that a sample is the light there; and the stars moved against it by each point's offset
-    bare = OTF(optics.value, optics.jacobian, optics.state, optics.grid, optics.names, pixel_included=True)
+    bare = replace(optics, pixel_included=True)
     scene = Parameters(Binary(3.0, 160.0, 0.1, 0.2, 1e5, 3.0), Stable.of(), np.zeros(1))
     offsets = 0.375 * (np.arange(4) - 1.5) / 4
     points = [(x, y) for x in offsets for y in offsets]

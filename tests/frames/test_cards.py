@@ -13,7 +13,8 @@ from jitterkit.frames.times import TIME_KEYS
 IMAGE = np.arange(20, dtype=np.uint16).reshape(4, 5)
 
 OPTICS = {"FOCALLEN": 1000, "XPIXSZ": 4.8, "PIXSIZE1": 2.4, "XBINNING": 2}
-NUMBERS = [*(key for keys in ALIASES.values() for key in keys), *OPTICS, "MJD-OBS"]
+ALIAS_KEYS = [key for keys in ALIASES.values() for key in keys]
+NUMBERS = [*np.hstack(ALIAS_KEYS).tolist(), *OPTICS, "MJD-OBS"]  # those of several amplifiers one by one
 TEXTS = ["BUNIT", "DATE-OBS", "DATE-AVG", "TIMESYS", "EXTNAME", *TIME_KEYS, *SOFTWARE_KEYS]
 SKY = {
     "CTYPE1": "'RA---TAN'", "CTYPE2": "'DEC--TAN'", "CRPIX1": 2.0, "CRPIX2": 3.0,
