@@ -222,8 +222,10 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     image : (ny, nx) array
         Its sum is the flux times the share of the light that falls inside the frame.
 
-    Notes ----- Assumes one transfer function over the frame (isoplanatic), linear in the spectral index of a
-    source. Aberrations away from ``otf.state`` enter to first order, and so does what differs between B and A
+    Notes
+    -----
+    Assumes one transfer function over the frame (isoplanatic), linear in the spectral index of a source.
+    Aberrations away from ``otf.state`` enter to first order, and so does what differs between B and A
     beside its colour; a plate scale shifts positions and stars' images, not the jitter.  Fails softly when
     the padding is smaller than the jitter: light then wraps around.
     """

@@ -5,8 +5,9 @@ Marquardt's damping of what the paper calls natural gradient descent).  It is in
 of the parameters, and the loop is a single compiled program: no Python between its steps.
 
 Only the score decides where the iteration ends, so only the score is exact: one image in 64 bits and its
-adjoint. The information takes a derivative of the image by every parameter, several times the work; it is
-computed in 32 bits, at the start, and again only where a step shows that it is wrong."""
+adjoint.  The information takes a derivative of the image by every parameter, several times the work; it is
+computed in 32 bits, at the start, and again only where the steps since then show that it is wrong.
+"""
 
 from __future__ import annotations
 

@@ -35,9 +35,11 @@ def estimate_nnls(
     UndeterminedError
         If the kernel does not fit: a blur of several pixels, or a frame too faint.
 
-    Notes ----- A kernel that cannot be negative has no negative moments: with no blur in the frame, the mean
-    of the estimates lies above zero by about their error.  The kernel itself is a few spikes: it draws a
-    smooth motion as the dots that cannot be distinguished from it (:func:`estimate_richardson_lucy` draws it
+    Notes
+    -----
+    A kernel that cannot be negative has no negative moments: with no blur in the frame, the mean of the
+    estimates lies above zero by about their error.  The kernel itself is a few spikes: it draws a smooth
+    motion as dots that the frame does not distinguish from it (:func:`estimate_richardson_lucy` draws it
     smooth).
     """
     return solve_kernel(data, template, otf, best_shares, "nnls")

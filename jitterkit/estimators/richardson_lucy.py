@@ -1,5 +1,4 @@
-"""The kernel by the multiplicative updates of Richardson and Lucy, with the parts exchanged: the star's
-image is known, and the blur is what is sought."""
+"""The kernel by multiplicative updates (Richardson, Lucy): the star's image is known, not the blur."""
 
 from __future__ import annotations
 

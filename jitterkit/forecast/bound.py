@@ -183,8 +183,10 @@ def forecast(
     ConfigurationError
         If an option names a parameter that there is not.
 
-    Notes ----- *Assumes* that the errors are small against what the model's curvature shows: at a streak of
-    zero length (zero length) the bound is that of the cone's axis, which no estimator has.
+    Notes
+    -----
+    *Assumes* that the errors are small enough for the model to be linear: at a streak of zero length, where
+    it is a cone, the bound is that along the cone's axis, which no estimator attains.
     """
     options = FitOptions() if options is None else options
     parameters = parameters.completed(otf)

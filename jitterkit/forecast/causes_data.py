@@ -97,9 +97,11 @@ def further_data(causes: Causes, follow_up: FollowUp | None = None) -> list[Obse
         refocused both ways; the band in halves; a redder filter.  Observations that the setting does not
         allow are excluded.
 
-    Notes ----- *Assumes* the same light in every frame (each half of the band has half of it), and wavefront
-    errors in nm and a diffusion that do not change with the wavelength; charge from deeper in a detector
-    diffuses less far. A refocused pair that determines defocus determines its square as well.
+    Notes
+    -----
+    *Assumes* the same light in every frame (each half of the band has half of it), and wavefront errors in nm
+    and a diffusion that do not change with the wavelength; charge from deeper in a detector diffuses less
+    far.  A refocused pair that determines defocus determines its square as well.
     """
     follow_up = FollowUp() if follow_up is None else follow_up
     setting, locus = causes.setting, causes.locus

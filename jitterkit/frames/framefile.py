@@ -84,9 +84,10 @@ class FrameFile(ABC):
         FrameError
             If it cannot be read, or the file has changed since it was opened: nothing in it is sure then.
 
-        Notes ----- A change is recognised by the size, the time of change and the inode.  *Fails when* a file
-        is overwritten in place with as many bytes within one tick of the file system's clock (some
-        milliseconds).
+        Notes
+        -----
+        A change is recognised by the size, the time of change and the inode.  *Fails when* a file is
+        overwritten in place with as many bytes within one tick of the file system's clock (milliseconds).
         """
         number = range(self._count)[index]
         with translated(self.path) as caught:

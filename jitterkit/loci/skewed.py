@@ -24,8 +24,10 @@ _COMPONENTS = ("xxx", "xxy", "xyy", "yyy")
 class Skewed(Elliptic):
     """Covariance Σ and third cumulants: ``M = exp(-2 pi² f'Σf + 4 pi³ i/3 sum κ_jkl f_j f_k f_l)``.
 
-    Notes ----- Exact to third order in frequency for any motion.  It is a density to first order in the
-    skewness only, which is enough below one.  Skewness and position are distinguished by fine detail of the
+    Notes
+    -----
+    Exact to third order in frequency for any motion.  It is a density to first order in the skewness only,
+    which is enough below one.  Skewness and position are distinguished by fine detail of the
     image: errors of x and y are about twice those of other loci, while the separation's stays.
     """
 

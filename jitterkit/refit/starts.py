@@ -1,5 +1,4 @@
-"""The starting point of the fit of a locus: from second moments, at several points if there are several
-maxima."""
+"""The starting point of the fit of a locus: from second moments; several where there are several maxima."""
 
 from __future__ import annotations
 

@@ -57,9 +57,11 @@ def log_odds_together(frames: Sequence[SceneEvidence]) -> float:
     odds : float
         Priors included, once.  NaN without frames.
 
-    Notes ----- Laposition's approximation: what a frame says of the pair is a normal density N_i over the
-    offset of B from A and the logarithm of the contrast, about its own best fit.  With Z_i the evidence of a
-    pair whose prior density is one, and p the prior,
+    Notes
+    -----
+    Laplace's approximation: what a frame says of the pair is a normal density N_i over the offset of B from A
+    and the logarithm of the contrast, about its own best fit.  With Z_i the evidence of a pair whose prior
+    density is one, and p the prior,
 
         ln Z = sum ln Z_i + ln p(best) + ln integral of prod N_i
 

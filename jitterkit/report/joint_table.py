@@ -37,7 +37,7 @@ _UNSURE = 0.3
 """Of a frame's error, from which what a rolling shutter adds is reported: 5 % more of it."""
 
 _SERIES = 16
-"""Frames from which noise can be distinguished from noise."""
+"""Frames from which kinds of noise can be distinguished."""
 
 
 _FIRST = (

@@ -18,7 +18,7 @@ from jitterkit.series.components import Components, State, fit_components, haar_
 from jitterkit.series.series import Series
 
 _FEWEST = 16
-"""Measurements of which noise can be distinguished from noise at all: four octaves."""
+"""Measurements from which kinds of noise can be distinguished at all: four octaves."""
 
 _CORRELATED = 1.13
 """Error of a floor over what it were if the coefficients of flicker were independent (from their exact

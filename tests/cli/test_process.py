@@ -56,9 +56,7 @@ def test_a_file_that_was_overwritten_before_a_run_goes_on_is_reported(blanks, tm
     assert runner.invoke(app, [*command, "--overwrite"]).exit_code == 1
 
 
-def test_the_line_on_the_screen_is_reported_which_rows_are_of_an_earlier_session(
-    blanks, tmp_path, monkeypatch
-):
+def test_the_line_on_the_screen_says_which_rows_are_of_an_earlier_session(blanks, tmp_path, monkeypatch):
     now, earlier = [], []
     monkeypatch.setattr(
         "jitterkit.cli.process.run_progress", lambda total: nullcontext((now.append, earlier.append))

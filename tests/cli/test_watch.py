@@ -58,7 +58,7 @@ def test_where_there_is_no_terminal_lines_come_every_few_seconds(capsys):
     assert [re.search(r"; last (\d)", line)[1] for line in said] == ["0", "3"]
 
 
-def test_frames_are_watched_for_and_the_result_is_reported_as_process_tells_it(tmp_path):
+def test_frames_are_watched_for_and_the_result_is_reported_as_by_process(tmp_path):
     night = tmp_path / "night"
     night.mkdir()
     for seed, name in enumerate("ab"):

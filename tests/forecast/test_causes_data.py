@@ -199,7 +199,7 @@ def test_the_cheapest_is_the_first_that_serves_or_the_first_pair(seen):
         assert [one.words for one in sets if one.words in sentence] == named_in_it
 
 
-def test_what_has_no_size_is_reported_to_no_share_of_it(seen):
+def test_the_error_of_a_cause_of_no_size_is_no_share_of_it(seen):
     there = replace(seen, causes=tuple(cause._replace(value=1e-2) for cause in seen.causes))
     sentence = remedy_sentence(there, [], 1e9)
     assert "1e+11 %" in sentence
