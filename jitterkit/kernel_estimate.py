@@ -43,6 +43,8 @@ class KernelEstimate:
         Kernel on the frame's pixels, where the method gives one: odd sides, its centre the middle one.
     locus : Locus or None
         The locus itself, where the method fits or assumes one.
+    length_err : float
+        Standard error of the locus's length, arcsec; NaN where the covariance gives it or there is none.
     digest : str
         Of the raw frame it was made from, ``RawFrame.digest``.  Where it is known it tells the same data;
         where it is empty the source does.
@@ -64,6 +66,7 @@ class KernelEstimate:
     shape_err: float = float("nan")
     kernel: np.ndarray | None = None
     locus: Locus | None = None
+    length_err: float = float("nan")
     digest: str = ""
     undetermined: str = ""
 

@@ -161,11 +161,12 @@ class BlurMeasurement:
         """
         estimate = replace(estimate, source=estimate.source or frame.name)
         sizes = {} if estimate.locus is None else estimate.locus.describe()
-        length = sizes.get("length", math.nan)
+        length = next((size for name, size in sizes.items() if name.endswith("length")), math.nan)
         major, minor, angle = axis_variances(estimate.moments)
         along, across, _ = map(float, np.sqrt(np.diag(covariance_on_axis(estimate.covariance, angle))))
         # of a streak the variance is proportional to the square of the length
         length_err = 0.5 * length * along / major if major > 0 else math.nan
+        length_err = length_err if math.isnan(estimate.length_err) else estimate.length_err
         angle_err = math.degrees(across / (major - minor)) if major > minor else math.inf
         angle_err = min(angle_err, 90 / math.sqrt(3))  # at most that of a guess
         return cls(frame, estimate, plate_scale, evidence, length, length_err, angle_err, message, scene)

@@ -122,17 +122,8 @@ two images of a scene in white noise they stay below 6.5."""
 _MOST_BIAS, _MOST_SHARE = 0.1, 0.05
 """Pixels, and share of the shift, up to which what frames do not share is an error of the shift."""
 
-_STILL = 0.05
-"""Pixels up to which a shift is none."""
-
-_ALIKE_FREQUENCIES = 5
-"""Frequencies on a side over which a blur hardly changes."""
-
 _RINGS, _FEW_FREQUENCIES = 64, 60.0
 """Rings to a cycle/pixel; power over a ring's median of which no frequency of a scene has more by chance."""
-
-_LOW = 0.25
-"""Cycles/pixel beyond which little but noise is left."""
 
 _LEAST_OVERLAP = 16
 """Smallest side, in pixels, of the area that both frames must show."""
@@ -263,52 +254,6 @@ def striped(power: np.ndarray, radius: np.ndarray) -> np.ndarray:
     rings = (radius * _RINGS).astype(int)
     level = ndimage.median(power, rings, np.arange(rings.max() + 1))[rings]
     return ndimage.binary_dilation(power > _FEW_FREQUENCIES * level, np.ones((3, 3)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Rest:
-    """Power of what noise and a blur leave of two aligned frames, by frequency, and of the second frame."""
-
-    power: np.ndarray
-    total: np.ndarray
-    radius: np.ndarray
-    low: np.ndarray
-
-    @property
-    def noise(self) -> float:
-        return float(self.power[(self.radius > _LOW) & (self.radius < _BAND)].mean())
-
-
-def _rest(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None, drift: Drift) -> _Rest:
-    bad = np.zeros(np.shape(reference), bool) if mask is None else np.asarray(mask, bool)
-    one, two = (fill(np.asarray(frame, float), bad) for frame in (reference, image))
-    bad = bad | standing_pixels(one, two)
-    shift = np.array([drift.y, drift.x])
-    whole = np.rint(shift).astype(int)
-    one, two = _overlap(fill(one, bad), fill(two, bad), whole)
-    two = two if np.abs(shift - whole).max() < _STILL else ndimage.shift(two, whole - shift, order=5)
-    window = _window(one.shape)
-    a, b = (fft.fft2(_windowed(frame, window)) for frame in (one, two))
-    fy, fx = np.meshgrid(*map(fft.fftfreq, one.shape), indexing="ij")
-    radius, order = np.hypot(fx, fy), np.hypot(fy * one.shape[0], fx * one.shape[1])
-
-    def near(values: np.ndarray) -> np.ndarray:
-        return ndimage.uniform_filter(values, _ALIKE_FREQUENCIES, mode="wrap")
-
-    cross = b * a.conj()  # its ratio to |a|² hardly changes with frequency where a blur is the difference
-    rest = b - a * (near(cross.real) + 1j * near(cross.imag)) / near(np.abs(a) ** 2)
-    return _Rest(np.abs(rest) ** 2, np.abs(b) ** 2, radius, (order > _LEAST_ORDER) & (radius < _LOW))
-
-
-def left_over(reference: np.ndarray, image: np.ndarray, mask: np.ndarray | None, drift: Drift) -> float:
-    """Return the share of the second frame's power that neither noise nor any blur of the first explains.
-
-    Frames and mask are those of :func:`align`, and the drift is what it found; 0 where the share is less than
-    that of the noise.
-    """
-    rest = _rest(reference, image, mask, drift)
-    excess = float(rest.power[rest.low].mean()) - rest.noise
-    return excess / float(rest.total[rest.low].mean()) if excess > rest.noise else 0.0
 
 
 def drifts(
