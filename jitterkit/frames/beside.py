@@ -13,14 +13,8 @@ from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.units import resolve_unit
 
 
-def unit_of(data: Any, said: Sourced | None) -> Sourced:
-    """Return the unit of the pixels.
-
-    Parameters
-    ----------
-    data : NDData
-    said : Sourced or None
-        What its header says, used where the object has no unit.
+def unit_of(data: Any) -> Sourced | None:
+    """Return the unit that an object states for its pixels; None where it states none, or no dimension.
 
     Raises
     ------
@@ -28,13 +22,18 @@ def unit_of(data: Any, said: Sourced | None) -> Sourced:
         If it is none that a detector converts.
     """
     own = getattr(data, "unit", None)
-    source = "argument CCDData.unit" if own is not None or said is None else said.source
-    text = str(own if own is not None else "" if said is None else said.value)
+    if own is None or not str(own).strip():
+        return None
+    return Sourced(convertible(str(own), "argument CCDData.unit"), "", "argument CCDData.unit")
+
+
+def convertible(text: str, source: str) -> str:
+    """Return a unit as :func:`resolve_unit` does, or raise JitterkitError where a detector converts none."""
     unit = resolve_unit(text)
     if unit is None:
         problem = f"the unit {text!r} ({source}) is neither ADU nor electrons, nor a rate of them"
         raise JitterkitError(ErrorCode.UNKNOWN_UNIT, f"{problem}; convert the data.")
-    return Sourced(unit, "", source)
+    return unit
 
 
 def variance_of(data: Any) -> tuple[np.ndarray | None, str]:
@@ -58,8 +57,10 @@ def variance_of(data: Any) -> tuple[np.ndarray | None, str]:
     if own is not None and own != expected:
         problem = f"the uncertainty is in {own} and the data in {unit}"
         raise JitterkitError(ErrorCode.UNKNOWN_UNIT, f"{problem}; convert one of them.")
+    values = np.array(values, dtype=np.float64)
+    values[values < 0] = np.nan
     with np.errstate(divide="ignore", invalid="ignore"):
-        return usable(np.asarray(values, dtype=np.float64) ** powers[kind], "the uncertainty")
+        return usable(values ** powers[kind], "the uncertainty")
 
 
 def usable(variance: np.ndarray, name: str) -> tuple[np.ndarray | None, str]:

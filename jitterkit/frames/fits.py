@@ -18,12 +18,15 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from jitterkit.frames.cards import Cards
 from jitterkit.frames.files import files_beside, open_bytes
 from jitterkit.frames.fitsimage import FitsImage
 from jitterkit.frames.fitsio import PlainHeader, all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
+from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import find_images, read_hdus, walk
+from jitterkit.frames.header import rows_from_the_top
 from jitterkit.frames.pixels import open_pixels
 
 
@@ -114,7 +117,7 @@ class NamedImage:
     name : str
         EXTNAME in upper case; empty if there is none.
     pixels : (..., ny, nx) array
-        float64, scaled; blank pixels are NaN.
+        float64, scaled; blank pixels are NaN; row index upwards.
     header : PlainHeader
         Of its own HDU.
     """
@@ -129,6 +132,20 @@ class NamedImage:
         values = (self.header.get(key) for key in keys)
         numbers = (v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
         return next((float(number) for number in numbers if 0 < number < math.inf), None)
+
+    def quantity(self, name: str, *keys: str) -> float | None:
+        """Return the first of some cards that holds a positive number, converted to the unit of a quantity.
+
+        Parameters
+        ----------
+        name : str
+            ``"plate_scale"`` (arcsec) or ``"pupil_scale"`` (m): what a card without a unit is in.
+        *keys : str
+            Those whose unit is another, or cannot be read, are passed over.
+        """
+        cards = Cards(self.header, self.hdu)
+        numbers = filter(None, (cards.quantity(name, key) for key in keys))
+        return next((number.value for number in numbers if number.positive), None)
 
 
 def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
@@ -154,7 +171,7 @@ def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
     with translated(path), open_bytes(path) as handle:
         hdus = list(walk(path, handle))
         arrays = [hdu for hdu in hdus if hdu.what.startswith("an array")]
-        images = [NamedImage(a.number, a.name, open_pixels(a).everything(), a.header) for a in arrays]
+        images = [NamedImage(a.number, a.name, _upwards(a), a.header) for a in arrays]
         return images, hdus[0].header
 
 
@@ -169,7 +186,7 @@ def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
     Returns
     -------
     image : (..., ny, nx) array
-        float64, scaled; blank pixels are NaN.
+        float64, scaled; blank pixels are NaN; row index upwards.
     header : PlainHeader
         Of the same HDU.
 
@@ -180,4 +197,10 @@ def read_image(path: Path) -> tuple[np.ndarray, Mapping[str, Any]]:
     """
     with translated(path), open_bytes(path) as handle:
         image = find_images(path, handle, None)[0][0].image
-        return open_pixels(image).everything(), image.header
+        return _upwards(image), image.header
+
+
+def _upwards(hdu: Hdu) -> np.ndarray:
+    """All pixels of an HDU, row index upwards whatever its ROWORDER."""
+    pixels = open_pixels(hdu).everything()
+    return pixels[..., ::-1, :] if pixels.ndim > 1 and rows_from_the_top(Cards(hdu.header)) else pixels

@@ -15,15 +15,13 @@ from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
-from jitterkit.frames.header import rate_of_brightness, resolve
+from jitterkit.frames.header import rate_of_brightness, resolve, rows_from_the_top
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
 
-_FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
-_FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
 _MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
 
 _MOST_BAD = 0.5
@@ -74,7 +72,9 @@ class FitsImage:
         odd = [] if self.hdu.role else self._pixels.lossy_warnings() + self._pixels.blank_warnings()
         _warn_of_a_ramp(self.hdu, cards, odd)
         _refuse_colour(self.hdu, cards, odd)
-        from_top = _rows_from_the_top(cards, odd)
+        from_top = rows_from_the_top(cards)
+        if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
+            odd.append("the header says that its pixels lie behind a colour mosaic")
         wcs, messages = celestial_wcs(header, tables)
         if wcs is not None and from_top:
             wcs = turned_over(wcs, self.shape[0])
@@ -200,13 +200,3 @@ def _warn_of_a_ramp(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
     if cards.dialect.name == "JWST" and len(hdu.shape) == 4 and groups and hdu.planes == groups[0] > 1:
         found = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
         odd.append(f"{found}: give the file of its slope (_rate)")
-
-
-def _rows_from_the_top(cards: Cards, odd: list[str]) -> bool:
-    """Return whether the first stored row is the top one; add what is odd about the planes."""
-    order = cards.text("ROWORDER").upper()
-    if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
-        odd.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
-    if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
-        odd.append("the header says that its pixels lie behind a colour mosaic")
-    return order in _FROM_TOP

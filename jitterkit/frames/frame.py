@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
-from jitterkit.frames.beside import ALL_BITS, unit_of, variance_of
-from jitterkit.frames.header import resolve_header
+from jitterkit.frames.beside import ALL_BITS, convertible, unit_of, variance_of
+from jitterkit.frames.cards import Cards
+from jitterkit.frames.header import resolve, rows_from_the_top
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching, require_positive
+from jitterkit.frames.sky import turned_over, usable_part
 
 NO_READING = 1e15
 """No converter has 50 bits; programs write 1e30, or the largest number of all, where a pixel has no value."""
@@ -118,10 +120,12 @@ class RawFrame(Placed):
         """Return what the pixels are known by, whatever their file is called: 16 hexadecimal digits.
 
         Of the values and the shape alone: packing, byte order and the type they are stored in make no
-        difference.  A region has its own.
+        difference, nor does the rounding to 32 bits, in which programs store what they computed in 64.  A
+        region has its own.
         """
         found = hashlib.sha256(f"{self.data.shape}".encode())
-        found.update(np.ascontiguousarray(self.data + 0.0, dtype="<f8").data)  # -0 is 0
+        rounded = self.data.astype(np.float32) + np.float32(0)  # -0 is 0
+        found.update(np.ascontiguousarray(rounded, dtype="<f8").data)
         return found.hexdigest()[:16]
 
     @classmethod
@@ -143,8 +147,7 @@ class RawFrame(Placed):
         **metadata
             Fields of :class:`Metadata`: ``exposure=1.0, gain=3.7, unit="electron"``.
         """
-        if np.iscomplexobj(array):
-            raise JitterkitError(ErrorCode.WRONG_TYPE, "the array is complex; a frame holds real numbers.")
+        _refuse_complex(array)
         own = np.ma.getmaskarray(array) if isinstance(array, np.ma.MaskedArray) else False
         data = np.array(np.ma.getdata(array), dtype=np.float64)
         both = own | np.asarray(False if mask is None else mask, dtype=bool)
@@ -155,6 +158,7 @@ class RawFrame(Placed):
         """Make a frame of an ``astropy.nddata.CCDData``, an ``NDData`` or anything that looks like one.
 
         Its ``data``, ``mask``, ``unit``, ``uncertainty``, ``header`` (or ``meta``) and ``wcs`` are read.
+        With ``ROWORDER = 'TOP-DOWN'`` in its header its rows are turned over, as those of its file are.
 
         Raises
         ------
@@ -162,17 +166,40 @@ class RawFrame(Placed):
             If the unit is neither ADU, electrons, nor a rate of them, or the uncertainty has another unit
             (code ``unknown_unit``).
         """
-        header = getattr(ccd, "header", None) or getattr(ccd, "meta", None) or {}
-        metadata = resolve_header(header, wcs=getattr(getattr(ccd, "wcs", None), "celestial", None))
-        unit = unit_of(ccd, metadata.unit)
-        metadata = metadata.override(unit.source, unit=unit)
-        variance, warning = variance_of(ccd)
-        if warning:
-            metadata = metadata.warn(warning)
+        _refuse_complex(ccd.data)
+        cards, unit = Cards(getattr(ccd, "header", None) or getattr(ccd, "meta", None) or {}), unit_of(ccd)
+        data, variance, warning = np.array(ccd.data, dtype=np.float64), *variance_of(ccd)
+        from_top, (wcs, messages) = rows_from_the_top(cards), _coordinates(ccd)
+        if wcs is not None and from_top:
+            wcs = turned_over(wcs, len(data))
+        metadata = resolve(cards, wcs, unit).warn(*messages, *filter(None, [warning]))
+        if metadata.unit is not None:
+            convertible(str(metadata.unit.value), metadata.unit.source)
+        elif getattr(ccd, "unit", None) is not None:
+            metadata = metadata.warn("the unit is dimensionless and is taken as ADU")
         mask = getattr(ccd, "mask", None)
-        data, mask = np.array(ccd.data, dtype=np.float64), NONE_MASKED if mask is None else mask
-        source = "argument uncertainty"
-        return cls(data, mask, metadata, variance=variance, variance_source=source)
+        source, mask = "argument uncertainty", NONE_MASKED if mask is None else np.asarray(mask)
+        frame = cls(data, mask, metadata, variance=variance, variance_source=source)
+        if not from_top:
+            return frame
+        planes = {name: getattr(frame, name)[::-1] for name in ("data", "mask")}
+        variance = None if frame.variance is None else frame.variance[::-1]
+        return replace(frame, **planes, variance=variance, metadata=metadata.reordered(-1))
+
+
+def _coordinates(ccd: Any) -> tuple[Any | None, tuple[str, ...]]:
+    """The celestial coordinates of an object, or none, with what was odd about them."""
+    if getattr(ccd, "wcs", None) is None:
+        return None, ()
+    try:
+        return usable_part(ccd.wcs)
+    except Exception as error:  # of wcslib, and of objects that are no WCS of astropy, such as gwcs
+        return None, (f"the WCS cannot be used ({type(error).__name__}) and is ignored",)
+
+
+def _refuse_complex(array: Any) -> None:
+    if np.iscomplexobj(array):
+        raise JitterkitError(ErrorCode.WRONG_TYPE, "the array is complex; a frame holds real numbers.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
@@ -20,7 +21,7 @@ from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
-from jitterkit.frames.units import RATES, resolve_unit
+from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 
 #: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
 PLAUSIBLE_GAIN = (0.01, 30.0)
@@ -129,9 +130,13 @@ def resolve_header(
     return resolve(Cards(header, hdu, inherit), wcs)
 
 
-def resolve(cards: Cards, wcs: Any = None) -> Metadata:
-    """Return what cards say about a frame, as :func:`resolve_header` does."""
-    gain, unit = resolve_gain(cards), _unit(cards)
+def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metadata:
+    """Return what cards say about a frame, as :func:`resolve_header` does.
+
+    A ``unit`` is that of the pixels in place of ``BUNIT``, which remains that of the header's numbers.
+    """
+    gain, stated = resolve_gain(cards), _unit(cards)
+    unit = stated if unit is None else unit
     number = next(cards.believed("bias"), None)
     bias = None if number is None else _in(number, "adu", gain, None, cards)
     if number is not None and _SUBTRACTED.search(number.comment):
@@ -147,7 +152,7 @@ def resolve(cards: Cards, wcs: Any = None) -> Metadata:
         exposure=cards.first("exposure"),
         gain=gain,
         read_noise=next(filter(None, noises), None),
-        saturation=_saturation(cards, gain, bias, "adu" if unit is None else unit.value),
+        saturation=_saturation(cards, gain, bias, *("adu" if u is None else u.value for u in (unit, stated))),
         bias=bias,
         plate_scale=resolve_scale(cards, wcs),
         va_factor=cards.first("va_factor"),
@@ -177,11 +182,15 @@ def _in(
     return Sourced((number.value - zero) * gain.value, "e-", f"{number.source} in ADU times {gain.source}")
 
 
-def _saturation(cards: Cards, gain: Sourced | None, bias: Sourced | None, unit: str) -> Sourced | None:
+def _saturation(
+    cards: Cards, gain: Sourced | None, bias: Sourced | None, unit: str, stated: str
+) -> Sourced | None:
     """The level in the unit of the pixels, ADU or electrons, once the exposure has made counts of rates."""
     number = next(cards.believed("saturation"), None)
     if number is None:
         return None
+    if not number.counted and stated in COUNTS and unit.removesuffix("/s") != stated:
+        number = replace(number, counted=stated)
     if unit not in ("adu", "electron") and not number.counted:
         cards.warnings.append(
             f"{number.key} = {number.value:g} has no unit beside pixels in {unit} and is ignored"
@@ -246,6 +255,18 @@ def _line_time(cards: Cards) -> Sourced | None:
             "give line_time in the instrument file"
         )
     return known
+
+
+_FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
+_FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+
+
+def rows_from_the_top(cards: Cards) -> bool:
+    """Return whether the first stored row is the top one (``ROWORDER``); warn of an order that is neither."""
+    order = cards.text("ROWORDER").upper()
+    if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
+        cards.warnings.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
+    return order in _FROM_TOP
 
 
 def _unit(cards: Cards) -> Sourced | None:

@@ -7,6 +7,7 @@ coordinates where a position angle needs them.
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ import numpy as np
 _SAME, _VARIES, _FAR = 1e-6, 1e-3, 1e-2
 """Relative differences: below the first the scale of the matrix is that of the middle; beyond the second the
 scale changes over the frame; beyond the third a pixel far from the reference pixel is another one there."""
+
+_NEARLY_CELESTIAL = re.compile(r"(RA|DEC|[GE]L(ON|AT)|AZ|ALT)\b|(RA|DEC)_", re.I)
 
 
 def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, list[str]]:
@@ -187,6 +190,40 @@ def celestial_frame(wcs: Any) -> Any:
     except ValueError:  # a misspelt RADESYS, say
         return None
     return frame if isinstance(frame, BaseRADecFrame | Galactic) else None
+
+
+def usable_part(whole: Any) -> tuple[Any | None, tuple[str, ...]]:
+    """Return the celestial part of a WCS where it can be used, and why it cannot, or what it does not give.
+
+    Parameters
+    ----------
+    whole : astropy.wcs.WCS
+        Of any axes.
+
+    Returns
+    -------
+    wcs : astropy.wcs.WCS or None
+    warnings : tuple of str
+    """
+    if not whole.has_celestial:
+        kinds = [kind for kind in whole.wcs.ctype if _NEARLY_CELESTIAL.match(kind)]
+        return None, tuple(f"the WCS is ignored: {kind!r} is no celestial axis" for kind in kinds[:1])
+    celestial = whole.celestial
+    if {whole.wcs.lng, whole.wcs.lat} != {0, 1}:
+        return None, ("the WCS has the sky along other axes than those of the image and is ignored",)
+    matrix = celestial.pixel_scale_matrix
+    if not 0 < abs(np.linalg.det(matrix)) < np.inf:
+        return None, ("the WCS cannot be inverted and is ignored",)
+    if np.any(np.linalg.norm(matrix, axis=0) == 1):
+        return None, ("the WCS has the default scale of 1 degree a pixel, so it says none and is ignored",)
+    if celestial_frame(celestial) is None:
+        frame = f"the WCS's frame ({_frame_of(celestial)}) is not converted: no position angle is given"
+        return celestial, (frame,)
+    return celestial, ()
+
+
+def _frame_of(wcs: Any) -> str:
+    return " ".join(filter(None, (*wcs.wcs.ctype, wcs.wcs.radesys)))
 
 
 def turned_over(wcs: Any, rows: int) -> Any | None:

@@ -80,6 +80,8 @@ _ARCSECONDS = _spelled(
         60.0: "arcmin arcmins arcminute arcminutes amin",
         3600.0: "deg degs degree degrees",
         206264.80624709636: "rad radian radians",
+        206.26480624709636: "mrad mrads milliradian milliradians",
+        0.20626480624709636: "urad urads µrad µrads microrad microradian microradians",
     }
 )
 _MILLIMETRES = _spelled(
@@ -91,6 +93,9 @@ _MILLIMETRES = _spelled(
         1e-3: "um µm micron microns micrometer micrometers micrometre micrometres",
     }
 )
+_METRES = {word: value / 1e3 for word, value in _MILLIMETRES.items() if "in" not in word} | _spelled(
+    {1e-9: "nm nanometer nanometers nanometre nanometres"}
+)
 _PIXELS = ("", "/pixel", "/pixels", "/pix", "/px", "/p")
 _FACTORS = {
     "exposure": _SECONDS,
@@ -98,9 +103,11 @@ _FACTORS = {
     "focal_length": _MILLIMETRES,
     "pixel_size": {word: 1e3 * value for word, value in _MILLIMETRES.items()},
     "plate_scale": {word + pixel: value for word, value in _ARCSECONDS.items() for pixel in _PIXELS},
+    "pupil_scale": {word + pixel: value for word, value in _METRES.items() for pixel in _PIXELS},
     "va_factor": dict.fromkeys(("none", "unitless", "dimensionless", "ratio", "factor", "1", "-"), 1.0),
 }
-"""Factors to the unit of a quantity, by the spelling of the unit; mm of a focal length, um of a pixel."""
+"""Factors to the unit of a quantity, by the spelling of the unit; mm of a focal length, um of a pixel, m of a
+pupil, of its samples and of a wavelength."""
 
 _SHORT = ("mm", "cm", "um", "µm", "ms")
 """Units of two letters that are no words."""

@@ -11,9 +11,9 @@ import numpy as np
 from astropy import log
 from astropy.wcs import WCS
 
-from jitterkit.frames.fitsio import PlainHeader
+from jitterkit.frames.fitsio import CARD, PlainHeader
 from jitterkit.frames.framefile import collected, one_line, overheard
-from jitterkit.frames.sky import celestial_frame
+from jitterkit.frames.sky import usable_part
 
 SCALE_KEYS = ("CD1_1", "CD1_2", "CDELT1", "PC1_1")
 
@@ -31,7 +31,9 @@ _MATRIX = re.compile(r"(CD|PC)\d_\d *=")
 _CD, _PC = re.compile(r"\bCD\d_\d *="), re.compile(r"\bPC\d_\d *=")
 _PV2, _TAN = re.compile(r"PV2_\d+ *="), re.compile(r"(CTYPE[12] *= *'(?:RA|DEC|GLON|GLAT)-+)TAN( *')")
 
-_NEARLY_CELESTIAL = re.compile(r"(RA|DEC|[GE]L(ON|AT)|AZ|ALT)\b|(RA|DEC)_", re.I)
+_BARE = re.compile(r"(CTYPE[12] *= *')(RA|DEC|[GE]L(?:ON|AT)) *'")
+"""Axes of the sky without a projection."""
+
 _CONTRADICTION = 1.0
 """Degrees by which CROTA2 may differ from a matrix."""
 
@@ -93,30 +95,27 @@ def _turn_warnings(header: PlainHeader, wcs: WCS | None) -> list[str]:
 @lru_cache(maxsize=8)
 def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     """The WCS of some cards where it is celestial, and what was said of it."""
+    # strictly a map of right ascension itself, 1/cos(dec) too wide; who writes so means the usual projection
+    projected = _projected(cards)
     # a tangent plane has no parameters in latitude: these are polynomials, as older SCAMP writes them
-    scamp = _TAN.sub(r"\1TPV\2", cards) if _PV2.search(cards) else cards
+    scamp = _TAN.sub(r"\1TPV\2", projected) if _PV2.search(cards) else projected
     with overheard(log) as said, collected() as caught:  # astropy prints warnings of distortions
         whole = WCS(_NO_PATH + scamp, tables)
-        celestial = whole.celestial if whole.has_celestial else None
+        celestial, problems = usable_part(whole)
     said += map(one_line, caught)
     if celestial is None:
-        kinds = [kind for kind in whole.wcs.ctype if _NEARLY_CELESTIAL.match(kind)]
-        return None, tuple(f"the WCS is ignored: {kind!r} is no celestial axis" for kind in kinds[:1])
-    if {whole.wcs.lng, whole.wcs.lat} != {0, 1}:
-        return None, ("the WCS has the sky along other axes than those of the image and is ignored",)
-    matrix = celestial.pixel_scale_matrix
-    if not 0 < abs(np.linalg.det(matrix)) < np.inf:
-        return None, ("the WCS cannot be inverted and is ignored",)
-    if np.any(np.linalg.norm(matrix, axis=0) == 1):
-        return None, ("the WCS has the default scale of 1 degree a pixel, so it says none and is ignored",)
+        return None, problems
     if _CD.search(cards) and _PC.search(cards):
         said.append("the WCS has a CD and a PC matrix, which FITS forbids; PC with CDELT is used")
-    if scamp != cards:
+    if projected != cards:
+        said.append("the WCS names no projection and is read as TAN")
+    if scamp != projected:
         said.append("the WCS is TAN with PV of SCAMP and is read as TPV")
-    if celestial_frame(celestial) is None:
-        said.append(f"the WCS's frame ({_frame_of(celestial)}) is not converted: no position angle is given")
+    said += problems
     return celestial, tuple(dict.fromkeys(said))
 
 
-def _frame_of(wcs: WCS) -> str:
-    return " ".join(filter(None, (*wcs.wcs.ctype, wcs.wcs.radesys)))
+def _projected(cards: str) -> str:
+    """Return the cards with the tangent projection where their CTYPE names none."""
+    each = (cards[start : start + CARD] for start in range(0, len(cards), CARD))
+    return "".join(_BARE.sub(lambda c: f"{c[1]}{c[2]:-<5}TAN'", card)[:CARD].ljust(CARD) for card in each)

@@ -21,6 +21,9 @@ from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
 from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
 from jitterkit.optics.spectrum import Spectrum, flat_band
 
+_LIGHT = (10.0, 1e6)
+"""nm, of what telescopes form images with: from the far ultraviolet to millimetres."""
+
 Tables = dict[str, dict[str, Any]]
 
 
@@ -157,11 +160,15 @@ def _light(
         raise ConfigurationError(ErrorCode.CONFLICT, problem)
     if band is not None:
         return {"band": list(band)}
-    written = images[0].header.get("WAVELEN")  # of a wavefront that poppy wrote
-    wavelength = written * 1e9 if wavelength is None and isinstance(written, float) else wavelength
+    written = images[0].quantity("pupil_scale", "WAVELEN")  # of a wavefront that poppy wrote
+    wavelength = written * 1e9 if wavelength is None and written is not None else wavelength
     if wavelength is None:
         problem = f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
+    low, high = _LIGHT
+    if not low <= wavelength <= high:
+        problem = f"{path}: {wavelength:g} nm is no wavelength of light ({low:g} to {high:g} nm)"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give --wavelength, in nm.")
     return {"lines": [wavelength]}
 
 

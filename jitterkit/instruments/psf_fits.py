@@ -27,6 +27,9 @@ from jitterkit.frames.fits import NamedImage
 _NAMES = ("OVERDIST", "OVERSAMP", "DET_DIST", "DET_SAMP")
 """Images in the order in which they are taken: detector effects before none, points before sums."""
 
+_PITCH = (1e-4, 600.0)
+"""Arcsec that a sample of a PSF may be wide: a tenth of the finest pixels, and cameras of the whole sky."""
+
 _ALIASED = 3e-4
 """Contrast beyond the Nyquist frequency up to which an image may be decimated: of the peak, less still."""
 
@@ -183,13 +186,13 @@ def _card(image: NamedImage, primary: NamedImage, key: str) -> Any:
 
 
 def _pitch(path: Path, image: NamedImage) -> float:
-    unit = str(image.header.get("PIXUNIT", "arcsec")).lower()
-    pitch = image.positive("PIXELSCL")
-    if pitch is None or not unit.startswith("arcsec"):
+    pitch = image.quantity("plate_scale", "PIXELSCL")
+    if pitch is None or not _PITCH[0] <= pitch <= _PITCH[1]:
+        cards = ", ".join(f"{key} = {image.header.get(key)!r}" for key in ("PIXELSCL", "PIXUNIT"))
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} does not say how many arcsec a sample is wide (PIXELSCL = "
-            f"{image.header.get('PIXELSCL')!r}, PIXUNIT = {unit!r}); write PIXELSCL into its header.",
+            f"{path}: HDU {image.hdu} does not say how many arcsec a sample is wide ({cards}); write "
+            "PIXELSCL into its header, in arcsec or with its unit in PIXUNIT.",
         )
     return pitch
 
@@ -202,7 +205,7 @@ def _detector(
     samples = image.positive("DET_SAMP", "OVERSAMP")
     if plate_scale is not None:
         samples = plate_scale / pitch
-    elif sums and sums[0].positive("PIXELSCL"):
+    elif sums and sums[0].quantity("plate_scale", "PIXELSCL"):
         samples = _pitch(path, sums[0]) / pitch
     elif not image.name and "FFTTYPE" in image.header:
         # poppy's OpticalSystem.calc_psf writes the oversampling of its wavefront into both cards

@@ -15,6 +15,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.fits import NamedImage
+from jitterkit.frames.units import factor
 
 _SCALES = ("PUPLSCAL", "PIXELSCL", "PIXSCALE")
 """Keywords of the metres per sample, in the order of trust: the first is of pupils alone."""
@@ -22,13 +23,18 @@ _SCALES = ("PUPLSCAL", "PIXELSCL", "PIXSCALE")
 _WIDTHS = ("PUPLDIAM", "DIAM", "DIAMETER")
 """Keywords of the pupil's diameter, m; it may lie in a wider array."""
 
+_AGREEMENT = 0.02
+"""Relative difference of two widths up to which they are one: an edge is a sample or two uncertain."""
+
 
 def is_pupil(images: Sequence[NamedImage]) -> bool | None:
     """Tell whether a file holds a pupil or a PSF, from its cards; None if they do not tell."""
     headers = [image.header for image in images]
     names = {image.name for image in images}
-    units = {str(header.get("PIXUNIT", "")).lower().rstrip("s") for header in headers}
-    if units & {"meter", "metre", "m"} or names & {"TRANSMISSION", "OPD"}:
+    if any(factor("pupil_scale", str(header.get("PIXUNIT", ""))) for header in headers) or names & {
+        "TRANSMISSION",
+        "OPD",
+    }:
         return True
     if any(key in header for header in headers for key in ("WAVELEN", "DIFFLMT", "OVERSAMP", "DET_SAMP")):
         return False
@@ -77,7 +83,7 @@ def pupil_arrays(
         If a value is missing, impossible or contradicts another.
     """
     amplitude = next((image for image in images if not _is_opd(image)), None)
-    if amplitude is None or amplitude.pixels.ndim != 2:
+    if amplitude is None or amplitude.pixels.ndim != 2 or len(set(amplitude.pixels.shape)) > 1:
         found = "a wavefront error" if amplitude is None else amplitude.pixels.shape
         problem = f"{path}: there is no transmission (n, n) of a pupil, but {found}"
         remedy = "give the file of the transmission first, and that of the wavefront error as --opd"
@@ -88,6 +94,7 @@ def pupil_arrays(
     wavefront = np.zeros_like(transmission)
     if errors:
         wavefront = _wavefront(where, errors[0], transmission, opd_unit, plane)
+        _refuse_other_scale(where, errors[0], amplitude)
     width = _width(path, amplitude, transmission) if diameter is None else diameter
     return transmission, wavefront, width
 
@@ -130,11 +137,20 @@ def _wavefront(
     return np.where(transmission > 0, -nanometres(path, unit) * errors, 0.0)
 
 
+def _refuse_other_scale(path: Path, errors: NamedImage, amplitude: NamedImage) -> None:
+    scales = [image.quantity("pupil_scale", *_SCALES) for image in (errors, amplitude)]
+    if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > _AGREEMENT:
+        problem = (
+            f"{path}: HDU {errors.hdu} has samples of {scales[0]:g} m, the transmission of {scales[1]:g} m"
+        )
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give both on the same samples.")
+
+
 def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
     """Width of the array, m; what its scale and the pupil's diameter say must not contradict each other."""
     lit = np.flatnonzero((transmission > 0).any(axis=0) | (transmission > 0).any(axis=1))
     n, extent = len(transmission), int(lit[-1] - lit[0] + 1) if lit.size else 0
-    scale, diameter = image.positive(*_SCALES), image.positive(*_WIDTHS)
+    scale, diameter = (image.quantity("pupil_scale", *keys) for keys in (_SCALES, _WIDTHS))
     if scale is None and (diameter is None or extent < n - 2):
         raise ConfigurationError(
             ErrorCode.MISSING_VALUE,
@@ -144,7 +160,7 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
     if scale is None:
         assert diameter is not None
         return diameter
-    if diameter is not None and min(abs(scale * k / diameter - 1) for k in (n, extent)) > 0.02:
+    if diameter is not None and min(abs(scale * k / diameter - 1) for k in (n, extent)) > _AGREEMENT:
         problem = f"{path}: {n} samples of {scale:g} m, {extent} of them lit, are no pupil of {diameter:g} m"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give --diameter, of the whole array, in m.")
     return scale * n

@@ -193,8 +193,6 @@ def read_kernel(path: str | Path) -> StoredKernel:
         raise FrameError(code, path, problem, "a kernel has odd sides, finite values and a positive sum")
     named = [header.get(name) for name in ("PIXELSCL", "GS_SCALE", "PIXSCALE")]
     scales = [float(s) for s in named if isinstance(s, int | float) and math.isfinite(s) and s > 0]
-    if header.get("ROWORDER") == "TOP-DOWN":
-        kernel = kernel[::-1]
     return StoredKernel(kernel / kernel.sum(), scales[0] if scales else None, header)
 
 

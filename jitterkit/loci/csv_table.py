@@ -51,27 +51,46 @@ def heading(cell: str) -> tuple[str, str]:
 
 
 _IN_PROSE = re.compile(
-    r"(?<![\w/])(mas|milli-?arcsec\w*|[uµ]as|deg(rees?)?|[mµu]?rad(ians?)?|pix(els?)?|ms|milliseconds?|[uµ]s|minutes?"
-    r"|hours?|kHz|√|sqrt|rt ?Hz|dB|log(10)?|(?i:asd|amplitude spectral|rms|peak[- ]to[- ]peak|p-?p))(?!\w)"
+    r"(?<![\w/])((?P<time>ms|milliseconds?|[uµ]s|minutes?|hours?|kHz)"
+    r"|mas|milli-?arcsec\w*|[uµ]as|deg(rees?)?|[mµu]?rad(ians?)?|pix(els?)?|√|sqrt|rt ?Hz|dB|log(10)?"
+    r"|(?P<kind>(?i:asd|amplitude spectral|rms|peak[- ]to[- ]peak|p-?p|cumulative)))(?!\w)"
 )
-"""Units, and kinds of amplitude, that are not those of columns without a unit."""
+"""Units, of time and others, and kinds of amplitude, that are not those of columns without a unit."""
 
 
 def refuse_unit_in_comment(path: Path, header: Sequence[str]) -> None:
-    """Raise ConfigurationError where a comment names a unit, and no column of the header has one."""
-    if any(unit for _, unit in map(heading, header)):
-        return
+    """Raise ConfigurationError where a comment names a unit of columns that have none.
+
+    A kind of amplitude is no unit: one that a comment names is refused of lines whatever their unit.
+    """
+    names, units = zip(*map(heading, header), strict=True) if header else ((), ())
     with path.open(encoding="utf-8-sig") as handle:
         comments = [
             (n, found)
             for n, line in enumerate(handle, 1)
-            if line[0] == "#" and (found := _IN_PROSE.search(line))
+            if line[0] == "#"
+            for found in _IN_PROSE.finditer(line)
+            if not any(units[:1] if found["time"] else units[1:]) or (found["kind"] and "amplitude" in names)
         ]
-    if comments:
-        number, found = comments[0]
-        problem = f"the comment in line {number} says {found[0]!r}, and the columns have no unit"
-        remedy = f"write one behind each name, as in {header[1]} [mas], or leave the word out"
-        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; {remedy}.")
+    if not comments:
+        return
+    number, found = comments[0]
+    said = f"the comment in line {number} says {found[0]!r}"
+    if found["kind"] and "amplitude" in names:
+        problem = (
+            f"{said}, and amplitudes of lines are from zero to peak; convert them, and leave the word out"
+        )
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}.")
+    example = f"{header[0]} [ms]" if found["time"] else f"{header[1]} [mas]"
+    remedy = f"write one behind each name, as in {example}, or leave the word out"
+    raise ConfigurationError(ErrorCode.CONFLICT, f"{said}, and the columns have no unit; {remedy}.")
+
+
+def refuse_half_stated(names: Sequence[str], units: Sequence[str]) -> None:
+    """Raise ConfigurationError where some columns of one quantity have a unit and others none."""
+    if any(units) and not all(units):
+        problem = f"of the columns {', '.join(names)} only some have a unit"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; write it behind each of them.")
 
 
 def unit_factor(column: str, unit: str, *wanted: str) -> tuple[float, str]:

@@ -19,7 +19,14 @@ from scipy.integrate import cumulative_simpson
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes
-from jitterkit.loci.csv_table import csv_rows, heading, refuse_unit_in_comment, row_numbers, unit_factor
+from jitterkit.loci.csv_table import (
+    csv_rows,
+    heading,
+    refuse_half_stated,
+    refuse_unit_in_comment,
+    row_numbers,
+    unit_factor,
+)
 from jitterkit.loci.missing import MISSING_WORDS, without_missing
 from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
 
@@ -259,11 +266,15 @@ def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
             f"begins with {','.join(cells) or 'nothing'!r}; its first line must be t,x,y (s, arcsec, arcsec) "
             "or, for rates, t,wx,wy (s, arcsec/s, arcsec/s).",
         )
+    refuse_half_stated(cells[1:], units[1:])
     found = [
         unit_factor(name, unit or rates or ("arcsec/s" if named_rates else "arcsec"), "arcsec/s", "arcsec")
         for name, unit in zip(names[1:], units[1:], strict=True)
     ]
     kinds = {kind for _, kind in found}
+    if rates and units[1] and unit_factor("rates", rates, "arcsec/s", "arcsec") != found[0]:
+        problem = f"The rates are given in {rates}, and the header says {cells[1]}"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; leave one of them out.")
     if len(kinds) > 1 or (kinds == {"arcsec"} and (named_rates or rates)):
         problem = f"The columns {cells[1]} and {cells[2]} are not two angles or two rates"
         remedy = "give both units alike, and a rate's unit, such as deg/s, for rates"

@@ -18,6 +18,7 @@ from jitterkit.loci.csv_table import (
     CsvRow,
     csv_rows,
     heading,
+    refuse_half_stated,
     refuse_unit_in_comment,
     row_numbers,
     unit_factor,
@@ -39,6 +40,9 @@ _UNITS = {
     "minor": ("arcsec",),
 }
 """Of each column, that of a column without a unit first."""
+
+_ALIKE = ("x", "y", "xy", "amplitude", "minor")
+"""Columns of a table that have one dimension."""
 
 _FORMATS = (
     "give a table of densities f,x,y[,xy] (Hz, arcsec²/Hz), of lines frequency,amplitude,angle[,minor] (Hz, "
@@ -133,6 +137,8 @@ def _header(cells: list[str]) -> _Header | None:
     if any(roots) and not all(roots):
         problem = f"{','.join(cells)!r} mixes densities and their roots"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give x and y alike, and no xy with roots.")
+    alike = [(cell, unit) for cell, (_, unit), name in zip(cells, cut, names, strict=True) if name in _ALIKE]
+    refuse_half_stated(*zip(*alike, strict=True))
     return _Header(names, tuple(factors), all(roots))
 
 
@@ -153,6 +159,9 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
         else:
             tables[header.names[0]].append({"line": n} | header.numbers((n, cells)))
     lines = [_line(row) for row in tables.get("frequency", [])]
+    if twice := [line.frequency for number, line in enumerate(lines) if line in lines[:number]]:
+        problem = f"the line of {twice[0]:g} Hz stands there twice; give each line once."
+        raise ConfigurationError(ErrorCode.DUPLICATE, problem)
     densities = tables.get("f", [])
     if not (densities or lines):
         raise ConfigurationError(ErrorCode.MALFORMED, f"holds no motion; {_FORMATS}.")

@@ -123,6 +123,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _read_fits(path: Path) -> dict[str, Any]:
+    from jitterkit.frames.cards import Cards
     from jitterkit.frames.fits import read_images  # costs 0.3 s, and an .npz does not need it
 
     try:
@@ -135,7 +136,8 @@ def _read_fits(path: Path) -> dict[str, Any]:
     for image in images:
         if image.name == "OPD" and "BUNIT" in image.header:
             content["opd"] = image.pixels * nanometres(path, image.header["BUNIT"])
-    content["diameter"] = header.get("DIAMETER")
+    number = Cards(header).quantity("pupil_scale", "DIAMETER")
+    content["diameter"] = None if number is None else number.value
     names = _mode_names(header, len(content.get("basis", ())))
     return content | ({"names": names} if names else {})
 

@@ -29,3 +29,8 @@ def test_equal_values_have_one_digest_whatever_their_type():
     assert RawFrame.from_array(values.T).digest not in digests
     values[4, 6] += 1
     assert RawFrame.from_array(values).digest not in digests
+
+
+def test_numbers_that_were_rounded_to_32_bits_have_the_digest_of_those_in_64():
+    values = np.random.default_rng(1).normal(100, 3, (5, 7))
+    assert RawFrame.from_array(values).digest == RawFrame.from_array(values.astype("f4")).digest

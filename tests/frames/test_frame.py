@@ -7,13 +7,24 @@ import struct
 import numpy as np
 import pytest
 from astropy import units
-from astropy.nddata import CCDData
+from astropy.io import fits
+from astropy.nddata import CCDData, StdDevUncertainty, VarianceUncertainty
+from astropy.wcs import WCS
 from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
-from jitterkit.frames import Frame, RawFrame, open_frames, write_fits
+from jitterkit.frames import Frame, RawFrame, open_frames, read_frames, write_fits
 
 IMAGE = np.arange(12.0).reshape(3, 4)
+
+NORTH_UP = {
+    "CTYPE1": "RA---TAN",
+    "CTYPE2": "DEC--TAN",
+    "CRVAL1": 150.0,
+    "CRVAL2": 60.0,
+    "CD1_1": -1e-4,
+    "CD2_2": 1e-4,
+}
 
 
 def test_a_bare_array_of_any_byte_order_becomes_a_frame():
@@ -206,3 +217,46 @@ def test_a_ccddata_may_be_in_counts_or_rates(unit):
 def test_a_ccddata_in_another_unit_is_refused_by_its_name():
     with refused(ErrorCode.UNKNOWN_UNIT, "Jy", error=JitterkitError):
         RawFrame.from_ccddata(CCDData(IMAGE, unit="Jy"))
+
+
+def test_a_ccddata_without_dimension_is_adu_with_a_warning():
+    raw = RawFrame.from_ccddata(CCDData(IMAGE, unit=units.dimensionless_unscaled))
+    assert raw.unit == "adu"
+    assert "dimensionless" in raw.metadata.warnings[0]
+
+
+def test_rows_of_a_ccddata_from_the_top_are_turned_over_as_those_of_its_file(tmp_path):
+    ccd = CCDData(IMAGE, unit="adu", mask=IMAGE == 3, uncertainty=VarianceUncertainty(IMAGE + 1))
+    ccd.header["ROWORDER"] = "TOP-DOWN"
+    ccd.wcs = WCS(fits.Header(NORTH_UP))
+    ccd.write(tmp_path / "a.fits")
+    (of_file,) = read_frames(tmp_path / "a.fits")
+    raw = RawFrame.from_ccddata(ccd)
+    np.testing.assert_array_equal(raw.data, IMAGE[::-1])
+    for name in ("data", "mask", "variance"):
+        np.testing.assert_array_equal(getattr(raw, name), getattr(of_file, name))
+    sky = [one.metadata.wcs.pixel_to_world_values(1.0, 2.0) for one in (raw, of_file)]
+    np.testing.assert_allclose(sky[0], sky[1], rtol=1e-12)
+    assert raw.metadata.row_order == of_file.metadata.row_order == -1
+
+
+def test_the_header_of_a_ccddata_that_was_converted_to_electrons_is_still_in_adu():
+    ccd = CCDData(IMAGE, unit="electron", meta={"BUNIT": "adu", "SATURATE": 65535, "EGAIN": 0.5})
+    assert RawFrame.from_ccddata(ccd).metadata.saturation.value == 65535 * 0.5
+
+
+@pytest.mark.parametrize(
+    "wcs", [WCS(naxis=2), WCS(fits.Header({"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN"}))]
+)
+def test_a_wcs_of_a_ccddata_that_says_no_scale_is_not_used(wcs):
+    metadata = RawFrame.from_ccddata(CCDData(IMAGE, unit="adu", wcs=wcs, meta={"PIXSCALE": 0.3})).metadata
+    assert metadata.wcs is None
+    assert metadata.plate_scale.value == 0.3
+
+
+def test_a_negative_uncertainty_is_none_and_complex_data_are_refused():
+    deviations = np.where(IMAGE == 3, -1.0, 1.0)
+    raw = RawFrame.from_ccddata(CCDData(IMAGE, unit="adu", uncertainty=StdDevUncertainty(deviations)))
+    assert np.flatnonzero(raw.mask).tolist() == [3]
+    with refused(ErrorCode.WRONG_TYPE, "complex", error=JitterkitError):
+        RawFrame.from_ccddata(CCDData(IMAGE + 1j, unit="adu"))

@@ -180,6 +180,15 @@ def test_a_header_makes_the_wcs_it_describes():
     assert warnings == []
 
 
+def test_axes_without_a_projection_are_a_tangent_plane_with_a_warning():
+    named, plain_axes = (tangent(rotation=33.0, dec=60.0).to_header() for _ in range(2))
+    plain_axes["CTYPE1"], plain_axes["CTYPE2"] = "RA", "DEC"
+    (expected, _), (wcs, warnings) = celestial_wcs(plain(named)), celestial_wcs(plain(plain_axes))
+    angles = [sky_position_angle(one, 20.0, 30.0, 25.0) for one in (wcs, expected)]
+    assert angles[0] == pytest.approx(angles[1], abs=1e-9)
+    assert "no projection" in warnings[0]
+
+
 def test_headers_without_celestial_axes_make_none():
     assert celestial_wcs(plain(fits.Header({"EXPTIME": 1}))) == (None, [])
     assert (

@@ -51,10 +51,9 @@ def write(tmp_path):
     """Write images with EXTNAMEs and cards, the first as the primary HDU."""
 
     def written(name, *images):
-        units = [
-            (fits.ImageHDU if k else fits.PrimaryHDU)(data, fits.Header(cards))
-            for k, (data, cards) in enumerate(images)
-        ]
+        units = [(fits.ImageHDU if k else fits.PrimaryHDU)(data) for k, (data, _) in enumerate(images)]
+        for unit, (_, cards) in zip(units, images, strict=True):
+            unit.header.update(cards)
         fits.HDUList(units).writeto(tmp_path / name)
         return tmp_path / name
 
@@ -216,6 +215,8 @@ LIGHT = {"wavelength": 600.0, "plate_scale": 0.03, "shape": (8, 8)}
         (STAR, {"PIXELSCL": 0.01, "DET_SAMP": 2, "FFTTYPE": "numpy"}, {}, ErrorCode.MISSING_VALUE,
          ("0.01 arcsec", "--plate-scale")),
         (STAR, {**SAMPLED, "PIXELSCL": 0}, {}, ErrorCode.MISSING_VALUE, ("PIXELSCL = 0",)),
+        (STAR, {**SAMPLED, "PIXELSCL": 1e-5}, {}, ErrorCode.MISSING_VALUE, ("1e-05", "PIXUNIT")),
+        (STAR, {**SAMPLED, "PIXUNIT": "meters"}, {"kind": "psf"}, ErrorCode.MISSING_VALUE, ("'meters'",)),
         (STAR, SAMPLED, {"plate_scale": 0.025}, ErrorCode.OUT_OF_RANGE, ("2.5 samples", "--plate-scale")),
         (STAR, {**SAMPLED, "EXTNAME": "DET_SAMP"}, {"plate_scale": 0.02}, ErrorCode.CONFLICT,
          ("0.01 arcsec", "0.02")),
@@ -230,6 +231,11 @@ LIGHT = {"wavelength": 600.0, "plate_scale": 0.03, "shape": (8, 8)}
         (DISC, LENGTHS, {"wavelength": 600.0}, ErrorCode.MISSING_VALUE, ("--plate-scale",)),
         (DISC, LENGTHS, {**LIGHT, "band": (500, 600)}, ErrorCode.CONFLICT, ("--band", "--wavelength")),
         (DISC, LENGTHS, {**LIGHT, "hdu": 1}, ErrorCode.CONFLICT, ("hdu = 1", "pupil")),
+        (DISC, {**LENGTHS, "WAVELEN": 600.0}, {"plate_scale": 0.03, "kind": "pupil"}, ErrorCode.OUT_OF_RANGE,
+         ("6e+11 nm", "--wavelength")),
+        (DISC[4:], LENGTHS, LIGHT, ErrorCode.MISSING_VALUE, ("(28, 32)",)),
+        (DISC, {"PIXELSCL": (0.075, "[arcsec/pixel]")}, {**LIGHT, "kind": "pupil"}, ErrorCode.MISSING_VALUE,
+         ("metres", "--diameter")),
         (DISC, {"CONTENTS": "amplitude"}, LIGHT, ErrorCode.MISSING_VALUE, ("PUPLSCAL", "--diameter")),
         (DISC, {**LENGTHS, "PUPLDIAM": 3.1}, LIGHT, ErrorCode.CONFLICT, ("0.075 m", "3.1 m", "--diameter")),
         (DISC, {**LENGTHS, "CONTENTS": "opd"}, LIGHT, ErrorCode.MISSING_VALUE, ("transmission", "--opd")),
@@ -249,6 +255,8 @@ def test_what_a_file_does_not_tell_is_asked_for_by_name(tmp_path, write, image, 
     [
         (DISC, {"EXTNAME": "OPD"}, {}, ErrorCode.MISSING_VALUE, ("HDU 1", "--opd-unit")),
         (DISC, {"EXTNAME": "OPD", "BUNIT": "radian"}, {}, ErrorCode.UNKNOWN_UNIT, ("'radian'",)),
+        (DISC, {"EXTNAME": "OPD", "BUNIT": "m", "PUPLSCAL": 0.15}, {}, ErrorCode.CONFLICT,
+         ("0.15 m", "0.075 m")),
         (DISC[1:, 1:], {"EXTNAME": "OPD", "BUNIT": "m"}, {}, ErrorCode.WRONG_SHAPE, ("(31, 31)", "(32, 32)")),
         (np.stack([DISC, DISC]), {"EXTNAME": "OPD", "BUNIT": "m"}, {}, ErrorCode.MISSING_VALUE,
          ("2 wavefront", "--plane")),
@@ -274,3 +282,46 @@ def test_help_loads_no_jax():
         "sys.exit('jax' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        {"PIXELSCL": (10.0, "[mas/pixel]")},
+        {"PIXELSCL": (10.0, "scale"), "PIXUNIT": "mas"},
+        {"PIXELSCL": (0.01 / 3600, "deg per pixel")},
+        {"PIXELSCL": (0.01 * ARCSEC * 1e6, "in urad")},
+        {"PIXELSCL": (0.01, "Scale in arcsec/pix (after oversampling)"), "PIXUNIT": "arcsecond"},
+    ],
+)
+def test_the_samples_of_a_psf_are_in_the_unit_that_the_file_states(tmp_path, write, cards):
+    instrument_from_fits(write("a.fits", (STAR, SAMPLED | cards)), tmp_path / "a.toml")
+    assert load_instrument(tmp_path / "a.toml").plate_scale == pytest.approx(0.04, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        {"PUPLSCAL": (75.0, "mm per pixel")},
+        {"PIXELSCL": (7.5, "scale"), "PIXUNIT": "cm"},
+        {"DIAMETER": (2400.0, "[mm]")},
+        {"PUPLSCAL": (0.075, "pupil scale in m / pixel for 32 pixels")},
+        {"PUPLSCAL": 0.075, "PUPLDIAM": (2.4, "Pupil *FILE* diameter in m (incl padding)")},
+    ],
+)
+def test_the_samples_of_a_pupil_are_in_the_unit_that_the_file_states(tmp_path, write, cards):
+    path, light = write("a.fits", (DISC, cards)), LIGHT | {"wavelength": None, "plate_scale": 0.01}
+    with fits.open(path, mode="update") as hdus:
+        hdus[0].header["WAVELEN"] = (0.6, "microns")
+    instrument_from_fits(path, tmp_path / "a.toml", kind="pupil", **light)
+    instrument = load_instrument(tmp_path / "a.toml")
+    assert instrument.pupil.diameter == pytest.approx(2.4)
+    assert instrument.spectrum.wavelengths == pytest.approx([600.0])
+
+
+def test_a_psf_whose_rows_run_from_the_top_is_turned_over(tmp_path, write):
+    psf = STAR * np.linspace(0.5, 1.5, len(STAR))[:, None]
+    for name, image, cards in (("up", psf, {}), ("down", psf[::-1], {"ROWORDER": "TOP-DOWN"})):
+        instrument_from_fits(write(f"{name}.fits", (image, SAMPLED | cards)), tmp_path / f"{name}.toml")
+    up, down = (fits.getdata(tmp_path / f"{name}-psf.fits") for name in ("up", "down"))
+    np.testing.assert_allclose(down, up, atol=1e-15)

@@ -151,6 +151,25 @@ def test_an_instrument_that_knows_no_gain_leaves_the_frames_own():
     assert resolve(raw, plain()).metadata.value("gain") == 1.5
 
 
+def test_an_instrument_file_that_contradicts_a_header_is_a_warning(tmp_path):
+    cards = {"PIXSCALE": 0.30, "EXPTIME": 2.0, "EGAIN": 1.0}
+    (raw,) = read_frames(write_fits(tmp_path / "a.fits", np.ones((4, 4)), header=cards))
+    table = (
+        "[instrument]\nplate_scale = {}\nexposure = {}\n"
+        "[telescope]\ndiameter = 0.1\n[spectrum]\nlines = [600]\n"
+    )
+    warnings = {}
+    for name, scale, exposure in (("same", 0.301, 1.9), ("other", 0.31, 1.0)):
+        (tmp_path / f"{name}.toml").write_text(table.format(scale, exposure))
+        warnings[name] = resolve(raw, load_instrument(tmp_path / f"{name}.toml")).metadata.warnings
+    assert warnings["same"] == ()
+    scale, exposure = warnings["other"]
+    assert "PIXSCALE (HDU 0) = 0.3 " in scale
+    assert "0.31 arcsec/pixel" in scale
+    assert "EXPTIME (HDU 0) = 2 " in exposure
+    assert "1 s" in exposure
+
+
 def test_the_scale_and_exposure_of_a_frame_outrank_a_presets():
     preset = plain(exposure=0.1, sources=dict.fromkeys(("plate_scale", "exposure"), "preset p"))
     raw = RawFrame.from_array(np.zeros((2, 2)), source="header WCS (HDU 0)", plate_scale=0.5)

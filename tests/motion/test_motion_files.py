@@ -106,3 +106,31 @@ def test_densities_of_two_sides_are_doubled_where_a_comment_says_so(words, facto
 def test_a_comment_may_name_units_where_the_header_does(table):
     record = read_motion(table("# from degrees, in mas\nt [ms],x [mas],y [mas]\n0,1,2\n500,3,4\n"))
     np.testing.assert_allclose(record, [[0, 0.5], [1e-3, 3e-3], [2e-3, 4e-3]])
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "values"),
+    [
+        ("# in mas^2/Hz\nf [Hz],x,y\n1,2,3\n2,2,3\n", ErrorCode.CONFLICT, ("line 1", "'mas'", "x [mas]")),
+        ("# time in ms\nt,x [mas],y [mas]\n0,1,2\n1,3,4\n", ErrorCode.CONFLICT, ("line 1", "'ms'", "t [ms]")),
+        (
+            "# peak-to-peak\nfrequency,amplitude [mas],angle\n10,1,0\n",
+            ErrorCode.CONFLICT,
+            ("'peak-to-peak'",),
+        ),
+        ("# rms\nfrequency,amplitude [mas],angle\n10,1,0\n", ErrorCode.CONFLICT, ("'rms'", "zero to peak")),
+        ("# cumulative\nf,x,y\n1,2,3\n2,2,3\n", ErrorCode.CONFLICT, ("'cumulative'",)),
+        ("f,x [mas2/Hz],y\n1,2,3\n2,2,3\n", ErrorCode.CONFLICT, ("x [mas2/Hz], y", "only some")),
+        ("t,x [mas],y\n0,1,2\n1,3,4\n", ErrorCode.CONFLICT, ("x [mas], y", "only some")),
+        ("frequency,amplitude,angle\n10,1,0\n20,1,0\n10,1,0\n", ErrorCode.DUPLICATE, ("10 Hz", "twice")),
+    ],
+)
+def test_a_table_that_says_its_units_or_lines_by_halves_is_refused(text, code, values, table):
+    with refused(code, *values):
+        read_motion(table(text))
+
+
+def test_two_units_for_the_same_rates_are_refused(table):
+    path = table("t,wx [deg/s],wy [deg/s]\n0,1,2\n1,3,4\n2,3,4\n")
+    with refused(ErrorCode.CONFLICT, "rad/s", "wx [deg/s]"):
+        read_motion(path, rates="rad/s")
