@@ -39,6 +39,9 @@ _LEAST_FREQUENCIES = 50
 _GRIDS = fft.fftfreq, fft.rfftfreq
 """Of the frequencies along y and x."""
 
+_ROUNDING = 1e-12
+"""Share of the mean power that counts as noise, where frames have none."""
+
 _LEAST_GAIN = 1e-3
 """Ratio of two frames' fluxes."""
 
@@ -181,6 +184,7 @@ class Comparison:
         stripes = ndimage.binary_dilation(striped(powers[0], radius), np.ones((3, 3)))
         self._band &= ~(stripes & (radius > _STRIPES))
         self.frequencies = int(self._band.sum())
+        self._rounding = _ROUNDING * float(powers[1].mean())
 
     def part(self, side: int) -> Comparison:
         """Return the comparison of the part, at most ``side`` pixels wide, that has the most structure."""
@@ -216,7 +220,10 @@ class Comparison:
         ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
         misfit = 2 * found.cost / (len(found.fun) - len(found.x))
         scale = ties * (misfit if self._noise_is_measured else max(misfit, 1.0))
-        return Fit(transfer, found.x, scale * np.linalg.inv(found.jac.T @ found.jac), found.cost / ties)
+        # a motion along a line that is found to be none has no slopes
+        sizes = np.maximum(np.linalg.norm(found.jac, axis=0), 1e-100)
+        inverse = np.linalg.pinv((found.jac / sizes).T @ (found.jac / sizes), hermitian=True)
+        return Fit(transfer, found.x, scale * inverse / np.outer(sizes, sizes), found.cost / ties)
 
     def noise_left(self, fit: Fit, window: np.ndarray) -> tuple[float, float]:
         """Return the variances of a pixel's noise in both frames that a fit's residuals have."""
@@ -256,7 +263,7 @@ class Comparison:
     ) -> np.ndarray:
         """Return the weight of each frequency: the noise of the sharp frame is blurred by ``p``."""
         first, second = noise or self.noise
-        return np.sqrt(2 / (second + self._gain(transfer, p) ** 2 * first))
+        return np.sqrt(2 / (second + self._gain(transfer, p) ** 2 * first + self._rounding))
 
     def _response(self, transfer: Transfer, p: np.ndarray) -> np.ndarray:
         return transfer(p[3:], self._fx, self._fy)[0] * self._moved(p)
@@ -285,7 +292,7 @@ class Comparison:
         return np.exp(p[0]) * transfer(p[3:], self._fx[self._band], self._fy[self._band])[0]
 
     def kernel(self, x: float, y: float, side: int) -> np.ndarray:
-        """Kernel (side, side) about a shift, from the regularised ratio of the transforms; sums to one."""
+        """Return the kernel (side, side) about a shift: the regularised ratio of the transforms, sum one."""
         one, two = self._pair
         ratio = two * one.conj() / (np.abs(one) ** 2 + _REGULARISED * sum(self.noise))
         whole = fft.irfft2(ratio * np.exp(2j * np.pi * (x * self._fx + y * self._fy)), self.one.shape)
@@ -295,11 +302,8 @@ class Comparison:
     @property
     def widest(self) -> float:
         """Variance [pixel²] of a normal that leaves the scene's frequencies a third of their power."""
-        square = self._fx**2 + self._fy**2
-        return float(
-            1
-            / (2 * np.pi**2 * np.average(square[self._band], weights=np.abs(self._pair[0])[self._band] ** 2))
-        )
+        square, power = (self._fx**2 + self._fy**2)[self._band], np.abs(self._pair[0])[self._band] ** 2
+        return 1 / float(2 * np.pi**2 * np.average(square, weights=power))
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +313,7 @@ class Blur:
     Attributes
     ----------
     best : Fit
-        Of a normal or a streak, whichever describes the frames better.
+        The one that describes the frames best.
     normal : Fit
     left : float
         Share of the difference of the aligned frames that the best one leaves; 0 where noise may be all.
@@ -323,13 +327,12 @@ class Blur:
 _PENALTIES: dict[Transfer, float] = {normal: 2.0, streak: 0.0, drift: 10.0, vibration: 10.0}
 """Half of chi-squared that a blur must fit better by: a streak has one parameter less than a normal."""
 
-
 _NOTICED = 0.5
 """Share of the noise (it was measured at the highest frequencies) from which an excess of power is none."""
 
 
 def fit_blur(frames: Comparison, shift: tuple[float, float]) -> Blur:
-    """Fit a streak and a normal.
+    """Fit a normal, a streak, and a streak and a sine under a normal.
 
     Parameters
     ----------
@@ -353,14 +356,15 @@ def fit_blur(frames: Comparison, shift: tuple[float, float]) -> Blur:
     refined = [part.fit(streak, p, window, part.weights(streak, p)).p for _, p, window in ranked[:_REFINED]]
     compared = _compared(part, refined)
     if not compared:
-        problem = f"The blur and the shift reach over the frames of {frames.one.shape[::-1]} pixels"
-        raise UndeterminedError(ErrorCode.TOO_FEW, f"{problem}; give larger frames.")
+        raise UndeterminedError(ErrorCode.TOO_FEW, _reaching_over(frames))
     line = compared[0][1]
     extents = [_extent(streak, line), _extent(normal, broad)]
     window = part.window(*(extents if part.holds(*extents) else extents[:1]))
     weights = part.weights(streak, line)
     fits = [part.fit(transfer, p, window, weights) for transfer, p in _starts(line, broad, axis)]
     best = min(fits, key=lambda fit: fit.cost + _PENALTIES[fit.transfer])
+    if not frames.holds(_extent(best.transfer, best.p)):
+        raise UndeterminedError(ErrorCode.TOO_FEW, _reaching_over(frames))
     window = frames.window(_extent(best.transfer, best.p))
     for noise in (frames.noise, None):
         noise = noise or frames.noise_left(best, window)
@@ -369,6 +373,11 @@ def fit_blur(frames: Comparison, shift: tuple[float, float]) -> Blur:
     sharp = frames.unexplained(normal, np.array([*best.p[:3], 0.0, 0.0, 0.0]), window)[0]
     excess = rest - noise_share
     return Blur(best, fits[0], excess / sharp if excess > _NOTICED * noise_share else 0.0)
+
+
+def _reaching_over(frames: Comparison) -> str:
+    sides = " x ".join(map(str, frames.one.shape[::-1]))
+    return f"The blur and the shift reach over the frames of {sides} pixels; give larger frames."
 
 
 def _starts(line: np.ndarray, broad: np.ndarray, axis: np.ndarray) -> list[tuple[Transfer, np.ndarray]]:

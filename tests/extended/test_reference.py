@@ -93,6 +93,18 @@ def test_no_blur_is_found_to_be_none(blur, coins):
     assert np.abs(estimate.moments / estimate.errors).max() < 5
 
 
+def test_frames_without_noise(coins):
+    np.testing.assert_allclose(estimate_from_reference(coins, 2 * coins + 5).moments, 0, atol=1e-6)
+    soft = gaussian_filter(coins, (0, 5), truncate=8)
+    np.testing.assert_allclose(estimate_from_reference(coins, soft).moments, [25, 0, 0], atol=0.02)
+
+
+def test_a_frame_that_is_smaller_than_its_blur_is_refused(coins):
+    soft = gaussian_filter(coins, 1)
+    with refused(ErrorCode.TOO_FEW, "20 x 20", error=UndeterminedError):
+        estimate_from_reference(coins[100:120, 100:120], soft[100:120, 100:120])
+
+
 def test_the_pixel_kernel_lies_along_the_streak(blur, coins):
     kernel = estimate_from_reference(*pair(blur, coins, 11.0, 20.0), kernel_side=31).kernel
     assert kernel.shape == (31, 31)
