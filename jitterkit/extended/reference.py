@@ -12,7 +12,7 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended import blur_fit
+from jitterkit.extended import blurs
 from jitterkit.extended.blur_fit import Blur, Comparison, Fit, fit_blur
 from jitterkit.extended.registration import align, fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
@@ -116,7 +116,7 @@ def _refuse_other_differences(blur: Blur, frames: Comparison) -> None:
 
 def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Return the moments (3,) of a blur and their covariance [pixels]."""
-    if fit.transfer is not blur_fit.streak:
+    if fit.transfer is not blurs.streak:
         return fit.p[3:6], fit.covariance[3:6, 3:6]
     x, y = fit.p[3:]
     slopes = np.array([[2 * x, y, 0], [0, x, 2 * y]]) / 12
@@ -127,7 +127,7 @@ def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 def _length_error(fit: Fit) -> float:
     """Return the standard error of the length of what is straight in a blur [pixels]; NaN of a normal."""
-    if fit.transfer is blur_fit.normal:
+    if fit.transfer is blurs.normal:
         return float("nan")
     axis = fit.p[-2:] / max(np.hypot(*fit.p[-2:]), 1e-12)
     return float(np.sqrt(axis @ fit.covariance[-2:, -2:] @ axis))
@@ -135,11 +135,11 @@ def _length_error(fit: Fit) -> float:
 
 def _locus(fit: Fit, plate_scale: float) -> Locus:
     moments = _moments(fit)[0] * plate_scale**2
-    if fit.transfer is blur_fit.normal:
+    if fit.transfer is blurs.normal:
         return Mvn.near(moments)
-    kind, (x, y) = Shm if fit.transfer is blur_fit.vibration else Linear, fit.p[-2:] * plate_scale
+    kind, (x, y) = Shm if fit.transfer is blurs.vibration else Linear, fit.p[-2:] * plate_scale
     line = kind.of(float(np.hypot(x, y)), axis_angle(np.degrees(np.arctan2(y, x))))
-    if fit.transfer is blur_fit.streak:
+    if fit.transfer is blurs.streak:
         return line
     rest = Mvn.near(moments - kind.variance * np.array([x * x, x * y, y * y]))
     return Smear(line, rest) if isinstance(line, Linear) else Product(line, rest)
