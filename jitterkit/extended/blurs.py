@@ -44,12 +44,15 @@ def _slope_of_sinc(phase: np.ndarray) -> np.ndarray:
 
 
 def drift(q: np.ndarray, fx: np.ndarray, fy: np.ndarray) -> tuple[np.ndarray, Slopes]:
-    """Return that of a streak under a normal; ``q`` is (sxx, sxy, syy) of both, and the streak's (x, y)."""
+    """Return the transfer function of a streak under a normal, and its derivatives.
+
+    ``q`` is (sxx, sxy, syy) of both together [pixel²], and the streak from end to end (x, y) [pixels].
+    """
     return _under_normal(np.sinc, _slope_of_sinc, 1 / 12, q, fx, fy)
 
 
 def vibration(q: np.ndarray, fx: np.ndarray, fy: np.ndarray) -> tuple[np.ndarray, Slopes]:
-    """Return that of a sine under a normal; ``q`` is (sxx, sxy, syy) of both, and the full length (x, y)."""
+    """Return the transfer function of a sine under a normal, and its derivatives: ``q`` as in `drift`."""
     return _under_normal(lambda u: j0(np.pi * u), lambda u: -np.pi * j1(np.pi * u), 1 / 8, q, fx, fy)
 
 

@@ -93,6 +93,15 @@ def test_no_blur_is_found_to_be_none(blur, coins):
     assert np.abs(estimate.moments / estimate.errors).max() < 5
 
 
+@pytest.mark.parametrize("sigma", [0.0, 1.5])
+def test_noise_is_not_taken_for_a_scene(coins, sigma):
+    # a blur that smooths the reference's noise must not look better than none
+    soft, rng = gaussian_filter(coins, sigma, truncate=8), np.random.default_rng(5)
+    frames = [frame + rng.normal(0, 15, coins.shape) for frame in (coins, soft)]
+    estimate = estimate_from_reference(*frames)
+    assert np.all(np.abs(estimate.moments - np.array([1, 0, 1]) * sigma**2) < 4 * estimate.errors)
+
+
 def test_frames_without_noise(coins):
     np.testing.assert_allclose(estimate_from_reference(coins, 2 * coins + 5).moments, 0, atol=1e-6)
     soft = gaussian_filter(coins, (0, 5), truncate=8)
