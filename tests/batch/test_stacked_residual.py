@@ -23,6 +23,7 @@ from jitterkit.simulate import fits_header
 FRAMES, FLAT = 48, 0.007
 """In a night, and the rms error of a pixel's sensitivity."""
 
+FAINT_FRAMES = 14
 THIRD, ANGLE, FAINTER = 6.0, np.radians(130.0), 9.9
 """Of a star beside the pair: from A [arcsec], its direction, and magnitudes that it is fainter."""
 
@@ -62,7 +63,7 @@ def flat(nights, process, tmp_path_factory):
 def faint(drawn, telescope, tmp_path_factory):
     """Frames, each at a place of its own, of a pair with a star of four standard errors in one of them."""
     rng, where = np.random.default_rng(9), tmp_path_factory.mktemp("faint")
-    for number in range(24):
+    for number in range(FAINT_FRAMES):
         at = {"x": 1.0 + rng.uniform(-0.4, 0.4), "y": -2.0 + rng.uniform(-0.4, 0.4)}
         frame = drawn(rng, flux=1e6, **at)
         pair, star = frame.truth, THIRD * np.array([np.cos(ANGLE), np.sin(ANGLE)])
@@ -79,7 +80,7 @@ def faint(drawn, telescope, tmp_path_factory):
 def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, processor, tmp_path, capsys):
     telescope = processor.instrument
     run = process(faint, tmp_path / "one", threads=2)
-    assert run.summary["status"] == {"ok": 24}
+    assert run.summary["status"] == {"ok": FAINT_FRAMES}
     assert not any(run.table["stars"])
     table = QTable.read(run.directory / "further_stars.ecsv")
     (star,) = run.summary["fit"]["further_stars"]
@@ -95,7 +96,7 @@ def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, proces
     )
     known = replace(telescope, sky=read_instrument(tmp_path / "again.toml").sky)
     run = process(faint, tmp_path / "two", threads=2, by=replace(processor, instrument=known))
-    assert run.summary["status"] == {"ok": 24}
+    assert run.summary["status"] == {"ok": FAINT_FRAMES}
     assert "further_stars" not in run.summary["fit"]
     assert not (run.directory / "further_stars.ecsv").exists()
 

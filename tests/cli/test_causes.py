@@ -47,7 +47,12 @@ def test_a_free_jitter_is_taken_for_diffusion_and_telemetry_separates_them(tmp_p
         (["--aberration", "noll5"], ErrorCode.MALFORMED, ["--aberration noll5"]),
         (["--aberration", "noll5=inf"], ErrorCode.OUT_OF_RANGE, ["--aberration noll5=inf"]),
         (["--locus", "linear"], ErrorCode.MISSING_VALUE, ["linear", "--length"]),
-        (["--locus", "linear", "--length", "0"], ErrorCode.OUT_OF_RANGE, ["length 0", "mvn"]),
+        pytest.param(
+            ["--locus", "linear", "--length", "0"],
+            ErrorCode.OUT_OF_RANGE,
+            ["length 0", "mvn"],
+            marks=pytest.mark.slow,
+        ),
         (["--plot", "x.pdf"], ErrorCode.WRONG_SUFFIX, ["x.pdf", ".png"]),
     ],
 )

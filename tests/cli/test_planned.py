@@ -91,7 +91,7 @@ def test_explain_alone_changes_nothing(frames, tmp_path):
         (["--tolerance", "-3%"], ErrorCode.OUT_OF_RANGE, ["--tolerance -3%"]),
         (["--budget", "20"], ErrorCode.UNKNOWN_UNIT, ["--budget 20", "20ms"]),
         (["--tolerance", "1e-6uas"], ErrorCode.OUT_OF_RANGE, ["1e-06 uas"]),
-        (["--budget", "1us"], ErrorCode.OUT_OF_RANGE, ["0.001 ms"]),
+        pytest.param(["--budget", "1us"], ErrorCode.OUT_OF_RANGE, ["0.001 ms"], marks=pytest.mark.slow),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_written(

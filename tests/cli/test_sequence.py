@@ -27,20 +27,20 @@ line_time = 1e-4
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory) -> Path:
-    """Twelve frames of a drift over a rolling shutter, and one that is torn."""
+    """Seven frames of a drift over a rolling shutter, and one that is torn."""
     folder = tmp_path_factory.mktemp("night")
     (folder / "little.toml").write_text(TELESCOPE)
     made = [
         "simulate", str(folder / "frame.fits"), "-i", str(folder / "little.toml"), "--drift", "-1.5,2.0",
-        "--frames", "12", "--separation", "4", "--theta", "80", "--seed", "3",
+        "--frames", "7", "--separation", "4", "--theta", "80", "--seed", "3",
     ]  # fmt: skip
     assert CliRunner().invoke(app, made).exit_code == 0
-    (folder / "frame-99.fits").write_bytes((folder / "frame-00.fits").read_bytes()[:3000])
+    (folder / "frame-99.fits").write_bytes((folder / "frame-0.fits").read_bytes()[:3000])
     return folder
 
 
 def run(night: Path, *more: str):
-    found = [*sorted(map(str, night.glob("frame-0*.fits"))), str(night / "frame-10.fits")]
+    found = sorted(map(str, night.glob("frame-[0-5].fits")))
     return CliRunner().invoke(app, ["sequence", *found, "-i", str(night / "little.toml"), *more])
 
 
@@ -54,11 +54,11 @@ def test_every_frame_has_a_row_and_the_torn_one_a_reason(fitted):
     result, out = fitted
     assert result.exit_code == 1
     table = read_table(out / "sequence.ecsv")
-    assert len(table) == 12
-    assert list(table["status"]) == ["ok"] * 11 + ["unreadable"]
+    assert len(table) == 7
+    assert list(table["status"]) == ["ok"] * 6 + ["unreadable"]
     assert "frame-99.fits" in table["message"][-1]
     assert "frame-99.fits unreadable" in result.stderr
-    assert list(table["counted"]) == [True] * 11 + [False]
+    assert list(table["counted"]) == [True] * 6 + [False]
 
 
 def test_separation_and_sense_of_the_motion(fitted):

@@ -68,7 +68,13 @@ def state_of(otf, by=(0.0, 0.0), shift=0.0, scale=0.0):
 
 
 @pytest.mark.parametrize(
-    "change", [{"by": BY}, {"shift": SHIFT}, {"scale": 2e-4}, {"by": BY, "shift": SHIFT, "scale": 1e-4}]
+    "change",
+    [
+        pytest.param({"by": BY}, marks=pytest.mark.slow),
+        pytest.param({"shift": SHIFT}, marks=pytest.mark.slow),
+        pytest.param({"scale": 2e-4}, marks=pytest.mark.slow),
+        {"by": BY, "shift": SHIFT, "scale": 1e-4},
+    ],
 )
 def test_the_image_is_the_direct_integrals(free, image_of, change):
     system = free.system()
@@ -137,7 +143,9 @@ def test_a_plate_scale_that_is_free_moves_the_separation_to_the_truth(free, tele
     assert error == pytest.approx(np.hypot(held.error("separation"), 4e-6), rel=1e-3)
 
 
-@pytest.mark.parametrize(("stated", "told"), [(None, True), (1e-6, False)])
+@pytest.mark.parametrize(
+    ("stated", "told"), [(None, True), pytest.param(1e-6, False, marks=pytest.mark.slow)]
+)
 def test_a_plate_scale_that_can_hardly_be_determined_is_reported(telescope, image_of, stated, told):
     """Held by what is known to 1e-6, the separation has an error close to that with a known scale."""
     errors, raw = {}, RawFrame.from_array(image_of(), unit="electron", read_noise=1.0)

@@ -135,7 +135,7 @@ def test_image_and_every_derivative_are_finite(kind, otf, scene, sizes, change, 
     assert np.all(np.isfinite(to_vector(slope_of_the_deviance(p, otf, data))[0]))
 
 
-@settings(FEW, max_examples=2)
+@settings(FEW, max_examples=1)
 @given(scene=SCENES, sizes=SIZES, change=WAVEFRONTS, sky=SKIES)
 def test_compiled_and_eager_images_are_equal_to_rounding(way, otf, scene, sizes, change, sky):
     p = parameters(way, scene, sizes, change, sky)

@@ -52,12 +52,19 @@ def faint(bench, optics):
 
 
 @pytest.fixture(scope="module")
-def bright(bench, optics):
-    """A well-behaved frame, its fit with priors, and draws."""
+def fitted(bench, optics):
+    """A well-behaved frame and its fit with priors."""
     start = bench.truth(Mvn.of(0.15, 0.09, 30.0), (4.0, -3.0))
     data = Data(np.random.default_rng(2).poisson(bench.image(start)))
     fit = fit_of(data, optics, start, PRIORS)
     assert fit.status is Status.OK
+    return data, fit
+
+
+@pytest.fixture(scope="module")
+def bright(fitted, optics):
+    """The same, and draws."""
+    data, fit = fitted
     return data, fit, draw(data, optics, fit, PRIORS)
 
 
@@ -97,13 +104,14 @@ def test_a_scene_that_cannot_be_has_no_density_and_no_slope(faint, optics):
     assert slope == 0.0
 
 
-def test_the_density_is_that_of_poisson_counts_and_of_the_priors(bright, optics):
-    data, fit, posterior = bright
+def test_the_density_is_that_of_poisson_counts_and_of_the_priors(fitted, optics):
+    data, fit = fitted
+    posterior = draw(data, optics, fit, PRIORS, draws=4, warmup=8)
     counts, otf = np.asarray(data.electrons), optics.otf(fit.parameters.aberrations)
     vector, unravel = to_vector(fit.parameters)
     (prior,), jitter = PRIORS.terms.values(), PRIORS.moments
     density = []
-    for values in posterior.draws[::250]:
+    for values in posterior.draws:
         parameters = unravel(vector.at[: len(values)].set(values))  # the background comes last
         image = np.asarray(_image(parameters, otf))
         density.append(
@@ -111,7 +119,7 @@ def test_the_density_is_that_of_poisson_counts_and_of_the_priors(bright, optics)
             + scipy.stats.norm.logpdf(values[fit.names.index("noll7")], *prior)
             + scipy.stats.multivariate_normal.logpdf(values[6:9], *jitter)
         )
-    told = posterior.log_density[::250]
+    told = posterior.log_density
     np.testing.assert_allclose(told - told[0], np.array(density) - density[0], atol=1e-6)
     np.testing.assert_array_equal(posterior.moments, posterior.draws[:, 6:9])  # of a normal
 

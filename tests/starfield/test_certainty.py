@@ -102,9 +102,12 @@ OTHER_SEEING = {
     "airy": (airy(3.0), moffat(4.5)),
     "oval": (oval(3.2, 0.85, 30.0), oval(4.5, 0.85, 30.0)),
 }
+QUICK = "moffat with wings", "airy"
 
 
-@pytest.mark.parametrize("kind", OTHER_SEEING)
+@pytest.mark.parametrize(
+    "kind", [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in OTHER_SEEING]
+)
 def test_worse_seeing_or_focus_is_no_trail(kind):
     sharp, soft = (field(profile, seed) for seed, profile in enumerate(OTHER_SEEING[kind]))
     estimate = estimate_field(soft, reference=sharp)
@@ -114,7 +117,7 @@ def test_worse_seeing_or_focus_is_no_trail(kind):
     assert estimate.length < 2 * estimate.length_err
 
 
-@pytest.mark.parametrize("radius", [3.0, 5.0])
+@pytest.mark.parametrize("radius", [pytest.param(3.0, marks=pytest.mark.slow), 5.0])
 def test_defocus_to_a_ring_is_refused_as_no_trail(radius):
     with refused(ErrorCode.MODEL_MISMATCH, "chi²/dof", error=UndeterminedError):
         estimate_field(field(donut(radius), 2), reference=field(moffat(3.0), 1))
@@ -145,7 +148,7 @@ def test_one_star_has_a_trail_beside_a_reference_only(reference):
     assert estimate.length == pytest.approx(np.hypot(3.5, 2.0), abs=4 * estimate.length_err)
 
 
-@pytest.mark.parametrize("n", [1, 6, 32])
+@pytest.mark.parametrize("n", [1, 6, pytest.param(32, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("beside", [True, False])
 def test_galaxies_are_no_trailed_stars(n, beside, reference):
     frame = drawn(galaxies(n, 3), 6, low=2e4)
@@ -191,7 +194,7 @@ def test_sharp_stars_are_stars_and_the_cosmic_rays_among_them_are_not(profile):
     assert len(stars) > 36
 
 
-@pytest.mark.parametrize(("fwhm", "length"), [(1.7, 2.0), (2.0, 3.0)])
+@pytest.mark.parametrize(("fwhm", "length"), [(1.7, 2.0), pytest.param(2.0, 3.0, marks=pytest.mark.slow)])
 def test_a_trail_of_sharp_stars_is_right_within_its_error(fwhm, length):
     sharp, frame = field(normal(fwhm), 12), field(normal(fwhm), 13, line=(length, 0.0))
     estimate = estimate_field(frame, reference=sharp)
