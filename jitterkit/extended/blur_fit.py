@@ -43,11 +43,20 @@ class Blur:
     normal : Fit
     left : float
         Share of the difference of the aligned frames that the best one leaves; 0 where noise may be all.
+    doubt : float
+        The same, less what the error of the noise may make.
+    rival : Fit or None
+        The best of the other kinds, if any comes near.
+    odds : float
+        Of the rival against the best one, at most 1, by Akaike's criterion.
     """
 
     best: Fit
     normal: Fit
     left: float
+    doubt: float
+    rival: Fit | None
+    odds: float
 
 
 _PENALTIES: dict[Transfer, float] = {normal: 0.0, streak: 2.0, drift: 10.0, vibration: 10.0}
@@ -62,6 +71,10 @@ _CLEAR = 20.0
 
 _NOTICED = 0.5
 """Share of the noise (it was measured at the highest frequencies) from which an excess of power is none."""
+
+_DOUBTED = 11.0
+"""Share of the noise, times the root of the number of pixels, beyond which an excess counts as an error: 1.5
+standard errors of the noise, a median over a third of the frequencies in a window that ties four of them."""
 
 
 def fit_blur(frames: Comparison, shift: tuple[float, float]) -> Blur:
@@ -101,16 +114,31 @@ def fit_blur(frames: Comparison, shift: tuple[float, float]) -> Blur:
     if not frames.holds(*extents):
         raise UndeterminedError(ErrorCode.TOO_FEW, _reaching_over(frames))
     window = frames.window(*extents)
-    best = min((frames.fit(fit.transfer, fit.p, window) for fit in near), key=_price)
+    fits = [frames.fit(fit.transfer, fit.p, window) for fit in near]
+    best = min(fits, key=_price)
+    rival = min((fit for fit in fits if fit is not best), key=_akaike, default=None)
+    odds = 0.0 if rival is None else float(np.exp(min(_akaike(best) - _akaike(rival), 0.0)))
     best = frames.with_error_of_noise(best, window)
     rest, noise_share = frames.unexplained(best.transfer, best.p, window)[0], frames.noise_share(best, window)
     sharp = frames.unexplained(normal, np.array([*best.p[:3], 0.0, 0.0, 0.0]), window)[0]
-    excess = rest - noise_share
-    return Blur(best, normal_fit, excess / sharp if excess > _NOTICED * noise_share else 0.0)
+    excess, chance = rest - noise_share, noise_share * _DOUBTED / np.sqrt(frames.one.size)
+    return Blur(
+        best,
+        normal_fit,
+        excess / sharp if excess > _NOTICED * noise_share else 0.0,
+        max(excess - chance, 0.0) / sharp,
+        rival,
+        odds,
+    )
 
 
 def _price(fit: Fit) -> float:
     return fit.cost + _PENALTIES[fit.transfer]
+
+
+def _akaike(fit: Fit) -> float:
+    """Return half of Akaike's criterion."""
+    return fit.cost + len(fit.p)
 
 
 def _reaching_over(frames: Comparison) -> str:

@@ -15,6 +15,7 @@ from scipy import fft, ndimage
 from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
+from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.blurs import Transfer
 from jitterkit.extended.registration import striped
 from jitterkit.vision import box_mean
@@ -163,11 +164,12 @@ class Comparison:
             )
 
         found = least_squares(
-            residuals, start, jac=slopes, x_scale="jac", xtol=1e-6, ftol=1e-8, max_nfev=_STEPS
+            residuals, start, jac=slopes, x_scale="jac", xtol=1e-6, ftol=1e-6, max_nfev=_STEPS
         )
         ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
         misfit = 2 * found.cost / (len(found.fun) - len(found.x))
-        scale = ties * (misfit if self._most else max(misfit, 1.0))
+        rounding = float(np.mean(self._rounding * self._weights(transfer, found.x) ** 2)) / 2
+        scale = ties * max(misfit, rounding if self._most else 1.0)  # two copies of a frame have no noise
         # a motion along a line that is found to be none has no slopes
         sizes = np.maximum(np.linalg.norm(found.jac, axis=0), 1e-100)
         inverse = np.linalg.pinv((found.jac / sizes).T @ (found.jac / sizes), hermitian=True)
@@ -187,11 +189,22 @@ class Comparison:
         return Comparison(self.two, self.one, self.noise[::-1] if self._most is None else None)
 
     def unexplained(self, transfer: Transfer, p: np.ndarray, window: np.ndarray) -> tuple[float, float]:
-        """Return the share of the second frame's power that a blur leaves, and the log of the best gain."""
+        """Return the share of the second frame's power that a blur leaves, and the log of the best gain.
+
+        Raises
+        ------
+        UndeterminedError
+            If a frame shows nothing but its borders.
+        """
         data, image = (
             self._transform(a, window)[self._band]
             for a in (self.two, self._image(self._response(transfer, p)))
         )
+        if not (data.any() and image.any()):
+            problem = f"A part of {' x '.join(map(str, self.one.shape[::-1]))} pixels shows only its borders"
+            raise UndeterminedError(
+                ErrorCode.NO_SIGNAL, f"{problem}; give frames that show more in the middle."
+            )
         gain = max(float(np.vdot(image, data).real / np.vdot(image, image).real), _LEAST_GAIN)
         rest, total = (float(np.sum(np.abs(a) ** 2)) for a in (data - gain * image, data))
         return rest / total, p[0] + float(np.log(gain))

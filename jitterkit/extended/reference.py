@@ -18,11 +18,18 @@ from jitterkit.extended.comparison import Comparison, Fit
 from jitterkit.extended.registration import align, fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear
-from jitterkit.loci.base import axis_variances
+from jitterkit.loci.base import axis_variances, covariance_on_axis
 
 _TOLERATED = 0.03
 """Share of the blur's larger variance that may be missing across it: a normal fitted to a streak on sharp
 photographs leaves at most 0.018 of it."""
+
+_BLURRIER = 5.0
+"""Standard errors from which the variance of the exchanged frames is one."""
+
+_DOUBT = 1.4
+"""Relative error of a variance, in units of the root of the share of the frames' difference that is left: 1.0
+to 1.5 of motions on circles, vibrations that fade, and a change of focus; jumps and bent paths make less."""
 
 _LEFT = 0.02
 """Share of the difference of the aligned frames that may be no known blur, of which nothing is left.
@@ -72,7 +79,8 @@ def estimate_from_reference(
     Notes
     -----
     *Assumes* white noise and one blur all over the frame.  *Fails when* the scene changes between frames, or
-    the blur is of another kind: a change of focus gives a variance 0.2 to 0.4 too large.
+    the blur is of another kind and noise hides that (see the handbook's limits).  What the blur leaves of the
+    frames' difference, and the change to a kind that fits about as well, are part of the covariance.
     Moments are of the blur *added* to the sharp frame's own; noise may make them indefinite.
     """
     if kernel_side % 2 == 0:
@@ -88,6 +96,7 @@ def estimate_from_reference(
     # of a streak across the sharp frame's own blur the normal tells, though the streak may fit better
     refuse_blurrier(blur.normal.p[3:], blur.normal.covariance[3:, 3:], tolerated=_TOLERATED)
     moments, covariance = _moments(blur.best)
+    covariance = covariance + _doubts(blur)
     _refuse_other_differences(blur, frames)
     return KernelEstimate(
         moments * plate_scale**2,
@@ -95,7 +104,7 @@ def estimate_from_reference(
         "reference",
         kernel=frames.kernel(blur.best.p[1], blur.best.p[2], kernel_side),
         locus=_locus(blur.best, plate_scale),
-        length_err=_length_error(blur.best) * plate_scale,
+        length_err=_length_error(blur) * plate_scale,
     )
 
 
@@ -107,7 +116,10 @@ def _refuse_other_differences(blur: Blur, frames: Comparison) -> None:
         problem = f"The reference is blurrier than the frame (by {wider:.3g} pixel² of variance)"
         raise UndeterminedError(ErrorCode.BAD_REFERENCE, f"{problem}; exchange them?")
     found = f"No blur that is known explains {blur.left:.2g} of the difference of the frames"
-    reasons = "a pattern stands still, the scene changed, or the blur is no streak, sine or normal"
+    reasons = (
+        "a pattern stands still, the scene or its light changed, the view turned, the noise is correlated "
+        "(JPEG, resampling), or the blur is no streak, sine or normal"
+    )
     remedy = "divide by the flat field, mask the pattern, or give another reference"
     raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{found}: {reasons}; {remedy}.")
 
@@ -119,7 +131,18 @@ def _reverse(blur: Blur, frames: Comparison) -> float | None:
         reverse = fit_blur(frames.exchanged(), (-x, -y))
     except UndeterminedError:
         return None
-    return axis_variances(_moments(reverse.best)[0])[0] if reverse.left <= _LEFT else None
+    moments, covariance = _moments(reverse.best)
+    major, _, axis = axis_variances(moments)
+    is_wider = major > _BLURRIER * np.sqrt(covariance_on_axis(covariance, axis)[0, 0])
+    return major if is_wider and reverse.left <= _LEFT else None
+
+
+def _doubts(blur: Blur) -> np.ndarray:
+    """Return the covariance (3, 3) of the moments [pixel⁴] by which the kind of the blur may be wrong."""
+    moments = _moments(blur.best)[0]
+    other = np.zeros(3) if blur.rival is None else _moments(blur.rival)[0] - moments
+    doubt = _DOUBT**2 * blur.doubt * (moments[0] + moments[2]) ** 2
+    return blur.odds * np.outer(other, other) + doubt * np.diag([1.0, 0.5, 1.0])  # the same along all axes
 
 
 def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
@@ -133,12 +156,18 @@ def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x * x, x * y, y * y]) / 12, covariance
 
 
-def _length_error(fit: Fit) -> float:
+def _length_error(blur: Blur) -> float:
     """Return the standard error of the length of what is straight in a blur [pixels]; NaN of a normal."""
+    fit, rival = blur.best, blur.rival
     if fit.transfer is blurs.normal:
         return float("nan")
-    axis = fit.p[-2:] / max(np.hypot(*fit.p[-2:]), 1e-12)
-    return float(np.sqrt(axis @ fit.covariance[-2:, -2:] @ axis))
+    length = max(np.hypot(*fit.p[-2:]), 1e-12)
+    axis = fit.p[-2:] / length
+    of_noise = np.sqrt(axis @ fit.covariance[-2:, -2:] @ axis)
+    other = 0.0
+    if rival is not None and rival.transfer is not blurs.normal:
+        other = float(np.hypot(*rival.p[-2:])) - length
+    return float(np.sqrt(of_noise**2 + blur.odds * other**2 + _DOUBT**2 * blur.doubt * length**2))
 
 
 def _locus(fit: Fit, plate_scale: float) -> Locus:

@@ -115,6 +115,9 @@ _WINDOW_ERROR = 0.003
 _LEAST_CORRELATION = 0.3
 """Of the two frames once aligned: between different scenes, or noise, it stays below 0.1."""
 
+_FARTHEST = 2.0
+"""Pixels between the peak of the correlation and the shift by least squares, which starts there."""
+
 _ODD = 7.0
 """Standard deviations of the correlation's asymmetry from which frames differ by more than a shift; between
 two images of a scene in white noise they stay below 6.5."""
@@ -300,10 +303,15 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
     axes, powers = 2 * np.pi * np.stack([fy[band], fx[band]]), (abs(a) ** 2, abs(b) ** 2)
     shift, covariance, cross = _solve(a.conj() * b, axes, np.zeros(2))
     correlation = cross.real.sum() / np.sqrt(powers[0].sum() * powers[1].sum())
-    if not correlation > _LEAST_CORRELATION or np.abs(shift).max() > 2:
+    far = float(np.abs(shift).max())
+    if not correlation > _LEAST_CORRELATION or far > _FARTHEST:
         found = f"correlation {correlation:.2f}; {_LEAST_CORRELATION:g} is needed"
+        if correlation > _LEAST_CORRELATION:
+            found = (
+                f"two ways to measure the shift differ by {far:.1f} pixels; at most {_FARTHEST:g} is allowed"
+            )
         problem = f"The frames have too little in common to register them ({found})"
-        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; give frames of one scene.")
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; give larger frames of one scene.")
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies
     covariance = ties * covariance + np.eye(2) * _WINDOW_ERROR**2
     bias = _bias(one.shape, band, cross, axes, np.sqrt(powers[0] * powers[1]))
