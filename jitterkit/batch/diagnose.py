@@ -139,7 +139,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
     result = _flag_plate_scale(result)
-    return result.remarked(found.ambiguity, "maybe_pair") if result.status.usable else result
+    return result.remarked(found.ambiguity, "maybe_pair") if _may_be_a_pair(result) else result
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
@@ -297,6 +297,14 @@ def _sky_hint(frame: Frame, result: FitResult) -> str:
     return f"The frame lies {side} the model all over: leave out --no-background if there may be sky."
 
 
+def _may_be_a_pair(result: FitResult) -> bool:
+    """Return whether two still stars could look the same: they are as a straight jitter."""
+    if not result.status.usable or "jitter_undetected" in result.flags:
+        return False
+    minor, error = minor_variance(*result.moments())
+    return not minor > LIMITS.below * error
+
+
 def _dark_pixels(frame: Frame, result: FitResult) -> float:
     """Return the mean of the quarter of the pixels with the least modelled light, in standard errors."""
     assert result.image is not None
@@ -323,5 +331,5 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
     number = "One pixel stands" if count == 1 else f"{count} pixels stand"
     return (
         f"{number} out by more than {LIMITS.outlier:g} sigma (the worst at {position}) and the rest fits: "
-        "give the instrument a map of its hot pixels."
+        "give the instrument a map of its hot pixels, unless it lies on a star."
     )

@@ -4,7 +4,7 @@
    small against the resolution they are all that an image shows.  Chi-squared of the three moments
    tests for any jitter at all.
 2. One scoring step from there measures the excess kurtosis, and how much the separation and the moments
-   would change with it.  Where none can be seen, the normal is the answer.
+   would change with it.  Where none can be seen, nor any other cumulant, the normal is the answer.
 3. Otherwise the simple loci ``linear``, ``shm`` and ``ellipse`` are weighed by their evidence: by what the
    frame says about cumulants where that is enough, else by a fit; the one that is chosen is always fitted.
 4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, loci with
@@ -142,7 +142,7 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     # which shape a wide blur has is only asked where the frame would show that of an ellipse
     known = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
     bent = known and _moves_moments(normal, shape)
-    if frame.options.priors.on_coordinates() or not (seen or moved or bent):
+    if frame.options.priors.on_coordinates() or not (seen or moved or bent or _wants_more(normal, step)):
         return _finalize(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that

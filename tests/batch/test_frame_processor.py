@@ -133,6 +133,26 @@ def test_a_high_bias_is_only_advised_where_pixels_are_negative(level, advised):
     assert ("--bias" in message) == advised
 
 
+@pytest.mark.parametrize(
+    ("moments", "flags", "flagged"),
+    [
+        ((0.04, 0.0, 0.0), (), True),
+        ((0.04, 0.0, 0.02), (), False),
+        ((0.04, 0.0, 0.0), ("jitter_undetected",), False),
+    ],
+)
+def test_only_a_straight_jitter_looks_like_the_pair_that_others_of_the_run_may_show(
+    moments, flags, flagged, telescope
+):
+    p = Parameters(Star(0.0, 0.0, 1e5), Mvn.near(np.array(moments)), np.zeros(2))
+    names, covariance = Mvn.names, np.eye(3) * 1e-6
+    fit = FitResult(Status.OK, "", flags, parameters=p, names=names, covariance=covariance)
+    estimate = KernelEstimate(np.array(moments), covariance, "score")
+    found = steps.SceneEstimate(None, p, estimate, telescope.system(), ambiguity="It may be two.")
+    result = steps.diagnose(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375), found, fit, 0.375)
+    assert ("maybe_pair" in result.flags) == ("two" in result.message) == flagged
+
+
 def test_one_star_is_no_pair_where_a_pair_is_asked_for(processor, rng, drawn):
     simulated = drawn(rng, contrast=1e7)
     result = replace(processor, scene="binary").process(simulated.raw).result
