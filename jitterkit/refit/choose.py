@@ -42,7 +42,7 @@ from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
-__all__ = ["DETECTED", "fit_best_locus", "is_jitter_undetected", "single_star"]
+__all__ = ["DETECTED", "fit_best_locus", "is_jitter_undetected", "is_lost", "single_star"]
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -177,7 +177,12 @@ def single_star(fit: FitResult) -> bool:
 
     Its fitted flux would then make up for a wrong locus.
     """
-    return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + fit.of_scene("contrast"))
+    return "contrast" in fit.names and is_lost(fit.of_scene("contrast"), fit.error("contrast"))
+
+
+def is_lost(contrast: float, error: float) -> bool:
+    """Return True if the flux of a pair's second star is below five of its errors."""
+    return not error < 0.2 * (1 + contrast)
 
 
 def _may_be_straight(normal: FitResult) -> bool:
