@@ -42,7 +42,7 @@ def direct_image(length: float) -> np.ndarray:
     image = np.zeros((nodes.size, nodes.size))
     for wave in 2 * np.pi / (LINES * 1e-9):
         field = pupil.transmission * np.exp(1j * wave * 1e-9 * pupil.opd)
-        area = (wave * pupil.pitch * SCALE * arcsec / 2 / np.pi) ** 2 / np.sum(pupil.transmission**2)
+        area = (wave * pupil.pitch * SCALE * arcsec / 2 / np.pi) ** 2 / float(pupil.light)
         for x, light in stars:
             for t, share in zip(time_nodes, shares / 2, strict=True):
                 rows = np.exp(-1j * wave * arcsec * np.outer(nodes - t * smear[1], metres))

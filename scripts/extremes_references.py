@@ -67,7 +67,7 @@ def _star(instrument: Instrument, state, x: float, y: float, flux: float, order:
         ((np.arange(n) - (n - 1) / 2)[:, None] * scale + scale / 2 * nodes).ravel() for n in (ny, nx)
     )
     opd = np.asarray(pupil.opd) + np.tensordot(state, np.asarray(pupil.basis), 1)
-    light, image = np.sum(np.asarray(pupil.transmission) ** 2), 0.0
+    light, image = float(pupil.light), 0.0
     for wavelength, weight in zip(instrument.spectrum.wavelengths, instrument.spectrum.weights, strict=True):
         wave = 2 * np.pi / (wavelength * 1e-9)
         field = np.asarray(pupil.transmission) * np.exp(1j * wave * 1e-9 * opd)

@@ -23,6 +23,7 @@ from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF
 from jitterkit.optics.further import PLATE_SCALE
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
+from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
 
@@ -52,7 +53,9 @@ class Limits:
     """Contrast, and separation in resolutions, of a companion as errors of the optics make them: 15 to 17 nm
     made some of 330 to 510 at three resolutions."""
     below: float = 5.0
-    """Standard errors below zero from which a background is none."""
+    """Standard errors below zero from which a background, or a variance of the pointing, is none."""
+    misfit: float = 5.0
+    """Standard deviations of chi-squared from which a frame with a likely speckle for a star does not fit."""
     counts: float = 20.0
     """Electrons from which a Poisson law is nearly normal, so that an outlier can be recognised."""
     outlier: float = 8.0
@@ -136,7 +139,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
     result = _flag_plate_scale(result)
-    return result.remarked(found.ambiguity, "maybe_pair") if result.status.usable else result
+    return result.remarked(found.ambiguity, "maybe_pair") if _may_be_a_pair(result) else result
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
@@ -158,20 +161,24 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
         message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     outliers = _outlier_hint(frame, result)
-    if outliers and result.status is Status.OK and "misfit" not in result.flags:
+    narrow = _narrow_hint(result)
+    if (outliers or narrow) and result.status is Status.OK and "misfit" not in result.flags:
         result = replace(result, flags=(*result.flags, "misfit"))
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
         scale = scale_hint(frame, plate_scale)
         jitter = "" if scale or outliers else _jitter_hint(result)
         # the wings of a blur look like sky, and so does a wrong unit
-        sky = "" if jitter or NORMALISED in frame.flags else _sky_hint(result)
-        hints = filter(None, (scale, outliers, jitter, sky))
+        sky = "" if jitter or NORMALISED in frame.flags else _sky_hint(frame, result)
+        hints = filter(None, (scale, outliers, jitter, narrow, sky))
         return replace(result, message=" ".join([result.message, *hints]))
     return result
 
 
 def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
-    """Add a remark to a result where a companion may as well be an error of the optics."""
+    """Add a remark to a result where a companion may as well be an error of the optics.
+
+    If the frame does not fit with it either, its optics are not those of the instrument: ``POOR_FIT``.
+    """
     contrast, separation = result.of_scene("contrast"), result.of_scene("separation")
     close = contrast > LIMITS.contrast and separation < LIMITS.separation * resolution(otf)
     if not (result.status.usable and close):
@@ -179,6 +186,12 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
     remark = (
         f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
     )
+    if "misfit" in result.flags and result.chi2 - result.dof > LIMITS.misfit * math.sqrt(2 * result.dof):
+        result = replace(
+            result,
+            status=Status.POOR_FIT,
+            message=f"{Status.POOR_FIT.value}: chi²/dof is {result.chi2_dof:.4g} with a companion.",
+        )
     return result.remarked(remark, "faint_companion")
 
 
@@ -254,15 +267,27 @@ def _jitter_hint(result: FitResult) -> str:
     return f"--locus stable leaves out jitter, of which the frame shows {size}: use --locus auto."
 
 
-def _sky_hint(result: FitResult) -> str:
+def _narrow_hint(result: FitResult) -> str:
+    """Return a sentence where the stars are narrower than without any jitter."""
+    minor, error = minor_variance(*result.moments())
+    if result.status is Status.POOR_FIT or not minor < -LIMITS.below * error < 0:
+        return ""
+    return (
+        f"The stars are narrower than without jitter (variance {minor:.2g} ± {error:.2g} arcsec²), as pixels "
+        "that respond over less than their width make them, or a pupil larger than the instrument file says; "
+        "the jitter is too small by as much."
+    )
+
+
+def _sky_hint(frame: Frame, result: FitResult) -> str:
     """Return a sentence where the data lie above or below the model everywhere."""
     if result.residual is None:
         return ""
     if "background" in result.names:
-        if result.parameters is None or not len(result.covariance):
+        if result.parameters is None or result.image is None or not len(result.covariance):
             return ""
         level, error = float(result.parameters.background), result.error("background")
-        if level > -LIMITS.below * error:
+        if level > -LIMITS.below * error or _dark_pixels(frame, result) > -LIMITS.below:
             return ""
         return f"The background is {level:.3g} electrons a pixel: the bias level may be too high (--bias)."
     mean, count = float(np.nanmean(result.residual)), int(np.isfinite(result.residual).sum())
@@ -270,6 +295,24 @@ def _sky_hint(result: FitResult) -> str:
         return ""
     side = "above" if mean > 0 else "below"
     return f"The frame lies {side} the model all over: leave out --no-background if there may be sky."
+
+
+def _may_be_a_pair(result: FitResult) -> bool:
+    """Return whether two still stars could look the same: they are as a straight jitter."""
+    if not result.status.usable or "jitter_undetected" in result.flags:
+        return False
+    minor, error = minor_variance(*result.moments())
+    return not minor > LIMITS.below * error
+
+
+def _dark_pixels(frame: Frame, result: FitResult) -> float:
+    """Return the mean of the quarter of the pixels with the least modelled light, in standard errors."""
+    assert result.image is not None
+    assert result.residual is not None
+    image = np.where(np.isfinite(result.residual), result.image, np.nan)
+    dark = image <= np.nanquantile(image, 0.25)
+    noise = np.sqrt(np.sum(np.broadcast_to(frame.read_variance, dark.shape)[dark]))
+    return float(np.sum(frame.electrons[dark]) / max(noise, 1.0))
 
 
 def _outlier_hint(frame: Frame, result: FitResult) -> str:
@@ -288,5 +331,5 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
     number = "One pixel stands" if count == 1 else f"{count} pixels stand"
     return (
         f"{number} out by more than {LIMITS.outlier:g} sigma (the worst at {position}) and the rest fits: "
-        "give the instrument a map of its hot pixels."
+        "give the instrument a map of its hot pixels, unless it lies on a star."
     )

@@ -218,7 +218,8 @@ class FrameProcessor:
             return None
         if warm := self._cache.warm_start(self.grid(frame), self.optics(frame), choice, self.options):
             return warm
-        return WarmStart(choice.scene, choice.ambiguity) if self.scene == AUTO else None  # nothing can change
+        # where the scene was given, nothing can change
+        return WarmStart(choice.scene, choice.ambiguity_of_run) if self.scene == AUTO else None
 
     def choose_scene(self, frame: Frame) -> SceneChoice | None:
         """Return what scene a frame shows at first sight; None if it shows none."""

@@ -27,7 +27,7 @@ from jitterkit.frames import Frame, RawFrame
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
-from jitterkit.locate import locate_binary, locate_star, locate_stars
+from jitterkit.locate import Start, locate_binary, locate_star, locate_stars
 from jitterkit.optics import Optics
 from jitterkit.refit import (
     SCENES,
@@ -40,6 +40,7 @@ from jitterkit.refit import (
     fit_best_locus,
     fit_locus,
 )
+from jitterkit.refit.choose import is_lost
 from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.scene import Star
 
@@ -210,6 +211,14 @@ def fit(
     return replace(result, estimate=start.estimate)
 
 
+def _lacks_a_star(start: Start) -> bool:
+    """Return True if one star is a pair because its run is one of pairs: the other is lost in the noise."""
+    if "contrast" not in start.names:
+        return False
+    error = math.sqrt(start.covariance_of(("contrast",))[0, 0])
+    return is_lost(float(start.parameters.scene.values["contrast"]), error)
+
+
 def _choose(
     frame: Frame,
     optics: Optics,
@@ -230,7 +239,7 @@ def _choose(
     start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
     choice = None
     # a frame of a run need not be as the run is
-    if start is not None and (expected == scene or start.describes(data)):
+    if start is not None and (expected == scene or (start.describes(data) and not _lacks_a_star(start))):
         readings = ("", False) if seen is None else (seen.readings, True)
         choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
     elif scene == AUTO:

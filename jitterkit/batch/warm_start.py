@@ -185,7 +185,7 @@ class WarmStartCache:
         light = float(parameters.scene.flux) / strict**2
         anchored = AnchoredOptics.about(optics, anchor, light, state)
         reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
-        return WarmStart(choice.scene, choice.ambiguity, anchored, reference)
+        return WarmStart(choice.scene, choice.ambiguity_of_run, anchored, reference)
 
     def _anchor(self, grid: GridKey, optics: OpticalSystem, state: np.ndarray) -> Anchor:
         key = (grid, *state)

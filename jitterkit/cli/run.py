@@ -71,7 +71,7 @@ def _list_frames(run) -> None:
 
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
-    from jitterkit.report.sequence import describe_loci, describe_run_fit
+    from jitterkit.report.sequence import describe_loci, describe_run_fit, describe_scatter
     from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
     fitted = int(sum(run.table["status"] == "ok"))
@@ -79,6 +79,8 @@ def _echo_result(run) -> None:
     if pairs := separation["n"]:
         value = with_error(separation["mean"], separation["error"])
         typer.echo(f"separation {value} arcsec from {pairs} frames{by_scale(separation['scale_error'])}")
+        if scatter := describe_scatter(run.table, separation):
+            typer.echo(scatter)
         if (right := run.summary["separation_corrected"])["n"]:
             value = with_error(right["mean"], right["error"])
             typer.echo(f"separation_corrected {value} arcsec from {right['n']} frames")

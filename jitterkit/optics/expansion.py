@@ -221,7 +221,7 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
     ]
     lines = wavelengths, weights.T, fields
     total = jnp.concatenate(jax.lax.scan(add, start, lines)[0], axis=1)
-    return jnp.fft.rfft2(total) * centring(grid) / jnp.sum(jnp.abs(pupil.transmission) ** 2)
+    return jnp.fft.rfft2(total) * centring(grid) / pupil.light
 
 
 def centring(grid: Grid) -> np.ndarray:

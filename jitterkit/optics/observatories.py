@@ -105,5 +105,6 @@ def _drawn(width: float, clear: Callable[[np.ndarray, np.ndarray], np.ndarray]) 
         transmission[k] = open_.reshape(8, _SAMPLES, 8).mean(axis=(0, 2))
     axis = offsets(_SAMPLES, 2.0 / _SAMPLES)
     x, y = np.meshgrid(axis, axis)
-    basis = [zernike(j, x, y) for j in _NOLL]
-    return Pupil(transmission, width, basis=np.array(basis), names=[f"noll{j}" for j in _NOLL])
+    basis = np.array([zernike(j, x, y) for j in _NOLL])
+    names = [f"noll{j}" for j in _NOLL]
+    return Pupil(transmission, width, basis=basis, names=names, light=transmission.sum())

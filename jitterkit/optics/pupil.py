@@ -35,6 +35,8 @@ class Pupil(eqx.Module):
         Width of the grid, m (n samples of diameter/n, symmetric about the axis).
     shading : (a, n, n) array
         Modes of the logarithm of the transmission; a coefficient of 0.01 is 1 % of the mode.
+    light : scalar array
+        Power that passes, in that of a clear sample.
     """
 
     transmission: Float[Array, "n n"]
@@ -43,6 +45,7 @@ class Pupil(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     diameter: float = eqx.field(static=True)
     shading: Float[Array, "a n n"]
+    light: Float[Array, ""]
 
     def __init__(
         self,
@@ -52,8 +55,12 @@ class Pupil(eqx.Module):
         basis=None,
         names: Sequence[str] | None = None,
         shading=None,
+        light: float | None = None,
     ) -> None:
         """Check shapes; ``opd``, ``basis`` and ``shading`` default to none.
+
+        ``light`` defaults to the sum of the squared transmission.  A sample that a hard edge cuts has the
+        mean amplitude of its parts but passes more, the mean of their squares: who drew the edge knows.
 
         Raises
         ------
@@ -107,6 +114,12 @@ class Pupil(eqx.Module):
             )
         self.transmission, self.opd, self.basis, self.shading = transmission, opd, basis, shading
         self.names, self.diameter = names, float(diameter)
+        light = float(np.sum(transmission**2) if light is None else light)
+        if not (light > 0 and np.isfinite(light)):
+            raise ConfigurationError(
+                ErrorCode.OUT_OF_RANGE, f"The pupil's light must be positive, in samples; got {light}."
+            )
+        self.light = np.full_like(transmission[0, 0], light)
 
     @property
     def pitch(self) -> float:
@@ -144,7 +157,8 @@ class Pupil(eqx.Module):
             return blocks.mean(axis=(-3, -1))
 
         opd, basis, shading = map(coarser, (self.opd, self.basis, self.shading))
-        return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names, shading)
+        light = float(self.light) / factor**2
+        return Pupil(coarser(self.transmission), self.diameter, opd, basis, self.names, shading, light)
 
     def with_shading(self, kinds: Sequence[str]) -> Pupil:
         """Return the pupil with these modes of the transmission that may vary, and no others.
@@ -177,7 +191,9 @@ class Pupil(eqx.Module):
             planes.append(plane / np.sqrt(np.average(plane**2, weights=light)))
         names = (*self.names[: len(self.basis)], *(f"transmission_{kind}" for kind in kinds))
         shading = np.array(planes).reshape(-1, *self.opd.shape)
-        return Pupil(self.transmission, self.diameter, self.opd, self.basis, names, shading)
+        return Pupil(
+            self.transmission, self.diameter, self.opd, self.basis, names, shading, float(self.light)
+        )
 
 
 def obstructed_circle(
@@ -230,4 +246,5 @@ def obstructed_circle(
     axis = offsets(samples, 2.0 / samples)
     xs, ys = np.meshgrid(axis, axis)
     basis = np.array([zernike(j, xs, ys) for j in noll]).reshape(-1, samples, samples)
-    return Pupil(transmission, diameter, basis=basis, names=[f"noll{j}" for j in noll])
+    names = [f"noll{j}" for j in noll]
+    return Pupil(transmission, diameter, basis=basis, names=names, light=transmission.sum())

@@ -66,6 +66,7 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
             content.get("opd"),
             content.get("basis"),
             content.get("names"),
+            light=content.get("light"),
         )
     except ConfigurationError as problem:
         raise ConfigurationError(problem.code, f"{path}: {problem}") from None
@@ -99,6 +100,7 @@ def write_pupil(path: str | Path, pupil: Pupil) -> None:
                 basis=pupil.basis,
                 names=np.array(pupil.names, dtype=str),
                 diameter=pupil.diameter,
+                light=pupil.light,
             )
             part.close()
             os.replace(part.name, path)

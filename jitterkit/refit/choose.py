@@ -3,8 +3,8 @@
 1. A normal density is fitted: its signed moments are regular at zero jitter, and while a blur is
    small against the resolution they are all that an image shows.  Chi-squared of the three moments
    tests for any jitter at all.
-2. One scoring step from there measures the excess kurtosis, and how much the separation would
-   change with it.  Where neither can be seen, the normal is the answer.
+2. One scoring step from there measures the excess kurtosis, and how much the separation and the moments
+   would change with it.  Where none can be seen, nor any other cumulant, the normal is the answer.
 3. Otherwise the simple loci ``linear``, ``shm`` and ``ellipse`` are weighed by their evidence: by what the
    frame says about cumulants where that is enough, else by a fit; the one that is chosen is always fitted.
 4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, loci with
@@ -27,11 +27,12 @@ import numpy as np
 import scipy.stats
 
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
-from jitterkit.estimators.shape import CumulantStep, is_decisive
+from jitterkit.estimators.shape import CumulantStep, Shape, is_decisive
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start
+from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.by_cumulants import as_fit, evaluate_by_cumulants
@@ -41,7 +42,7 @@ from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
-__all__ = ["DETECTED", "fit_best_locus", "is_jitter_undetected", "single_star"]
+__all__ = ["DETECTED", "fit_best_locus", "is_jitter_undetected", "is_lost", "single_star"]
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -138,7 +139,10 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     seen = abs(shape.kurtosis) > _SHAPED * shape.error
     moved = _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * normal.error("separation")
-    if frame.options.priors.on_coordinates() or not (seen or moved):
+    # which shape a wide blur has is only asked where the frame would show that of an ellipse
+    known = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
+    bent = known and _moves_moments(normal, shape)
+    if frame.options.priors.on_coordinates() or not (seen or moved or bent or _wants_more(normal, step)):
         return _finalize(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
@@ -173,7 +177,24 @@ def single_star(fit: FitResult) -> bool:
 
     Its fitted flux would then make up for a wrong locus.
     """
-    return "contrast" in fit.names and not fit.error("contrast") < 0.2 * (1 + fit.of_scene("contrast"))
+    return "contrast" in fit.names and is_lost(fit.of_scene("contrast"), fit.error("contrast"))
+
+
+def is_lost(contrast: float, error: float) -> bool:
+    """Return True if the flux of a pair's second star is below five of its errors."""
+    return not error < 0.2 * (1 + contrast)
+
+
+def _may_be_straight(normal: FitResult) -> bool:
+    moments, covariance = normal.moments()
+    minor, error = minor_variance(moments, covariance)
+    return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
+
+
+def _moves_moments(normal: FitResult, shape: Shape) -> bool:
+    """Return True if the kurtosis of a straight motion would change the moments by their error or more."""
+    change = _KURTOSES * np.nan_to_num([shape.response.get(name, 0.0) for name in Shaped.names[:3]])
+    return significance(change, normal.moments()[1]) > 1.0
 
 
 def _fit_tiers(
@@ -190,10 +211,7 @@ def _fit_tiers(
     tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
     converged = normal.status is not Status.NOT_CONVERGED and begin is None
     compressed = CompressedLikelihood.of(step, normal.covariance) if converged else None
-    moments, covariance = normal.moments()
-    minor, error = minor_variance(moments, covariance)
-    straight = minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor))
-    excluded = "some" if begin is not None or straight else "none"
+    excluded = "some" if begin is not None or _may_be_straight(normal) else "none"
     for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
         evaluated = evaluate_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}

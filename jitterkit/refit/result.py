@@ -72,6 +72,8 @@ class Candidate:
     evidence : float
         Logarithm of the evidence (:mod:`jitterkit.refit.evidence`), up to a constant common to the loci of a
         frame; differences add up over frames.
+    moments : (float, float, float)
+        ``(Sxx, Sxy, Syy)`` with this locus, arcsec².
     """
 
     locus: str
@@ -80,6 +82,7 @@ class Candidate:
     separation: float
     separation_err: float = float("nan")
     evidence: float = float("nan")
+    moments: tuple[float, float, float] = (float("nan"),) * 3
 
 
 @dataclass(frozen=True)
@@ -266,10 +269,17 @@ class FitResult:
         return float(np.sqrt(weights @ (separations - mean) ** 2))
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the fitted locus and their covariance."""
+        """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the fitted locus and their covariance.
+
+        The covariance holds what not knowing the locus adds: the weighted mean square by which the moments
+        of the candidates differ from those of the fitted one.
+        """
         if self.parameters is None:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
-        return moments_of(self.parameters.locus, self.names, self.covariance)
+        moments, covariance = moments_of(self.parameters.locus, self.names, self.covariance)
+        likely = [c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))]
+        off = np.reshape([np.asarray(c.moments) - moments for c in likely], (-1, 3))
+        return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely], off, off)
 
 
 def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -90,6 +90,11 @@ class SceneChoice:
         return f"It shows {self.readings}: both look alike." if self.alike and self.log_odds < 0 else ""
 
     @property
+    def ambiguity_of_run(self) -> str:
+        """Say the same about the other frames of a run, whose jitter may differ."""
+        return f"The first frames of the run show {self.readings}." if self.ambiguity else ""
+
+    @property
     def scene(self) -> str:
         """Return the name of the scene, one of :data:`SCENES`."""
         return self.start.parameters.scene.name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,10 +33,16 @@ def weigh(tried: Sequence[FitResult], evidence: Sequence[float]) -> tuple[Candid
             fit.of_scene("separation"),
             fit.error("separation"),
             float(value),
+            _moments(fit),
         )
         for fit, weight, value in zip(tried, odds / odds.sum(), evidence, strict=True)
     ]
     return tuple(sorted(candidates, key=lambda one: -one.weight))
+
+
+def _moments(fit: FitResult) -> tuple[float, float, float]:
+    moments, _ = replace(fit, candidates=()).moments()
+    return float(moments[0]), float(moments[1]), float(moments[2])
 
 
 def describe_undecided(candidates: tuple[Candidate, ...]) -> str:

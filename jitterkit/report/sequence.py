@@ -14,6 +14,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from astropy.table import QTable
+from scipy.stats import chi2
 
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.outputs import FURTHER_STARS
@@ -29,6 +31,9 @@ _CERTAIN = 0.95
 _DISSENT = float(np.log(1e3))
 """By how much a frame's evidence for another locus must be greater, to contradict the run's."""
 
+
+_CHANCE = 1e-6
+"""Chance of the scatter of a run's separations below which it is named."""
 
 _KEYS = ("evidence", "separation", "separation_err")
 _MISSING = (math.nan,) * len(_KEYS)
@@ -206,6 +211,30 @@ def _mean_chi2(values: np.ndarray, dof: np.ndarray) -> tuple[float, float, float
     mean, scatter = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(len(values))
     error = max(scatter, math.sqrt(2 / dof.sum()))
     return mean, error, (mean - 1) / error
+
+
+def describe_scatter(table: QTable, separation: dict[str, Any]) -> str:
+    """Return in a sentence that the separations of a run scatter by more than their errors, if they do.
+
+    Parameters
+    ----------
+    table : QTable
+        Of results.
+    separation : dict
+        Of their summary.
+    """
+    degrees = separation["n"] - 1
+    if degrees < 1 or not chi2.sf(separation["chi2_dof"] * degrees, degrees) < _CHANCE:
+        return ""
+    values, errors = (np.asarray(table[name], float) for name in ("separation", "separation_err"))
+    values = np.where(np.asarray(table["status"]) == "ok", values, np.nan)
+    off = np.abs(values - np.nanmedian(values)) / errors
+    farthest = table[int(np.nanargmax(off))]
+    return (
+        f"The frames scatter by {number(separation['chi2_dof'] ** 0.5, 3)} times their errors: the mean "
+        f"is known to {angle_size(separation['error_by_scatter'], 2)} only. The farthest from the median is "
+        f"{farthest['file']} [{farthest['frame']}]; a frame of another target belongs in another run."
+    )
 
 
 def describe_run_fit(fit: dict[str, Any]) -> str:

@@ -105,6 +105,54 @@ def test_a_companion_that_may_be_a_speckle_is_flagged(separation, contrast, flag
     assert ("faint_companion" in result.flags) == bool(flagged)
 
 
+def test_a_speckle_as_companion_in_a_frame_that_does_not_fit_is_refused(telescope):
+    pair = Parameters(Binary(3.0, 30.0, 0.0, 0.0, 1e5, 500), Mvn.of(0.1, 0.1), np.zeros(2))
+    # 2,000 pixels: chi-squared scatters by 63
+    for chi2, status in ((2200.0, "OK"), (2700.0, "POOR_FIT")):
+        fit = FitResult(Status.OK, "fitted.", ("misfit",), parameters=pair, chi2=chi2, dof=2000)
+        result = flag_faint_companion(fit, telescope.optics())
+        assert (result.status.name, "faint_companion" in result.flags) == (status, True)
+
+
+@pytest.mark.parametrize(("level", "advised"), [(-16.0, True), (3.0, False)])
+def test_a_high_bias_is_only_advised_where_pixels_are_negative(level, advised):
+    """A wrong wavefront scatters light that a fit makes up for by a negative background."""
+    scene, image = Star(0.0, 0.0, 1e5), np.full((40, 40), -16.0)
+    p = Parameters(scene, Mvn.of(0.1, 0.1), np.zeros(0), -16.0)
+    fit = FitResult(
+        Status.POOR_FIT,
+        "",
+        parameters=p,
+        names=("background",),
+        covariance=np.eye(1),
+        image=image,
+        residual=np.ones((40, 40)),
+        dof=1600,
+    )
+    message = classify(Frame(np.full((40, 40), level), 9.0, plate_scale=0.375), fit, 0.375).message
+    assert ("--bias" in message) == advised
+
+
+@pytest.mark.parametrize(
+    ("moments", "flags", "flagged"),
+    [
+        ((0.04, 0.0, 0.0), (), True),
+        ((0.04, 0.0, 0.02), (), False),
+        ((0.04, 0.0, 0.0), ("jitter_undetected",), False),
+    ],
+)
+def test_only_a_straight_jitter_looks_like_the_pair_that_others_of_the_run_may_show(
+    moments, flags, flagged, telescope
+):
+    p = Parameters(Star(0.0, 0.0, 1e5), Mvn.near(np.array(moments)), np.zeros(2))
+    names, covariance = Mvn.names, np.eye(3) * 1e-6
+    fit = FitResult(Status.OK, "", flags, parameters=p, names=names, covariance=covariance)
+    estimate = KernelEstimate(np.array(moments), covariance, "score")
+    found = steps.SceneEstimate(None, p, estimate, telescope.system(), ambiguity="It may be two.")
+    result = steps.diagnose(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375), found, fit, 0.375)
+    assert ("maybe_pair" in result.flags) == ("two" in result.message) == flagged
+
+
 def test_one_star_is_no_pair_where_a_pair_is_asked_for(processor, rng, drawn):
     simulated = drawn(rng, contrast=1e7)
     result = replace(processor, scene="binary").process(simulated.raw).result

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from own_images import star_image
 
 from jitterkit.batch import steps
-from jitterkit.frames import RawFrame
+from jitterkit.batch.warm_start import WarmStart
+from jitterkit.frames import Frame, RawFrame
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, Priors
 from jitterkit.scene import Binary
@@ -50,3 +52,16 @@ def test_a_frame_without_a_star_has_a_status_in_place_of_a_start(telescope, rng)
     start = steps.locate(frame, telescope.system(shape=frame.shape), "star")
     assert isinstance(start, FitResult)
     assert start.status.name == "NO_STAR"
+
+
+def test_one_star_among_pairs_is_a_star(telescope, rng):
+    """Two stars that share its light fit it too; `estimate` took its blur of 0.1 arcsec for none."""
+    q, w = np.polynomial.hermite_e.hermegauss(5)  # a normal blur, by quadrature
+    path = [(0.2 * q[i], 0.1 * q[j], w[i] * w[j] / w.sum() ** 2) for i in range(5) for j in range(5)]
+    image = star_image(0.6, -1.1, 2e5, path) + 3.0
+    image = rng.poisson(image) + rng.normal(0, 3, image.shape)
+    frame = Frame(image, 9.0, plate_scale=telescope.plate_scale)
+    start = steps.locate(frame, telescope.system(), "auto", warm=WarmStart("binary"))
+    assert start.parameters.scene.name == "star"
+    off = (start.estimate.moments - [0.04, 0.0, 0.01]) / np.sqrt(np.diag(start.estimate.covariance))
+    assert np.all(np.abs(off) < 3.5)

@@ -73,7 +73,7 @@ def integrate(pupil, aberrations, spectrum, shape, scale, stars, path, order):
     n, pitch = len(pupil.transmission), pupil.diameter / len(pupil.transmission)
     metres = pitch * (np.arange(n) - (n - 1) / 2)
     (y, wy), (x, wx) = (pixel_nodes(m, scale, order) for m in shape)
-    light = np.sum(np.abs(pupil.transmission) ** 2)
+    light = float(pupil.light)
     opd = pupil.opd + np.tensordot(aberrations, pupil.basis, 1)
     image = np.zeros((y.size, x.size))
     for wavelength, weight in spectrum:

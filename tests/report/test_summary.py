@@ -9,7 +9,7 @@ from jitterkit.frames import Metadata
 from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.row import make_row
-from jitterkit.report.sequence import describe_loci
+from jitterkit.report.sequence import describe_loci, describe_scatter
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table
 
@@ -29,6 +29,16 @@ def test_a_precise_frame_counts_by_the_square_of_its_error():
     assert combined["error"] == pytest.approx((100 + 25) ** -0.5)
     assert combined["chi2_dof"] == pytest.approx((0.2 / 0.1) ** 2 + (0.8 / 0.2) ** 2)
     assert combined["error_by_scatter"] == pytest.approx((100 + 25) ** -0.5 * math.sqrt(20))
+
+
+@pytest.mark.parametrize(("other", "said"), [(6.0005, False), (9.0, True)])
+def test_a_frame_of_another_target_is_named(make_fit, other, said):
+    table = _table(make_fit, [6.001, 5.999, other, 6.0], [1e-3, 1e-3, 1e-3, 1e-3])
+    table["frame"] = range(4)
+    text = describe_scatter(table, summarise(table)["separation"])
+    assert bool(text) == ("f [2]" in text) == said
+    # about their mean of 6.75 the four deviate by 0.75 thrice and by 2.25: the rms over root 4 is 0.75
+    assert ("750 mas" in text) == said
 
 
 def test_scatter_matches_honest_errors(rng):

@@ -120,7 +120,8 @@ def test_aberrations_enter_exactly_and_not_to_first_order():
     pupil = PLAIN.pupil
     # the same wavefront as a static error of the telescope leaves no aberration to expand in
     static = obstructed_circle(0.125, 0.04, noll=(), samples=64)
-    static = type(pupil)(static.transmission, 0.125, opd=np.tensordot(state, np.asarray(pupil.basis), 1))
+    opd = np.tensordot(state, np.asarray(pupil.basis), 1)
+    static = type(pupil)(static.transmission, 0.125, opd=opd, light=static.light)
     other = Instrument("static", 0.375, (32, 32), CAMERA, PLAIN.spectrum, static)
     expected = simulate_frame(other, SCENE, LOCI[0], detector=False, pad=8).expected
     assert image == pytest.approx(expected, abs=1e-9 * image.max())

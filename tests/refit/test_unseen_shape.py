@@ -1,0 +1,73 @@
+"""Moments where a frame does not tell the shape of the blur, against images by direct sums."""
+
+import numpy as np
+import pytest
+from own_images import drift, star_image
+
+from jitterkit.batch.diagnose import classify
+from jitterkit.forward import Parameters
+from jitterkit.frames import Frame
+from jitterkit.likelihood import Data
+from jitterkit.loci import Mvn
+from jitterkit.refit import FitResult, Status, fit_best_locus, fit_locus
+from jitterkit.refit.result import Candidate
+from jitterkit.scene import Star
+
+
+def near(electrons):
+    return Parameters(Star(0.62, -1.08, 0.98 * electrons), Mvn.of(0.1), np.zeros(2))
+
+
+def test_the_moments_of_a_drift_are_right_where_its_shape_is_not_certain(optics):
+    """Fitted with a normal, as long as the kurtosis is below three errors, they are off by two of theirs."""
+    image = star_image(0.6, -1.1, 2e5, drift(0.6, 25)) + 2.0
+    result = fit_best_locus(Data(image, 9.0), optics, near(2e5), np.array([0.02, 0.0, 0.02]))
+    moments, covariance = result.moments()
+    c, s = np.cos(np.radians(25)), np.sin(np.radians(25))
+    off = moments - 0.6**2 / 12 * np.array([c * c, c * s, s * s])  # of a uniform streak
+    assert abs(result.shape) < 3 * result.shape_err
+    # no noise: what the pupil's 64 samples and the loci's priors leave
+    assert np.all(np.abs(off) < 0.3 * np.sqrt(np.diag(covariance)))
+    normal = fit_locus("mvn", Data(image, 9.0), optics, near(2e5), np.array([0.02, 0.0, 0.02]))
+    assert normal.moments()[0][0] - moments[0] > np.sqrt(covariance[0, 0])
+
+
+def test_the_mean_pointing_of_a_star_that_jumped_is_right(optics):
+    """A tenth of the time 0.4 arcsec aside: a normal misses the mean by four errors, chi-squared is usual."""
+    jump = 0.4 * np.array([np.cos(np.radians(30)), np.sin(np.radians(30))])
+    image = star_image(0.6, -1.1, 2e5, [(0, 0, 0.9), (*jump, 0.1)]) + 2.0
+    result = fit_best_locus(Data(image, 9.0), optics, near(2e5), np.array([0.01, 0.0, 0.01]))
+    scene = result.parameters.scene
+    for name, truth in (("x", 0.6 + 0.1 * jump[0]), ("y", -1.1 + 0.1 * jump[1])):
+        assert abs(float(scene.values[name]) - truth) < 0.5 * result.error(name)
+
+
+def test_errors_of_moments_hold_what_not_knowing_the_locus_adds():
+    p = Parameters(Star(0.0, 0.0, 1e5), Mvn.near(np.array([0.02, 0.0, 0.01])), np.zeros(0))
+    names, covariance = ("mvn_xx", "mvn_xy", "mvn_yy"), np.diag([1e-6, 1e-6, 1e-6])
+    candidates = (
+        Candidate("mvn", 0.0, 0.75, np.nan, moments=(0.02, 0.0, 0.01)),
+        Candidate("ellipse", 0.0, 0.25, np.nan, moments=(0.018, 0.0, 0.009)),
+        Candidate("linear", np.nan, 0.0, np.nan),
+    )
+    fit = FitResult(
+        Status.OK, "", locus="mvn", parameters=p, names=names, covariance=covariance, candidates=candidates
+    )
+    expected = np.diag([1e-6, 1e-6, 1e-6])
+    expected[0, 0] += 0.25 * 0.002**2  # by hand
+    expected[2, 2] += 0.25 * 0.001**2
+    expected[0, 2] = expected[2, 0] = 0.25 * 0.002 * 0.001
+    assert fit.moments()[1] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("width", "narrow"), [(1.0, False), (0.8, True)])
+def test_a_star_that_is_narrower_than_still_is_a_misfit(width, narrow, optics, rng):
+    """Pixels that respond over 0.8 of their width take (1 - 0.8²)/12 of a pixel² from both variances."""
+    image = rng.poisson(star_image(0.6, -1.1, 3e5, [(0, 0, 1)], width=width) + 2.0)
+    image = image + rng.normal(0, 3, image.shape)
+    result = fit_locus("mvn", Data(image, 9.0), optics, near(3e5), np.zeros(3))
+    moments, covariance = result.moments()
+    off = (moments + (1 - width**2) / 12 * 0.375**2 * np.array([1, 0, 1])) / np.sqrt(np.diag(covariance))
+    assert np.all(np.abs(off) < 3.5)
+    result = classify(Frame(image, 9.0, plate_scale=0.375), result, 0.375)
+    assert ("misfit" in result.flags, "narrower" in result.message) == (narrow, narrow)
