@@ -178,6 +178,7 @@ def _fitted_briefly(
         max_expansions=2 if rough else 5,
         max_steps=15,
         tolerance=_NEARBY if rough else _CLOSE,
+        keep_slopes=rough,
     )
     return Start(end.parameters, otf, float(end.objective) / used, np.asarray(end.information), names)
 
