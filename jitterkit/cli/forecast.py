@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -20,7 +21,11 @@ _DETECTOR = ("gain", "read_noise", "full_well")
 
 _SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
 
-_SCENES = {"star": (*options.OF_PAIRS, "sweep", "allow"), "binary": ()}
+_SCENES = {
+    "star": (*options.OF_PAIRS, "sweep", "allow"),
+    "binary": (),
+    "stars": (*options.OF_PAIRS, "flux", "sweep", "allow"),
+}
 """Scenes, and the options that each one does not use: sweeps and allowances are about the separation."""
 
 
@@ -30,6 +35,7 @@ def forecast(
     instrument: options.InstrumentName = "toliman",
     jitter: options.Jitter,
     scene: str = "binary",
+    stars: Path | None = None,
     pair: options.Pair,
     sweep: list[str] | None = None,
     target: str = "1uas",
@@ -46,8 +52,11 @@ def forecast(
 
     Parameters
     ----------
-    scene : star|binary
-        One star, at --x and --y, or a pair.
+    scene : star|binary|stars
+        One star, at --x and --y, a pair, or the stars of --stars, moved by --x and --y.
+    stars : TABLE
+        Table (ECSV or CSV) with columns x, y (arcsec from the centre) and flux (electrons): the stars of
+        --scene stars, or further stars beside another scene.
     sweep : NAME=FROM:TO:COUNT
         Forecast a range of any size, scene parameter, aberration [nm], gain, read_noise or full_well; twice
         for a grid. NAME=a,b,c gives the values, FROM:TO:COUNT:log equal ratios.
@@ -64,24 +73,22 @@ def forecast(
     products.check()
     sweeps, goal, sizes = parse_sweeps(sweep or []), parse_angle(target, "--target"), jitter.size_values()
     refuse_unused(scene, _SCENES, context)
+    options.refuse_no_stars(scene, stars)
     if allow is not None:
         _check_allow(jitter.locus, sizes, sweeps)
     prepare_jax()
     from jitterkit.instruments import load_instrument
 
     telescope = load_instrument(instrument)
-    parameters = pair.parameters(telescope)
-    if scene == "star":
-        parameters = {name: value for name, value in parameters.items() if name not in options.OF_PAIRS}
-    setup = _Setup(telescope, jitter.locus, sizes, parameters)
+    setup = _Setup(telescope, jitter.locus, sizes, pair.of(scene, telescope), options.read_stars(stars))
     if allow is not None:
         table, draw = _forecast_requirement(setup, allow, fitted)
     elif sweeps:
         table, draw = _forecast_sweep(setup, sweeps, goal)
-    elif scene == "star":
-        table, draw = _forecast_star(setup)
-    else:
+    elif scene == "binary":
         table, draw = _forecast_pair(setup, goal)
+    else:
+        table, draw = _forecast_star(setup)
     print_table(table)
     products.write(table, lambda: draw().axes[0])
 
@@ -97,10 +104,12 @@ def _check_allow(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float
 class _Setup:
     """Hold a telescope, a scene and a jitter, of which any number may be changed by name."""
 
-    def __init__(self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float]) -> None:
+    def __init__(
+        self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float], stars=None
+    ) -> None:
         from jitterkit.refit import FitOptions, Priors
 
-        self.telescope, self.locus, self.sizes, self.scene = telescope, locus, sizes, scene
+        self.telescope, self.locus, self.sizes, self.scene, self.stars = telescope, locus, sizes, scene, stars
         self.optics = telescope.system()
         self._still: dict[tuple[tuple[str, float], ...], float] = {}
         known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
@@ -113,7 +122,6 @@ class _Setup:
         from jitterkit.forecast import forecast
         from jitterkit.forward import Parameters
         from jitterkit.loci import Stable
-        from jitterkit.scene import Binary, Star
         from jitterkit.simulate import check_inside, check_reach, check_scene
 
         scene = {name: changes.pop(name, value) for name, value in self.scene.items()}
@@ -121,7 +129,7 @@ class _Setup:
         numbers = {name: changes.pop(name) for name in _DETECTOR if name in changes}
         detector = replace(self.telescope.detector, **numbers) if numbers else self.telescope.detector
         jitter = Stable.of() if still else build_locus(self.locus, {**self.sizes, **changes})
-        stars = Binary(**scene) if "separation" in scene else Star(**scene)
+        stars = options.sources(scene, self.stars)
         parameters, otf = Parameters(stars, jitter, state), self.otf(state)
         check_scene(stars, jitter)
         check_reach(stars, jitter, otf)
@@ -129,6 +137,7 @@ class _Setup:
         exposure = self.telescope.exposure or 0.0
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         known, shown = np.all(np.isfinite(found.covariance)), [f"{n} {value:g}" for n, value in scene.items()]
+        shown += [] if self.stars is None else [f"{len(self.stars.sources()[0])} stars of a table"]
         problem = f"A frame of {', '.join(shown)} does not determine its parameters"
         remedy = f"({found.masked} pixels saturate); change flux, contrast or locus"
         refuse_if(not known, ErrorCode.NOT_CONSTRAINED, f"{problem} {remedy}.")
@@ -154,7 +163,8 @@ def _forecast_star(setup: _Setup):
 
     found = setup.point()
     x, y = angle_size(found.error("x")), angle_size(found.error("y"))
-    log(f"position per frame: {x} along x and {y} along y.")
+    brightest = "" if setup.stars is None else " of the brightest star"
+    log(f"position{brightest} per frame: {x} along x and {y} along y.")
     if found.masked:
         log(f"{found.masked} pixels are at or near saturation and are excluded.")
     return parameter_table(found), lambda: plot_matrices(found)

@@ -14,6 +14,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
+    from jitterkit.scene import Scene, Stars
 
 
 T = TypeVar("T")
@@ -186,6 +187,36 @@ class Pair:
         """Return the parameters by name, with the instrument's usual flux where none is given."""
         flux = telescope.flux if self.flux is None else self.flux
         return asdict(self) | {"flux": required(flux, telescope, "usual flux; give --flux")}
+
+    def of(self, scene: str, telescope: Instrument) -> dict[str, float]:
+        """Return the parameters that a scene has: of ``stars`` only by how much they are moved."""
+        if scene == "stars":
+            return {"x": self.x, "y": self.y}
+        unused = OF_PAIRS if scene == "star" else ()
+        return {name: value for name, value in self.parameters(telescope).items() if name not in unused}
+
+
+def refuse_no_stars(scene: str, stars: Path | None) -> None:
+    """Refuse a scene of stars without their table."""
+    problem = "--scene stars needs their table: give --stars."
+    refuse_if(scene == "stars" and stars is None, ErrorCode.MISSING_VALUE, problem)
+
+
+def read_stars(path: Path | None) -> Stars | None:
+    """Return the stars of a table, if there is one."""
+    from jitterkit.simulate import read_stars as read
+
+    return None if path is None else read(path)
+
+
+def sources(values: Mapping[str, float], stars: Stars | None) -> Scene:
+    """Return the scene of some parameters; stars of a table are beside it, or all that there is."""
+    from jitterkit.scene import Binary, FurtherStars, Star
+
+    if stars is not None and "flux" not in values:
+        return stars.shifted(values["x"], values["y"])
+    scene = Binary(**values) if "separation" in values else Star(**values)
+    return scene if stars is None else scene.joined(FurtherStars(*stars.sources()))
 
 
 def refuse_if(condition: bool, code: ErrorCode, message: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -77,8 +76,7 @@ def simulate(
     from jitterkit.simulate import simulate_sequence
 
     refuse_unused(scene, _SCENES, context)
-    problem = "--scene stars needs their table: give --stars."
-    refuse_if(scene == "stars" and stars is None, ErrorCode.MISSING_VALUE, problem)
+    options.refuse_no_stars(scene, stars)
     telescope = load_instrument(instrument)
     generator = np.random.default_rng(seed)
     row_order = -1 if _is_tiff(output) else 1
@@ -95,7 +93,7 @@ def simulate(
         }
     sequence = simulate_sequence(
         telescope,
-        _sources(scene, stars, pair, telescope),
+        options.sources(pair.of(scene, telescope), options.read_stars(stars)),
         pointing.loci,
         frames,
         aberrations=aberrations * generator.standard_normal((frames, len(telescope.aberrations))),
@@ -110,20 +108,6 @@ def simulate(
     for path, simulated in zip(paths, sequence, strict=True):
         _write(path, simulated, telescope, seed, overwrite)
         log(f"wrote {path}")
-
-
-def _sources(scene: str, stars: Path | None, pair: options.Pair, telescope):
-    """Return the sources of a scene, with further stars beside a star or a pair where a table is given."""
-    from jitterkit.scene import Binary, FurtherStars, Star
-    from jitterkit.simulate import read_stars
-
-    if scene == "stars":
-        assert stars is not None
-        return read_stars(stars).shifted(pair.x, pair.y)
-    values = asdict(pair) | {"flux": telescope.flux if pair.flux is None else pair.flux}
-    one = {name: value for name, value in values.items() if name not in options.OF_PAIRS}
-    sources: Any = Binary(**values) if scene == "binary" else Star(**one)
-    return sources if stars is None else sources.joined(FurtherStars(*read_stars(stars).sources()))
 
 
 def _write(path: Path, simulated, telescope, seed: int, overwrite: bool) -> None:

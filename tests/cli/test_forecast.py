@@ -1,15 +1,19 @@
 """``jitterkit forecast``: one forecast, a sweep, and the question the other way round."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from refusals import refused
 from typer.testing import CliRunner
 
+from jitterkit.cli import options
+from jitterkit.cli.forecast import _Setup
 from jitterkit.cli.main import app
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.errors import ErrorCode
+from jitterkit.instruments import load_instrument
 from jitterkit.report.table import read_table
 
 runner = CliRunner()
@@ -35,6 +39,53 @@ def test_one_forecast_says_every_error_and_what_it_takes(tmp_path):
     assert hours == pytest.approx(frames * 0.1 / 3600, rel=0.01)
     assert float(re.search(r"([\d.]+) %", talk)[1]) > 0  # more time than without the jitter
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_stars_are_a_pair_in_other_parameters(tmp_path):
+    """The bound of a separation is the same whichever parameters two stars are described by."""
+    contrast, angle = 2.5, np.radians(30)
+    rows = [(-2.0, contrast), (2.0, 1.0)]
+    table = tmp_path / "two.csv"
+    lines = [f"{at * np.cos(angle)},{at * np.sin(angle)},{1e6 * part / 3.5}" for at, part in rows]
+    table.write_text("\n".join(["x,y,flux", *lines]))
+    telescope = replace(load_instrument("plain"), colours=None)
+    own = {"sigma_major": 0.2, "sigma_minor": 0.1, "angle": 70.0}
+    pair = {"separation": 4.0, "theta": 30.0, "x": 0.0, "y": 0.0, "flux": 1e6, "contrast": contrast}
+    stars = options.read_stars(table)
+    two = _Setup(telescope, "mvn", own, {"x": 0.0, "y": 0.0}, stars).point()
+    names = list(two.names)
+    slope = np.zeros(len(names))  # of the separation
+    for name, value in zip(("x", "y"), (np.cos(angle), np.sin(angle)), strict=True):
+        slope[names.index(name)], slope[names.index(f"{name}_2")] = -value, value
+    bound = np.sqrt(slope @ two.covariance @ slope)
+    expected = _Setup(telescope, "mvn", own, pair).point().error("separation")
+    assert bound == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_third_star_far_away_costs_the_separation_little_and_a_near_one_more(tmp_path):
+    jitter = ["--locus", "mvn", "--sigma", "0.2"]
+    alone, _ = errors(*jitter, "--separation", "5", "--theta", "0")
+    costs = []
+    for number, at in enumerate(("-6,5,1000", "3.2,0.3,1000")):
+        (tmp_path / f"{number}.csv").write_text(f"x,y,flux\n{at}\n")
+        beside, _ = errors(
+            *jitter, "--separation", "5", "--theta", "0", "--stars", str(tmp_path / f"{number}.csv")
+        )
+        costs.append(beside["separation"] / alone["separation"] - 1)
+    assert -1e-3 < costs[0] < 0.01 < costs[1]
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "values"),
+    [
+        ([], ErrorCode.MISSING_VALUE, ["--stars"]),
+        (["--stars", "none.csv"], ErrorCode.NOT_FOUND, ["none.csv"]),
+        (["--stars", "none.csv", "--flux", "3"], ErrorCode.CONFLICT, ["--scene stars", "--flux"]),
+        (["--stars", "none.csv", "--sweep", "x=1,2"], ErrorCode.CONFLICT, ["--sweep"]),
+    ],
+)
+def test_stars_need_a_table_and_have_no_separation(given, code, values, check_error):
+    check_error(runner.invoke(app, [*SMALL, "--scene", "stars", *given]), code, *values)
 
 
 def test_no_more_than_two_settings_are_swept(check_error):

@@ -89,7 +89,7 @@ def test_a_forecast_for_one_star_knows_no_pair(tmp_path, check_error):
     check_error(runner.invoke(app, [*command, "--allow", "10%"]), ErrorCode.CONFLICT, "--allow")
     check_error(runner.invoke(app, [*command, "--theta", "3"]), ErrorCode.CONFLICT, "--theta")
     check_error(
-        runner.invoke(app, ["forecast", "--scene", "stars"]), ErrorCode.UNKNOWN_NAME, "'stars'", "binary"
+        runner.invoke(app, ["forecast", "--scene", "trio"]), ErrorCode.UNKNOWN_NAME, "'trio'", "binary"
     )
 
 

@@ -3,6 +3,7 @@
 Images are the direct integral's, which knows nothing of modes: other pupils, another pixel, each star alone.
 """
 
+import re
 from dataclasses import replace
 
 import equinox as eqx
@@ -156,7 +157,8 @@ def test_a_plate_scale_that_can_hardly_be_determined_is_reported(telescope, imag
     factor = errors["free"] / errors["held"]
     assert (factor > 2) == told
     assert ("scale_degenerate" in result.flags) == told
-    assert (f"{factor:.3g} times" in result.message) == told
+    said = [float(number) for number in re.findall(r"([\d.]+) times", result.message)]
+    assert said == ([pytest.approx(factor, rel=2e-3)] if told else [])
 
 
 def test_a_plate_scale_that_is_known_exactly_is_not_fitted(telescope):

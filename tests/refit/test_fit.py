@@ -219,11 +219,12 @@ def deviances(monkeypatch):
 def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, deviances):
     """Ten maximisations of fifty steps took twenty seconds to the same result."""
     image = np.array(bench.image(Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])))
-    image[:44] = np.rot90(image[:44])
-    result = fit_frame(Data(image + 3e4 * np.eye(48, 44)[::-1], 4.0), optics, bench.near())
-    assert result.status is Status.POOR_FIT
+    for _ in range(3):
+        image[:44] = np.rot90(image[:44])
+        result = fit_frame(Data(image + 3e4 * np.eye(48, 44)[::-1], 4.0), optics, bench.near())
+        assert result.status is Status.POOR_FIT
     assert min(deviances) > 30
-    assert len(deviances) <= 6
+    assert len(deviances) <= 3 * 6
 
 
 def test_a_bright_frame_far_off_is_not_given_up(bench, optics, deviances):
