@@ -25,24 +25,15 @@ _BINS, _ALL = 120, "all pixels, those beyond in the last bar"
 _HEADROOM, _BELOW = 12, 0.78
 """Times the fullest bar, for the words above; share of the axes that lines take below them."""
 
-_POINTS: Any = {
-    "fmt": "o",
-    "ms": 5,
-    "color": BLUE,
-    "mfc": "white",
-    "mew": 1.3,
-    "elinewidth": 1.0,
-    "zorder": 3,
-}
+_POINTS: Any = {"fmt": "o", "ms": 5, "color": BLUE, "mfc": "w", "mew": 1.3, "elinewidth": 1.0, "zorder": 3}
 
 
-def plot_calibration(calibration: Calibration, title: str = "") -> list[Axes]:
+def plot_calibration(calibration: Calibration) -> list[Axes]:
     """Draw what was measured on a new figure, two panels a row.
 
     Parameters
     ----------
     calibration : Calibration
-    title : str
 
     Returns
     -------
@@ -60,7 +51,6 @@ def plot_calibration(calibration: Calibration, title: str = "") -> list[Axes]:
         draws.append(plot_read_noise)
     rows = (len(draws) + 1) // 2
     figure = Figure(figsize=(10.4 if len(draws) > 1 else 5.4, 3.7 * rows), layout="constrained")
-    figure.suptitle(title)
     grid = figure.subplots(rows, 2 if len(draws) > 1 else 1, squeeze=False).ravel()
     for spare in grid[len(draws) :]:
         spare.set_axis_off()

@@ -143,7 +143,6 @@ def plot_extended(
     deblurred: np.ndarray | None = None,
     *,
     plate_scale: float | None = None,
-    label: str = "brightness",
 ) -> Panels:
     """Draw an estimate made from a scene without stars: the kernel, the spectrum, and the scene.
 
@@ -155,8 +154,6 @@ def plot_extended(
         From :func:`jitterkit.kernels.deblur`; in its place the image as it is.
     plate_scale : float, optional
         arcsec per pixel; None where lengths are in pixels.
-    label : str
-        What the scene's colour bar says.
 
     Returns
     -------
@@ -166,7 +163,7 @@ def plot_extended(
     _draw_kernel(estimate, axes[0], plate_scale)
     plot_spectrum(image, axes[1], plate_scale=plate_scale, locus=estimate.locus)
     shown, title = (image, "as taken") if deblurred is None else (deblurred, "deblurred")
-    plot_scene(shown, axes[2], like=image, plate_scale=plate_scale, label=label, title=title)
+    plot_scene(shown, axes[2], like=image, plate_scale=plate_scale, title=title)
     axes[2].set_ylabel("")
     return axes
 

@@ -41,7 +41,6 @@ def plot_whiskers(
     ax: Axes | None = None,
     *,
     unit: str = "arcsec",
-    title: str = "stars",
 ) -> Axes:
     """Draw the blur of every star of a field where the star is.
 
@@ -56,7 +55,6 @@ def plot_whiskers(
     ax : matplotlib.axes.Axes, optional
     unit : str
         Of length.
-    title : str
 
     Returns
     -------
@@ -66,7 +64,7 @@ def plot_whiskers(
     """
     ax = axes_or_new(ax, (4.2, 3.6))
     ny, nx = shape
-    ax.set(xlim=(-0.5, nx - 0.5), ylim=(-0.5, ny - 0.5), aspect="equal", title=title)
+    ax.set(xlim=(-0.5, nx - 0.5), ylim=(-0.5, ny - 0.5), aspect="equal", title="stars")
     ax.set(xlabel="x [pixel]", ylabel="y [pixel]")
     x, y, moments = (np.asarray(a, float) for a in (x, y, moments))
     good = np.isfinite(x) & np.isfinite(y) & np.all(np.isfinite(moments), axis=1)
@@ -85,15 +83,9 @@ def plot_whiskers(
 
 def _draw_stars(ax: Axes, x: np.ndarray, y: np.ndarray, sizes: np.ndarray, angle: np.ndarray) -> None:
     """An ellipse and a whisker a star, from semi-axes (n, 2) in pixels and degrees (n,)."""
-    style: Any = {
-        "units": "xy",
-        "offsets": np.c_[x, y],
-        "transOffset": ax.transData,
-        "fc": "none",
-        "ec": BLUE,
-    }
+    where: Any = {"units": "xy", "offsets": np.c_[x, y], "transOffset": ax.transData}
     major, minor = 2 * sizes.T
-    ax.add_collection(EllipseCollection(major, minor, angle, lw=0.7, alpha=0.8, **style))
+    ax.add_collection(EllipseCollection(major, minor, angle, fc="none", ec=BLUE, lw=0.7, alpha=0.8, **where))
     dx, dy = (sizes[:, 0] * f(np.radians(angle)) for f in (np.cos, np.sin))
     ends = np.stack([x - dx, x + dx]), np.stack([y - dy, y + dy])
     ax.plot(*ends, color=RUST, lw=1.4, solid_capstyle="butt", scalex=False, scaley=False)
@@ -141,7 +133,6 @@ def plot_spectrum(
     *,
     plate_scale: float | None = None,
     locus: Locus | None = None,
-    title: str = "power spectrum",
 ) -> Axes:
     """Draw an image's log power spectrum with the nulls that a blur would cut into it.
 
@@ -154,7 +145,6 @@ def plot_spectrum(
         arcsec per pixel; without it frequencies count cycles per pixel.
     locus : Locus, optional
         In the unit of the plate scale.  Dashed lines where its transfer function changes sign.
-    title : str
 
     Returns
     -------
@@ -173,7 +163,7 @@ def plot_spectrum(
     extent = (left, right, down, up)
     picture = ax.imshow(power, origin="lower", extent=extent, cmap="viridis", vmin=low, vmax=high)
     colour_bar(picture, ax, "log₁₀ power")
-    ax.set(xlabel=f"fx [cycles/{unit}]", ylabel="fy", title=title, aspect="equal")
+    ax.set(xlabel=f"fx [cycles/{unit}]", ylabel="fy", title="power spectrum", aspect="equal")
     if locus is not None:
         _draw_nulls(ax, locus, limit)
     return ax
@@ -198,11 +188,10 @@ def plot_scene(
     *,
     like: np.ndarray | None = None,
     plate_scale: float | None = None,
-    label: str = "brightness",
     title: str = "",
 ) -> Axes:
     """Draw a scene without stars in grey, on the scale of another image (``like``) where one is given."""
     scene = image if like is None else like
     low, high = (float(v) for v in np.nanpercentile(scene, [0.5, 99.5]))
     norm = Normalize(low, high if high > low else low + 1)
-    return plot_image(image, plate_scale, ax, norm=norm, cmap="gray", label=label, title=title)
+    return plot_image(image, plate_scale, ax, norm=norm, cmap="gray", label="brightness", title=title)

@@ -45,10 +45,7 @@ def encode_flags(words: Iterable[str]) -> int:
     10
     """
     bits = {word: bit for bit, word in enumerate(FLAGS)}
-    code = 0
-    for word in words:
-        code |= 1 << bits.get(word, 0)
-    return code
+    return sum(1 << bit for bit in {bits.get(word, 0) for word in words})
 
 
 def decode_flags(code: int) -> tuple[str, ...]:

@@ -206,12 +206,7 @@ def plot_requirements(
 
 
 def plot_shears(
-    sweeps: dict[float, Sweep],
-    *,
-    still: float,
-    plate_scale: float,
-    exposure: float | None,
-    target: float = 1e-6,
+    sweeps: dict[float, Sweep], *, still: float, plate_scale: float, exposure: float | None
 ) -> Figure:
     """Draw errors under a normal jitter, a row for each shear, with its kernel beside it.
 
@@ -219,7 +214,7 @@ def plot_shears(
     ----------
     sweeps : dict of shear to Sweep
         Each over ``sigma_major`` and ``angle``.
-    still, plate_scale, exposure, target
+    still, plate_scale, exposure
         As for :func:`plot_errors`.
 
     Returns
@@ -231,7 +226,7 @@ def plot_shears(
     rows = figure.subplots(len(sweeps), 2, width_ratios=[2.6, 1], squeeze=False)
     limits = (0.84e6 * still, 1.12e6 * max(float(sweep.error().max()) for sweep in sweeps.values()))
     for (left, right), (shear, sweep) in zip(rows, sweeps.items(), strict=True):
-        scales: Any = {"still": still, "exposure": exposure, "target": target, "limits": limits}
+        scales: Any = {"still": still, "exposure": exposure, "limits": limits}
         plot_errors(sweep, left, **scales, title=f"shear {shear:g}")
         width = left.secondary_xaxis("top", functions=(_to_fwhm, _from_fwhm))
         width.set_xlabel("FWHM of the major axis [arcsec]")

@@ -48,7 +48,7 @@ def plot_pointing(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None
     for axis, colour in (("x", BLUE), ("y", RUST)):
         index = fit.records.own.index(axis)
         values = [f.record.values[index] for f in frames]
-        ax.plot(times, values, **_points(len(frames), colour), label=axis)
+        ax.plot(times, values, "o", **_points(len(frames), colour), label=axis)
     ax.set(xlabel="time [s]", ylabel="midpoint [arcsec]")
     return _legend(ax)
 
@@ -59,7 +59,7 @@ def _plot_blur(frames: list[SequenceFrame], ax: Axes) -> Axes:
     for index, axis, colour in ((0, "x", BLUE), (2, "y", RUST)):
         variance = np.array([f.record.moments[index] for f in frames])
         rms = np.sign(variance) * np.sqrt(np.abs(variance))
-        ax.plot(times, rms, **_points(len(frames), colour), label=f"rms along {axis}")
+        ax.plot(times, rms, "o", **_points(len(frames), colour), label=f"rms along {axis}")
     ax.set(xlabel="time [s]", ylabel="blur [arcsec]")
     return _legend(ax)
 
@@ -91,7 +91,7 @@ def plot_leave_one_out_chi2(frames: list[SequenceFrame], ax: Axes | None = None)
     ratio = np.array([f.shared.leave_one_out_chi2 / max(f.shared.dof, 1) for f in informed if f.shared])
     kept = np.array([f.kept for f in informed], bool)
     times = _times(informed)
-    ax.plot(times[kept], ratio[kept], **_points(len(informed), BLUE), label="counted")
+    ax.plot(times[kept], ratio[kept], "o", **_points(len(informed), BLUE), label="counted")
     if not kept.all():
         ax.plot(times[~kept], ratio[~kept], "D", ms=6, mfc="none", mec=RUST, mew=1.3, label="not counted")
     ax.axhline(1.0, color=INK, lw=1.0, ls="--")
@@ -106,15 +106,7 @@ def _times(frames: list[SequenceFrame]) -> np.ndarray:
 def _points(n: int, colour: str) -> dict:
     alpha = 1.0 if n <= _MANY else max(0.1, math.sqrt(_MANY / n))
     size = 3.0 if n <= _MANY else 1.5
-    return {
-        "ls": "",
-        "marker": "o",
-        "ms": size,
-        "mew": 0,
-        "color": colour,
-        "alpha": alpha,
-        "rasterized": True,
-    }
+    return {"ms": size, "mew": 0, "color": colour, "alpha": alpha, "rasterized": True}
 
 
 def _legend(ax: Axes, ncols: int = 2) -> Axes:

@@ -110,27 +110,13 @@ def plot_kernel_image(
         From the most negative pixel to the peak.
     """
     norm = Normalize(min(float(kernel.min()), 0.0), float(kernel.max()))
-    ax = plot_image(
-        kernel,
-        plate_scale,
-        axes_or_new(ax, (4.2, 3.6)),
-        norm=norm,
-        cmap="cividis",
-        label="share",
-        title=title,
-    )
+    ax = plot_image(kernel, plate_scale, ax, norm=norm, cmap="cividis", label="share", title=title)
     major, minor, angle = principal_axes(kernel_moments(kernel, plate_scale or 1.0))
     ax.add_patch(Ellipse((0, 0), 2 * major, 2 * minor, angle=angle, **OUTLINE))
     return ax
 
 
-def plot_transfer(
-    ratios: Sequence[TransferRatio],
-    ax: Axes | None = None,
-    *,
-    unit: str = "arcsec",
-    title: str = "transfer function",
-) -> Axes:
+def plot_transfer(ratios: Sequence[TransferRatio], ax: Axes | None = None) -> Axes:
     """Draw measured transfer functions with their fits.
 
     Parameters
@@ -138,9 +124,6 @@ def plot_transfer(
     ratios : sequence of TransferRatio
         One an axis, the major one first.
     ax : matplotlib.axes.Axes, optional
-    unit : str
-        Of length.
-    title : str
 
     Returns
     -------
@@ -151,20 +134,14 @@ def plot_transfer(
     ax = axes_or_new(ax, (4.6, 3.4))
     styles: Any = zip(ratios, (RUST, BLUE, INK), ("o", "s", "^"), ("-", "--", ":"), strict=False)
     for i, (ratio, colour, marker, line) in enumerate(styles):
-        bars: Any = {
-            "fmt": marker,
-            "ms": 4,
-            "elinewidth": 0.8,
-            "color": colour,
-            "mfc": "white" if i else colour,
-        }
-        label = f"along {number(ratio.angle, 3)}°"
-        ax.errorbar(ratio.frequency, ratio.measured, ratio.error, label=label, zorder=2, **bars)
+        label, inside = f"along {number(ratio.angle, 3)}°", "white" if i else colour
+        bars: Any = {"fmt": marker, "ms": 4, "elinewidth": 0.8, "color": colour, "mfc": inside, "zorder": 2}
+        ax.errorbar(ratio.frequency, ratio.measured, ratio.error, label=label, **bars)
         if ratio.fitted is not None:
             ax.plot(ratio.frequency, ratio.fitted, line, color=colour, lw=1.4, zorder=3)
     shown = np.concatenate([r.measured[r.error < _SURE] for r in ratios] + [np.ones(1)])
     low = 0.0 if shown.min() < 0.6 else float(shown.min()) - 0.05  # a small blur is a small dip
     ax.axhline(1, color="0.75", lw=0.8, zorder=1)
-    ax.set(xlabel=f"frequency [cycles/{unit}]", ylabel="|M|", title=title)
+    ax.set(xlabel="frequency [cycles/arcsec]", ylabel="|M|", title="transfer function")
     ax.set(xlim=(0, None), ylim=(low, min(float(shown.max()) + 0.05, 1.6)))
     return finish(ax, loc="lower left")

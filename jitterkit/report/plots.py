@@ -38,7 +38,7 @@ def png(ax: Axes, dpi: float = 130.0) -> bytes:
     return buffer.getvalue()
 
 
-def small_png(ax: Axes, dpi: float = 130.0) -> bytes:
+def small_png(ax: Axes) -> bytes:
     """Encode the figure of some axes in the colours of this module alone, at a sixth of the size.
 
     Notes
@@ -48,7 +48,7 @@ def small_png(ax: Axes, dpi: float = 130.0) -> bytes:
     of the scale.
     """
     figure: Any = ax.figure
-    figure.set(dpi=dpi, facecolor="white")
+    figure.set(dpi=130.0, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     rgba = np.asarray(canvas.buffer_rgba())

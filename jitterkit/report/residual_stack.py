@@ -19,16 +19,6 @@ from scipy import ndimage, special
 if TYPE_CHECKING:  # at run time a table is read without JAX
     from jitterkit.refit import FitResult
 
-__all__ = [
-    "FEWEST",
-    "ResidualStack",
-    "Structure",
-    "count_copies",
-    "join_stacks",
-    "most_stacked",
-    "stack_residuals",
-]
-
 _STEPS = 256
 """Steps of a sigma to which residuals are rounded.  Sums of integers do not depend on their order, so that
 threads, workers and resumed runs give one stack; rounding adds 1e-6 of a pixel's variance."""

@@ -27,18 +27,9 @@ from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
 from jitterkit.report.residual_stack import ResidualStack, count_copies
 from jitterkit.report.separation_plots import draw_run
-from jitterkit.report.series_plots import plot_pulls
+from jitterkit.report.series_plots import plot_pulls, study_series
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
-from jitterkit.series import (
-    Floor,
-    Series,
-    Trend,
-    allan_deviation,
-    block_scatter,
-    find_outliers,
-    fit_floor,
-    fit_trend,
-)
+from jitterkit.series import Floor, Trend, allan_deviation, block_scatter
 
 _RUNNING = 8
 """Frames from which a mean that grows is drawn, and the jitter with time: a scatter is known to a quarter."""
@@ -117,43 +108,30 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
     if series is None:
         yield _with_time(table, summary, clock, [])
     else:
-        outliers = find_outliers(series)
-        rest = series.without(outliers.flags)
-        floor = fit_floor(rest)
-        trend = fit_trend(rest, noise=floor if floor.detected else None)
+        outliers, rest, floor, trend = study_series(series)
         yield _with_time(table, summary, clock, _describe_trend(trend, clock), outliers.flags)
     if good.sum() >= _RUNNING:
         order = np.flatnonzero(good)[np.argsort(clock.at[good], kind="stable")]
         values, errors = (table[name].to_value("arcsec")[order] for name in ("separation", "separation_err"))
         running = plot_running_mean(values, errors)
         yield _drawn("averaging", running, "Weighted mean of the first N frames", "The mean as it grows.")
-        yield _drawn(
-            "averaging",
+        ax, alt = (
             plot_root_n_error(values, errors),
             "Error of the weighted mean of the first N frames, against 1/√N",
-            "Error of that mean. By the scatter it is larger where frames are off by more than their errors.",
         )
+        gloss = "By the scatter it is larger where frames are off by more than their errors."
+        yield _drawn("averaging", ax, alt, f"Error of that mean. {gloss}")
     if series is not None:
         unit = clock.unit
-        yield _drawn(
-            "averaging",
-            plot_root_n(block_scatter(rest), time_unit=unit),
-            "Scatter of block means against their length",
-            "Scatter of means of neighbouring frames, a slow change included. Above the dashed line they "
-            "share what does not average.",
-        )
-        yield _drawn(
-            "averaging",
-            plot_allan(allan_deviation(rest), floor=floor, time_unit=unit),
-            "Allan deviation of the separation",
-            f"Allan deviation. {_describe_floor(floor, rest, unit)}",
-        )
-        yield _drawn(
-            "fit",
-            plot_pulls(outliers),
-            "Histogram of the residuals about the trend in stated errors",
-            _describe_outliers(outliers.flags),
-        )
+        ax = plot_root_n(block_scatter(rest), time_unit=unit)
+        gloss = "Above the dashed line they share what does not average."
+        caption = f"Scatter of means of neighbouring frames, a slow change included. {gloss}"
+        yield _drawn("averaging", ax, "Scatter of block means against their length", caption)
+        ax = plot_allan(allan_deviation(rest), floor=floor, time_unit=unit)
+        caption = f"Allan deviation. {_describe_floor(floor, unit)}"
+        yield _drawn("averaging", ax, "Allan deviation of the separation", caption)
+        alt = "Histogram of the residuals about the trend in stated errors"
+        yield _drawn("fit", plot_pulls(outliers), alt, _describe_outliers(outliers.flags))
 
 
 def _with_time(
@@ -176,7 +154,7 @@ def _describe_trend(trend: Trend, clock: Clock) -> list[str]:
     ]
 
 
-def _describe_floor(floor: Floor, series: Series, unit: str) -> str:
+def _describe_floor(floor: Floor, unit: str) -> str:
     if not (floor.detected and floor.floor > 0):
         return f"No floor is seen: it lies below {angle_size(floor.upper, 2)} (95 %)."
     per, name = suited_time(floor.meets * floor.cadence, unit)
@@ -199,12 +177,8 @@ def _describe_outliers(flags: np.ndarray) -> str:
 def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
     """Yield the ellipse with time, and what the kernels were."""
     good = jittered(table)
-    yield _drawn(
-        "jitter",
-        draw_jitter(table, clock)[0],
-        "Jitter ellipse with time: mean ellipses, axes, direction",
-        wide=True,
-    )
+    ax, alt = draw_jitter(table, clock)[0], "Jitter ellipse with time: mean ellipses, axes, direction"
+    yield _drawn("jitter", ax, alt, wide=True)
     if good.sum() < _MANY:
         return
     major, minor = (table[f"jitter_{axis}"].to_value("arcsec")[good] for axis in ("major", "minor"))
@@ -228,10 +202,8 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
     known = usable & np.isfinite(chi2_dof)
     dof = np.asarray(table["dof"]) if "dof" in table.colnames else np.zeros(len(table), int)
     if known.sum() >= _MANY:
-        yield _drawn(
-            "fit", plot_chi2(chi2_dof[known], dof[known]), "Histogram of chi-squared per degree of freedom",
-            _describe_tail(chi2_dof[known], dof[known]),
-        )  # fmt: skip
+        shown, alt = (chi2_dof[known], dof[known]), "Histogram of chi-squared per degree of freedom"
+        yield _drawn("fit", plot_chi2(*shown), alt, _describe_tail(*shown))
 
 
 def _stacked(stack: ResidualStack, table: QTable, fit: dict[str, Any]) -> Iterator[RunPicture]:

@@ -44,25 +44,27 @@ _LEAST = 0.4
 """Lower end of a histogram's logarithmic axis: below one count, which must show."""
 
 
-def plot_averaging(
-    series: Series,
-    *,
-    trend: Trend | None = None,
-    outliers: Outliers | None = None,
-    floor: Floor | None = None,
-    time_unit: str = "s",
-) -> list[Axes]:
+def study_series(series: Series, floor: Floor | None = None) -> tuple[Outliers, Series, Floor, Trend]:
+    """Return the outliers of a series, the series without them, and its floor and trend.
+
+    The trend's error counts a floor that was detected; ``floor`` is one that was fitted before.
+    """
+    outliers = find_outliers(series)
+    rest = series.without(outliers.flags)
+    floor = fit_floor(rest) if floor is None else floor
+    return outliers, rest, floor, fit_trend(rest, noise=floor if floor.detected else None)
+
+
+def plot_averaging(series: Series, *, floor: Floor | None = None) -> list[Axes]:
     """Draw a page on a series: itself, its pulls, and how its means fall, twice.
 
     Parameters
     ----------
     series : Series
         Of 16 measurements or more.
-    trend, outliers, floor
-        As found; where not given, with the settings of their functions, and all but the outliers from the
-        measurements that belong.
-    time_unit : str
-        Of the times; "frame" where they only count.
+        Times in s.
+    floor : Floor, optional
+        As found; by default that of the measurements that belong.
 
     Returns
     -------
@@ -71,14 +73,11 @@ def plot_averaging(
     """
     figure = Figure(figsize=(10.4, 7.2), layout="constrained")
     axes = list(figure.subplots(2, 2).ravel())
-    outliers = find_outliers(series) if outliers is None else outliers
-    rest = series.without(outliers.flags)
-    floor = fit_floor(rest) if floor is None else floor
-    trend = fit_trend(rest, noise=floor if floor.detected else None) if trend is None else trend
-    plot_series(series, axes[0], trend=trend, outliers=outliers, time_unit=time_unit)
+    outliers, rest, floor, trend = study_series(series, floor)
+    plot_series(series, axes[0], trend=trend, outliers=outliers)
     plot_pulls(outliers, axes[1])
-    plot_root_n(block_scatter(rest), axes[2], time_unit=time_unit)
-    plot_allan(allan_deviation(rest), axes[3], floor=floor, time_unit=time_unit)
+    plot_root_n(block_scatter(rest), axes[2])
+    plot_allan(allan_deviation(rest), axes[3], floor=floor)
     return axes
 
 
@@ -88,7 +87,6 @@ def plot_series(
     *,
     trend: Trend | None = None,
     outliers: Outliers | None = None,
-    time_unit: str = "s",
     zoom: bool = False,
 ) -> Axes:
     """Draw a series with time.
@@ -96,13 +94,12 @@ def plot_series(
     Parameters
     ----------
     series : Series
+        Times in s, which are given in a suitable unit.
     ax : matplotlib.axes.Axes, optional
     trend : Trend, optional
         Drawn with its 1 sigma band; without it the weighted mean.
     outliers : Outliers, optional
         Their flags; hollow diamonds.
-    time_unit : str
-        Of the times; seconds are given in a suitable unit.
     zoom : bool
         Let the axis hold the means of many points rather than the points.
 
@@ -115,7 +112,7 @@ def plot_series(
     y, e, t = series.present
     trend = fit_trend(series, 0) if trend is None else trend
     start = float(t.min())
-    per, unit = suited_time(float(np.ptp(t)), time_unit)
+    per, unit = suited_time(float(np.ptp(t)), "s")
     scale, angle = suited_angle(e if series.stated else np.abs(y - np.median(y)))
     level = trend.mean
 

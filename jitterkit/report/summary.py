@@ -55,6 +55,8 @@ def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, An
     used = ["locus", "chi2_dof", "dof", "sxx", "sxy", "syy", "va_factor", "orbit_change"]
     used += [name + end for name in ("separation", "theta", "pa", "shape") for end in ("", "_err")]
     good = table[used][counts]  # not the texts: of 60,000 frames they are most of the memory
+    separations, errors = _pair(good, "separation", "arcsec")
+    right = corrected(separations, np.asarray(good["va_factor"]), good["orbit_change"].to_value("arcsec"))
     candidates = np.asarray(table["candidates"])
     return {
         "frames": len(table),
@@ -62,24 +64,18 @@ def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, An
         "locus": _counts(good["locus"]),
         "separation": {
             "unit": "arcsec",
-            **weighted_mean(*_pair(good, "separation", "arcsec")),
+            **weighted_mean(separations, errors),
             "model_error": _median(table["separation_model_err"].to_value("arcsec")[counts]),
             "scale_error": _median(table["separation_scale_err"].to_value("arcsec")[counts]),
         },
-        "separation_corrected": {"unit": "arcsec", **_mean_corrected(good)},
+        "separation_corrected": {"unit": "arcsec", **weighted_mean(right, errors)},
         "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},
         "pa": {"unit": "deg", **_mean_direction(*_pair(good, "pa", "deg"))},
         "jitter": _mean_jitter(good),
         "shape": weighted_mean(np.asarray(good["shape"]), np.asarray(good["shape_err"])),
         "loci": compare_loci(candidates[index] for index in np.flatnonzero(counts)),
         "chi2_dof": _median(good["chi2_dof"]),
-        "fit": assess_run_fit(
-            good["chi2_dof"],
-            good["dof"],
-            good["separation_err"].to_value("arcsec"),
-            stack,
-            count_copies(table),
-        ),
+        "fit": assess_run_fit(good["chi2_dof"], good["dof"], errors, stack, count_copies(table)),
         "seconds": float(np.nansum(table["seconds"].to_value("s"))),
     }
 
@@ -92,12 +88,6 @@ def _counts(column: Any) -> dict[str, int]:
 
 def _pair(table: QTable, name: str, unit: str) -> tuple[np.ndarray, np.ndarray]:
     return table[name].to_value(unit), table[f"{name}_err"].to_value(unit)
-
-
-def _mean_corrected(table: QTable) -> dict[str, Any]:
-    separation, errors = _pair(table, "separation", "arcsec")
-    change = table["orbit_change"].to_value("arcsec")
-    return weighted_mean(corrected(separation, np.asarray(table["va_factor"]), change), errors)
 
 
 def _mean_direction(angles: np.ndarray, errors: np.ndarray) -> dict[str, Any]:
