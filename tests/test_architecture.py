@@ -70,7 +70,7 @@ ONLY_IN = {
     "jinja2": {"report/html.py"},
     "blackjax": {"refit/sampling.py"},
     "synphot": {"photons/stars.py"},
-    "rich": {"cli/docs.py", "cli/progress.py", "cli/screen.py"},
+    "rich": {"cli/docs.py", "cli/progress.py"},
 }
 """Libraries with sharp edges, each behind one module."""
 

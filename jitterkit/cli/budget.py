@@ -10,10 +10,9 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.options import refuse_if
 from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_angle, parse_number
-from jitterkit.cli.runtime import log, prepare_jax, print_table
+from jitterkit.cli.runtime import log, open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
 
 _USUAL = 0.15
@@ -49,32 +48,26 @@ def budget(
     """
     products.check()
     goal, sizes, own = parse_angle(target, "--target"), _sizes(effect or []), jitter.size_values()
-    prepare_jax()
+    telescope = open_instrument(instrument)
     import numpy as np
 
     from jitterkit.forecast import systematic_errors
     from jitterkit.forward import Parameters
-    from jitterkit.instruments import load_instrument
     from jitterkit.refit import FitOptions, Priors
-    from jitterkit.report.systematics_table import systematics_table
+    from jitterkit.report.forecast_table import systematics_table
     from jitterkit.report.words import angle_size
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_inside, check_scene
 
-    telescope = load_instrument(instrument)
     if jitter.locus == "mvn":
         own = {"sigma_major": _USUAL * telescope.plate_scale} | own
     scene, locus = Binary(**pair.parameters(telescope)), build_locus(jitter.locus, own)
     check_scene(scene, locus)
     check_inside(scene, telescope.shape, telescope.plate_scale)
     known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
-    error, errors = systematic_errors(
-        telescope,
-        Parameters(scene, locus, np.zeros(len(telescope.aberrations))),
-        FitOptions(hold=options.held(background), priors=known),
-        sizes=sizes,
-        target=goal,
-    )
+    fit = FitOptions(hold=options.held(background), priors=known)
+    parameters = Parameters(scene, locus, np.zeros(len(telescope.aberrations)))
+    error, errors = systematic_errors(telescope, parameters, fit, sizes=sizes, target=goal)
     table = systematics_table(errors, frames)
     print_table(table)
     mean = angle_size(error / math.sqrt(frames))

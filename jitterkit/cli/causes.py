@@ -11,10 +11,9 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.options import refuse_if
 from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_angle, parse_number, parse_share
-from jitterkit.cli.runtime import prepare_jax, print_table
+from jitterkit.cli.runtime import open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
 
 _USUAL = 0.3
@@ -66,14 +65,12 @@ def causes(
     products.check()
     goal, known = _share(target, "--target"), _share(telemetry, "--telemetry")
     sizes = jitter.size_values()
-    prepare_jax()
+    telescope = open_instrument(instrument)
     from jitterkit.forecast.causes import forecast_causes
     from jitterkit.forecast.causes_data import FollowUp, further_data
-    from jitterkit.instruments import load_instrument
     from jitterkit.report.causes_plots import plot_causes
     from jitterkit.report.causes_text import causes_sentences, causes_table, data_table, remedy_sentence
 
-    telescope = load_instrument(instrument)
     if jitter.locus == "mvn":
         sizes = {"sigma_major": _USUAL * telescope.plate_scale} | sizes
     locus = build_locus(jitter.locus, sizes)

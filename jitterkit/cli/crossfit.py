@@ -10,7 +10,7 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Fixed
 from jitterkit.cli.products import Products
-from jitterkit.cli.runtime import log, prepare_jax, print_table
+from jitterkit.cli.runtime import log, open_instrument, print_table
 
 _DATA = ["linear", "shm", "mvn,shear=0.1", "mvn,shear=0.7"]
 _FITTED = ["stable", "linear", "shm", "mvn", "auto"]
@@ -57,18 +57,16 @@ def crossfit(
         Draw the histograms.
     """
     products.check()
-    prepare_jax()
+    telescope = open_instrument(instrument)
     import numpy as np
 
     from jitterkit.forecast import cross_fit, forecast, jitter_of_kind
     from jitterkit.forward import Parameters
-    from jitterkit.instruments import load_instrument
     from jitterkit.loci import Stable
     from jitterkit.report.crossfit_plots import crossfit_table, plot_crossfit
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_reach, check_scene
 
-    telescope = load_instrument(instrument)
     binary = Binary(**pair.parameters(telescope))
     still = Parameters(binary, Stable.of(), np.zeros(len(telescope.aberrations)))
     settings = list(itertools.product(size or _SIZES, angle or _ANGLES))

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.options import refuse_if
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import SOME_FAILED, log, prepare_jax, print_table
+from jitterkit.cli.runtime import SOME_FAILED, log, prepare_jax, print_table, refuse_if
 from jitterkit.errors import ErrorCode
 
 _ROUNDEST = "roundest"

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.options import refuse_if, refuse_unused
+from jitterkit.cli.options import refuse_unused
 from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
-from jitterkit.cli.runtime import log, prepare_jax, print_table
+from jitterkit.cli.runtime import log, open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
+from jitterkit.report.words import angle_size, number
+
+if TYPE_CHECKING:
+    from jitterkit.forecast import Forecast
 
 _DETECTOR = ("gain", "read_noise", "full_well")
 """Numbers of the detector that may be swept."""
@@ -76,19 +80,15 @@ def forecast(
     options.refuse_no_stars(scene, stars)
     if allow is not None:
         _check_allow(jitter.locus, sizes, sweeps)
-    prepare_jax()
-    from jitterkit.instruments import load_instrument
+    telescope = open_instrument(instrument)
 
-    telescope = load_instrument(instrument)
     setup = _Setup(telescope, jitter.locus, sizes, pair.of(scene, telescope), options.read_stars(stars))
     if allow is not None:
         table, draw = _forecast_requirement(setup, allow, fitted)
     elif sweeps:
         table, draw = _forecast_sweep(setup, sweeps, goal)
-    elif scene == "binary":
-        table, draw = _forecast_pair(setup, goal)
     else:
-        table, draw = _forecast_star(setup)
+        table, draw = _forecast_frame(setup, goal)
     print_table(table)
     products.write(table, lambda: draw().axes[0])
 
@@ -156,36 +156,38 @@ class _Setup:
         return self.optics.otf(state) if state.any() else self.optics.nominal
 
 
-def _forecast_star(setup: _Setup):
+def _forecast_frame(setup: _Setup, goal: float):
     from jitterkit.report.forecast_plots import plot_matrices
     from jitterkit.report.forecast_table import parameter_table
-    from jitterkit.report.words import angle_size
 
     found = setup.point()
+    if "separation" in setup.scene:
+        _log_separation(setup, found, goal)
+    else:
+        _log_position(setup, found)
+    return parameter_table(found), lambda: plot_matrices(found)
+
+
+def _log_position(setup: _Setup, found: Forecast) -> None:
     x, y = angle_size(found.error("x")), angle_size(found.error("y"))
     brightest = "" if setup.stars is None else " of the brightest star"
     log(f"position{brightest} per frame: {x} along x and {y} along y.")
     if found.masked:
         log(f"{found.masked} pixels are at or near saturation and are excluded.")
-    return parameter_table(found), lambda: plot_matrices(found)
 
 
-def _forecast_pair(setup: _Setup, goal: float):
+def _log_separation(setup: _Setup, found: Forecast, goal: float) -> None:
     from jitterkit.forecast import degenerate_directions
-    from jitterkit.report.forecast_plots import plot_matrices
-    from jitterkit.report.forecast_table import parameter_table
-    from jitterkit.report.words import angle_size, number
 
-    found, still = setup.point(), setup.point(still=True)
     error, frames = found.error("separation"), found.frames(goal)
     exposure, target, time = setup.telescope.exposure, angle_size(goal, 2).replace(".0 ", " "), ""
     if exposure is not None:
         time = f", {number(frames * exposure / 3600, 3)} h of {exposure:g} s exposures"
     log(f"separation: {angle_size(error)} per frame; {target} takes {frames:,.0f} frames{time}.")
     if setup.locus != "stable":
-        more = 100 * ((error / still.error("separation")) ** 2 - 1)
-        without = angle_size(still.error("separation"))
-        log(f"The jitter costs {number(more, 3)} % more time than no jitter ({without}).")
+        still = setup.still({})
+        more = number(100 * ((error / still) ** 2 - 1), 3)
+        log(f"The jitter costs {more} % more time than no jitter ({angle_size(still)}).")
     if found.masked:
         counted = angle_size(setup.point(censored=True).error("separation"))
         log(
@@ -195,7 +197,6 @@ def _forecast_pair(setup: _Setup, goal: float):
     for direction in degenerate_directions(found):
         share = f"; {100 * direction.share:.0f} % of the separation's variance"
         log(f"degenerate: {direction}{share if direction.share > 0.05 else ''}.")
-    return parameter_table(found), lambda: plot_matrices(found)
 
 
 def _forecast_sweep(setup: _Setup, sweeps: dict[str, list[float]], goal: float):
@@ -221,18 +222,12 @@ def _forecast_requirement(setup: _Setup, allow: str, fitted: str):
     from jitterkit.report.forecast_table import requirement_table
 
     question, allowed = parse_allowed(allow)
-    bias = question == "bias"
-    still = setup.point(still=True)
+    bias, detector, exposure = question == "bias", setup.telescope.detector, setup.telescope.exposure
+    still, law = setup.point(still=True), fitted if bias else None
     found = jitter_requirements(
-        still.parameters,
-        setup.optics.nominal,
-        allowed,
-        setup.telescope.detector,
-        fitted=fitted if bias else None,
-        options=setup.options,
+        still.parameters, setup.optics.nominal, allowed, detector, fitted=law, options=setup.options
     )
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
     log(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")
-    exposure = setup.telescope.exposure
     table = requirement_table(found, exposure)
     return table, lambda: plot_requirements(found, exposure=exposure, title=title).figure

@@ -1,19 +1,28 @@
-"""Declare the options of the commands that fit frame by frame, and build the processor of the frames."""
+"""Declare the options of the commands that fit frame by frame, and build the processor of the frames.
+
+Reach for :class:`FrameFit`, and for :class:`Plan` where settings are chosen by what they cost
+(``process --tolerance``, ``--budget`` and ``--explain``).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
-from jitterkit.cli.runtime import log, prepare_jax
+from jitterkit.cli.quantities import parse_allowed, parse_time
+from jitterkit.cli.runtime import log, open_instrument, refuse_if
+from jitterkit.errors import ErrorCode
+from jitterkit.report.words import angle_size
 
 if TYPE_CHECKING:
     from jitterkit.batch import FrameProcessor
+    from jitterkit.trade import Settings
 
 
 _LOCUS = f"Jitter locus: auto (the simplest that the frame supports), {', '.join(locus_sizes())}."
@@ -65,13 +74,11 @@ class FrameFit:
             If the optics do not carry the preset, or there is no such instrument, device, preset or prior.
         """
         error = options.parse_model_error(self.model_error)
-        prepare_jax(self.device, self.float32)
+        telescope = open_instrument(self.instrument, device=self.device, float32=self.float32)
         from jitterkit.batch import FrameProcessor
-        from jitterkit.instruments import load_instrument
         from jitterkit.refit import FitOptions, read_kernel_prior
         from jitterkit.trade import settings as trade
 
-        telescope = load_instrument(self.instrument)
         settings = trade.preset(self.preset, telescope)
         fit = FitOptions(hold=options.held(self.background), model_error=error)
         modelled = settings.instrument(telescope)
@@ -92,3 +99,99 @@ class FrameFit:
             censored=self.censored,
             rays=self.rays,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Choose the settings of the model by what they cost.
+
+    Parameters
+    ----------
+    tolerance : 1uas|10%
+        Use the fastest settings whose model biases the separation of a frame by no more than this: an angle,
+        or a share of its error. Three frames of the run are used to choose them.
+    budget : 20ms
+        Use the most exact settings with which a frame, fitted by itself, takes no longer than this on this
+        machine. Three frames of the run are used to choose them.
+    explain
+        Report what the settings omit from the model, and the error that this causes.
+    """
+
+    tolerance: str | None = None
+    budget: str | None = None
+    explain: bool = False
+
+    def check(self) -> None:
+        """Refuse what is no angle, share or time, and two criteria at once.
+
+        Raises
+        ------
+        ConfigurationError
+        """
+        problem = "--tolerance and --budget cannot be combined; give one of the two."
+        refuse_if(self.tolerance is not None and self.budget is not None, ErrorCode.CONFLICT, problem)
+        _parsed(self.tolerance, self.budget)
+
+    def apply(
+        self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None, resumed: Path | None
+    ) -> tuple[FrameProcessor, dict[str, Any] | None]:
+        """Return the processor with the settings that its frames need, and how they were chosen.
+
+        Parameters
+        ----------
+        processor : FrameProcessor
+        files : sequence of Path
+        hdu : int, optional
+        resumed : Path, optional
+            Directory of a run that is resumed with its own settings.
+
+        Raises
+        ------
+        ConfigurationError
+            If no settings meet the tolerance or budget, or no frame can be fitted.
+        """
+        asked = {"tolerance": self.tolerance, "budget": self.budget}
+        if not any(asked.values()) and not self.explain:
+            return processor, None
+        from jitterkit.batch.configuration import describe
+        from jitterkit.run.process import planned_before
+        from jitterkit.trade import Settings
+
+        before = None if resumed is None else planned_before(resumed)
+        if before is not None and _parsed(**before["asked"]) == _parsed(**asked):
+            log("using the settings that were chosen when the run began")
+            return Settings(**before["settings"]).applied(processor), dict(before)
+        settings = self._choose(processor, files, hdu)
+        if not any(asked.values()):
+            return processor, None
+        return settings.applied(processor), {"asked": asked, "settings": describe(settings)}
+
+    def _choose(self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None) -> Settings:
+        """Fit some frames, and log what is expected of the settings that suit them."""
+        from jitterkit.trade.explain import explain
+        from jitterkit.trade.plan import Planner
+        from jitterkit.trade.worst_case import examples_of
+
+        allowed, seconds = _parsed(self.tolerance, self.budget)
+        log("fitting some frames to choose the settings ...")
+        planner = Planner(*examples_of(files, processor, hdu))
+        if allowed is not None:
+            kind, size = allowed
+            plan = planner.cheapest(size * planner.worst_case.sigma if kind == "error" else size)
+        elif seconds is not None:
+            plan = planner.within(seconds)
+        else:
+            plan = planner.as_they_are()
+        log(
+            f"{1e3 * plan.seconds:.3g} ms per frame; the model's omissions may bias the separation by "
+            f"{angle_size(plan.loss, 2)}, at an error of {angle_size(planner.worst_case.sigma)} per frame"
+        )
+        for sentence in explain(planner.worst_case, plan) if self.explain else ():
+            log(f"  {sentence}")
+        return plan.settings
+
+
+def _parsed(tolerance: str | None, budget: str | None) -> tuple[tuple[str, float] | None, float | None]:
+    """Return the kind and size of the allowed loss, and the time of a frame [s]."""
+    allowed = None if tolerance is None else parse_allowed(tolerance, "--tolerance", "error")
+    return allowed, None if budget is None else parse_time(budget, "--budget")

@@ -34,22 +34,8 @@ app = typer.Typer(
 )
 
 for command in (
-    info,
-    instrument,
-    simulate,
-    calibrate,
-    estimate,
-    process,
-    watch,
-    sequence,
-    forecast,
-    budget,
-    causes,
-    crossfit,
-    motion,
-    photons,
-    trade,
-    docs,
+    *(info, instrument, simulate, calibrate, estimate, process, watch, sequence),
+    *(forecast, budget, causes, crossfit, motion, photons, trade, docs),
 ):
     app.command()(as_command(command))
 

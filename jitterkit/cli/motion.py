@@ -9,7 +9,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.products import Products
-from jitterkit.cli.runtime import log, prepare_jax, print_table
+from jitterkit.cli.runtime import log, open_instrument, print_table
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -68,12 +68,10 @@ def motion(
         Draw spectrum, budget, predicted blur and its transfer function.
     """
     products.check()
-    prepare_jax()
-    from jitterkit.instruments import load_instrument
+    telescope = open_instrument(instrument)
     from jitterkit.motion import assess_motion, read_motion
     from jitterkit.report.motion_table import motion_sentences, motion_table
 
-    telescope = load_instrument(instrument)
     moved = read_motion(file, kind=kind, rates=rates, log=log)
     seconds = telescope.exposure if exposure is None else exposure
     seconds = options.required(seconds, telescope, "exposure; give --exposure")

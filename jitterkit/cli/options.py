@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
+from jitterkit.cli.runtime import refuse_if
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 if TYPE_CHECKING:
@@ -217,12 +218,6 @@ def sources(values: Mapping[str, float], stars: Stars | None) -> Scene:
         return stars.shifted(values["x"], values["y"])
     scene = Binary(**values) if "separation" in values else Star(**values)
     return scene if stars is None else scene.joined(FurtherStars(*stars.sources()))
-
-
-def refuse_if(condition: bool, code: ErrorCode, message: str) -> None:
-    """Raise a ConfigurationError if a condition holds."""
-    if condition:
-        raise ConfigurationError(code, message)
 
 
 def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: typer.Context) -> None:

@@ -11,7 +11,7 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.options import required
 from jitterkit.cli.products import Products
-from jitterkit.cli.runtime import aligned, log, naming, prepare_jax
+from jitterkit.cli.runtime import aligned, log, naming, open_instrument
 
 if TYPE_CHECKING:
     from jitterkit.instruments import Instrument
@@ -62,11 +62,9 @@ def photons(
         Draw spectra and throughput.
     """
     products.check()
-    prepare_jax()
-    from jitterkit.instruments import load_instrument
+    telescope = open_instrument(instrument)
     from jitterkit.photons import collecting_area, compare, count_photons
 
-    telescope = load_instrument(instrument)
     seconds = telescope.exposure if exposure is None else exposure
     star_a = _star(spectrum_a, temperatures[0], magnitudes[0])
     star_b = _star(spectrum_b, temperatures[1], magnitudes[1])

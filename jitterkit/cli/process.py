@@ -11,12 +11,10 @@ from typing import Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.frame_fit import FrameFit
-from jitterkit.cli.options import refuse_if
-from jitterkit.cli.planned import Plan
+from jitterkit.cli.frame_fit import FrameFit, Plan
 from jitterkit.cli.progress import run_progress
 from jitterkit.cli.run import Run, finalize
-from jitterkit.cli.runtime import log
+from jitterkit.cli.runtime import log, refuse_if
 from jitterkit.cli.signals import as_interrupt
 from jitterkit.errors import ErrorCode
 
@@ -80,18 +78,11 @@ def process(
     processor, planned = plan.apply(fit.processor(), paths, hdu, output if run.resume else None)
     from jitterkit.run import process_files
 
+    settings = run.settings() | {"hdu": hdu, "plan": planned}
     try:
         with as_interrupt(), workers.executor() as executor, run_progress(len(paths)) as (watch, before):
             result = process_files(
-                paths,
-                output,
-                processor,
-                hdu=hdu,
-                executor=executor,
-                watch=watch,
-                before=before,
-                plan=planned,
-                **run.settings(),
+                paths, output, processor, executor=executor, watch=watch, before=before, **settings
             )
     except KeyboardInterrupt:
         instead = " instead of --overwrite" * run.overwrite

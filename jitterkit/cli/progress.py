@@ -1,19 +1,33 @@
-"""Show the progress of a run on the screen: files done, rate, time left, and the mean separation."""
+"""Show the progress of a run on the screen: files done, rate, time left, and the mean separation.
+
+Reach for :func:`run_progress`, a line for a known number of files, and for :func:`live_screen` where frames
+arrive: at a terminal it keeps some lines at the bottom, elsewhere it writes a line every few seconds.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
+
+from jitterkit.cli.runtime import log
+from jitterkit.report.words import ellipse_size, number, with_error
 
 _WINDOW = 30.0
 """Seconds over which the rate is taken: several batches."""
 
 _SIMULTANEOUS = 0.1
 """Seconds within which rows belong to one batch, which reports them within a few milliseconds."""
+
+_RECENT = 50
+"""Number of frames of which the kernel on the screen is the mean."""
+
+_EVERY = 5.0
+"""Seconds between two lines where there is no terminal."""
 
 
 @dataclass
@@ -70,8 +84,6 @@ class RunningStatistics:
         return self._first + self._sum / self._weight, self._weight**-0.5
 
     def __str__(self) -> str:
-        from jitterkit.report.words import with_error
-
         parts = [f"{self.rate:.1f} frames/s"] if self.rate == self.rate else []
         parts += [f'separation {with_error(*self.separation)}"'] if self._weight else []
         return "  ".join([*parts, *[f"{self.failed} failed"] * bool(self.failed)])
@@ -128,21 +140,16 @@ def run_progress(total: int) -> Iterator[tuple[ProgressCallback, ProgressCallbac
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
     statistics = RunningStatistics()
-    columns = (
-        BarColumn(20),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[text]}"),
-    )
-    with _progress(*columns) as progress:
+    left, text = TextColumn("{task.fields[left]}"), TextColumn("{task.fields[text]}")
+    with _progress(BarColumn(20), MofNCompleteColumn(), left, text) as progress:
         task, seen, files = progress.add_task("", total=total, text="", left=""), "", 0
 
         def count(row: dict[str, Any], now: float | None) -> None:
             nonlocal seen, files
             statistics.add(row, now)
             seen, files = row["path"], files + (row["path"] != seen)
-            left = time_left(statistics, files, total)
-            progress.update(task, completed=files, text=str(statistics), left=left)
+            remaining = time_left(statistics, files, total)
+            progress.update(task, completed=files, text=str(statistics), left=remaining)
 
         yield lambda row: count(row, time.monotonic()), lambda row: count(row, None)
 
@@ -152,14 +159,10 @@ def progress_bar(total: int, label: str) -> Iterator[Callable[[str], None]]:
     """Keep a progress bar on stderr, at a terminal only; yield a function to call with each item's name."""
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn(label),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[item]}", markup=False),
-    )
-    with _progress(*columns) as progress:
+    name = TextColumn("{task.fields[item]}", markup=False)
+    with _progress(
+        TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), name
+    ) as progress:
         task = progress.add_task(label, total=total, item="")
         yield lambda item: progress.update(task, advance=1, item=item)
 
@@ -171,3 +174,92 @@ def _progress(*columns):
 
     console = Console(stderr=True)
     return Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
+
+
+class Screen:
+    """Summarise rows in a few lines.
+
+    Parameters
+    ----------
+    where : str
+        Name of the directory that is watched.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where, self._statistics = where, RunningStatistics()
+        self._statuses: Counter[str] = Counter()
+        self._recent: deque[tuple[float, float, float]] = deque(maxlen=_RECENT)
+        self._last = ""
+
+    def add(self, row: dict[str, Any], now: float | None = None) -> None:
+        """Count a row that was done at a time [s], or without a time in an earlier session."""
+        self._statistics.add(row, now)
+        self._statuses[row["status"]] += 1
+        moments = row["sxx"], row["sxy"], row["syy"]
+        if row["status"] == "ok" and all(map(math.isfinite, moments)):
+            self._recent.append(moments)
+        self._last = f"{row['file']} [{row['frame']}] {row['message']}"
+
+    def lines(self) -> dict[str, str]:
+        """Return the lines by their titles; before the first frame, one line that names the directory."""
+        if not self._statuses:
+            return {"waiting for": f"frames in {self._where}"}
+        rate, separation = self._statistics.rate, self._statistics.separation
+        counts = ", ".join(f"{n} {status}" for status, n in self._statuses.most_common())
+        lines = {
+            "separation": f"{with_error(*separation)} arcsec" if separation[1] == separation[1] else "",
+            "kernel": self.kernel(),
+            "frames": counts,
+            "rate": f"{number(rate, 3)} frames/s" if rate == rate else "",
+            "last": self._last,
+        }
+        return {name: text for name, text in lines.items() if text}
+
+    def kernel(self) -> str:
+        """Return the mean jitter of recent frames: its axes and their direction."""
+        if not self._recent:
+            return ""
+        from jitterkit.loci.base import principal_axes
+
+        mean = [math.fsum(values) / len(self._recent) for values in zip(*self._recent, strict=True)]
+        major, minor, angle = principal_axes(mean)
+        direction = f" at {angle:.0f}°" if major > 0 else ""
+        return f"{ellipse_size(major, minor)} rms{direction}, of the last {len(self._recent)}"
+
+
+@contextlib.contextmanager
+def live_screen(where: str) -> Iterator[tuple[ProgressCallback, ProgressCallback]]:
+    """Keep the screen; yield functions to call with each row that is done now, and of an earlier session."""
+    from rich.console import Console
+    from rich.live import Live
+    from rich.table import Table
+    from rich.text import Text
+
+    console, screen = Console(stderr=True), Screen(where)
+    if not console.is_terminal:
+        yield _lines(screen), screen.add
+        return
+
+    def render() -> Table:
+        grid = Table.grid(padding=(0, 2))
+        for name, text in screen.lines().items():
+            grid.add_row(Text(name), Text(text, overflow="ellipsis", no_wrap=True))
+        return grid
+
+    with Live(console=console, get_renderable=render, transient=True):
+        yield lambda row: screen.add(row, time.monotonic()), screen.add
+
+
+def _lines(screen: Screen, clock: Callable[[], float] = time.monotonic) -> ProgressCallback:
+    """Return a function that logs the lines with the first row and then every few seconds."""
+    last = -math.inf
+
+    def update(row: dict[str, Any]) -> None:
+        nonlocal last
+        now = clock()
+        screen.add(row, now)
+        if now >= last + _EVERY:
+            last = now
+            log("; ".join(f"{name} {text}" for name, text in screen.lines().items()))
+
+    return update

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from jitterkit.cli.runtime import refuse_if
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 _MAX_SWEPT = 2
@@ -51,8 +52,7 @@ def parse_share(text: str, problem: str) -> float:
         With ``problem`` as its message, if it is not positive and finite, or has no percent sign.
     """
     number, sign, rest = text.strip().partition("%")
-    if not sign or rest:
-        raise ConfigurationError(ErrorCode.MALFORMED, problem)
+    refuse_if(not sign or rest != "", ErrorCode.MALFORMED, problem)
     return parse_number(number, lambda percent: 0 < percent < float("inf"), problem) / 100
 
 
@@ -67,8 +67,7 @@ def parse_number(text: str, is_valid: Callable[[float], bool], problem: str) -> 
         value = float(text)
     except ValueError:
         raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
-    if not is_valid(value):
-        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+    refuse_if(not is_valid(value), ErrorCode.OUT_OF_RANGE, problem)
     return value
 
 
@@ -97,9 +96,8 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
         code, value = ErrorCode.MALFORMED, 0.0
     except ValueError:
         code, value = ErrorCode.UNKNOWN_UNIT, 0.0
-    if not 0 < value < float("inf"):
-        problem = f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
-        raise ConfigurationError(code, problem)
+    problem = f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
+    refuse_if(not 0 < value < float("inf"), code, problem)
     return float(value)
 
 
@@ -114,15 +112,13 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     ConfigurationError
         If one is neither, or there are more than two.
     """
-    if len(texts) > _MAX_SWEPT:
-        problem = f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice."
-        raise ConfigurationError(ErrorCode.TOO_MANY, problem)
+    problem = f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice."
+    refuse_if(len(texts) > _MAX_SWEPT, ErrorCode.TOO_MANY, problem)
     sweeps: dict[str, list[float]] = {}
     for text in texts:
         name, _, values = text.partition("=")
-        if name.strip() in sweeps:
-            problem = f"{name.strip()} is swept twice; give all its values in one --sweep."
-            raise ConfigurationError(ErrorCode.DUPLICATE, problem)
+        problem = f"{name.strip()} is swept twice; give all its values in one --sweep."
+        refuse_if(name.strip() in sweeps, ErrorCode.DUPLICATE, problem)
         try:
             sweeps[name.strip()] = _values(values)
         except ValueError:

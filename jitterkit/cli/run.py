@@ -10,6 +10,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.runtime import SOME_FAILED, command_line, log
+from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
 _REPORTED = {"prior_contradicted", "prior_unused"}
 """Flags of fitted frames that are worth a line on stderr."""
@@ -72,7 +73,6 @@ def _list_frames(run) -> None:
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
     from jitterkit.report.sequence import describe_loci, describe_run_fit, describe_scatter
-    from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
     fitted = int(sum(run.table["status"] == "ok"))
     separation, jitter = run.summary["separation"], run.summary["jitter"]
@@ -99,8 +99,6 @@ def _echo_result(run) -> None:
 
 def _warn_of_rolling_shutter(run, telescope) -> None:
     """Log what a rolling shutter may have done to the separation, which one frame does not show."""
-    from jitterkit.report.words import angle_size
-
     line_time, separation = telescope.detector.line_time, run.summary["separation"]["mean"]
     if line_time and separation == separation:  # not NaN
         leverage = abs(line_time) * separation / telescope.plate_scale

@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -17,6 +17,8 @@ from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, one_
 
 if TYPE_CHECKING:
     from astropy.table import QTable
+
+    from jitterkit.instruments import Instrument
 
 
 USAGE, SOME_FAILED = 2, 1
@@ -70,6 +72,14 @@ def prepare_jax(device: str | None = None, float32: bool = False, single_threade
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # 70 small ones take 2 s
 
 
+def open_instrument(name: str, **settings: Any) -> Instrument:
+    """Prepare JAX as :func:`prepare_jax` does, and return the instrument of a name or a file."""
+    prepare_jax(**settings)
+    from jitterkit.instruments import load_instrument
+
+    return load_instrument(name)
+
+
 def _share_heaps() -> None:
     """Let glibc make as many heaps as there are processors, unless the environment sets their number.
 
@@ -90,6 +100,12 @@ def naming(path: Path) -> Iterator[None]:
         if str(path) in message:
             raise
         raise ConfigurationError(error.code, f"{path}: {message}") from None
+
+
+def refuse_if(condition: bool, code: ErrorCode, message: str) -> None:
+    """Raise a ConfigurationError if a condition holds."""
+    if condition:
+        raise ConfigurationError(code, message)
 
 
 def log_error(error: JitterkitError) -> None:

@@ -9,10 +9,9 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
-from jitterkit.cli.options import refuse_if
 from jitterkit.cli.products import write_picture
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import SOME_FAILED, command_line, log, prepare_jax
+from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, refuse_if
 from jitterkit.errors import ErrorCode
 
 _MIN_SERIES = 25
@@ -75,20 +74,16 @@ def sequence(
     find_files(files)
     check_directory(output, OUTPUTS, overwrite)
     error = options.parse_model_error(model_error)
-    prepare_jax()
+    telescope = open_instrument(instrument)
     from jitterkit.batch import FileExposures, FrameProcessor
-    from jitterkit.instruments import load_instrument
     from jitterkit.joint import FrameFitter, SequenceOptions, refit_sequence
     from jitterkit.loci.trace_locus import read_trace
     from jitterkit.refit import Status
 
-    processor = FrameProcessor(load_instrument(instrument), detector.metadata())
+    processor = FrameProcessor(telescope, detector.metadata())
     exposures = FileExposures(files, processor, hdu=hdu, cadence=cadence)
-    how = SequenceOptions(
-        time_models=_time_models(law or []),
-        rolling=not global_shutter,
-        telemetry=None if telemetry is None else read_trace(telemetry, log=log),
-    )
+    models, trace = _time_models(law or []), None if telemetry is None else read_trace(telemetry, log=log)
+    how = SequenceOptions(time_models=models, rolling=not global_shutter, telemetry=trace)
     fitter = FrameFitter(
         exposures.optics,
         locus,

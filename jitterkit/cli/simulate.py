@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.options import refuse_if, refuse_unused
+from jitterkit.cli.options import refuse_unused
 from jitterkit.cli.pointing import Motion
-from jitterkit.cli.runtime import log, prepare_jax
+from jitterkit.cli.runtime import log, open_instrument, refuse_if
 from jitterkit.errors import ErrorCode
 
 _SCENES = {"star": options.OF_PAIRS, "binary": (), "stars": (*options.OF_PAIRS, "flux")}
@@ -69,15 +69,13 @@ def simulate(
     """
     paths = _paths(output, frames)
     _check_paths(paths, overwrite)
-    prepare_jax()
-    import numpy as np
-
-    from jitterkit.instruments import load_instrument
-    from jitterkit.simulate import simulate_sequence
-
     refuse_unused(scene, _SCENES, context)
     options.refuse_no_stars(scene, stars)
-    telescope = load_instrument(instrument)
+    telescope = open_instrument(instrument)
+    import numpy as np
+
+    from jitterkit.simulate import simulate_sequence
+
     generator = np.random.default_rng(seed)
     row_order = -1 if _is_tiff(output) else 1
     pointing = motion.pointing(jitter, telescope, frames, row_order, generator)

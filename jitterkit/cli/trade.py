@@ -11,7 +11,7 @@ from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
 from jitterkit.cli.products import Products
-from jitterkit.cli.runtime import log, prepare_jax, print_table
+from jitterkit.cli.runtime import log, open_instrument, print_table
 
 _USUAL = {"linear": {"length": 0.375}}
 """Sizes of a locus where none are given: one pixel of TOLIMAN, arcsec."""
@@ -46,10 +46,9 @@ def trade(
         Draw time against error.
     """
     products.check()
-    prepare_jax(single_threaded=True)
+    telescope = open_instrument(instrument, single_threaded=True)
     import numpy as np
 
-    from jitterkit.instruments import load_instrument
     from jitterkit.report.trade_plots import plot_trade
     from jitterkit.scene import Binary
     from jitterkit.simulate import check_scene
@@ -57,7 +56,6 @@ def trade(
     from jitterkit.trade.public import public_points
     from jitterkit.trade.table import trade_table
 
-    telescope = load_instrument(instrument)
     binary = Binary(**pair.parameters(telescope))
     sizes = jitter.size_values() or _USUAL.get(jitter.locus, {})
     locus = build_locus(jitter.locus, sizes)

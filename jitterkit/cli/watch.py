@@ -9,8 +9,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit
+from jitterkit.cli.progress import live_screen
 from jitterkit.cli.run import Run, finalize
-from jitterkit.cli.screen import live_screen
 from jitterkit.cli.signals import until_interrupted
 from jitterkit.errors import ErrorCode, FrameError
 
@@ -49,17 +49,9 @@ def watch(
     processor = fit.processor()
     from jitterkit.run.watch import watch_directory
 
+    settings = run.settings() | {"hdu": hdu, "idle": idle, "poll": poll}
     with live_screen(printable(directory)) as (update, recall), until_interrupted() as interrupted:
         result = watch_directory(
-            directory,
-            output,
-            processor,
-            hdu=hdu,
-            idle=idle,
-            poll=poll,
-            stop=interrupted,
-            watch=update,
-            before=recall,
-            **run.settings(),
+            directory, output, processor, stop=interrupted, watch=update, before=recall, **settings
         )
     finalize(result, processor.instrument)

@@ -1,7 +1,7 @@
-"""Tables of a forecast: of its parameters, of a sweep, of how much jitter may be.
+"""Tables of a forecast: of its parameters, of a sweep, of how much jitter may be, of systematic errors.
 
-Reach for :func:`parameter_table`, :func:`sweep_table` or :func:`requirement_table`; :func:`observing_time`
-is what all of them count time by.
+Reach for :func:`parameter_table`, :func:`sweep_table` or :func:`requirement_table`, and for
+:func:`systematics_table` of what a model leaves out; :func:`observing_time` is what they count time by.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from astropy.table import QTable
 
-from jitterkit.forecast import Forecast, Requirement, Sweep
+from jitterkit.forecast import Forecast, Requirement, Sweep, SystematicError
 from jitterkit.report.columns import Column, bind, bind_rows, named, unit_of
 
 _DIGITS = ".6g"
@@ -34,6 +34,20 @@ _REQUIREMENTS = (
     Column("angle", "of the motion from the pair's direction", "deg"),
     Column("size", "largest length, peak to peak, FWHM or whole major axis", "arcsec"),
     Column("rms", "one sigma along the major axis within an exposure", "arcsec"),
+)
+
+
+_EFFECTS = (
+    Column("effect", kind=str),
+    Column("size", "of one standard deviation, where the effect is random", format=".4g"),
+    Column("unit", "of size and needed", kind=str),
+    Column("fitted", "whether the fit has parameters for it; the row is of a fit that holds them", kind=bool),
+    Column("bias", "of the separation; rms of several or random changes", "uas", format=".4g"),
+    Column("cost", "error of the separation with the effect free, over that without", format=".4g"),
+    Column("sigmas", "added to the chi-squared of a frame, in its standard deviations", format=".4g"),
+    Column("frames", "whose mean chi-squared shows the effect at five standard deviations", format=".4g"),
+    Column("shown_by", "frame, night or nothing", kind=str),
+    Column("needed", "size at which the bias is the target", format=".4g"),
 )
 
 
@@ -101,3 +115,19 @@ def requirement_table(requirements: Sequence[Requirement], exposure: float | Non
     if exposure is None:
         table.remove_column("frequency")
     return table
+
+
+def systematics_table(errors: Sequence[SystematicError], night: int) -> QTable:
+    """Return a table with a row for each effect.
+
+    Parameters
+    ----------
+    errors : sequence of SystematicError
+    night : int
+        Frames of a night, for ``shown_by``.
+    """
+    rows = []
+    for one in errors:
+        shown = (one.sigmas, one.frames, one.shown_by(night), one.needed)
+        rows.append((one.name, one.size, one.unit, one.fitted, 1e6 * one.bias, one.cost, *shown))
+    return bind_rows(_EFFECTS, rows)

@@ -22,7 +22,6 @@ from jitterkit.frames.metadata import Metadata
 from jitterkit.report.columns import COLUMNS, aberration_column
 from jitterkit.report.flags import FLAGS, encode_flags
 from jitterkit.report.means import corrected
-from jitterkit.report.star_table import encode_stars
 
 if TYPE_CHECKING:
     from jitterkit.forward import Parameters
@@ -124,6 +123,32 @@ def _message(result: FitResult, words: Iterable[str]) -> str:
     strange = [printable(word) for word in words if word not in FLAGS]
     text = printable(result.message or result.status.value)
     return f"{text} ({', '.join(strange)})" if strange else text
+
+
+def encode_stars(result: FitResult) -> str:
+    """Write all stars of a frame as JSON; empty where it shows no further star.
+
+    Of each ``[x, x_err, y, y_err, flux, flux_err]``, arcsec and electrons; null where an error is not known.
+    """
+    if result.parameters is None or result.parameters.scene.others is None:
+        return ""
+    import jax  # loaded already by whoever holds a FitResult
+
+    scene = result.parameters.scene
+    values = np.array(list(scene.values.values()))
+    slopes = jax.jacfwd(lambda v: scene.at(v).sources())(values)
+    indices = [name in result.names for name in scene.names]
+    fitted = [result.names.index(name) for name in scene.names if name in result.names]
+    covariance = np.zeros((len(values), len(values)))
+    covariance[np.ix_(indices, indices)] = result.covariance[np.ix_(fitted, fitted)]
+    numbers = []
+    for value, slope in zip(scene.sources(), map(np.asarray, slopes), strict=True):
+        with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
+            numbers += [np.asarray(value), np.sqrt(np.einsum("ij,jk,ik->i", slope, covariance, slope))]
+    rounded = [
+        [float(f"{v:.9g}") if np.isfinite(v) else None for v in star] for star in zip(*numbers, strict=True)
+    ]
+    return json.dumps(rounded, separators=(",", ":"))
 
 
 def _fitted(result: FitResult, parameters: Parameters) -> Row:

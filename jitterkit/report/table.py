@@ -1,6 +1,7 @@
 """The results table: one row a frame, units on the columns, whole on disk.
 
-:func:`make_table` binds rows, :func:`write_table` writes any table in the format of its file's ending, and
+:func:`make_table` binds rows, :func:`star_table` lists the stars of frames that show more than a pair,
+:func:`write_table` writes any table in the format of its file's ending, and
 :func:`read_table` reads ECSV back to the last digit.  Any astropy can read the file without jitterkit.
 """
 
@@ -20,7 +21,7 @@ from astropy.utils.exceptions import AstropyUserWarning
 
 from jitterkit.errors import printable
 from jitterkit.frames.whole import replacing
-from jitterkit.report.columns import COLUMNS, Column, aberration_columns, bind
+from jitterkit.report.columns import COLUMNS, Column, aberration_columns, bind, bind_rows, measured, named
 from jitterkit.report.flags import flag_meanings
 from jitterkit.report.outputs import table_ending
 from jitterkit.report.row import Row
@@ -93,6 +94,38 @@ def aberration_names(columns: Iterable[str]) -> list[str]:
 def _natural(name: str) -> tuple[str, int, str]:
     stem = name.rstrip("0123456789")
     return stem, int(name[len(stem) :] or -1), name
+
+
+_STARS = (
+    *named("file", "frame"),
+    Column("star", "from 1; A and B of a pair are 1 and 2", kind=int),
+    *measured("x", "offset from the frame's centre", "arcsec"),
+    *measured("y", "offset from the frame's centre", "arcsec"),
+    *measured("flux", "electrons per frame, inside the frame or not", "electron"),
+)
+
+
+def star_table(results: QTable) -> QTable | None:
+    """List the stars of all frames of a results table that show more than a pair.
+
+    Parameters
+    ----------
+    results : QTable
+        As :func:`make_table` binds it.
+
+    Returns
+    -------
+    stars : QTable or None
+        None if no frame does.  Columns ``file``, ``frame``, ``star`` (from 1; A and B of a pair are 1 and
+        2), ``x``, ``y`` [arcsec] and ``flux`` [electron] with their errors.
+    """
+    rows = [
+        (str(row["file"]), int(row["frame"]), number, *(np.nan if v is None else v for v in star))
+        for row in results
+        if row["stars"]
+        for number, star in enumerate(json.loads(row["stars"]), 1)
+    ]
+    return bind_rows(_STARS, rows) if rows else None
 
 
 def write_table(path: str | Path, table: QTable, *, overwrite: bool = False) -> None:

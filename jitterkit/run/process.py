@@ -37,9 +37,8 @@ from jitterkit.report.outputs import (
 from jitterkit.report.pictures import choose_pictures, render_picture
 from jitterkit.report.residual_stack import ResidualStack, join_stacks, most_stacked
 from jitterkit.report.row import Row
-from jitterkit.report.star_table import star_table
 from jitterkit.report.summary import summarise, write_summary
-from jitterkit.report.table import make_table, write_table
+from jitterkit.report.table import make_table, star_table, write_table
 from jitterkit.run.rows import Record, duplicate_marker, recorder
 from jitterkit.run.stacked_stars import find_stacked_stars
 

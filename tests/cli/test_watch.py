@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jitterkit.cli.main import app
-from jitterkit.cli.screen import _EVERY, Screen, _lines
+from jitterkit.cli.progress import _EVERY, Screen, _lines
 from jitterkit.errors import ErrorCode
 from jitterkit.report.table import read_table
 
