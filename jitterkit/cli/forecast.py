@@ -223,9 +223,10 @@ def _forecast_requirement(setup: _Setup, allow: str, fitted: str):
 
     question, allowed = parse_allowed(allow)
     bias, detector, exposure = question == "bias", setup.telescope.detector, setup.telescope.exposure
-    still, law = setup.point(still=True), fitted if bias else None
+    still = setup.point(still=True)
+    kind = fitted if bias else None
     found = jitter_requirements(
-        still.parameters, setup.optics.nominal, allowed, detector, fitted=law, options=setup.options
+        still.parameters, setup.optics.nominal, allowed, detector, fitted=kind, options=setup.options
     )
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
     log(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")
