@@ -43,8 +43,8 @@ class Blur:
     normal : Fit
     left : float
         Share of the difference of the aligned frames that the best one leaves; 0 where noise may be all.
-    doubt : float
-        The same, less what the error of the noise may make.
+    excess : float
+        Share of that difference which is left beyond noise and its error.
     rival : Fit or None
         The best of the other kinds, if any comes near.
     odds : float
@@ -54,7 +54,7 @@ class Blur:
     best: Fit
     normal: Fit
     left: float
-    doubt: float
+    excess: float
     rival: Fit | None
     odds: float
 
@@ -72,7 +72,7 @@ _CLEAR = 20.0
 _NOTICED = 0.5
 """Share of the noise (it was measured at the highest frequencies) from which an excess of power is none."""
 
-_DOUBTED = 11.0
+_CHANCE = 11.0
 """Share of the noise, times the root of the number of pixels, beyond which an excess counts as an error: 1.5
 standard errors of the noise, a median over a third of the frequencies in a window that ties four of them."""
 
@@ -121,7 +121,7 @@ def fit_blur(frames: Comparison, shift: tuple[float, float]) -> Blur:
     best = frames.with_error_of_noise(best, window)
     rest, noise_share = frames.unexplained(best.transfer, best.p, window)[0], frames.noise_share(best, window)
     sharp = frames.unexplained(normal, np.array([*best.p[:3], 0.0, 0.0, 0.0]), window)[0]
-    excess, chance = rest - noise_share, noise_share * _DOUBTED / np.sqrt(frames.one.size)
+    excess, chance = rest - noise_share, noise_share * _CHANCE / np.sqrt(frames.one.size)
     return Blur(
         best,
         normal_fit,

@@ -27,7 +27,7 @@ photographs leaves at most 0.018 of it."""
 _BLURRIER = 5.0
 """Standard errors from which the variance of the exchanged frames is one."""
 
-_DOUBT = 1.4
+_MISFIT = 1.4
 """Relative error of a variance, in units of the root of the share of the frames' difference that is left: 1.0
 to 1.5 of motions on circles, vibrations that fade, and a change of focus; jumps and bent paths make less."""
 
@@ -96,7 +96,7 @@ def estimate_from_reference(
     # of a streak across the sharp frame's own blur the normal tells, though the streak may fit better
     refuse_blurrier(blur.normal.p[3:], blur.normal.covariance[3:, 3:], tolerated=_TOLERATED)
     moments, covariance = _moments(blur.best)
-    covariance = covariance + _doubts(blur)
+    covariance = covariance + _error_of_kind(blur)
     _refuse_other_differences(blur, frames)
     return KernelEstimate(
         moments * plate_scale**2,
@@ -137,12 +137,12 @@ def _reverse(blur: Blur, frames: Comparison) -> float | None:
     return major if is_wider and reverse.left <= _LEFT else None
 
 
-def _doubts(blur: Blur) -> np.ndarray:
+def _error_of_kind(blur: Blur) -> np.ndarray:
     """Return the covariance (3, 3) of the moments [pixel⁴] by which the kind of the blur may be wrong."""
     moments = _moments(blur.best)[0]
     other = np.zeros(3) if blur.rival is None else _moments(blur.rival)[0] - moments
-    doubt = _DOUBT**2 * blur.doubt * (moments[0] + moments[2]) ** 2
-    return blur.odds * np.outer(other, other) + doubt * np.diag([1.0, 0.5, 1.0])  # the same along all axes
+    misfit = _MISFIT**2 * blur.excess * (moments[0] + moments[2]) ** 2
+    return blur.odds * np.outer(other, other) + misfit * np.diag([1.0, 0.5, 1.0])  # the same along all axes
 
 
 def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
@@ -167,7 +167,7 @@ def _length_error(blur: Blur) -> float:
     other = 0.0
     if rival is not None and rival.transfer is not blurs.normal:
         other = float(np.hypot(*rival.p[-2:])) - length
-    return float(np.sqrt(of_noise**2 + blur.odds * other**2 + _DOUBT**2 * blur.doubt * length**2))
+    return float(np.sqrt(of_noise**2 + blur.odds * other**2 + _MISFIT**2 * blur.excess * length**2))
 
 
 def _locus(fit: Fit, plate_scale: float) -> Locus:

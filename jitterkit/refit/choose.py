@@ -140,9 +140,9 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     seen = abs(shape.kurtosis) > _SHAPED * shape.error
     moved = _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * normal.error("separation")
     # which shape a wide blur has is only asked where the frame would show that of an ellipse
-    known = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
-    bent = known and _moves_moments(normal, shape)
-    if frame.options.priors.on_coordinates() or not (seen or moved or bent or _wants_more(normal, step)):
+    visible = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
+    widened = visible and _moves_moments(normal, shape)
+    if frame.options.priors.on_coordinates() or not (seen or moved or widened or _wants_more(normal, step)):
         return _finalize(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that

@@ -51,8 +51,8 @@ def check_inside(scene: Scene, shape: tuple[int, int], plate_scale: float) -> No
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,
                 f"A star {np.max(positions):g} arcsec from the centre along {axis} is outside of the frame, "
-                f"which reaches {n / 2 * plate_scale:g} arcsec; change --separation, --x or --y, or its row "
-                "in --stars.",
+                f"which reaches {n / 2 * plate_scale:g} arcsec; change --separation, --x or --y, or the "
+                "table that lists it.",
             )
 
 
