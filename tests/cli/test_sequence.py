@@ -79,7 +79,7 @@ def test_separation_and_sense_of_the_motion(fitted):
 def test_no_header_says_when_is_reported_unless_the_cadence_is_given(fitted, night, tmp_path):
     # The torn frame's message names its header too; this warning is the first line, before any frame's.
     warning = fitted[0].stderr.splitlines()[0]
-    assert_names(warning, ["header", "follow each other"])
+    assert_names(warning, ["header", "order of their names"])
     np.testing.assert_allclose(np.diff(read_table(fitted[1] / "sequence.ecsv")["time"][:-1].value), 0.1)
     timed = run(night, "-o", str(tmp_path / "timed"), "--locus", "linear", "--cadence", "2")
     assert timed.exit_code == 0

@@ -96,7 +96,7 @@ def test_what_jitter_may_cost_is_what_moments_do_that_are_not_seen(shown, plain,
     """By the errors with and without them, which differ by no more than they move; and by fits without."""
     calm = one.truths[0].with_locus(Mvn.near(np.zeros(3)))
     noisy = calm.with_locus(Mvn.near(np.array([2e-4, -3e-4, -1e-4])))
-    shown = replace(shown, processor=replace(shown.processor, locus="auto", _systems={}))
+    shown = replace(shown, processor=replace(shown.processor, locus="auto"))
     still = replace(shown, result=replace(shown.result, parameters=noisy))
     assert still.still
     assert not shown.still
@@ -114,7 +114,7 @@ def test_what_jitter_may_cost_is_what_moments_do_that_are_not_seen(shown, plain,
 
     slots = [free.names.index(name) for name in calm.locus.names]
     information = np.linalg.inv(free.covariance[np.ix_(slots, slots)])
-    stable = replace(still, processor=replace(still.processor, locus="stable", _systems={}))
+    stable = replace(still, processor=replace(still.processor, locus="stable"))
     biases = []
     for angle in (0.0, 45.0, 90.0, 135.0):
         unit = Mvn.of(1.0, 0.0, angle).moments()
