@@ -17,16 +17,17 @@ from jitterkit.locate.further import with_further_stars
 from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual
-from jitterkit.locate.start import Start, polished, with_best_signs
+from jitterkit.locate.start import Start, polished, with_best_signs, with_exact_slopes
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Binary, FurtherStars, Stars
+from jitterkit.scene import Binary, FurtherStars, Scene, Stars
 
 __all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
+_NEAR = 30.0  # deviance per pixel from which a candidate is too far off for better derivatives to matter
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
 _IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
@@ -51,14 +52,16 @@ def locate_star(
         star = find_star(data, otf, jitter)
         if star is None:
             break
-        candidate = polished(data, optics, otf, star, jitter, hold, rough=rough)
+        candidate = _fitted(data, optics, otf, star, jitter, hold, rough)
         if best is not None and not candidate.deviance_dof < _IMPROVEMENT * best.deviance_dof:
             break
         best = candidate
         if best.describes(data):
             break
         otf, jitter = best.otf, best.parameters.locus
-    return None if best is None else with_best_signs(best, data, optics, hold, rough=rough)
+    if best is None:
+        return None
+    return with_best_signs(with_exact_slopes(best, optics), data, optics, hold, rough=rough)
 
 
 def locate_binary(
@@ -91,8 +94,9 @@ def locate_binary(
             if not all(np.abs(_positions(pair.scene) - _positions(other)).max() > near for other in tried):
                 continue
             tried.append(pair.scene)
-            candidate = polished(data, optics, otf, pair.scene, jitter, hold, rough=rough)
-            if best is None or candidate.deviance_dof < best.deviance_dof:
+            least = np.inf if best is None else best.deviance_dof
+            candidate = _fitted(data, optics, otf, pair.scene, jitter, hold, rough, least)
+            if best is None or candidate.deviance_dof < least:
                 best = candidate
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return _finished(best, data, optics, hold, rough)
@@ -121,7 +125,7 @@ def locate_stars(
     if found is None:
         return None
     scene = Stars.of(found.x, found.y, found.flux)
-    start = polished(data, optics, optics.nominal, scene, None, hold, rough=rough)
+    start = polished(data, optics, optics.nominal, scene, None, hold, rough=rough, slopes=False)
     return _finished(start, data, optics, hold, rough)
 
 
@@ -130,9 +134,30 @@ def bright_stars(data: Data, otf: OTF) -> FurtherStars | None:
     return Residual.of_dark(data, otf).further_stars(apart=_APART)
 
 
+def _fitted(
+    data: Data,
+    optics: Optics,
+    otf: OTF,
+    scene: Scene,
+    jitter: Locus | None,
+    hold: Collection[str],
+    rough: bool,
+    least: float = np.inf,
+) -> Start:
+    """Fit a candidate; if its deviance per pixel is the least so far, also with its own derivatives.
+
+    A wavefront of 0.3 rad is not found with the derivatives of a flat one.
+    """
+    found = polished(data, optics, otf, scene, jitter, hold, rough=rough, slopes=False)
+    if not rough or found.deviance_dof > min(least, _NEAR) or found.describes(data):
+        return found
+    exact, p = with_exact_slopes(found, optics), found.parameters
+    return polished(data, optics, exact.otf, p.scene, p.locus, hold, rough=True, slopes=False)
+
+
 def _finished(start: Start, data: Data, optics: Optics, hold: Collection[str], rough: bool) -> Start:
     """With the best signs of its aberrations and the stars that stand out beside it."""
-    start = with_best_signs(start, data, optics, hold, rough=rough)
+    start = with_best_signs(with_exact_slopes(start, optics), data, optics, hold, rough=rough)
     return with_further_stars(start, data, optics, hold, rough=rough)
 
 

@@ -118,6 +118,9 @@ def choose_scene(
         return None
     if several is not None and frame.is_apart(several):
         return frame.best_of(star, pair, several)
+    star = frame.settled(star)
+    if frame.is_one(star):
+        return SceneChoice(star, -math.inf)
     pairs = list(frame.pairs_instead(star, pair))
     if not pairs:
         return SceneChoice(star, -math.inf)
@@ -134,6 +137,16 @@ class _Frame(Weighing):
 
     def star(self) -> Start | None:
         return locate_star(self.data, self.optics, self.options.hold, rough=self.rough)
+
+    def settled(self, star: Start) -> Start:
+        """Return a star that was fitted roughly as it is when its optics are exact.
+
+        What the optics lack looks like a companion.
+        """
+        if not self.rough:
+            return star
+        where = self.data, self.optics, star.otf, star.parameters.scene, star.parameters.locus
+        return polished(*where, self.options.hold)
 
     def contrast_of_peaks(self) -> float:
         """Contrast of the two brightest peaks, without a fit; infinite if they do not stand apart."""
@@ -211,11 +224,12 @@ def _is_a_field(scene: Scene) -> bool:
 
 
 def _is_clear(start: Start) -> bool:
-    """Return whether the fluxes of all stars but the brightest are significant."""
+    """Return whether the fluxes of all stars but the brightest are significant, and no ring's."""
     scene, names = start.parameters.scene, start.names
     if isinstance(scene, Binary):
         contrast, error = float(scene.contrast), math.sqrt(start.covariance_of(("contrast",))[0, 0])
-        return min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
+        significant = min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
+        return significant and contrast < _LIKE_RINGS
     fluxes = [name for name in names if name.startswith("flux_")]
     values = np.array([scene.values[name] for name in fluxes])
     return bool(np.all(values > _SHINING * np.sqrt(np.diag(start.covariance_of(fluxes)))))

@@ -213,7 +213,7 @@ def _fit_and_expand(
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations = fit_from(clear, start, otf)
-    for _ in range(_CLEARINGS if data.trims else 0):
+    for _ in range(_CLEARINGS if data.trims and end.converged else 0):
         changed = data.clear(expected_image(end.parameters, otf))
         if np.array_equal(changed.used, clear.used):
             break

@@ -20,6 +20,7 @@ from jitterkit.loci import (
     Path,
     Shaped,
     Shm,
+    Skewed,
     Smear,
     Stable,
     Tones,
@@ -76,6 +77,9 @@ BUILD = {
     "partial": lambda size, share, angle, other: PartialShm.of(size, angle, 0.05 + 2.95 * other, 90 * share),
     "smear": lambda size, share, angle, other: Smear.of(
         size, angle, share * size / 4, share**2 * size / 4, other
+    ),
+    "skewed": lambda size, share, angle, other: Skewed.of(
+        size / 4, share * size / 4, angle, *(other - 0.5) * (size / 4) ** 3 * np.ones(4)
     ),
     "shaped": lambda size, share, angle, other: Shaped.of(
         size / 4, share * size / 4, angle, 4.5 * other - 1.5

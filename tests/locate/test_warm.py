@@ -54,12 +54,12 @@ def draw(telescope, locus, *, seed, aberrations=(5.0, -8.0), **changes):
 
 
 def estimated(reference, frame):
-    """Blur and everything else of a frame; None where the reference frame does not tell them."""
+    """Blur and everything else of a frame; None where the reference frame does not show them."""
     data = frame if isinstance(frame, Data) else Data.of(frame)
     if (start := reference.locate(data)) is None:
         return None
-    told = (start.covariance, start.otf, start.data, ("background",))
-    estimate, parameters = estimate_from_normal(start.parameters, *told)
+    known = (start.covariance, start.otf, start.data, ())
+    estimate, parameters = estimate_from_normal(start.parameters, *known)
     return (estimate, start.in_frame(parameters)) if start.describes(parameters) else None
 
 

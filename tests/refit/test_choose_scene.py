@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from jitterkit.batch import FrameProcessor
 from jitterkit.forward import Parameters
+from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
+from jitterkit.locate import locate_binary
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
 from jitterkit.scene import Binary, Star
+from jitterkit.simulate import simulate_frame
 
 ALONE = partial(Star, 0.3, -0.2)
 
@@ -45,6 +49,34 @@ def test_one_star_is_one_whatever_its_jitter(flux, locus, chosen):
     (x,), (y,), (light,) = map(np.asarray, choice.start.parameters.scene.sources())
     assert (x, y) == pytest.approx((0.3, -0.2), abs=0.02)
     assert light == pytest.approx(flux, rel=0.02)
+
+
+def aberrated(scene, locus, rng):
+    """Data and optics of a TOLIMAN frame with 8 nm rms in each of 19 modes: 0.36 rad in all."""
+    telescope = load_instrument("toliman")
+    state = rng.normal(0, 8.0, len(telescope.aberrations))
+    processor = FrameProcessor(telescope)
+    frame = processor.calibrate(simulate_frame(telescope, scene, locus, aberrations=state, rng=rng).raw)
+    return Data.of(frame), processor.optics(frame)
+
+
+@pytest.mark.parametrize("length", [0.0, pytest.param(0.375, marks=pytest.mark.slow)])
+def test_a_star_of_unknown_wavefront_is_no_pair(length):
+    # a rough fit with the derivatives of a flat wavefront found a companion of 12 and of 8 errors
+    rng = np.random.default_rng(1)
+    locus = Linear.of(length, rng.uniform(0, 180)) if length else Stable.of()
+    choice = choose_scene(*aberrated(Star(*rng.uniform(-1, 1, 2), 1e7), locus, rng), rough=True)
+    assert (choice.scene, choice.is_sure) == ("star", True)
+
+
+@pytest.mark.parametrize("seed", [3, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_rough_start_describes_a_pair_of_unknown_wavefront(seed):
+    # else everything is fitted that is no such pair: a minute
+    pair = Binary(9.8, 30.0, 0.3, -0.2, 1e7, 3.37)
+    data, optics = aberrated(pair, Mvn.of(0.15, 0.1, 70.0), np.random.default_rng(seed))
+    start = locate_binary(data, optics, rough=True)
+    assert start.describes(data)
+    assert float(start.parameters.scene.separation) == pytest.approx(9.8, abs=0.01)
 
 
 @pytest.mark.parametrize(
