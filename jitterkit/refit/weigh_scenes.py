@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import log_ndtr
 
-from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, polished, resolution
 from jitterkit.loci import Mvn, principal_axes
-from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.optics import Optics
 from jitterkit.refit.choose import DETECTED, fit_best_locus
 from jitterkit.refit.evidence import log_volume, minor_variance
 from jitterkit.refit.fit import FitOptions
@@ -87,9 +86,8 @@ class Weighing:
 
     def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
         """The scene with more evidence, and by how much."""
-        frame = replace(self, optics=_anchored(self.optics, star.parameters))
-        one = _best(frame.readings_of_star(star))
-        two = _best(reading for pair in pairs for reading in frame.readings_of_pair(pair))
+        one = _best(self.readings_of_star(star))
+        two = _best(reading for pair in pairs for reading in self.readings_of_pair(pair))
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
         else:  # the fit to come will say so of the better
@@ -98,7 +96,7 @@ class Weighing:
         as_well = two.fit.locus == "stable" and two.fit.objective < one.fit.objective + _ALIKE
         alike = log_odds > -DECIDED or bool(close and as_well)
         chosen = two if log_odds > 0 else one
-        start = frame.prepared(chosen) if _is_split(chosen.start) else chosen.start
+        start = self.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
         return SceneChoice(start, log_odds, f"{_describe(one)}, or {_describe(two)}", alike, fit, evidence)
@@ -217,14 +215,6 @@ def _surely(start: Start) -> bool:
 def _best(readings: Iterable[_Reading]) -> _Reading:
     """The most probable; of those for which nothing speaks, the one that fits best."""
     return max(readings, key=lambda one: (one.evidence, -np.nan_to_num(one.fit.objective, nan=np.inf)))
-
-
-def _anchored(optics: Optics, parameters: Parameters) -> Optics:
-    """Optics that are expanded more cheaply near some aberrations, for many fits."""
-    if not isinstance(optics, OpticalSystem) or not len(parameters.aberrations):
-        return optics
-    anchor = Anchor.at(optics, parameters.aberrations)
-    return AnchoredOptics.about(optics, anchor, max(float(parameters.scene.flux), 1.0))
 
 
 def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
