@@ -154,8 +154,7 @@ def _unread(cards: Cards, known: Metadata) -> list[str]:
     """Warn of a number that seems to stand in a keyword that is not read, where no other keyword has it."""
     needless = ("gain", "saturation") if known.value("unit") in ("electron", "electron/s") else ()
     missing = [name for name in _ALIKE if not known.value(name) and name not in needless]
-    keys = dict.fromkeys(key for header, _ in cards.layers for key in header) if missing else {}
-    warnings = []
+    keys, warnings = cards.names() if missing else {}, []
     for name in missing:
         read = {key for each in cards.keywords(name) for key in ((each,) if isinstance(each, str) else each)}
         alike = (key for key in keys if key not in read and _ALIKE[name].fullmatch(key))
