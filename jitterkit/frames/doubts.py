@@ -47,8 +47,8 @@ _STACKERS = {
 
 _OF_SEVERAL = re.compile(
     r"\bof ([2-9]|[1-9]\d+) (\w+ )?(frames|exposures|images|co-?adds|subs|subexposures|snapshots)\b"
-    r"|\bsum(med)? (of|over)\b|\bper (co-?add|sub(exposure|frame)?|exposure|integration)\b|\bco-?added\b"
-    r"|\bstacked\b|\b(mean|average) (exp|integ)",
+    r"|\bsum(med)? (of|over)\b|\bper (sub(exposure|frame)?|exposure|integration)\b|\bco-?add(s|ed)?\b"
+    r"|^\W*[x*] ?[2-9]|\bstacked\b|\b(mean|average) (exp|integ)",
     re.I,
 )
 """Comment of an exposure that is that of several."""

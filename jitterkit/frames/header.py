@@ -52,9 +52,21 @@ def resolve_gain(cards: Cards) -> Sourced | None:
     for card in cards.believed("gain"):
         objection = _objection(cards, card)
         if objection is None:
+            _agreeing_gain(cards, card)
             return Sourced(card.value, "e-/ADU", card.source)
         cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
     return None
+
+
+def _agreeing_gain(cards: Cards, used: Number) -> None:
+    """Warn of another keyword that is always in e-/ADU and says another gain."""
+    before = len(cards.warnings)
+    others = [cards.believable("gain", key) for key in ("EGAIN", "EPERADU", "CVF")]
+    del cards.warnings[before:]  # of numbers that are not used
+    for other in filter(None, others):
+        if abs(other.value / used.value - 1) > 0.1:
+            found = f"{other.key} = {other.value:g} contradicts it"
+            cards.warnings.append(f"{used.key} = {used.value:g} e-/ADU is used, and {found}")
 
 
 def _objection(cards: Cards, card: Number) -> str | None:

@@ -157,12 +157,16 @@ _SCALED = re.compile(
 """A part or a multiple of a unit, in the comment: "in 0.01 s", "in units of 10 ms", "in half seconds"."""
 
 _OTHER_NUMBERS = {
-    "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\bEV\b|\bexposure value\b|\bcompensation\b",
+    "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\breciprocal\b|\b[kM]?Hz\b|\bfps\b|^\W*1/s\b|\bfraction\b"
+    r"|\bEV\b|\bexposure value\b|\bcompensation\b",
     "va_factor": r"\binverse\b|\b1/",
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
-    "plate_scale": r"\barea\b|\bzoom\b|\bfactor\b|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
-    "saturation": r"\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b",
-    "gain": r"\binverse\b|\b1/gain\b|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b"
+    "focal_length": r"\b35 ?mm\b|\bequivalent\b|\bwithout (the |a )?(focal )?(reducer|barlow|extender)\b",
+    "plate_scale": r"\bfield of view\b|\bFOV\b|\barea\b|\bzoom\b|\bfactor\b"
+    r"|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
+    "saturation": r"\bbit depth\b|^\W*(number of )?bits?\b"
+    r"|\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b",
+    "gain": r"\bper \d|/ ?\(\d|\binverse\b|\b1/gain\b|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b"
     r"|\brelative (gain|to (amp|channel|ccd|detector|quadrant))"
     r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
 }

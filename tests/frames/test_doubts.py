@@ -113,6 +113,25 @@ NUMBERS = [
     # reads of one exposure
     (*noise("[e-] per read", NSAMP=16), "per read"), (*noise("e- single CDS read"), "single CDS read"),
     (*noise("[e-] per read", NSAMP=1), ""), (*noise("[e-] noise of the readout", NSAMP=16), ""),
+    # the reciprocal, a part or another quantity
+    *[(*time(comment), None, named) for comment, named in (
+        ("shutter speed reciprocal", "reciprocal"), ("frame rate, Hz", "Hz"), ("fps", "fps"), ("1/s", "1/s"),
+        ("live time fraction", "fraction"), ("[Hz]", "Hz"), ("seconds/100", "EXPTIME = 60"))],
+    *[(*time(comment), 60.0, "several") for comment in ("integration time * coadds", "x 3", "coadd time")],
+    *[({"FOCALLEN": (1000.0, comment), "XPIXSZ": 3.8}, "plate_scale", None, named) for comment, named in (
+        ("35 mm equivalent", "35 mm"), ("without reducer", "without reducer"))],
+    *[({"FOCALLEN": (39.37, comment), "XPIXSZ": 3.8}, "plate_scale", um(3.8 * 1000 / (39.37 * 25.4)), "")
+      for comment in ("inch", "focal length in inches")],
+    *[({"PIXSCALE": (0.4, comment)}, "plate_scale", None, named) for comment, named in (
+        ("[arcsec] field of view", "field of view"), ("pix/arcsec", "pix/arcsec"),
+        ("arcsec/micron", "micron"), ("[arcsec/2 pixels]", "2 pixels"), ("deg/1000 px", "1000"),
+        ("10^-3 rad", "10^"))],
+    *[({"SATURATE": (16, comment)}, "saturation", None, named) for comment, named in (
+        ("bits", "bits"), ("ADC bit depth", "bit depth"), ("e-/s", "electron/s"))],
+    *[(*gain(comment), None, named) for comment, named in (
+        ("e-/ADU per 1000", "per 1"), ("e-/(10 ADU)", "/(1"), ("e-/ADU * 100", "* 100"))],
+    (*gain(CVF=4.0), 2.0, "CVF = 4"), (*gain(CVF=2.0, EPERADU=2.1), 2.0, ""), (*gain(GAIN=120), 2.0, ""),
+    ({"EGAIN": 0.0, "CVF": 1.5}, "gain", 1.5, ""),
     # numbers in keywords that are not read
     *[({key: value}, name, None, f"{key} = {value} is not read") for key, value, name in (
         ("ITIME", 10.0, "exposure"), ("EXPOINUS", 500, "exposure"), ("GAIN1", 1.5, "gain"),
