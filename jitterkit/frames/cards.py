@@ -103,6 +103,11 @@ class Cards:
                 return value, "" if comments is None else str(comments[key]), f"header {key} (HDU {hdu})"
         return None
 
+    def names(self) -> dict[str, None]:
+        """Return all keywords, each once, in the order of the headers."""
+        listed = (getattr(header, "names", header.keys)() for header, _ in self.layers)
+        return dict.fromkeys(key for names in listed for key in names)
+
     def text(self, key: str) -> str:
         """Return the value as text without outer blanks, empty where there is none."""
         card = self.find(key)

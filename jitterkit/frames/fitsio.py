@@ -94,6 +94,10 @@ class PlainHeader(Mapping[str, Any]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
+    def names(self) -> list[str]:
+        """Return the keywords, also of cards that cannot be read; no value is looked at."""
+        return list(self._cards)
+
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""
         return "".join(i for i in self.images if keywords.match(i) and not _VALUELESS.fullmatch(i))

@@ -11,6 +11,7 @@ observatories and the amateur capture programs write (:mod:`~jitterkit.frames.di
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,6 +19,7 @@ from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
 from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
+from jitterkit.frames.doubts import doubts
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
@@ -50,9 +52,21 @@ def resolve_gain(cards: Cards) -> Sourced | None:
     for card in cards.believed("gain"):
         objection = _objection(cards, card)
         if objection is None:
+            _agreeing_gain(cards, card)
             return Sourced(card.value, "e-/ADU", card.source)
         cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
     return None
+
+
+def _agreeing_gain(cards: Cards, used: Number) -> None:
+    """Warn of another keyword that is always in e-/ADU and says another gain."""
+    before = len(cards.warnings)
+    others = [cards.believable("gain", key) for key in ("EGAIN", "EPERADU", "CVF")]
+    del cards.warnings[before:]  # of numbers that are not used
+    for other in filter(None, others):
+        if abs(other.value / used.value - 1) > 0.1:
+            found = f"{other.key} = {other.value:g} contradicts it"
+            cards.warnings.append(f"{used.key} = {used.value:g} e-/ADU is used, and {found}")
 
 
 def _objection(cards: Cards, card: Number) -> str | None:
@@ -148,7 +162,7 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
             f"PEDESTAL = {pedestal.value:g} is not read: give the level of no light as --bias"
         )
     noises = (_in(noise, "electron", gain, None, cards) for noise in cards.believed("read_noise"))
-    return Metadata(
+    known = Metadata(
         exposure=cards.first("exposure"),
         gain=gain,
         read_noise=next(filter(None, noises), None),
@@ -160,7 +174,9 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
         time=resolve_time(cards),
         unit=unit,
         wcs=wcs,
-    ).warn(*cards.warnings, *_combined(cards))
+    )
+    found = doubts(cards, known)
+    return known.warn(*cards.warnings, *found)
 
 
 def _in(
@@ -197,6 +213,11 @@ def _saturation(
         )
         return None
     known = _in(number, unit.removesuffix("/s") if unit in RATES else unit, gain, bias, cards)
+    largest = _largest(cards) if unit == "adu" else math.inf
+    if known is not None and known.value > largest:
+        said = f"{number.key} = {known.value:g} ADU is above the largest number of the stored integers"
+        cards.warnings.append(f"{said}, {largest:g}, which is used")
+        known = replace(known, value=largest)
     if known is None or "DATAMAX" not in known.source:
         return known
     if number.value != round(number.value):
@@ -206,37 +227,18 @@ def _saturation(
     return known
 
 
+def _largest(cards: Cards) -> float:
+    """Return the largest number that the integers of an image stand for; infinite of floats."""
+    header = cards.layers[0][0]  # these are of their own image only
+    bits = header.get("ZBITPIX", header.get("BITPIX", -32))
+    scale, zero = header.get("BSCALE", 1.0), header.get("BZERO", 0.0)
+    if not all(isinstance(number, int | float) for number in (bits, scale, zero)) or bits < 8 or scale <= 0:
+        return math.inf
+    return zero + scale * (2.0 ** (bits if bits == 8 else bits - 1) - 1)
+
+
 _SUBTRACTED = re.compile(r"(?<!\bbe )(?<!\bnot )(?<!\byet )\b(subtracted|removed)\b", re.I)
 """Comment of a bias level that the pixels no longer have."""
-
-_COMBINED = (
-    "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
-    "NFRAMES", "NSTACK", "STACKED", "NIMAGES", "NSUM", "NAVERAGE", "AVERAGED",
-)  # fmt: skip
-"""Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; and others."""
-
-_OF_SEVERAL = re.compile(
-    r"\bof ([2-9]|[1-9]\d+) (\w+ )?(frames|exposures|images|co-?adds|subs|subexposures|snapshots)\b"
-    r"|\bsum(med)? (of|over)\b|\bper co-?add\b|\bco-?added\b|\bstacked\b",
-    re.I,
-)
-"""Comment of an exposure that is that of several."""
-
-
-def _combined(cards: Cards) -> list[str]:
-    """Warn of an image that is the sum or the mean of several exposures."""
-    planes = [card[0] for card in map(cards.find, ("NAXIS3", "ZNAXIS3")) if card is not None]
-    of_other = ("NFRAMES",) if cards.dialect.name == "JWST" else ()  # frames of a group, averaged on board
-    unsure = "exposure, gain, read noise and saturation may be those of one"
-    for number in filter(None, (cards.number(key) for key in _COMBINED if key not in of_other)):
-        if number.value > 1 and number.value not in planes:
-            return [f"{number.key} = {number.value:g} exposures are combined in the image: {unsure}"]
-    for key in filter(cards.find, (key for key in ALIASES["exposure"] if isinstance(key, str))):
-        comment = (cards.find(key) or ("", ""))[1]
-        if _OF_SEVERAL.search(comment):
-            return [f"{key} is of several exposures by its comment {comment!r}: {unsure}"]
-    return []
-
 
 _SHUTTERS = (
     "SHUTTER", "SHUTMODE", "SHUTTYPE", "SHTRTYPE", "ELECSHUT", "EXPMODE", "READMODE", "READOUTM", "READOUT",
@@ -257,6 +259,12 @@ def _line_time(cards: Cards) -> Sourced | None:
     return known
 
 
+_UNITS = ("BUNITS", "UNITS", "UNIT", "DATAUNIT", "IMUNITS")
+"""What programs write in place of ``BUNIT``."""
+
+_RATE = re.compile(r"\bper s(ec(ond)?)?\b|/ ?s(ec)?\b|\brates?\b|\bnormali[sz]ed\b", re.I)
+"""Comment of pixels that are a rate, whatever BUNIT says."""
+
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 _FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
 
@@ -272,9 +280,15 @@ def rows_from_the_top(cards: Cards) -> bool:
 def _unit(cards: Cards) -> Sourced | None:
     card = cards.find("BUNIT")
     if card is None:
+        for key in _UNITS:
+            if cards.text(key) and resolve_unit(cards.text(key)) != "adu":
+                said = f"{key} = {cards.text(key)!r} is not read, BUNIT is"
+                cards.warnings.append(f"{said}: the pixels are taken as ADU")
         return None
     text = str(card[0]).strip()
     unit = resolve_unit(text)
+    if unit in COUNTS and (rate := _RATE.search(card[1])):
+        cards.warnings.append(f"BUNIT = {text!r} is used, and its comment has {rate[0]!r}: it may be a rate")
     if unit is None and text.lower() in _UNSAID:
         cards.warnings.append(f"BUNIT = {text!r} says no unit and is taken as ADU")
         unit = "adu"

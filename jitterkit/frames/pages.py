@@ -9,7 +9,7 @@ with the attributes of tifffile's.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -97,6 +97,62 @@ def _subfiles(path: Path) -> Iterator[int]:
 def orientation_of(page: Any) -> int:
     """The Orientation tag, whatever stands in it; 1 where there is none."""
     return page.tags.valueof("Orientation", 1)
+
+
+CURVES = {
+    291: "GrayResponseCurve", 301: "TransferFunction", 34675: "an ICC profile", 50712: "LinearizationTable",
+    50714: "BlackLevel",
+}  # fmt: skip
+"""Tags (TIFF 6.0, DNG) of numbers that are not proportional to the light, or may be not."""
+
+
+def curve_warnings(page: Any) -> list[str]:
+    """Warn of tags that give stored numbers another meaning, and are not read."""
+    found = [name for code, name in CURVES.items() if page.tags.get(code) is not None]
+    return [
+        f"the TIFF has {name}: its numbers, taken as stored, may not be linear from zero" for name in found
+    ]
+
+
+_STRAIGHT, _NO_FUNCTION = 0, 20
+"""Functions of ImageJ's calibration of values (ij.measure.Calibration)."""
+
+
+def calibration_line(imagej: Mapping[str, Any]) -> tuple[tuple[float, float] | None, list[str]]:
+    """Find how ImageJ turns the stored numbers into those that it shows.
+
+    Parameters
+    ----------
+    imagej : mapping
+        Its description of the image: the function ``cf``, and the coefficients ``c0`` and ``c1``.
+
+    Returns
+    -------
+    line : (float, float) or None
+        Offset and slope; None without a calibration.  ImageJ gives signed integers of 16 bits -32768 and 1.
+    warnings : list of str
+        Of a calibration by a curve, which is not applied, and of a slope, which changes gain and read noise.
+    """
+    function, offset, slope = imagej.get("cf", _NO_FUNCTION), imagej.get("c0", 0.0), imagej.get("c1", 1.0)
+    if function == _NO_FUNCTION:
+        return None, []
+    numbers = isinstance(offset, int | float) and isinstance(slope, int | float) and slope != 0
+    if function != _STRAIGHT or not numbers:
+        return None, [f"ImageJ's calibration by a curve (cf = {function}) is not applied to the numbers"]
+    said = f"ImageJ's calibration ({offset:g} + {slope:g} x the stored numbers) is applied"
+    return (offset, slope), [f"{said}: gain and saturation are those of its results"] * (slope != 1)
+
+
+def is_smaller_copy(sides: tuple[int, int], full: tuple[int, int]) -> bool:
+    """Return whether a page of such sides may be a thumbnail of another: of its shape, and smaller."""
+    if 0 in sides or sides[0] * _THUMBNAIL > full[0]:
+        return False
+    step = full[0] / sides[0]
+    return abs(sides[1] * step - full[1]) <= step
+
+
+_THUMBNAIL = 1.5
+"""Ratio of sides from which a page may be a thumbnail; overscan changes them by less."""
 
 
 def refuse_unusable(path: Path, page: Any) -> None:

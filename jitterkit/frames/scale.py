@@ -25,8 +25,9 @@ _USUAL = (0.001, 600.0)
 _PIXEL, _LEAST_RATIO = (0.3, 300.0), 0.3
 """Sides of pixels [um] that detectors have, and a focal ratio that no optics have."""
 
+_REDUCERS = ("REDUCER", "FOCREDUC", "FOCALRED", "BARLOW", "EXTENDER", "TELECONV")
 _NO_REDUCER = ("", "0", "0.0", "1", "1.0", "1.00", "None", "NONE", "none", "False")
-"""Values of REDUCER without a focal reducer or extender."""
+"""Keywords of a focal reducer or extender, and their values where there is none."""
 
 _BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DET WIN1 BINX")
 """Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
@@ -90,10 +91,26 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
         found = f"{optics.source} = {optics.value:g}"
         cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
-    elif said is not None and optics is None and _binning(cards)[0] > 1:
-        found = f"the binning of {_binning(cards)[0]:g}"
+    known, (nx, ny) = said or optics, _binning(cards)
+    if known is None:
+        return None
+    resampled = [*filter(None, (_resampled(cards, f"LTM{axis}_{axis}", n) for axis, n in ((1, nx), (2, ny))))]
+    if said is not None and optics is None and (nx, ny) != (1, 1):
+        found = f"the binning of {nx:g}" if nx == ny else f"the binning of {nx:g} x {ny:g}"
         cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {found}")
-    return said or optics
+    elif resampled:
+        found = f"{known.source} = {known.value:g} is taken to be of its pixels"
+        cards.warnings.append(f"{resampled[0]}: the image was binned or resampled, and {found}")
+    if nx != ny and known is said:
+        cards.warnings.append(f"the binning is {nx} x {ny}: pixels are not square")
+    return known
+
+
+def _resampled(cards: Cards, key: str, binning: int) -> str:
+    """IRAF's step from a pixel of the detector to those of the image, where the binning does not say it."""
+    step = cards.number(key)
+    steps = step is None or any(abs(abs(step.value) * n - 1) < 0.01 for n in (1, binning))
+    return "" if step is None or steps else f"{key} = {step.value:g}"
 
 
 def _along_y(cards: Cards, said: Sourced) -> None:
@@ -128,7 +145,10 @@ def _of_optics(cards: Cards) -> Sourced | None:
         return None
     nx, ny = _binning(cards)
     x, y = sides if binned else (sides[0] * nx, sides[1] * ny)
-    if binned and nx > 1:
+    if binned and unbinned and abs(x / (unbinned[0] * nx) - 1) > 0.01:
+        found = f"PIXSIZE1 = {unbinned[0]:g} um with a binning of {nx} contradicts it"
+        cards.warnings.append(f"XPIXSZ = {x:g} um is used, and {found}")
+    elif binned and not unbinned and nx > 1:
         cards.warnings.append(f"XPIXSZ = {x:g} is taken to include the binning of {nx:g}")
     scale = ARCSEC_PER_RADIAN * math.sqrt(x * y) * 1e-3 / focal.value
     aperture = cards.quantity("focal_length", "APTDIA")
@@ -138,9 +158,14 @@ def _of_optics(cards: Cards) -> Sourced | None:
     if problem is not None:
         cards.warnings.append(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
         return None
-    if cards.find("REDUCER") is not None and cards.text("REDUCER").strip(" xX") not in _NO_REDUCER:
-        said = f"{focal.key} = {focal.value:g} mm is taken to include REDUCER = {cards.text('REDUCER')}"
-        cards.warnings.append(f"{said}: if it does not, give --plate-scale")
+    for reducer in _REDUCERS:
+        if cards.text(reducer).strip(" xX") not in _NO_REDUCER:
+            said = f"{focal.key} = {focal.value:g} mm is taken to include {reducer} = {cards.text(reducer)}"
+            cards.warnings.append(f"{said}: if it does not, give --plate-scale")
+    ratio = cards.number("FOCRATIO")
+    if aperture and ratio and ratio.positive and abs(focal.value / (ratio.value * aperture.value) - 1) > 0.1:
+        found = f"FOCRATIO = {ratio.value:g} behind APTDIA = {aperture.value:g} mm contradicts it"
+        cards.warnings.append(f"{focal.key} = {focal.value:g} mm is used, and {found}")
     if abs(y / x - 1) > 0.01:
         cards.warnings.append(f"pixels are {x:g} x {y:g} um, not square; {scale:g} arcsec/pixel is used")
     return Sourced(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
@@ -158,15 +183,20 @@ def _pixel_sides(cards: Cards, keys: tuple[str, str]) -> tuple[float, float] | N
 
 def _binning(cards: Cards) -> tuple[int, int]:
     """Pixels of the detector along x and y in one of the image; 1 where no keyword says it."""
+    first: tuple[str, tuple[int, int]] | None = None
     for key in _BINNINGS:
         text = cards.text(key)
         found = re.fullmatch(r"0*([1-9]\d{0,2})(?:\.0*)?(?:\s*[xX ,:]\s*0*([1-9]\d{0,2}))?", text)
         if found:
             along_y = re.fullmatch(r"([1-9]\d{0,2})(\.0*)?", cards.text(re.sub("X(?!.*X)", "Y", key)))
-            return int(found[1]), int(found[2] or (along_y and along_y[1]) or found[1])
-        if text:
+            binning = int(found[1]), int(found[2] or (along_y and along_y[1]) or found[1])
+            first = first or (key, binning)
+            if binning[0] != first[1][0]:
+                said = f"{first[0]} = {cards.text(first[0])} is used, and {key} = {text} contradicts it"
+                _warn_once(cards, said)
+        elif text:
             _warn_once(cards, f"{key} = {text!r} is no binning and is ignored")
-    return 1, 1
+    return first[1] if first else (1, 1)
 
 
 def _warn_once(cards: Cards, text: str) -> None:

@@ -8,6 +8,7 @@ chain of directories is walked: a chain that loops, or leaves the file, is refus
 from __future__ import annotations
 
 import logging
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,10 @@ from jitterkit.frames.framefile import FrameFile, overheard, translated
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.pages import (
     ORIENTATIONS,
+    calibration_line,
+    curve_warnings,
     full_pages,
+    is_smaller_copy,
     orientation_of,
     refuse_missing_data,
     refuse_unusable,
@@ -88,7 +92,17 @@ class TiffFile(FrameFile):
         self.shape = (ny, nx) if orientation_of(page) < 5 else (nx, ny)
         self.dtype = np.dtype(page.dtype).newbyteorder("=")
         sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
-        self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*self._label_warnings())
+        self._line, unclear = calibration_line(self._tiff.imagej_metadata or {})
+        odd = (*unclear, *curve_warnings(page), *self._size_warnings(), *self._label_warnings())
+        self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
+
+    def _size_warnings(self) -> list[str]:
+        """Warn of pages that may be smaller copies of another, and not marked as such."""
+        pages = [self._tiff.pages[number] for number in self._pages[:_MOST_NAMED]]
+        sides = [(getattr(page, "imagelength", 0), getattr(page, "imagewidth", 0)) for page in pages]
+        copies = [str(index) for index, one in enumerate(sides) if is_smaller_copy(one, max(sides))]
+        said = f"pages {', '.join(copies[:9])} have the shape of a larger page: if they are its thumbnails"
+        return [f"{said}, their plate scale is another one"] * bool(copies)
 
     def _label_warnings(self) -> list[str]:
         """Warn of planes or pages whose labels say that they are no images."""
@@ -115,6 +129,8 @@ class TiffFile(FrameFile):
                 stored = _plane(self._tiff, page, index)
         upright = ORIENTATIONS[orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
+        if self._line is not None:
+            data = self._line[0] + self._line[1] * data
         return RawFrame(data, metadata=self.metadata.warn(*talk), variance_source="")
 
     def close(self) -> None:
@@ -170,6 +186,14 @@ def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Met
     source, exposure = _exposure(tiff, page)
     if exposure is not None and exposure > 0:
         metadata = metadata.fill(f"header {source} ExposureTime", exposure=exposure)
+    elif exposure is not None and metadata.exposure is None:
+        metadata = metadata.warn("the planes differ in their OME ExposureTime, which is ignored")
+    channels = (
+        (tiff.imagej_metadata or {}).get("channels", 1),
+        *re.findall(r'SizeC="(\d+)"', tiff.ome_metadata or ""),
+    )
+    if any(int(number) > 1 for number in channels):
+        metadata = metadata.warn("the TIFF has channels, which may be colours: they are taken for frames")
     name = getattr(page.photometric, "name", "")
     if name == "MINISWHITE":
         metadata = metadata.warn("the TIFF says that zero is white; the numbers are taken as stored")
@@ -185,9 +209,11 @@ def _exposure(tiff: tifffile.TiffFile, page: Any) -> tuple[str, float | None]:
         return "EXIF", ratio[0] / ratio[1]
     text = tiff.ome_metadata or ""
     times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
-    unit = re.search(r'ExposureTimeUnit="([^"]+)"', text)
-    seconds = factor("exposure", unit[1] if unit else "s")
-    return "OME", float(times.pop()) * float(seconds) if len(times) == 1 and seconds else None
+    units = set(re.findall(r'ExposureTimeUnit="([^"]+)"', text)) or {"s"}
+    seconds = factor("exposure", next(iter(units)))
+    if len(times) > 1 or len(units) > 1:
+        return "OME", math.nan
+    return "OME", float(times.pop()) * float(seconds) if times and seconds else None
 
 
 def write(path: Path, array: np.ndarray) -> None:

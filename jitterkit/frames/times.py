@@ -17,6 +17,9 @@ from jitterkit.frames.metadata import Sourced
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART", "UTSHUT", "UTC", "UT-STR")
 MJD_EPOCH = datetime(1858, 11, 17)
 
+_JULIAN = 2400000.5
+"""Julian date of the epoch of the modified one."""
+
 _FIRST_MJD = 10000
 """Below, in 1886, are days counted from elsewhere."""
 
@@ -35,6 +38,7 @@ _OTHERS = {
 }
 """Dates of the years 1900 to 1999, and ISO 8601 without separators, with what they are replaced by."""
 
+_DAY = timedelta(days=1)
 _CONTRADICTION = timedelta(hours=1)
 """Difference of a time in UTC and a local one, at least."""
 
@@ -81,7 +85,7 @@ def resolve_time(cards: Cards) -> Sourced | None:
 def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
     """Return a time, with a warning if another keyword says an hour or more from it."""
     before = len(cards.warnings)
-    for other in ("DATE-OBS", "MJD-OBS"):
+    for other in ("DATE-OBS", "MJD-OBS", "JD"):
         said = None if other == key else (_date if other.startswith("DATE") else _mjd)(cards, other)
         del cards.warnings[before:]  # of times that are not used
         if said is None or "T" not in said.value:
@@ -89,8 +93,44 @@ def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
         apart = datetime.fromisoformat(said.value) - datetime.fromisoformat(known.value)
         if abs(apart) >= _CONTRADICTION and abs(apart).total_seconds() > _exposure(cards):
             cards.warnings.append(f"{key} = {known.value} is used, and {other} contradicts it ({said.value})")
-            break
+            return known
+    _agreeing_time_of_day(cards, known)
     return known
+
+
+def _agreeing_time_of_day(cards: Cards, known: Sourced) -> None:
+    """Warn of a time of day in a keyword of its own that is an hour or more from the one that is used."""
+    when = datetime.fromisoformat(known.value)
+    for key in TIME_KEYS:
+        said = _parse(f"{when.date().isoformat()}T{cards.text(key).partition('T')[2] or cards.text(key)}")
+        if isinstance(said, datetime):
+            apart = abs((said - when + _DAY / 2) % _DAY - _DAY / 2)
+            if apart >= _CONTRADICTION and apart.total_seconds() > _exposure(cards):
+                found = f"{known.source} = {known.value} is used"
+                cards.warnings.append(f"{found}, and {key} = {cards.text(key)} contradicts it")
+                return
+
+
+def seconds_to_end(cards: Cards, start: Sourced | None) -> float | None:
+    """Return the seconds from the time of a header to its DATE-END, negative if that is earlier.
+
+    Parameters
+    ----------
+    cards : Cards
+    start : Sourced or None
+        As :func:`resolve_time` gives it.
+
+    Returns
+    -------
+    seconds : float or None
+        None unless the header has the time of day of the beginning and of the end.
+    """
+    before = len(cards.warnings)
+    end = _date(cards, "DATE-END")
+    del cards.warnings[before:]  # a time that is not used
+    if start is None or end is None or "AVG" in start.source or not ("T" in start.value and "T" in end.value):
+        return None
+    return (datetime.fromisoformat(end.value) - datetime.fromisoformat(start.value)).total_seconds()
 
 
 def _exposure(cards: Cards) -> float:
@@ -118,11 +158,16 @@ def _date(cards: Cards, key: str) -> Sourced | None:
         when = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
     if when.year < _FIRST_DETECTOR:
         cards.warnings.append(f"{key} = {text!r} is read as a date of {when.year}")
+    _warn_by_comment(cards, key, card)
+    return _in_utc(cards, when, source)
+
+
+def _warn_by_comment(cards: Cards, key: str, card: tuple[Any, str, str]) -> None:
+    """Warn of a time that is local, or not the beginning, by its comment."""
     if _LOCAL.search(card[1]) and not _IN_UTC.search(card[1]):
         cards.warnings.append(f"{key} is local time by its comment {card[1]!r}; it is left as written")
     if (late := _LATE.search(card[1])) and not _BEGIN.search(card[1]) and not key.endswith("AVG"):
         cards.warnings.append(f"{key} is not the beginning by its comment ({late[0]!r}); it is taken for it")
-    return _in_utc(cards, when, source)
 
 
 def _parse(text: str) -> Any:
@@ -168,10 +213,12 @@ def _mjd(cards: Cards, key: str) -> Sourced | None:
     card = cards.number(key)
     if card is None:
         return None
-    if not _FIRST_MJD < card.value < 200000:
+    days = card.value - _JULIAN if key == "JD" else card.value
+    if not _FIRST_MJD < days < 200000:
         cards.warnings.append(f"{key} = {card.value:g} is not a date and is ignored")
         return None
-    return _in_utc(cards, MJD_EPOCH + timedelta(days=card.value), card.source, "milliseconds")
+    _warn_by_comment(cards, key, (card.value, card.comment, card.source))
+    return _in_utc(cards, MJD_EPOCH + timedelta(days=days), card.source, "milliseconds")
 
 
 def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Sourced:

@@ -123,6 +123,11 @@ _APART = re.compile(r"\b(milli|micro|nano|arc)[- ](?=s(ec)?|arc|min)", re.I)
 
 _PREFIXES = ("milli", "mili", "micro", "mikro", "nano", "kilo", "mega")
 
+_PREFIXED = re.compile(
+    r"([cdk]|da)s(ec(ond)?s?)?\.?|[zc]enti?-?[sm]\w+|de[cz]i-?[sm]\w+|(hekto|hecto|giga)\w+", re.I
+)
+"""Seconds and metres with a prefix that programs hardly use."""
+
 _FOREIGN = re.compile(
     r"(minut(en|os|i|y|er)|stunden?|horas?|heures?|ore|uren?|tagen?|jours?|dias?|giorni|bogenmin\w*"
     r"|grad(os?|i)?|degr[eé]s?)",
@@ -131,12 +136,13 @@ _FOREIGN = re.compile(
 """Words for minutes, hours, days, arcminutes and degrees in other languages."""
 
 _OTHER_NUMBER = re.compile(
-    r"\b(log(10)?|ln|no\.|counter|index|identifier|id|flag)(?!\w)"
+    r"\b(log\d*|ln|no\.|counter|index|identifier|id|flag)(?!\w)"
     r"|(?<!data )(?<!digital )\bnumber\b(?! of (\w*sec|electron|e-|count|adu))"
     r"|#(?=\s*(of\b|$))|(^\W*|\b(in|as) )(%|percent)"
     r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b"
     r"|\b(tenths?|hundredths?|thousandths?|tens|hundreds|thousands|millions) of\b"
-    r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows)\b|\bk(adu|dn|e-|electrons?)(?!\w)"
+    r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows|frames|fields)\b|\bjiff(y|ies)\b"
+    r"|\bk(adu|dn|e-|electrons?)(?!\w)"
     r"|\b(dummy|placeholder|bogus|fake)\b|(?<!if )(?<!=)(?<!= )\b(invalid|undefined|unknown|tbd"
     r"|(not|not yet|to be) (known|measured|set|available|applicable|calibrated|determined|valid))\b(?! \w)",
     re.I,
@@ -144,19 +150,24 @@ _OTHER_NUMBER = re.compile(
 """What makes of a number another one, in the comment: a count, a name, a logarithm, a power of ten, none."""
 
 _SCALED = re.compile(
-    r"(?<![\w.])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])"
+    r"(?<![\d.a-wyz_])(0?\.0*1|1e-\d+)\s?(?=[a-zµ\"])"
     r"|\b(units?|steps|multiples) of (?!1\b)[\d.]+|\bin (half|quarter|double)\b|\bin \d+ ?[mµun]?s(ec\w*)?\b",
     re.I,
 )
 """A part or a multiple of a unit, in the comment: "in 0.01 s", "in units of 10 ms", "in half seconds"."""
 
 _OTHER_NUMBERS = {
-    "exposure": r"\bEV\b|\bexposure value\b|\bcompensation\b",
+    "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\breciprocal\b|\b[kM]?Hz\b|\bfps\b|^\W*1/s\b|\bfraction\b"
+    r"|\bEV\b|\bexposure value\b|\bcompensation\b",
     "va_factor": r"\binverse\b|\b1/",
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
-    "plate_scale": r"\barea\b|\bzoom\b|\bfactor\b|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
-    "saturation": r"\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b",
-    "gain": r"\brelative (gain|to (amp|channel|ccd|detector|quadrant))"
+    "focal_length": r"\b35 ?mm\b|\bequivalent\b|\bwithout (the |a )?(focal )?(reducer|barlow|extender)\b",
+    "plate_scale": r"\bfield of view\b|\bFOV\b|\barea\b|\bzoom\b|\bfactor\b"
+    r"|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
+    "saturation": r"\bbit depth\b|^\W*(number of )?bits?\b"
+    r"|\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b",
+    "gain": r"\bper \d|/ ?\(\d|\binverse\b|\b1/gain\b|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b"
+    r"|\brelative (gain|to (amp|channel|ccd|detector|quadrant))"
     r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
 }
 """The same for one quantity."""
@@ -264,7 +275,10 @@ def _only_other_units(
     comment = _LENGTH.sub("", comment)
     words = [word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1]
     mentioned = {meaning(word) for word in words} - {None}
-    foreign = any(word.lower().startswith(_PREFIXES) or _names_other_unit(word) for word in words)
+    foreign = any(
+        word.lower().startswith(_PREFIXES) or _PREFIXED.fullmatch(word) or _names_other_unit(word)
+        for word in words
+    )
     return comment if (mentioned or foreign) and default not in mentioned else None
 
 

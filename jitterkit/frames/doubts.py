@@ -1,0 +1,173 @@
+"""What a header says beside its numbers that makes them doubtful: warnings, each with a remedy.
+
+Reach for :func:`doubts`.  It warns of an image of several exposures, of an exposure that its own dates
+contradict, of a bias or a gain that was applied before, and of numbers in keywords that are not read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from jitterkit.frames.cards import Cards, parse_number
+from jitterkit.frames.dialects import ALIASES
+from jitterkit.frames.metadata import Metadata
+from jitterkit.frames.times import seconds_to_end
+
+
+def doubts(cards: Cards, known: Metadata) -> list[str]:
+    """Return the warnings of a header about its numbers.
+
+    Parameters
+    ----------
+    cards : Cards
+    known : Metadata
+        The numbers that were read from them.
+
+    Returns
+    -------
+    warnings : list of str
+        Empty for a plain exposure.
+    """
+    return [*_combined(cards), *_elapsed(cards, known), *_reduced(cards, known), *_unread(cards, known)]
+
+
+_COMBINED = (
+    "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
+    "NFRAMES", "NSTACK", "STACKED", "NIMAGES", "NSUM", "NAVERAGE", "AVERAGED", "ESO PRO DATANCOM", "NUMFRAME",
+    "LIGH_CNT",
+)  # fmt: skip
+"""Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; ESO's pipelines; Astro
+Pixel Processor; ASTAP; and others."""
+
+_STACKERS = {
+    "IMCMB002": r".", "COMBINET": r".", "CALSTAT": r"S", "HISTORY": r"\bnumberOfImages: *([2-9]|\d\d)",
+}  # fmt: skip
+"""What else says that an image was combined: imcombine, SWarp, ASTAP, PixInsight."""
+
+_OF_SEVERAL = re.compile(
+    r"\bof ([2-9]|[1-9]\d+) (\w+ )?(frames|exposures|images|co-?adds|subs|subexposures|snapshots)\b"
+    r"|\bsum(med)? (of|over)\b|\bper (sub(exposure|frame)?|exposure|integration)\b|\bco-?add(s|ed)?\b"
+    r"|^\W*[x*] ?[2-9]|\bstacked\b|\b(mean|average) (exp|integ)",
+    re.I,
+)
+"""Comment of an exposure that is that of several."""
+
+_TOTALS = ("LIVETIME", "TOTALEXP", "TEXPTIME", "ESO PRO EXPTTOT")
+"""Times of all exposures that were combined."""
+
+_ROUNDED = 2.0
+"""Seconds by which the time between two dates may be short, if both are written in whole seconds."""
+
+
+def _combined(cards: Cards) -> list[str]:
+    """Warn of an image that is the sum or the mean of several exposures."""
+    planes = [card[0] for card in map(cards.find, ("NAXIS3", "ZNAXIS3")) if card is not None]
+    of_other = ("NFRAMES",) if cards.dialect.name == "JWST" else ()  # frames of a group, averaged on board
+    unsure = "exposure, gain, read noise and saturation may be those of one"
+    for number in filter(None, (cards.number(key) for key in _COMBINED if key not in of_other)):
+        if number.value > 1 and number.value not in planes:
+            return [f"{number.key} = {number.value:g} exposures are combined in the image: {unsure}"]
+    for key in filter(cards.find, (key for key in ALIASES["exposure"] if isinstance(key, str))):
+        comment = (cards.find(key) or ("", ""))[1]
+        if _OF_SEVERAL.search(comment):
+            return [f"{key} is of several exposures by its comment {comment!r}: {unsure}"]
+    for key, pattern in _STACKERS.items():
+        if any(re.search(pattern, str(header.get(key, ""))) for header, _ in cards.layers):
+            return [f"several exposures are combined in the image by {key}: {unsure}"]
+    return []
+
+
+def _elapsed(cards: Cards, known: Metadata) -> list[str]:
+    """Warn of an exposure that is part of a longer one, or longer than from its beginning to its end."""
+    exposure = known.exposure
+    if exposure is None:
+        return []
+    said = f"{exposure.source} = {exposure.value:g} s is used"
+    for total in (cards.quantity("exposure", key) for key in _TOTALS if cards.find(key)):
+        if total is not None and total.value > 1.1 * exposure.value:
+            return [f"{said}, and {total.key} = {total.value:g} s is longer: exposures may be combined"]
+    whole = cards.quantity("exposure", "TELAPSE")
+    key, passed = ("TELAPSE", whole.value) if whole else ("DATE-END", seconds_to_end(cards, known.time))
+    if passed is not None and exposure.value > 1.1 * passed + _ROUNDED:
+        return [f"{said}, and by {key} it lasted {passed:g} s: check its unit"]
+    return []
+
+
+_WITHOUT_BIAS = {
+    "CALSTAT": r"B", "ZEROCOR": r"\d|^T", "OVERSCAN": r"\d|^T", "BIASCOR": r"^T|DONE|\.FIT", "SUBBIAS": r".",
+    "BIASCORR": r"^COMPLETE", "SUBOSCAN": r".",
+}  # fmt: skip
+"""Cards of pixels whose bias was subtracted: MaxIm and ASTAP, IRAF, HST, ccdproc."""
+
+_MULTIPLIED = dict.fromkeys(("GAINCOR", "GAINCORR"), r"^(?!(F|FALSE|NO|0|OMIT|PERFORM)$).")
+"""Cards of pixels that were multiplied by the gain: ccdproc, which leaves BUNIT if its gain has no unit."""
+
+_ONE_READ = re.compile(r"\b(per|single|each|one|of a) (\w+ )?(read|sample|cds)\b|/read\b", re.I)
+_READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLES")
+"""Comment of a noise of one read, and numbers of reads in an exposure."""
+
+
+def _reduced(cards: Cards, known: Metadata) -> list[str]:
+    """Warn of a bias, a gain or a read noise that is not, or no longer, that of these pixels."""
+    warnings, said = [], _first_said(cards, _WITHOUT_BIAS)
+    if said and known.value("bias"):
+        found = f"the bias of {known.value('bias'):g} ADU is used"
+        warnings.append(f"{found}, and {said} says that it was subtracted: if so, give --bias 0")
+    said = _first_said(cards, _MULTIPLIED)
+    if said and known.value("unit", "adu") in ("adu", "adu/s"):
+        found = f"{said} says that the gain was applied"
+        warnings.append(f"the pixels are taken as ADU, and {found}: they may be electrons")
+    noise = known.read_noise
+    key = "" if noise is None else noise.source.removeprefix("header ").partition(" (")[0]
+    of_one = _ONE_READ.search((cards.find(key) or ("", ""))[1])
+    reads = next(filter(None, (cards.number(name) for name in _READS)), None)
+    if of_one and (reads is None or reads.value > 1):
+        found = f"{key} is the noise of one read by its comment ({of_one[0]!r})"
+        warnings.append(f"{found}: if the exposure has several, give --read-noise")
+    return warnings
+
+
+def _first_said(cards: Cards, patterns: Mapping[str, str]) -> str:
+    """Return the first card that matches its pattern, as words; empty if none does."""
+    texts = {key: cards.text(key)[:40] for key in patterns}
+    found = (key for key, pattern in patterns.items() if re.search(pattern, texts[key].upper()))
+    return next((f"{key} = {texts[key]!r}" for key in found), "")
+
+
+_ALIKE: Mapping[str, re.Pattern[str]] = {
+    name: re.compile(pattern)
+    for name, pattern in {
+        "exposure": r"(TRU)?ITIME|INT_?TIME|INTEG(TIM|TIME)?|EXPT(IM)?|EXPOS?|T_?EXP|EXPOINUS|ONTIME|ELAPTIME"
+        r"|SHUTTIME|DIT|ESO DET (SEQ1 )?DIT|EXP_?(MS|US|SEC)",
+        "gain": r"(CCD|SYS|CONV|AMP|INV|E)?_?GAIN_?([A-H]|\d{1,2})?|ESO DET OUT\d+ GAIN|GTGAIN\d+",
+        "read_noise": r"(RD|READ|R)_?(NOI|NOISE)_?([A-H]|\d{1,2})?|GTRON\d+|RDNOIS",
+        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATURATI|SATLEV|SAT_LEVEL|FULLWELL|MAXADU",
+        "plate_scale": r"[XY]?_?(PIX|PIXEL|PLATE|PLT|IMG)_?SC(A|AL|ALE|L)?_?[XY12]?|SECPIX\w|[XY]_?SCALE"
+        r"|SCALE_?[XY12]|ARCSEC_?PIX|CDELT1|CD1_1",
+    }.items()
+}
+"""Keywords like those of a number, which are not read as their unit or meaning differs between programs."""
+
+
+def _unread(cards: Cards, known: Metadata) -> list[str]:
+    """Warn of a number that seems to stand in a keyword that is not read, where no other keyword has it."""
+    needless = ("gain", "saturation") if known.value("unit") in ("electron", "electron/s") else ()
+    missing = [name for name in _ALIKE if not known.value(name) and name not in needless]
+    keys, warnings = cards.names() if missing else {}, []
+    for name in missing:
+        read = {key for each in cards.keywords(name) for key in ((each,) if isinstance(each, str) else each)}
+        alike = (key for key in keys if key not in read and _ALIKE[name].fullmatch(key))
+        key = next((key for key in alike if _is_stated(cards, key)), None)
+        if key is not None:
+            option = f"--{name.replace('_', '-')}"
+            warnings.append(f"{key} = {cards.text(key)} is not read: give {option} if it is needed")
+    return warnings
+
+
+def _is_stated(cards: Cards, key: str) -> bool:
+    """Return whether a card has a number that is no default, and no step along axes that the header names."""
+    number = parse_number((cards.find(key) or ("",))[0])
+    if number is None or number[0] == 0:
+        return False
+    return not key.startswith("CD") or (abs(number[0]) != 1 and not cards.text("CTYPE1"))
