@@ -132,11 +132,11 @@ class Weighing:
         weights = {one.locus: one.evidence for one in jittered.candidates}
         if weights and _is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in weights]
-            near = self.common(start, jittered)
-            weights |= {name: weight_of_evidence(fit_locus(name, *near)) for name in more}
+            near, sure = self.common(start, jittered), jittered.status is Status.OK
+            weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=sure)) for name in more}
         yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
         if not _surely(start):
-            yield self.still(start, common, sure=True)  # its signs were tried with a normal
+            yield self.still(start, common)
 
     def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
         """Two stars with a normal blur, and without jitter."""
@@ -166,8 +166,8 @@ class Weighing:
         together = float(np.logaddexp.reduce(list(evidence.values()))) - math.log(len(evidence))
         return self.reading(start, fit, together - math.log(self.sizes))
 
-    def still(self, start: Start, common, *, sure: bool = False) -> _Reading:
-        fit = fit_locus("stable", *common, sure=sure)
+    def still(self, start: Start, common) -> _Reading:
+        fit = fit_locus("stable", *common, sure=True)  # signs were tried with a normal
         return self.reading(start, fit, log_volume(fit) if fit.status is Status.OK else -math.inf)
 
     def reading(self, start: Start, fit: FitResult, evidence: float) -> _Reading:
