@@ -35,9 +35,10 @@ _NEAR = 0.15
 """Rms phase [rad] up to which the derivatives of another wavefront do for a rough maximum.  Those of a flat
 one through a symmetric pupil are zero for focus and astigmatism; a star of 0.4 rad was not found."""
 
-_POOR_DEVIANCE, _STALLED_RATIO, _STALLED_ROUNDS = 30.0, 0.9, 2
-"""Deviance per pixel above which a fit is abandoned when so many maximisations in a row have not reduced it
-below that share: it would end far above what passes for a fit, after twenty seconds."""
+_STALLED_RATIO, _STALLED_ROUNDS, _PASSING = 0.9, 2, 1.5
+"""A maximisation has stalled if it does not reduce the deviance below that share.  After so many in a row a
+fit is abandoned that would still be above that deviance per pixel if all that are left did no better: it
+would not pass for a fit, after twenty seconds."""
 
 
 class Expanded(NamedTuple):
@@ -110,7 +111,7 @@ def relinearised_scoring(
             return Expanded(end, otf, iterations)
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
         stalled, last = 0 if level < _STALLED_RATIO * last else stalled + 1, level
-        if not left or (stalled >= _STALLED_ROUNDS and level > _POOR_DEVIANCE):
+        if not left or (stalled >= _STALLED_ROUNDS and level * _STALLED_RATIO**left > _PASSING):
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)

@@ -130,12 +130,12 @@ class Weighing:
         common = self.common(start)
         jittered = fit_best_locus(*common)
         weights = {one.locus: one.evidence for one in jittered.candidates}
-        if weights and _is_straight(*jittered.moments()):
+        if weights and jittered.status is Status.OK and _is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in weights]
-            near, sure = self.common(start, jittered), jittered.status is Status.OK
-            weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=sure)) for name in more}
+            near = self.common(start, jittered)
+            weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=True)) for name in more}
         yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
-        if not _surely(start):
+        if not _surely(start) and jittered.status is not Status.POOR_FIT:
             yield self.still(start, common)
 
     def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
@@ -143,7 +143,7 @@ class Weighing:
         common = self.common(start)
         fit = fit_locus("mvn", *common)
         yield self.jittered(start, fit, {"mvn": weight_of_evidence(fit)}, seen=_has_a_size(fit))
-        if _is_split(start) or not _surely(start):
+        if fit.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
             yield self.still(start, common)
 
     def common(self, start: Start, fit: FitResult | None = None):
