@@ -116,7 +116,7 @@ def relinearised_scoring(
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)
         before, way = error, here
-        if keep_slopes and optics.phase((there - slopes_at)[: len(otf.modes)]) < _NEAR:
+        if keep_slopes and optics.phase(there - slopes_at) < _NEAR:
             otf = optics.near(there, otf)
         else:
             otf, slopes_at = optics.otf(there), there

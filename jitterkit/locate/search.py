@@ -21,13 +21,13 @@ from jitterkit.locate.start import Start, polished, with_best_signs, with_exact_
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scene import Binary, FurtherStars, Scene, Stars
+from jitterkit.scene import Binary, FurtherStars, Stars
 
 __all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
-_NEAR = 30.0  # deviance per pixel from which a candidate is too far off for better derivatives to matter
+_FAR_OFF = 30.0  # deviance per pixel from which better derivatives do not bring a candidate to the stars
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
 _IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
@@ -52,7 +52,9 @@ def locate_star(
         star = find_star(data, otf, jitter)
         if star is None:
             break
-        candidate = _fitted(data, optics, otf, star, jitter, hold, rough)
+        candidate = polished(data, optics, otf, star, jitter, hold, rough=rough, slopes=False)
+        if rough:
+            candidate = _renewed(candidate, data, optics, hold)
         if best is not None and not candidate.deviance_dof < _IMPROVEMENT * best.deviance_dof:
             break
         best = candidate
@@ -94,10 +96,10 @@ def locate_binary(
             if not all(np.abs(_positions(pair.scene) - _positions(other)).max() > near for other in tried):
                 continue
             tried.append(pair.scene)
-            least = np.inf if best is None else best.deviance_dof
-            candidate = _fitted(data, optics, otf, pair.scene, jitter, hold, rough, least)
-            if best is None or candidate.deviance_dof < least:
-                best = candidate
+            where = data, optics, otf, pair.scene, jitter, hold
+            candidate = polished(*where, rough=rough, slopes=False)
+            if best is None or candidate.deviance_dof < best.deviance_dof:
+                best = _renewed(candidate, data, optics, hold) if rough else candidate
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return _finished(best, data, optics, hold, rough)
         if best is None or best.deviance_dof > _IMPROVEMENT * before:
@@ -134,25 +136,15 @@ def bright_stars(data: Data, otf: OTF) -> FurtherStars | None:
     return Residual.of_dark(data, otf).further_stars(apart=_APART)
 
 
-def _fitted(
-    data: Data,
-    optics: Optics,
-    otf: OTF,
-    scene: Scene,
-    jitter: Locus | None,
-    hold: Collection[str],
-    rough: bool,
-    least: float = np.inf,
-) -> Start:
-    """Fit a candidate; if its deviance per pixel is the least so far, also with its own derivatives.
+def _renewed(found: Start, data: Data, optics: Optics, hold: Collection[str]) -> Start:
+    """Fit a candidate of a rough search again, with the derivatives of its own optics, if it is near.
 
     A wavefront of 0.3 rad is not found with the derivatives of a flat one.
     """
-    found = polished(data, optics, otf, scene, jitter, hold, rough=rough, slopes=False)
-    if not rough or found.deviance_dof > min(least, _NEAR) or found.describes(data):
+    if found.deviance_dof > _FAR_OFF or found.describes(data):
         return found
-    exact, p = with_exact_slopes(found, optics), found.parameters
-    return polished(data, optics, exact.otf, p.scene, p.locus, hold, rough=True, slopes=False)
+    otf, p = with_exact_slopes(found, optics).otf, found.parameters
+    return polished(data, optics, otf, p.scene, p.locus, hold, rough=True, slopes=False)
 
 
 def _finished(start: Start, data: Data, optics: Optics, hold: Collection[str], rough: bool) -> Start:

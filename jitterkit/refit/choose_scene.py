@@ -112,7 +112,10 @@ def choose_scene(
         return SceneChoice(star, -math.inf)
     pair = frame.pair() if contrast < _BRIGHT else None
     if pair is not None and frame.beyond_doubt(pair):
-        return SceneChoice(frame.pair_or_field(pair), math.inf)
+        faint = pair.parameters.scene.values["contrast"] > _LIKE_RINGS
+        pair = frame.settled(pair) if faint else pair
+        if not faint or frame.beyond_doubt(pair):
+            return SceneChoice(frame.pair_or_field(pair), math.inf)
     star = star or frame.star()
     if star is None:
         return None
@@ -138,14 +141,14 @@ class _Frame(Weighing):
     def star(self) -> Start | None:
         return locate_star(self.data, self.optics, self.options.hold, rough=self.rough)
 
-    def settled(self, star: Start) -> Start:
-        """Return a star that was fitted roughly as it is when its optics are exact.
+    def settled(self, start: Start) -> Start:
+        """Return a start that was fitted roughly, fitted until its optics are exact.
 
-        What the optics lack looks like a companion.
+        An error of the optics looks like a faint companion.
         """
         if not self.rough:
-            return star
-        where = self.data, self.optics, star.otf, star.parameters.scene, star.parameters.locus
+            return start
+        where = self.data, self.optics, start.otf, start.parameters.scene, start.parameters.locus
         return polished(*where, self.options.hold)
 
     def contrast_of_peaks(self) -> float:
@@ -224,12 +227,11 @@ def _is_a_field(scene: Scene) -> bool:
 
 
 def _is_clear(start: Start) -> bool:
-    """Return whether the fluxes of all stars but the brightest are significant, and no ring's."""
+    """Return whether the fluxes of all stars but the brightest are significant."""
     scene, names = start.parameters.scene, start.names
     if isinstance(scene, Binary):
         contrast, error = float(scene.contrast), math.sqrt(start.covariance_of(("contrast",))[0, 0])
-        significant = min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
-        return significant and contrast < _LIKE_RINGS
+        return min(1 + contrast, (1 + 1 / contrast) * contrast**2) > _CLEAR * error
     fluxes = [name for name in names if name.startswith("flux_")]
     values = np.array([scene.values[name] for name in fluxes])
     return bool(np.all(values > _SHINING * np.sqrt(np.diag(start.covariance_of(fluxes)))))

@@ -213,7 +213,8 @@ def _fit_and_expand(
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations = fit_from(clear, start, otf)
-    for _ in range(_CLEARINGS if data.trims and end.converged else 0):
+    hopeless = not end.converged and float(end.objective) > POOR * int(np.sum(np.asarray(clear.used)))
+    for _ in range(_CLEARINGS if data.trims and not hopeless else 0):
         changed = data.clear(expected_image(end.parameters, otf))
         if np.array_equal(changed.used, clear.used):
             break
