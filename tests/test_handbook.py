@@ -3,6 +3,7 @@
 import re
 import shlex
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,12 @@ def lines_of(block):
 def run(*words):
     done = typer.testing.CliRunner().invoke(app, list(words))
     assert done.exit_code == 0, f"{' '.join(words)}\n{done.output}\n{done.exception!r}"
+
+
+def test_the_citation_names_this_version():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"## {version}\n" in TEXTS["changes"]
 
 
 def test_the_readme_is_short():

@@ -45,7 +45,8 @@ def test_a_transfer_function_and_its_slopes_are_linear_in_the_index(system, inde
     exact, here = expand(pupil, red, system.grid, STATE), system.otf(STATE)
     assert largest(here.value + index * here.chromatic[0] - exact.value) < 1e-14
     slopes = here.jacobian + index * here.chromatic[1:]
-    assert largest(slopes[: len(STATE)] - exact.jacobian) < 1e-14
+    # which are computed in 32 bits
+    assert largest(slopes[: len(STATE)] - exact.jacobian) < 1e-6 * largest(exact.jacobian)
     assert largest(here.chromatic[0]) > 1e-4
 
 
@@ -160,7 +161,8 @@ def test_a_shift_of_the_wavelength_is_right_to_second_order(system, index):
         shifted = np.array([*STATE, nm])
         return largest(otf.at(shifted) + index * otf.chromatic_at(shifted) - at_longer(system, nm, index))
 
-    assert error(0.2) / error(0.1) == pytest.approx(8 if index == 0 else 4, rel=0.05)
+    # steps that 32 bits of the slope do not hide
+    assert error(1.0) / error(0.5) == pytest.approx(8 if index == 0 else 4, rel=0.05)
 
 
 def test_optics_expand_at_no_shift_and_curve_with_it(system):
