@@ -141,8 +141,7 @@ def read_instrument(path: str | Path) -> Instrument:
         for name, reader in readers.items():
             if name in sections:
                 fields |= reader(sections[name])
-        if "sky" in sections:
-            fields["sources"]["sky"] = f"instrument file {path.name} [sky]"
+                fields["sources"][name] = f"instrument file {path.name} [{name}]"
         detector = Detector() if base is None else base.detector
         fields["detector"] = (
             read_detector(sections["detector"], detector) if "detector" in sections else detector

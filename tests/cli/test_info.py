@@ -28,9 +28,11 @@ def test_info_tells_a_preset_with_the_provenance_of_each_number(name):
 
 def test_info_tells_an_instrument_file(tmp_path):
     path = tmp_path / "cam.toml"
-    path.write_text('[instrument]\nbase = "smallsat"\n[detector]\nbase = "imx183"\ncoupling = 0.004\n')
+    text = '[instrument]\nbase = "smallsat"\n[spectrum]\nlines = [633]\n'
+    path.write_text(f'{text}[detector]\nbase = "imx183"\ncoupling = 0.004\n')
     table = rows(runner.invoke(app, ["info", str(path)]).stdout)
     assert "instrument file cam.toml [detector] coupling" in table["coupling"]
+    assert "instrument file cam.toml [spectrum]" in table["spectrum"]
     assert "preset smallsat" in table["plate_scale"]
 
 
