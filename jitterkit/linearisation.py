@@ -37,8 +37,8 @@ one through a symmetric pupil are zero for focus and astigmatism; a star of 0.4 
 
 _STALLED_RATIO, _STALLED_ROUNDS, _PASSING = 0.9, 2, 1.5
 """A maximisation has stalled if it does not reduce the deviance below that share.  After so many in a row a
-fit is abandoned that would still be above that deviance per pixel if all that are left did no better: it
-would not pass for a fit, after twenty seconds."""
+fit is abandoned that would still be above that deviance per pixel if all that are left did as well as the
+best of these: it would not pass for a fit."""
 
 
 class Expanded(NamedTuple):
@@ -98,7 +98,8 @@ def relinearised_scoring(
     expanded : Expanded
     """
     iterations, before, way, slopes_at = 0, np.inf, None, np.asarray(otf.state)
-    stalled, last = 0, np.inf
+    ratios: list[float] = []
+    last = np.inf
     for left in reversed(range(max_expansions)):
         end = fisher_scoring(
             start, otf, data, free, prior, max_steps=max_steps, tolerance=tolerance, known=known
@@ -110,8 +111,8 @@ def relinearised_scoring(
         if error < max_error:
             return Expanded(end, otf, iterations)
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
-        stalled, last = 0 if level < _STALLED_RATIO * last else stalled + 1, level
-        if not left or (stalled >= _STALLED_ROUNDS and level * _STALLED_RATIO**left > _PASSING):
+        ratios, last = [*ratios, level / last][-_STALLED_ROUNDS:], level
+        if not left or (min(ratios) > _STALLED_RATIO and level * min(ratios) ** left > _PASSING):
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)
