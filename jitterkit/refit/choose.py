@@ -146,12 +146,7 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
         return _finalize(Tried(normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
-    best = _fit_tiers(frame, normal, otf, step)
-    better = None if best.locus == NORMAL else frame.other_signs(best)
-    if better is None:
-        return best
-    retry = _fit_tiers(frame, normal, otf, step, better)
-    return retry if is_better(retry, best) else best
+    return _fit_tiers(frame, normal, otf, step)
 
 
 def _try(
@@ -207,12 +202,16 @@ def _fit_tiers(
     """Fit the loci tier by tier until one fits; each starts from the fitted normal, or from ``begin``.
 
     Loci of the first tier that cumulants evaluate well enough are not fitted, unless one is the best of all.
+    A wrong sign of an aberration looks like a lack of freedom: other signs are tried before a further tier,
+    and again of the last.
     """
     tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
     converged = normal.status is not Status.NOT_CONVERGED and begin is None
     compressed = CompressedLikelihood.of(step, normal.covariance) if converged else None
     excluded = "some" if begin is not None or _may_be_straight(normal) else "none"
-    for tier in sorted({choice.tier for choice in CHOICES.values()} - {0}):
+    signed = {NORMAL}
+    tiers = sorted({choice.tier for choice in CHOICES.values()} - {0})
+    for tier in tiers:
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
         evaluated = evaluate_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
         for name, found in evaluated.items():
@@ -230,7 +229,15 @@ def _fit_tiers(
             assert best.parameters is not None
             where = best.parameters, best.names, expanded[best.locus]
             steps[best.locus] = CumulantStep.of(*where, frame.data)
-        if not _wants_more(best, steps[best.locus]):
+        fits = not _wants_more(best, steps[best.locus])
+        last = fits or tier == max(tiers)
+        if begin is None and best.locus not in signed and (last or len(signed) == 1):
+            signed.add(best.locus)
+            if (better := frame.other_signs(best)) is not None:
+                retry = _fit_tiers(frame, normal, otf, step, better)
+                if is_better(retry, best):
+                    return retry
+        if fits:
             break
     return _finalize(tried)
 

@@ -73,6 +73,9 @@ _STANDS_OUT, _BY_CHANCE = 25.0, 16.0
 the best of some ten thousand positions.  Aberrations explain a part of a companion: between them a pair is
 searched for where an image shows two peaks."""
 
+_NEARER = 2.0
+"""Excess of one star's deviance over that of a pair, from which a pair that is certain needs no weighing."""
+
 _LONG = 3.0
 """Standard errors by which a blur is longer than wide, from which it may be that of two stars."""
 
@@ -119,6 +122,8 @@ def choose_scene(
     star = star or frame.star()
     if star is None:
         return None
+    if pair is not None and frame.comes_nearer(pair, star):
+        return SceneChoice(frame.pair_or_field(pair), math.inf)
     if several is not None and frame.is_apart(several):
         return frame.best_of(star, pair, several)
     star = frame.settled(star)
@@ -175,6 +180,15 @@ class _Frame(Weighing):
         """Return whether stars describe the frame, and no blur of one star could."""
         every = len(start.parameters.scene.sources()[0])
         return self.is_apart(start, every) and _is_clear(start) and start.describes(self.data)
+
+    def comes_nearer(self, pair: Start, star: Start) -> bool:
+        """Return whether a pair that no blur of one star makes comes much nearer to the frame than a star.
+
+        Only the shape of its blur may not fit yet.
+        """
+        alike = pair.parameters.scene.values["contrast"] < _LIKE_RINGS
+        nearer = star.deviance_dof - 1 > _NEARER * (pair.deviance_dof - 1)
+        return bool(alike and nearer) and self.is_apart(pair, 2) and _is_clear(pair)
 
     def is_apart(self, start: Start, brightest: int = 3) -> bool:
         """Return whether the brightest stars are wider apart than the pieces of one blur."""

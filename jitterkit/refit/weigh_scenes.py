@@ -51,6 +51,9 @@ _STREAKS = ("linear", "shm")
 _SURELY = 200.0
 """Chi-squared of its moments from which no frame is fitted without jitter: odds of e^100."""
 
+_WORSE = 0.3
+"""Deviance per pixel by which the brief fit of a pair may be above one star: a fit lowers it by 0.06."""
+
 _ALIKE = 9.0
 """Deviance by which a pair may fit worse than one star, and look like it."""
 
@@ -87,7 +90,8 @@ class Weighing:
     def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
         """The scene with more evidence, and by how much."""
         one = _best(self.readings_of_star(star))
-        two = _best(reading for pair in pairs for reading in self.readings_of_pair(pair))
+        near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
+        two = _best(reading for pair in near for reading in self.readings_of_pair(pair))
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
         else:  # the fit to come will say so of the better
@@ -100,6 +104,12 @@ class Weighing:
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
         return SceneChoice(start, log_odds, f"{_describe(one)}, or {_describe(two)}", alike, fit, evidence)
+
+    def is_worse(self, pair: Start, star: FitResult) -> bool:
+        """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
+        used = int(np.sum(np.asarray(self.data.used)))
+        fitted = star.status is Status.OK and not _is_split(pair)
+        return fitted and pair.deviance_dof > star.objective / used + _WORSE
 
     def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
         """Return a frame's evidence for one star and for a pair, without their priors."""
