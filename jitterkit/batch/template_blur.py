@@ -24,6 +24,9 @@ __all__ = ["TemplateBlurEstimator"]
 _STEPS = 20
 """At most, of the fit that a frame gets whose template is poor."""
 
+_MISFIT = 5.0
+"""Standard deviations by which chi-squared may be too low."""
+
 _ELSE = (
     "If it shows more than a star or a pair, give --stars, --reference or --blind; if another telescope took "
     "it, -i."
@@ -75,8 +78,11 @@ class TemplateBlurEstimator:
             frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
         # what is registered to another frame is described by what fits that
         searched = found.searched is not None or self.name != SCORE
-        misfit = pearson(found.blurred(), found.data) if searched else None
-        if misfit is not None and not _per_pixel(misfit) <= POOR:
+        misfit = pearson(found.blurred(), found.data)
+        if misfit.chi2 - misfit.pixels < -_MISFIT * misfit.spread and found.data.model_variance is None:
+            low = f"chi²/dof is {_per_pixel(misfit):.3g}, less than chance allows: errors are too large"
+            message = f"{message} {low}; check gain, read noise, bias and the unit of the pixels.".lstrip()
+        if searched and not _per_pixel(misfit) <= POOR:
             best = _per_pixel(self._fitted(found))
             if not best <= POOR:
                 return self._poor(frame, found.parameters, misfit)

@@ -35,10 +35,10 @@ def doubts(cards: Cards, known: Metadata) -> list[str]:
 _COMBINED = (
     "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
     "NFRAMES", "NSTACK", "STACKED", "NIMAGES", "NSUM", "NAVERAGE", "AVERAGED", "ESO PRO DATANCOM", "NUMFRAME",
-    "LIGH_CNT",
+    "LIGH_CNT", "FRAMES", "NFRAME", "NUMACC", "NACCUM", "NAVG",
 )  # fmt: skip
 """Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; ESO's pipelines; Astro
-Pixel Processor; ASTAP; and others."""
+Pixel Processor; ASTAP; Andor; and others."""
 
 _STACKERS = {
     "IMCMB002": r".", "COMBINET": r".", "CALSTAT": r"S", "HISTORY": r"\bnumberOfImages: *([2-9]|\d\d)",

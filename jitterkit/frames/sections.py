@@ -1,0 +1,59 @@
+"""The part of an image that saw the sky, by the sections that IRAF writes, where the rest was not cut off."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from jitterkit.frames.cards import Cards
+
+_SECTION = re.compile(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]")
+
+_LEAST = 0.5
+"""Share of the pixels that a section of data has at least."""
+
+
+def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | None, str]:
+    """Find pixels that hold no sky: those outside of ``TRIMSEC`` or ``DATASEC``, or in ``BIASSEC``.
+
+    Parameters
+    ----------
+    cards : Cards
+    shape : (int, int)
+        ``(ny, nx)`` of the image as stored.
+
+    Returns
+    -------
+    outside : (ny, nx) bool array or None
+        None where all pixels are data.
+    warning : str
+        Empty where all pixels are data.
+
+    Notes
+    -----
+    A section that does not lie in the image is one of before it was trimmed, and is ignored.
+    """
+    for key in ("TRIMSEC", "DATASEC", "BIASSEC"):
+        inside = _inside(cards.text(key), shape)
+        if inside is None:
+            continue
+        outside = inside if key == "BIASSEC" else ~inside
+        if 0 < outside.mean() <= _LEAST:
+            said = f"{key} = {cards.text(key)!r}: {int(outside.sum())} pixels hold no sky and are masked"
+            return outside, said
+    return None, ""
+
+
+def _inside(text: str, shape: tuple[int, int]) -> np.ndarray | None:
+    """Return where a section lies; None unless it is one of this image."""
+    match = _SECTION.fullmatch(text)
+    if match is None:
+        return None
+    x0, x1, y0, y1 = map(int, match.groups())
+    (x0, x1), (y0, y1) = sorted((x0, x1)), sorted((y0, y1))
+    if not (x0 >= 1 and x1 <= shape[1] and y0 >= 1 and y1 <= shape[0]):
+        return None
+    inside = np.zeros(shape, bool)
+    inside[y0 - 1 : y1, x0 - 1 : x1] = True
+    return inside
