@@ -13,6 +13,9 @@ _SECTION = re.compile(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]")
 _LEAST = 0.5
 """Share of the pixels that a section of data has at least."""
 
+_CHANCE = 1e-6
+"""Chance from which on a line of one value at the edge may be one of a frame."""
+
 
 def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | None, str]:
     """Find pixels that hold no sky: those outside of ``TRIMSEC`` or ``DATASEC``, or in ``BIASSEC``.
@@ -57,3 +60,44 @@ def _inside(text: str, shape: tuple[int, int]) -> np.ndarray | None:
     inside = np.zeros(shape, bool)
     inside[y0 - 1 : y1, x0 - 1 : x1] = True
     return inside
+
+
+def constant_border(data: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """Find rows and columns at the edges that a program has filled with one value.
+
+    Parameters
+    ----------
+    data : (ny, nx) array
+
+    Returns
+    -------
+    border : (ny, nx) bool array or None
+        None where there is no such border.
+    warning : str
+        Empty where there is none.
+
+    Notes
+    -----
+    A line of one value is chance where many pixels inside have that value too, as in an image of few photons,
+    and is kept.
+    """
+    ends, values = [0, data.shape[0], 0, data.shape[1]], set()
+    for side, (axis, first) in enumerate(((0, True), (0, False), (1, True), (1, False))):
+        step = 1 if first else -1
+        while ends[1] - ends[0] > 1 and ends[3] - ends[2] > 1:
+            inner = data[ends[0] : ends[1], ends[2] : ends[3]]
+            line = inner.take(0 if first else -1, axis)
+            if not (line == line[0]).all():
+                break
+            ends[side] += step
+            values.add(float(line[0]))
+    inside = data[ends[0] : ends[1], ends[2] : ends[3]]
+    if not values or inside.size < _LEAST * data.size:
+        return None, ""
+    shares = (np.mean(inside == value) ** min(inside.shape) for value in values)
+    if max(shares) * sum(data.shape) > _CHANCE:
+        return None, ""
+    border = np.ones(data.shape, bool)
+    border[ends[0] : ends[1], ends[2] : ends[3]] = False
+    shown = ", ".join(f"{value:g}" for value in sorted(values)[:3])
+    return border, f"{int(border.sum())} pixels in rows or columns of {shown} at the edges are masked"

@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+import tifffile
 from astropy.io import fits
 from headers import assert_number, assert_warned
 
@@ -91,6 +92,40 @@ def test_pixels_outside_of_the_section_of_data_are_masked(tmp_path, cards, colum
     found = masked(tmp_path, **cards)
     assert found[:2] == (columns, lines)
     assert_warned(found[2], named)
+
+
+def filled(value, *, top=0, bottom=0, left=0, right=0):
+    """Return an image of noise with lines of one value at its edges."""
+    image = np.random.default_rng(7).normal(10, 3, (20, 24))
+    image[len(image) - top :], image[:bottom] = value, value
+    image[:, :left], image[:, 24 - right :] = value, value
+    return image
+
+
+@pytest.mark.parametrize(
+    ("image", "masked"),
+    [
+        (filled(0.0, top=2, bottom=1, left=3, right=1), 480 - 17 * 20),
+        (filled(-999.0, right=4), 80),
+        (filled(10.0, bottom=1), 24),  # of floats no two are alike
+        (filled(0.0), 0),
+        (np.zeros((20, 24)), 0),
+        (filled(0.0, left=15), 0),  # more than half
+        (np.random.default_rng(7).poisson(0.01, (20, 24)) * 1.0, 0),  # photons
+        (np.pad(np.random.default_rng(7).poisson(0.01, (18, 24)), ((1, 1), (0, 0))) * 1.0, 0),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".fits", ".tif"])
+def test_lines_of_one_value_at_the_edges_are_masked(tmp_path, image, masked, suffix):
+    if suffix == ".fits":
+        fits.writeto(tmp_path / "a.fits", image)
+    else:
+        tifffile.imwrite(tmp_path / "a.tif", image)
+    (raw,) = read_frames(tmp_path / f"a{suffix}")
+    assert raw.mask.sum() == masked
+    assert_warned(
+        [text for text in raw.metadata.warnings if "edges" in text], f"{masked} pixels" * bool(masked)
+    )
 
 
 def test_the_planes_of_a_file_may_be_named_by_exttype(tmp_path):
