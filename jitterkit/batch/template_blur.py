@@ -6,7 +6,7 @@ import copy
 import math
 from typing import Self
 
-from jitterkit.batch.diagnose import classify, scale_hint
+from jitterkit.batch.diagnose import TOO_LOW, classify, scale_hint
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.processor import FrameProcessor
 from jitterkit.batch.records import BlurMeasurement, SceneEstimate
@@ -80,8 +80,7 @@ class TemplateBlurEstimator:
         searched = found.searched is not None or self.name != SCORE
         misfit = pearson(found.blurred(), found.data)
         if misfit.chi2 - misfit.pixels < -_MISFIT * misfit.spread and found.data.model_variance is None:
-            low = f"chi²/dof is {_per_pixel(misfit):.3g}, less than chance allows: errors are too large"
-            message = f"{message} {low}; check gain, read noise, bias and the unit of the pixels.".lstrip()
+            message = f"{message} chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}".lstrip()
         if searched and not _per_pixel(misfit) <= POOR:
             best = _per_pixel(self._fitted(found))
             if not best <= POOR:

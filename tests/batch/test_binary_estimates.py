@@ -10,7 +10,7 @@ from astropy.io import fits
 from jitterkit.batch import FrameProcessor
 from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.detectors import Detector
-from jitterkit.frames import write_fits
+from jitterkit.frames import read_frames, write_fits
 from jitterkit.loci import Linear
 from jitterkit.refit import POOR
 from jitterkit.run.estimate import estimate_files
@@ -55,6 +55,10 @@ def test_an_estimate_says_what_its_file_leaves_in_doubt(telescope, drifted, tmp_
     assert row["status"] == "ok", row["message"]
     said = ("NCOMBINE = 9", "gain_assumed", "read_noise_assumed", "less than chance allows")
     assert [word for word in said if word not in row["message"]] == [], row["message"]
+    (raw,) = read_frames(tmp_path / "adu.fits")
+    result = FrameProcessor(telescope, scene="binary", locus="linear").process(raw).result
+    assert "misfit" in result.flags
+    assert "less than chance allows" in result.message
 
 
 @pytest.mark.slow
