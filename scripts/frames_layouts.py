@@ -211,7 +211,6 @@ LAYOUTS = [
     plain("2x2 binned", "PIXSCALE of the detector's, BINNING native", binned, truth=_BINNED,
         RDNOISE=2 * NOISE, BINNING="2x2",
           PIXSCALE=(SCALE, "native, 1x1")),
-    plain("2x2 binned", "PIXSCALE of the detector's, no word", binned, truth=_BINNED, RDNOISE=2 * NOISE),
     plain("sum of four", "NCOMBINE", lambda m: m.total, truth=_SUM, said=_OF_ONE, NCOMBINE=4),
     plain("sum of four", "FRAMES", lambda m: m.total, truth=_SUM, said=_OF_ONE, FRAMES=4),
     plain("sum of four", "no word", lambda m: m.total, truth=_SUM, said=_OF_ONE),
@@ -263,7 +262,7 @@ LAYOUTS = [
     tif("TIFF", "floats from 0 to 1", tiff(lambda m: (m.adu / np.float32(65535)).astype(np.float32))),
     tif("ImageJ TIFF", "uint16", tiff(imagej=True)),
     tif("ImageJ TIFF", "calibrated, c1 = 1.7", tiff(imagej=True, metadata={
-        "c0": -BIAS * GAIN, "c1": GAIN, "vunit": "electron"}, toml=_TOML.replace("gain",
+        "cf": 0, "c0": -BIAS * GAIN, "c1": GAIN, "vunit": "electron"}, toml=_TOML.replace("gain",
         "#gain") + 'unit = "electron"')),
     tif("OME-TIFF", "exposure in s", tiff(ome=True, metadata=_OME, toml=_WITHOUT)),
     tif("OME-TIFF", "exposure in ms", tiff(ome=True, metadata={**_OME, "Plane": {

@@ -13,7 +13,6 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
@@ -23,7 +22,6 @@ from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames.files import damage_code
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.sections import constant_border
 
 #: Catching warnings swaps what belongs to the whole process: of two threads that do, the second to leave
 #: would put back what the first had put there, and warnings would be lost from then on.
@@ -96,9 +94,6 @@ class FrameFile(ABC):
             frame = self._read(number)
             self._refuse_changed()
         metadata = frame.metadata.warn(*caught)
-        border, filled = constant_border(frame.data)
-        if border is not None and not frame.mask[border].all():
-            frame, metadata = replace(frame, mask=frame.mask | border), metadata.warn(filled)
         return frame.with_fields(metadata=metadata, path=self.path, index=number, several=self._count > 1)
 
     def _refuse_changed(self) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
 from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
-from jitterkit.frames.doubts import doubts
+from jitterkit.frames.doubts import doubts, without_bias
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
@@ -161,6 +161,8 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
         cards.warnings.append(
             f"PEDESTAL = {pedestal.value:g} is not read: give the level of no light as --bias"
         )
+    elif bias is None and (said := without_bias(cards)):
+        bias = Sourced(0.0, "ADU", f"header {said}, by which the bias was subtracted,")
     noises = (_in(noise, "electron", gain, None, cards) for noise in _noises(cards))
     known = Metadata(
         exposure=cards.first("exposure"),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
 from jitterkit.frames.cards import Cards
+from jitterkit.frames.frame import RawFrame
 
 _SECTION = re.compile(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]")
 
@@ -62,25 +64,24 @@ def _inside(text: str, shape: tuple[int, int]) -> np.ndarray | None:
     return inside
 
 
-def constant_border(data: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """Find rows and columns at the edges that a program has filled with one value.
+def without_border(raw: RawFrame) -> RawFrame:
+    """Mask rows and columns at the edges that a program has filled with one value, with a warning.
 
     Parameters
     ----------
-    data : (ny, nx) array
+    raw : RawFrame
 
     Returns
     -------
-    border : (ny, nx) bool array or None
-        None where there is no such border.
-    warning : str
-        Empty where there is none.
+    raw : RawFrame
+        The same pixels.
 
     Notes
     -----
     A line of one value is chance where many pixels inside have that value too, as in an image of few photons,
     and is kept.
     """
+    data = raw.data
     ends, values = [0, data.shape[0], 0, data.shape[1]], set()
     for side, (axis, first) in enumerate(((0, True), (0, False), (1, True), (1, False))):
         step = 1 if first else -1
@@ -93,11 +94,12 @@ def constant_border(data: np.ndarray) -> tuple[np.ndarray | None, str]:
             values.add(float(line[0]))
     inside = data[ends[0] : ends[1], ends[2] : ends[3]]
     if not values or inside.size < _LEAST * data.size:
-        return None, ""
+        return raw
     shares = (np.mean(inside == value) ** min(inside.shape) for value in values)
-    if max(shares) * sum(data.shape) > _CHANCE:
-        return None, ""
     border = np.ones(data.shape, bool)
     border[ends[0] : ends[1], ends[2] : ends[3]] = False
+    if max(shares) * sum(data.shape) > _CHANCE or raw.mask[border].all():
+        return raw
     shown = ", ".join(f"{value:g}" for value in sorted(values)[:3])
-    return border, f"{int(border.sum())} pixels in rows or columns of {shown} at the edges are masked"
+    said = f"{int(border.sum())} pixels in rows or columns of {shown} at the edges are masked"
+    return replace(raw, mask=raw.mask | border, metadata=raw.metadata.warn(said))

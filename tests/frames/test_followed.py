@@ -5,13 +5,14 @@
 
 import numpy as np
 import pytest
-import tifffile
 from astropy.io import fits
 from headers import assert_number, assert_warned
 
+from jitterkit.batch.steps import calibrate
 from jitterkit.detectors import Detector
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames import open_frames, read_frames
+from jitterkit.frames import RawFrame, open_frames, read_frames
+from jitterkit.instruments import load_instrument, resolve
 
 SHAPE = (6, 10)
 IMAGE = np.arange(60.0).reshape(SHAPE) + 100
@@ -52,6 +53,10 @@ def scale(comment, **cards):
         ({"EXPTIME": 10.0, "FRAMES": 4}, "exposure", 10.0, "FRAMES = 4"),
         ({"EXPTIME": 10.0, "NUMACC": 20}, "exposure", 10.0, "NUMACC = 20"),
         ({"EXPTIME": 10.0, "FRAMES": 4, "NAXIS3": 4}, "exposure", 10.0, ""),
+        ({"CALSTAT": "BDF"}, "bias", 0.0, ""),
+        ({"ZEROCOR": "Nov 21 2:03 Zero is z.fits"}, "bias", 0.0, ""),
+        ({"CALSTAT": "BDF", "PEDESTAL": -100}, "bias", None, "PEDESTAL = -100"),
+        ({"OVERSCAN": 32}, "bias", None, ""),
         ({"SOFTBIAS": (1000, "software bias added to all DN")}, "bias", 1000.0, ""),
         (*scale("native", XBINNING=2), None, "'native'"),
         (*scale("arcsec/pixel at 1x1", CCDSUM="2 2"), None, "'1x1'"),
@@ -115,17 +120,11 @@ def filled(value, *, top=0, bottom=0, left=0, right=0):
         (np.pad(np.random.default_rng(7).poisson(0.01, (18, 24)), ((1, 1), (0, 0))) * 1.0, 0),
     ],
 )
-@pytest.mark.parametrize("suffix", [".fits", ".tif"])
-def test_lines_of_one_value_at_the_edges_are_masked(tmp_path, image, masked, suffix):
-    if suffix == ".fits":
-        fits.writeto(tmp_path / "a.fits", image)
-    else:
-        tifffile.imwrite(tmp_path / "a.tif", image)
-    (raw,) = read_frames(tmp_path / f"a{suffix}")
-    assert raw.mask.sum() == masked
-    assert_warned(
-        [text for text in raw.metadata.warnings if "edges" in text], f"{masked} pixels" * bool(masked)
-    )
+def test_lines_of_one_value_at_the_edges_are_masked(image, masked):
+    frame = calibrate(RawFrame(image), load_instrument("smallsat"))
+    assert frame.mask.sum() == masked
+    said = [text for text in frame.metadata.warnings if "edges" in text]
+    assert_warned(said, f"{masked} pixels" * bool(masked))
 
 
 def test_the_planes_of_a_file_may_be_named_by_exttype(tmp_path):
@@ -138,6 +137,17 @@ def test_the_planes_of_a_file_may_be_named_by_exttype(tmp_path):
     assert raw.metadata.warnings == ()
     assert np.array_equal(raw.variance, variance.data)
     assert np.array_equal(raw.mask, IMAGE > 150)
+
+
+@pytest.mark.parametrize(("bias", "warned"), [(100.0, True), (0.0, False)])
+def test_a_bias_of_an_instrument_file_that_was_subtracted_is_warned_of(tmp_path, bias, warned):
+    (raw,) = read_frames(written(tmp_path, fits.ImageHDU(IMAGE), CALSTAT="BDF"))
+    (tmp_path / "mine.toml").write_text(f'[instrument]\nbase = "smallsat"\n[detector]\nbias = {bias}\n')
+    metadata = resolve(raw, load_instrument(str(tmp_path / "mine.toml"))).metadata
+    assert metadata.value("bias") == bias
+    assert_warned(metadata.warnings, "CALSTAT = 'BDF'" * warned)
+    preset = resolve(raw, load_instrument("smallsat")).metadata  # whose word counts less than the file's
+    assert (preset.value("bias"), preset.warnings) == (0.0, ())
 
 
 def test_pixels_that_are_an_arcsine_of_counts_are_refused(tmp_path):
