@@ -25,6 +25,7 @@ from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.frames.region import find_region
+from jitterkit.frames.sections import without_border
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars
@@ -71,7 +72,7 @@ def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any
         If the frame does not suit the instrument.
     """
     digest = raw.digest
-    raw = resolve(raw, instrument, overrides or {})
+    raw = without_border(resolve(raw, instrument, overrides or {}))
     ny, nx = instrument.shape
     large = raw.shape[0] > ny or raw.shape[1] > nx
     if large:

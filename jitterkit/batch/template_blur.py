@@ -6,7 +6,7 @@ import copy
 import math
 from typing import Self
 
-from jitterkit.batch.diagnose import classify, scale_hint
+from jitterkit.batch.diagnose import TOO_LOW, classify, scale_hint
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.processor import FrameProcessor
 from jitterkit.batch.records import BlurMeasurement, SceneEstimate
@@ -23,6 +23,9 @@ __all__ = ["TemplateBlurEstimator"]
 
 _STEPS = 20
 """At most, of the fit that a frame gets whose template is poor."""
+
+_MISFIT = 5.0
+"""Standard deviations by which chi-squared may be too low."""
 
 _ELSE = (
     "If it shows more than a star or a pair, give --stars, --reference or --blind; if another telescope took "
@@ -75,8 +78,10 @@ class TemplateBlurEstimator:
             frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
         # what is registered to another frame is described by what fits that
         searched = found.searched is not None or self.name != SCORE
-        misfit = pearson(found.blurred(), found.data) if searched else None
-        if misfit is not None and not _per_pixel(misfit) <= POOR:
+        misfit = pearson(found.blurred(), found.data)
+        if misfit.chi2 - misfit.pixels < -_MISFIT * misfit.spread and found.data.model_variance is None:
+            message = f"{message} chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}".lstrip()
+        if searched and not _per_pixel(misfit) <= POOR:
             best = _per_pixel(self._fitted(found))
             if not best <= POOR:
                 return self._poor(frame, found.parameters, misfit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -157,9 +158,12 @@ def estimate(
     if output is not None:
         write_table(output, table, overwrite=overwrite)
     print_table(table[[name for name in table.colnames if _is_printed(name, table[name])]])
+    said = Counter(zip(table["status"], table["message"], strict=True))
     for row in table[table["message"] != ""]:
         status = "" if row["status"] == "ok" else f" {row['status']}"
-        log(f"{row['file']} [{row['frame']}]{status}: {row['message']}")
+        if count := said.pop((row["status"], row["message"]), 0):
+            alike = f" ({count} frames)" * (count > 1)
+            log(f"{row['file']} [{row['frame']}]{status}: {row['message']}{alike}")
     if set(table["status"]) - {"ok", "reference", "duplicate"}:
         raise typer.Exit(SOME_FAILED)
 

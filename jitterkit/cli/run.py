@@ -15,6 +15,9 @@ from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_erro
 _REPORTED = {"prior_contradicted", "prior_unused"}
 """Flags of fitted frames that are worth a line on stderr."""
 
+_DOUBTS = ("header_odd", "gain_assumed", "read_noise_assumed", "bias_assumed", "above_adc_range", "other")
+"""Flags of fitted frames whose files or detectors leave a number in doubt, worth a line for all frames."""
+
 _LISTED = 50
 """Largest number of such lines."""
 
@@ -51,6 +54,7 @@ class Run:
 def finalize(run, telescope) -> None:
     """Report the result of a run; exit with status 1 if some frames were not fitted."""
     _list_frames(run)
+    _list_doubts(run)
     _echo_result(run)
     _warn_of_rolling_shutter(run, telescope)
     if run.failures:
@@ -68,6 +72,20 @@ def _list_frames(run) -> None:
         log(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
     if len(listed) > _LISTED:
         log(f"... and {len(listed) - _LISTED} more, which the table and the report have")
+
+
+def _list_doubts(run) -> None:
+    """Log how many fitted frames have a flag that leaves a number in doubt, with the first one's message."""
+    from jitterkit.report.flags import decode_flags
+
+    fitted = run.table[run.table["status"] == "ok"]
+    flags = [decode_flags(code) for code in fitted["flags"]]
+    counts = {flag: sum(flag in words for words in flags) for flag in _DOUBTS}
+    if any(counts.values()):
+        shown = ", ".join(f"{flag} ({count})" for flag, count in counts.items() if count)
+        first = next(index for index, words in enumerate(flags) if set(_DOUBTS) & set(words))
+        row = fitted[first]
+        log(f"Flags of fitted frames: {shown}. {row['file']} [{row['frame']}]: {row['message']}")
 
 
 def _echo_result(run) -> None:

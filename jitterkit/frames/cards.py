@@ -37,6 +37,7 @@ _NUMBER = re.compile(
     r"|(?P<plain>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][-+]?[0-9]+)?))"
     r"(?:\s*(?P<unit>[^\s0-9.,;:/+-][^0-9]*))?"
 )
+_PERHAPS_A_LIST = re.compile(r"\s*[-+]?[1-9][0-9]?,[0-9]{1,2}(?![0-9])")
 _IDENTIFIER = re.compile(r"[-+]?0[0-9]+")
 
 
@@ -137,6 +138,9 @@ class Cards:
         if number is None:
             self.warnings.append(f"{key} = {value!r} is not a number and is ignored")
             return None
+        if isinstance(value, str) and _PERHAPS_A_LIST.match(value):
+            said = f"{key} = {value!r} is read as {number[0]:g}: if it is a list, give its number"
+            self.warnings += [said] * (said not in self.warnings)
         return Number(*number, comment, source, key)
 
     def quantity(self, name: str, key: str) -> Number | None:
@@ -151,7 +155,7 @@ class Cards:
             self.warnings.append(f"{key} = {self.text(key)!r} is not a number and is ignored")
             return None
         other = other_number(name, number.words)
-        if other is not None and parse_number(other) != (number.value, ""):  # else the comment repeats it
+        if other is not None and not _repeats(other, number):
             self.warnings.append(
                 f"{said} means something else ({other!r} in {number.words!r}) and is ignored"
             )
@@ -234,6 +238,12 @@ class Cards:
                         f"{number.key} = {number.value:g} is used, and {found} contradicts it"
                     )
         return Sourced(number.value, QUANTITIES[name].unit, number.source)
+
+
+def _repeats(text: str, number: Number) -> bool:
+    """Return whether words of a comment say the same number again: 0.01667 is 1/60."""
+    again = parse_number(text)
+    return again is not None and math.isclose(again[0], number.value, rel_tol=0.01)
 
 
 def parse_number(value: object) -> tuple[float, str] | None:

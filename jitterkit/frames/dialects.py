@@ -23,7 +23,7 @@ ALIASES: Mapping[str, tuple[Keyword, ...]] = {
     "gain": ("EGAIN", "EPERADU", "CVF", _of_eso("CONAD"), "GAIN"),
     "read_noise": ("RDNOISE", "READNOIS", "READNOISE", "READNOI", "RON", "ENOISE", _of_eso("RON")),
     "saturation": ("SATURATE", "SATLEVEL", "MAXLIN", "DATAMAX"),
-    "bias": ("BIASLVL", "BIASLEV"),
+    "bias": ("BIASLVL", "BIASLEV", "SOFTBIAS"),
     "plate_scale": ("PIXSCALE", "PIXSCAL1", "SCALE", "SECPIX", "SECPIX1", "PIXELSCL"),
     "va_factor": ("VAFACTOR", "VA_SCALE"),
     "line_time": ("LINETIME",),

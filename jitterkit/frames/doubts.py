@@ -35,10 +35,10 @@ def doubts(cards: Cards, known: Metadata) -> list[str]:
 _COMBINED = (
     "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
     "NFRAMES", "NSTACK", "STACKED", "NIMAGES", "NSUM", "NAVERAGE", "AVERAGED", "ESO PRO DATANCOM", "NUMFRAME",
-    "LIGH_CNT",
+    "LIGH_CNT", "FRAMES", "NFRAME", "NUMACC", "NACCUM", "NAVG",
 )  # fmt: skip
 """Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; ESO's pipelines; Astro
-Pixel Processor; ASTAP; and others."""
+Pixel Processor; ASTAP; Andor; and others."""
 
 _STACKERS = {
     "IMCMB002": r".", "COMBINET": r".", "CALSTAT": r"S", "HISTORY": r"\bnumberOfImages: *([2-9]|\d\d)",
@@ -95,8 +95,8 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
 
 
 _WITHOUT_BIAS = {
-    "CALSTAT": r"B", "ZEROCOR": r"\d|^T", "OVERSCAN": r"\d|^T", "BIASCOR": r"^T|DONE|\.FIT", "SUBBIAS": r".",
-    "BIASCORR": r"^COMPLETE", "SUBOSCAN": r".",
+    "CALSTAT": r"B", "ZEROCOR": r"\d|^T", "OVERSCAN": r"[A-Z].*\d|\d.*[A-Z]|^T",
+    "BIASCOR": r"^T|DONE|\.FIT", "SUBBIAS": r".", "BIASCORR": r"^COMPLETE", "SUBOSCAN": r".",
 }  # fmt: skip
 """Cards of pixels whose bias was subtracted: MaxIm and ASTAP, IRAF, HST, ccdproc."""
 
@@ -110,7 +110,7 @@ _READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLE
 
 def _reduced(cards: Cards, known: Metadata) -> list[str]:
     """Warn of a bias, a gain or a read noise that is not, or no longer, that of these pixels."""
-    warnings, said = [], _first_said(cards, _WITHOUT_BIAS)
+    warnings, said = [], without_bias(cards)
     if said and known.value("bias"):
         found = f"the bias of {known.value('bias'):g} ADU is used"
         warnings.append(f"{found}, and {said} says that it was subtracted: if so, give --bias 0")
@@ -126,6 +126,11 @@ def _reduced(cards: Cards, known: Metadata) -> list[str]:
         found = f"{key} is the noise of one read by its comment ({of_one[0]!r})"
         warnings.append(f"{found}: if the exposure has several, give --read-noise")
     return warnings
+
+
+def without_bias(cards: Cards) -> str:
+    """Return the card that says that the bias was subtracted, as words; empty if none does."""
+    return _first_said(cards, _WITHOUT_BIAS)
 
 
 def _first_said(cards: Cards, patterns: Mapping[str, str]) -> str:

@@ -18,6 +18,7 @@ from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import rate_of_brightness, resolve, rows_from_the_top
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.pixels import open_pixels
+from jitterkit.frames.sections import outside_of_data
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
 from jitterkit.frames.wcs import celestial_wcs
@@ -72,6 +73,8 @@ class FitsImage:
         odd = [] if self.hdu.role else self._pixels.lossy_warnings() + self._pixels.blank_warnings()
         _warn_of_a_ramp(self.hdu, cards, odd)
         _refuse_colour(self.hdu, cards, odd)
+        self._outside, cut = (None, "") if self.hdu.role else outside_of_data(cards, self.shape)
+        odd += [cut] * bool(cut)
         from_top = rows_from_the_top(cards)
         if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
             odd.append("the header says that its pixels lie behind a colour mosaic")
@@ -98,6 +101,7 @@ class FitsImage:
         data, blank = self._pixels.plane(index)
         self.metadata = self.metadata.warn(*_scaled_up(data, self.metadata))
         mask = np.zeros(self.shape, bool) if blank is None else blank
+        mask = mask if self._outside is None else mask | self._outside
         data = data * self._factor if self._factor != 1.0 else data
         quality, name = None, self.group.noise_label
         if "quality" in self._parts:

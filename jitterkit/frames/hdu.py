@@ -215,8 +215,8 @@ class Hdu:
 
     @cached_property
     def name(self) -> str:
-        """EXTNAME in upper case, empty where there is none."""
-        name = self.words("EXTNAME").upper()
+        """EXTNAME in upper case, or else EXTTYPE (LSST); empty where there is neither."""
+        name = (self.words("EXTNAME") or self.words("EXTTYPE")).upper()
         return "" if name == _PACKED else name
 
     def words(self, key: str) -> str:

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
 from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
-from jitterkit.frames.doubts import doubts
+from jitterkit.frames.doubts import doubts, without_bias
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
@@ -161,7 +161,9 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
         cards.warnings.append(
             f"PEDESTAL = {pedestal.value:g} is not read: give the level of no light as --bias"
         )
-    noises = (_in(noise, "electron", gain, None, cards) for noise in cards.believed("read_noise"))
+    elif bias is None and (said := without_bias(cards)):
+        bias = Sourced(0.0, "ADU", f"header {said}, by which the bias was subtracted,")
+    noises = (_in(noise, "electron", gain, None, cards) for noise in _noises(cards))
     known = Metadata(
         exposure=cards.first("exposure"),
         gain=gain,
@@ -177,6 +179,16 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
     )
     found = doubts(cards, known)
     return known.warn(*cards.warnings, *found)
+
+
+def _noises(cards: Cards) -> Iterator[Number]:
+    """Yield the read noises of a header that are not zero, as programs write where it is unknown."""
+    for noise in cards.believed("read_noise"):
+        if noise.value or _NOISELESS.search(noise.comment):
+            yield noise
+        else:
+            said = f"{noise.key} = 0 is taken to be unknown and is ignored"
+            cards.warnings.append(f"{said}: of a detector that counts photons give --read-noise 0")
 
 
 def _in(
@@ -240,6 +252,9 @@ def _largest(cards: Cards) -> float:
 _SUBTRACTED = re.compile(r"(?<!\bbe )(?<!\bnot )(?<!\byet )\b(subtracted|removed)\b", re.I)
 """Comment of a bias level that the pixels no longer have."""
 
+_NOISELESS = re.compile(r"photon|noiseless|no noise|\bideal\b|subtracted", re.I)
+"""Comment of a read noise that is zero indeed."""
+
 _SHUTTERS = (
     "SHUTTER", "SHUTMODE", "SHUTTYPE", "SHTRTYPE", "ELECSHUT", "EXPMODE", "READMODE", "READOUTM", "READOUT",
     "ESO DET READ MODE", "ESO DET READ NAME",
@@ -279,6 +294,8 @@ def rows_from_the_top(cards: Cards) -> bool:
 
 def _unit(cards: Cards) -> Sourced | None:
     card = cards.find("BUNIT")
+    if all(map(cards.number, ("BSOFTEN", "BOFFSET"))):  # Pan-STARRS
+        return Sourced("an inverse hyperbolic sine of counts", "", "header BSOFTEN")
     if card is None:
         for key in _UNITS:
             if cards.text(key) and resolve_unit(cards.text(key)) != "adu":

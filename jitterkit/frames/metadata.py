@@ -58,6 +58,9 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 
 
+_REMARKS = 3
+"""Warnings that a message repeats."""
+
 #: The warning for a rolling shutter whose rows have become columns.
 ROWS_ARE_COLUMNS = "the file's rows are columns here, so that its line_time is not used"
 
@@ -201,6 +204,15 @@ class Metadata:
         """Return a copy with further warnings, each kept once."""
         new = dict.fromkeys(message for message in messages if message not in self.warnings)
         return replace(self, warnings=(*self.warnings, *new)) if new else self
+
+    @property
+    def remark(self) -> str:
+        """Return the first warnings as a sentence for a row's message; empty where there are none."""
+        if not self.warnings:
+            return ""
+        more = len(self.warnings) - _REMARKS
+        shown = "; ".join(self.warnings[:_REMARKS])
+        return f"Of its file: {shown}{f'; and {more} more, which jitterkit info prints' * (more > 0)}."
 
     def _with(self, changes: Mapping[str, Any]) -> Metadata:
         return replace(self, **changes) if changes else self

@@ -91,7 +91,9 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
         found = f"{optics.source} = {optics.value:g}"
         cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
-    known, (nx, ny) = said or optics, _binning(cards)
+    nx, ny = _binning(cards)
+    said = _of_these_pixels(cards, said, (nx, ny)) if said is not None else None
+    known = said or optics
     if known is None:
         return None
     resampled = [*filter(None, (_resampled(cards, f"LTM{axis}_{axis}", n) for axis, n in ((1, nx), (2, ny))))]
@@ -104,6 +106,24 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
     if nx != ny and known is said:
         cards.warnings.append(f"the binning is {nx} x {ny}: pixels are not square")
     return known
+
+
+_NATIVE = re.compile(r"\bnative\b|\b1 ?x ?1\b|\bbefore binning\b", re.I)
+"""Comment of the scale of pixels that are not binned."""
+
+
+def _of_these_pixels(cards: Cards, said: Sourced, binning: tuple[int, int]) -> Sourced | None:
+    """Return a scale, or None with a warning if by its comment it is that of pixels before binning."""
+    key = said.source.removeprefix("header ").partition(" (")[0]
+    of_native = _NATIVE.search((cards.find(key) or ("", ""))[1])
+    if not of_native or (binning == (1, 1) and any(map(cards.text, _BINNINGS))):
+        return said
+    found = f"{key} = {said.value:g} is that of unbinned pixels by its comment ({of_native[0]!r})"
+    if binning == (1, 1):
+        cards.warnings.append(f"{found}, and no binning is known: check it")
+        return said
+    cards.warnings.append(f"{found}, and is ignored: give --plate-scale")
+    return None
 
 
 def _resampled(cards: Cards, key: str, binning: int) -> str:

@@ -158,7 +158,8 @@ _SCALED = re.compile(
 
 _OTHER_NUMBERS = {
     "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\breciprocal\b|\b[kM]?Hz\b|\bfps\b|^\W*1/s\b|\bfraction\b"
-    r"|\bEV\b|\bexposure value\b|\bcompensation\b",
+    r"|\b1/\d+(?= ?s(ec\w*)?\b)|\bEV\b|\bexposure value\b|\bcompensation\b",
+    "line_time": r"\b(lines?|rows?) ?(/|per\b)|\b[kM]?Hz\b|\b(rate|frequency)\b|\bfraction\b",
     "va_factor": r"\binverse\b|\b1/",
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
     "focal_length": r"\b35 ?mm\b|\bequivalent\b|\bwithout (the |a )?(focal )?(reducer|barlow|extender)\b",

@@ -20,7 +20,7 @@ _NOT_COMPUTED = (
 )
 
 _MEASURED, _NOMINAL = 0.01, 0.1
-"""Relative differences up to which a plate scale, and an exposure or a scale by focal length, agree."""
+"""Relative differences up to which a plate scale, and exposure, bias or a scale by focal length, agree."""
 
 _MAY_BE_HELD = (
     "the plate scale is the WCS's, which holds it if it was solved with stars; else give --plate-scale"
@@ -59,14 +59,15 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
         metadata = metadata.warn(*_contradiction(name, getattr(raw.metadata, name), getattr(metadata, name)))
     metadata = _with_scale_error(metadata, raw.metadata, instrument)
     metadata = _with_corrections(metadata, instrument, _middle(raw, metadata))
-    return raw.with_metadata(instrument.detector.inform(metadata))
+    metadata = instrument.detector.inform(metadata)
+    return raw.with_metadata(metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias)))
 
 
 def _contradiction(name: str, own: Sourced | None, used: Sourced | None) -> list[str]:
     """Warn of a header's number that an instrument file, which may be of another telescope, overrules."""
     if own is None or used is None or not used.source.startswith("instrument file"):
         return []
-    nominal = name == "exposure" or "FOCALLEN" in own.source
+    nominal = name in ("exposure", "bias") or "FOCALLEN" in own.source
     if abs(own.value - used.value) <= (_NOMINAL if nominal else _MEASURED) * max(own.value, used.value):
         return []
     return [

@@ -316,8 +316,10 @@ def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) ->
     frame = exposure.frame
     if frame is None:
         return FrameRecord.of(exposure.name, exposure.time, fit, own)
-    flags = dict.fromkeys(flag for flag in (*frame.flags, *fit.flags) if flag != "aberrations_held")
-    fit = replace(fit, flags=tuple(flags))
+    remark = frame.metadata.remark
+    words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
+    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held")
+    fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
     more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
     if fit.parameters is not None and frame.plate_scale:
         scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale

@@ -55,7 +55,7 @@ def make_row(
     frame : int
         Place of the frame in the file, from 0.
     metadata : Metadata, optional
-        Gives the time and the exposure; its warnings raise the flag ``header_odd``.
+        Gives the time and the exposure; its warnings raise the flag ``header_odd`` and end the message.
     flags : iterable of str
         Remarks of the frame, to which the fit's own are added.
     pixel : (float, float)
@@ -82,7 +82,7 @@ def make_row(
         "exposure": float(metadata.value("exposure", math.nan)) if metadata else math.nan,
         "status": result.status.name.lower(),
         "reason": result.reason,
-        "message": _message(result, words),
+        "message": _message(result, words, metadata or Metadata()),
         "flags": encode_flags(words),
         "scene": "" if result.parameters is None else result.parameters.scene.name,
         "locus": result.locus,
@@ -119,10 +119,11 @@ def _stated(row: Row, metadata: Metadata) -> Row:
     }
 
 
-def _message(result: FitResult, words: Iterable[str]) -> str:
+def _message(result: FitResult, words: Iterable[str], metadata: Metadata) -> str:
     strange = [printable(word) for word in words if word not in FLAGS]
     text = printable(result.message or result.status.value)
-    return f"{text} ({', '.join(strange)})" if strange else text
+    text = f"{text} ({', '.join(strange)})" if strange else text
+    return f"{text} {printable(metadata.remark)}".rstrip()
 
 
 def encode_stars(result: FitResult) -> str:

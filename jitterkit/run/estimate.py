@@ -14,7 +14,7 @@ from astropy.table import QTable
 
 from jitterkit.batch.executor import FrameTask, Outcome, execute
 from jitterkit.batch.plan import count_frames, plan_batches
-from jitterkit.batch.records import BlurMeasurement
+from jitterkit.batch.records import BlurMeasurement, SceneEstimate
 from jitterkit.errors import printable
 from jitterkit.frames import find_files
 from jitterkit.frames.duplicates import Duplicates
@@ -22,6 +22,7 @@ from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
 from jitterkit.report.columns import Column, bind, bind_rows, measured, named
+from jitterkit.report.flags import FLAGS
 
 __all__ = ["BlurEstimator", "estimate_files"]
 
@@ -135,7 +136,9 @@ def _table(rows: list[dict[str, Any]]) -> QTable:
 
 def _row(one: Outcome, name: str, known: Duplicates, keep: Callable | None) -> dict[str, Any]:
     if isinstance(one.result, FitResult):
-        return _blank(one, name, one.result) | {"digest": one.digest}
+        row = _blank(one, name, one.result)
+        remark = "" if one.metadata is None else printable(one.metadata.remark)
+        return row | {"digest": one.digest, "message": f"{row['message']} {remark}".rstrip()}
     row = _measured_row(one, name, one.result, keep)
     if row["status"] == "ok" and (
         original := known.original(one.digest, f"{printable(one.path)} [{one.index}]")
@@ -169,9 +172,17 @@ def _measured_row(
     return row
 
 
+_DOUBTS = ("gain_assumed", "read_noise_assumed", "bias_assumed", "above_adc_range", "dark_not_subtracted")
+"""Flags of a calibrated frame on which the errors of an estimate by known optics depend."""
+
+
 def _remarks(measured: BlurMeasurement) -> Iterator[str]:
     """Yield what a table's numbers do not say of themselves."""
-    estimate = measured.estimate
+    estimate, frame = measured.estimate, measured.frame
+    if isinstance(measured.evidence, SceneEstimate):  # other methods measure the noise of an image
+        yield from (f"{flag}: {FLAGS[flag]}." for flag in _DOUBTS if flag in frame.flags)
+        yield from (f"{printable(word).capitalize()}." for word in frame.flags if word not in FLAGS)
+    yield printable(frame.metadata.remark)
     if estimate.is_undetected:
         yield f"Jitter is undetected (chi-squared {estimate.significance:.1f} of three degrees of freedom)."
     if estimate.locus is None and estimate.kernel is not None:

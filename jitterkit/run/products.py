@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from astropy.wcs import Sip
 
 from jitterkit.batch.records import BlurMeasurement, SceneEstimate
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.forward import expected_image
 from jitterkit.frames import Frame, write_fits
+from jitterkit.frames.sky import turned_over
 from jitterkit.frames.whole import replacing
 from jitterkit.kernels import deblur, in_rows, kernel_image, write_kernel
 from jitterkit.likelihood import pearson
@@ -156,11 +159,32 @@ def _write_deblurred(path: Path, measured: BlurMeasurement, file_rows: bool) -> 
         "METHOD": (measured.estimate.method, "estimator of the kernel"),
         "DEBLUR": ("richardson-lucy", "to look at, not to measure"),
     }
+    is_charge = not str(frame.metadata.gain and frame.metadata.gain.source).startswith("assumed")
+    is_charge = is_charge or frame.metadata.value("unit") == "electron"
+    cards["BUNIT"] = ("electron" if is_charge else "adu", "unit of the pixels")
+    cards |= _coordinates(frame, file_rows)
     if scale is not None:
         cards["PIXSCALE"] = (scale, "[arcsec/pixel]")
     if measured.estimate.undetermined:
         cards["COMMENT"] = (measured.estimate.undetermined, "")
     write_fits(path, array, header=cards, overwrite=True)
+
+
+def _coordinates(frame: Frame, file_rows: bool) -> dict[str, Any]:
+    """Return the cards of the WCS of an export, for its part of the frame and its order of rows."""
+    wcs, (x0, y0) = frame.metadata.wcs, frame.origin
+    if wcs is None:
+        return {}
+    wcs = wcs.deepcopy()
+    wcs.wcs.crpix = wcs.wcs.crpix - np.array([x0, y0])
+    if wcs.sip is not None:
+        wcs.sip = Sip(wcs.sip.a, wcs.sip.b, wcs.sip.ap, wcs.sip.bp, wcs.sip.crpix - np.array([x0, y0]))
+    if _rows(frame, file_rows) == "TOP-DOWN" and (wcs := turned_over(wcs, frame.shape[0])) is None:
+        return {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of lookup tables, which do not fit into a header
+        header = wcs.to_header(relax=True)
+    return {card.keyword: (card.value, card.comment) for card in header.cards}
 
 
 def _rows(frame: Frame, file_rows: bool) -> str:

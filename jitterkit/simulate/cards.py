@@ -53,7 +53,7 @@ _SIZES = {
 _NUMBERS = {
     "exposure": ("EXPTIME", "[s] exposure"),
     "gain": ("EGAIN", "[electron/adu] gain"),
-    "read_noise": ("RDNOISE", "[electron] read noise"),
+    "read_noise": ("RDNOISE", "[electron] read noise, 0 if noiseless"),
     "bias": ("BIASLVL", "[adu] bias level"),
     "saturation": ("SATURATE", "[adu] not to be trusted from here on"),
     "plate_scale": ("PIXSCALE", "[arcsec/pixel] plate scale"),

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.io import fits
 
 from jitterkit.batch import FrameProcessor
 from jitterkit.batch.template_blur import TemplateBlurEstimator
-from jitterkit.frames import write_fits
+from jitterkit.detectors import Detector
+from jitterkit.frames import read_frames, write_fits
 from jitterkit.loci import Linear
 from jitterkit.refit import POOR
 from jitterkit.run.estimate import estimate_files
@@ -41,6 +43,22 @@ def drifted(telescope, tmp_path_factory):
 def test_a_pair_with_aberrations_is_described_by_its_template(telescope, drifted):
     (row,) = estimate_files([drifted], TemplateBlurEstimator(FrameProcessor(telescope)))
     assert (row["status"], row["reason"], row["message"]) == ("ok", "", "")
+
+
+def test_an_estimate_says_what_its_file_leaves_in_doubt(telescope, drifted, tmp_path):
+    """A gain of 4 e-/ADU that nobody says and that is taken to be 1 makes errors twice too large."""
+    electrons, header = fits.getdata(drifted, header=True)
+    cards = {"NCOMBINE": 9, "BUNIT": "adu", **{key: header[key] for key in ("PIXSCALE", "EXPTIME")}}
+    write_fits(tmp_path / "adu.fits", electrons / 4, header=cards)
+    telescope = replace(telescope, detector=Detector(bias=0.0))
+    (row,) = estimate_files([tmp_path / "adu.fits"], TemplateBlurEstimator(FrameProcessor(telescope)))
+    assert row["status"] == "ok", row["message"]
+    said = ("NCOMBINE = 9", "gain_assumed", "read_noise_assumed", "less than chance allows")
+    assert [word for word in said if word not in row["message"]] == [], row["message"]
+    (raw,) = read_frames(tmp_path / "adu.fits")
+    result = FrameProcessor(telescope, scene="binary", locus="linear").process(raw).result
+    assert "misfit" in result.flags
+    assert "less than chance allows" in result.message
 
 
 @pytest.mark.slow

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
+from astropy.wcs import WCS
 from refusals import refused
 
 from jitterkit.batch.scene_blur import SceneBlurEstimator
 from jitterkit.errors import ErrorCode, FrameError
-from jitterkit.frames import open_frames, write_fits, write_tiff
+from jitterkit.frames import Metadata, RawFrame, open_frames, write_fits, write_tiff
 from jitterkit.frames.fits import read_image
 from jitterkit.kernels import read_kernel
 from jitterkit.refit import read_kernel_prior
@@ -238,6 +239,26 @@ def test_exports_of_a_tiff_say_the_order_of_their_rows(folder, tmp_path, first, 
     assert y @ kernel @ x > 0
     upright = image[::-1] if file_rows else image
     assert np.corrcoef(upright.ravel(), data.ravel())[0, 1] > 0.8
+
+
+@pytest.mark.parametrize("file_rows", [False, True])
+def test_a_deblurred_image_keeps_the_unit_and_the_sky_of_its_part_of_the_frame(
+    folder, tmp_path, first, file_rows
+):
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype, wcs.wcs.crval, wcs.wcs.crpix = ("RA---TAN", "DEC--TAN"), (219.9, -60.8), (30.0, 40.0)
+    wcs.wcs.cd = [[-1e-4, 3e-5], [2e-5, 1.1e-4]]
+    metadata = Metadata(wcs=wcs, row_order=-1).override("argument", unit="electron")
+    measured = SceneBlurEstimator().complete(
+        RawFrame(first(folder / "view.fits").data[PART], metadata=metadata)
+    )
+    frame = measured.frame.with_fields(origin=(7, 11))
+    Products(images=tmp_path, file_rows=file_rows).write(replace(measured, frame=frame))
+    image = first(tmp_path / "array.deblurred.fits")  # turns what is top-down over
+    assert image.unit == "electron"
+    for x, y in ((10, 20), (150, 60)):
+        found = image.metadata.wcs.pixel_to_world_values(x, y)
+        assert np.allclose(found, wcs.pixel_to_world_values(x + 7, y + 11), rtol=0, atol=1e-10)
 
 
 def test_exports_of_a_frame_that_begins_with_its_lowest_row_say_nothing_of_rows(folder, tmp_path):

@@ -8,6 +8,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
@@ -137,6 +138,20 @@ def test_process_prints_the_separation_and_leaves_its_files(frame, tmp_path, che
     assert abs(mean - 10.0) < 5 * error
     again = runner.invoke(app, ["process", str(frame), "-o", str(out), "-i", "plain"])
     check_error(again, ErrorCode.EXISTS, out, "--overwrite")
+
+
+def test_process_prints_what_a_fitted_frame_leaves_in_doubt(frame, tmp_path):
+    data, header = fits.getdata(frame, header=True)
+    kept = fits.Header([(key, header[key]) for key in ("EXPTIME", "PIXSCALE")])
+    kept["NCOMBINE"] = 3
+    fits.writeto(tmp_path / "few.fits", data, kept)
+    done = runner.invoke(
+        app, ["process", str(tmp_path / "few.fits"), "-o", str(tmp_path / "out"), "-i", "plain"]
+    )
+    assert done.exit_code == 0, done.output
+    (line,) = [line for line in done.stderr.splitlines() if "Flags of fitted frames" in line]
+    for said in ("header_odd (1)", "few.fits [0]", "NCOMBINE = 3"):
+        assert said in line
 
 
 def test_some_failed_frames_are_exit_status_one(frame, tmp_path):

@@ -18,7 +18,7 @@ E_PER_ADU = "[e-/ADU]"
 SCALE = math.degrees(3.8e-6) * 3600  # 3.8 um at 1 m
 
 NUMBERS = [  # cards, quantity, value or None, what a warning names
-    ({"EGAIN": "3,7"}, "gain", 3.7, ""),
+    ({"EGAIN": "3,7"}, "gain", 3.7, "'3,7' is read as 3.7"),
     ({"EGAIN": "0,375"}, "gain", 0.375, ""),
     ({"EGAIN": "1200,5"}, "gain", 1200.5, ""),
     ({"SATURATE": "65,535"}, "saturation", None, "'65,535'"),

@@ -107,8 +107,15 @@ def test_remarks_of_frame_fit_and_header_become_one_number_and_strange_ones_a_wo
     metadata = Metadata(warnings=("GAIN = 'low' is not a number",)).override("argument", exposure=0.1)
     row = make_row(result, "f", flags=("saturated",), metadata=metadata)
     assert decode_flags(row["flags"]) == ("other", "saturated", "jitter_undetected", "header_odd")
-    assert row["message"] == "fitted in 6 steps (haunted)"
+    assert row["message"] == "fitted in 6 steps (haunted) Of its file: GAIN = 'low' is not a number."
     assert row["exposure"] == 0.1
+
+
+def test_a_message_ends_with_the_first_three_warnings_of_the_file(make_fit):
+    metadata = Metadata(warnings=tuple(f"warning {number}" for number in range(5)))
+    message = make_row(make_fit("stable")[1], "f", metadata=metadata)["message"]
+    assert [f"warning {number}" in message for number in range(5)] == [True] * 3 + [False] * 2
+    assert "2 more" in message
 
 
 def test_candidates_are_json_with_the_best_first():

@@ -1,0 +1,105 @@
+"""The part of an image that saw the sky, by the sections that IRAF writes, where the rest was not cut off."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from jitterkit.frames.cards import Cards
+from jitterkit.frames.frame import RawFrame
+
+_SECTION = re.compile(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]")
+
+_LEAST = 0.5
+"""Share of the pixels that a section of data has at least."""
+
+_CHANCE = 1e-6
+"""Chance from which on a line of one value at the edge may be one of a frame."""
+
+
+def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | None, str]:
+    """Find pixels that hold no sky: those outside of ``TRIMSEC`` or ``DATASEC``, or in ``BIASSEC``.
+
+    Parameters
+    ----------
+    cards : Cards
+    shape : (int, int)
+        ``(ny, nx)`` of the image as stored.
+
+    Returns
+    -------
+    outside : (ny, nx) bool array or None
+        None where all pixels are data.
+    warning : str
+        Empty where all pixels are data.
+
+    Notes
+    -----
+    A section that does not lie in the image is one of before it was trimmed, and is ignored.
+    """
+    for key in ("TRIMSEC", "DATASEC", "BIASSEC"):
+        inside = _inside(cards.text(key), shape)
+        if inside is None:
+            continue
+        outside = inside if key == "BIASSEC" else ~inside
+        if 0 < outside.mean() <= _LEAST:
+            said = f"{key} = {cards.text(key)!r}: {int(outside.sum())} pixels hold no sky and are masked"
+            return outside, said
+    return None, ""
+
+
+def _inside(text: str, shape: tuple[int, int]) -> np.ndarray | None:
+    """Return where a section lies; None unless it is one of this image."""
+    match = _SECTION.fullmatch(text)
+    if match is None:
+        return None
+    x0, x1, y0, y1 = map(int, match.groups())
+    (x0, x1), (y0, y1) = sorted((x0, x1)), sorted((y0, y1))
+    if not (x0 >= 1 and x1 <= shape[1] and y0 >= 1 and y1 <= shape[0]):
+        return None
+    inside = np.zeros(shape, bool)
+    inside[y0 - 1 : y1, x0 - 1 : x1] = True
+    return inside
+
+
+def without_border(raw: RawFrame) -> RawFrame:
+    """Mask rows and columns at the edges that a program has filled with one value, with a warning.
+
+    Parameters
+    ----------
+    raw : RawFrame
+
+    Returns
+    -------
+    raw : RawFrame
+        The same pixels.
+
+    Notes
+    -----
+    A line of one value is chance where many pixels inside have that value too, as in an image of few photons,
+    and is kept.
+    """
+    data = raw.data
+    ends, values = [0, data.shape[0], 0, data.shape[1]], set()
+    for side, (axis, first) in enumerate(((0, True), (0, False), (1, True), (1, False))):
+        step = 1 if first else -1
+        while ends[1] - ends[0] > 1 and ends[3] - ends[2] > 1:
+            inner = data[ends[0] : ends[1], ends[2] : ends[3]]
+            line = inner.take(0 if first else -1, axis)
+            if not (line == line[0]).all():
+                break
+            ends[side] += step
+            values.add(float(line[0]))
+    inside = data[ends[0] : ends[1], ends[2] : ends[3]]
+    if not values or inside.size < _LEAST * data.size:
+        return raw
+    shares = (np.mean(inside == value) ** min(inside.shape) for value in values)
+    border = np.ones(data.shape, bool)
+    border[ends[0] : ends[1], ends[2] : ends[3]] = False
+    if max(shares) * sum(data.shape) > _CHANCE or raw.mask[border].all():
+        return raw
+    shown = ", ".join(f"{value:g}" for value in sorted(values)[:3])
+    said = f"{int(border.sum())} pixels in rows or columns of {shown} at the edges are masked"
+    return replace(raw, mask=raw.mask | border, metadata=raw.metadata.warn(said))
