@@ -28,7 +28,7 @@ from jitterkit.frames.region import find_region
 from jitterkit.frames.sections import without_border
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
-from jitterkit.locate import Start, locate_binary, locate_star, locate_stars
+from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled
 from jitterkit.optics import Optics
 from jitterkit.refit import (
     SCENES,
@@ -234,9 +234,10 @@ def _choose(
     if (refused := unusable(frame, data)) is not None:
         return refused
     expected = warm.scene if scene == AUTO and warm is not None else scene
-    seen = warm.choices.get(frame.digest) if rough and warm is not None else None
+    seen = warm.choices.get(frame.digest) if warm is not None else None
     if seen is not None and (expected in (AUTO, seen.scene) or seen.evidence is None):
-        return seen  # it agrees with the others, or is in no doubt
+        # it agrees with the others, or is in no doubt
+        return seen if rough else replace(seen, start=settled(seen.start, data, optics, options.hold))
     start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
     choice = None
     # a frame of a run need not be as the run is

@@ -12,7 +12,7 @@ from jitterkit.locate.model_error import (
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual, most_outliers
 from jitterkit.locate.search import bright_stars, locate_binary, locate_star, locate_stars
-from jitterkit.locate.start import Start, polished, with_best_signs
+from jitterkit.locate.start import Start, polished, settled, with_best_signs
 from jitterkit.locate.warm import ReferenceFrame, RegistrationResult
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "polished",
     "relative_error",
     "resolution",
+    "settled",
     "with_best_signs",
     "with_further_stars",
 ]

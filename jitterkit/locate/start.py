@@ -21,7 +21,7 @@ from jitterkit.optics.system import Optics
 from jitterkit.scene import Scene
 from jitterkit.scoring import Prior
 
-__all__ = ["Start", "polished", "with_best_signs", "with_exact_slopes"]
+__all__ = ["Start", "polished", "settled", "with_best_signs", "with_exact_slopes"]
 
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
@@ -120,8 +120,7 @@ def with_best_signs(
     if start is given:
         return start
     start = with_exact_slopes(start, optics)
-    p = start.parameters
-    return start if rough else polished(data, optics, start.otf, p.scene, p.locus, hold)
+    return start if rough else settled(start, data, optics, hold)
 
 
 def polished(
@@ -155,6 +154,12 @@ def polished(
         return start
     state = start.parameters.aberrations
     return replace(start, otf=optics.otf(state) if slopes else optics.near(state, start.otf))
+
+
+def settled(start: Start, data: Data, optics: Optics, hold: Collection[str]) -> Start:
+    """Fit a start of a rough search until its optics are exact."""
+    p = start.parameters
+    return polished(data, optics, start.otf, p.scene, p.locus, hold)
 
 
 def with_exact_slopes(start: Start, optics: Optics) -> Start:

@@ -33,6 +33,7 @@ from jitterkit.locate import (
     locate_star,
     locate_stars,
     polished,
+    settled,
 )
 from jitterkit.loci import Mvn, axis_variances, covariance_on_axis, principal_axes
 from jitterkit.optics import Optics
@@ -151,10 +152,7 @@ class _Frame(Weighing):
 
         An error of the optics looks like a faint companion.
         """
-        if not self.rough:
-            return start
-        where = self.data, self.optics, start.otf, start.parameters.scene, start.parameters.locus
-        return polished(*where, self.options.hold)
+        return settled(start, self.data, self.optics, self.options.hold) if self.rough else start
 
     def contrast_of_peaks(self) -> float:
         """Contrast of the two brightest peaks, without a fit; infinite if they do not stand apart."""
