@@ -162,10 +162,10 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     outliers = _outlier_hint(frame, result)
     narrow = _narrow_hint(result)
+    too_low = "misfit" in result.flags and result.chi2 < result.dof  # no wrong model does that
     if (outliers or narrow) and result.status is Status.OK and "misfit" not in result.flags:
         result = replace(result, flags=(*result.flags, "misfit"))
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
-        too_low = result.chi2 < result.dof  # no wrong model does that
         scale = TOO_LOW if too_low else scale_hint(frame, plate_scale)
         jitter = "" if scale or outliers else _jitter_hint(result)
         # the wings of a blur look like sky, and so does a wrong unit

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +10,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import SOME_FAILED, log, prepare_jax, print_table, refuse_if
+from jitterkit.cli.runtime import LISTED, SOME_FAILED, log, prepare_jax, print_table, refuse_if
 from jitterkit.errors import ErrorCode
 
 _ROUNDEST = "roundest"
@@ -158,14 +157,21 @@ def estimate(
     if output is not None:
         write_table(output, table, overwrite=overwrite)
     print_table(table[[name for name in table.colnames if _is_printed(name, table[name])]])
-    said = Counter(zip(table["status"], table["message"], strict=True))
-    for row in table[table["message"] != ""]:
-        status = "" if row["status"] == "ok" else f" {row['status']}"
-        if count := said.pop((row["status"], row["message"]), 0):
-            alike = f" ({count} frames)" * (count > 1)
-            log(f"{row['file']} [{row['frame']}]{status}: {row['message']}{alike}")
+    _log_messages(table)
     if set(table["status"]) - {"ok", "reference", "duplicate"}:
         raise typer.Exit(SOME_FAILED)
+
+
+def _log_messages(table) -> None:
+    """Log each message once for all frames that have it: first those of frames without an estimate."""
+    alike: dict[tuple[str, str], list] = {}
+    for row in sorted(table[table["message"] != ""], key=lambda row: row["status"] == "ok"):
+        alike.setdefault((row["status"], row["message"]), []).append(row)
+    for (status, message), rows in list(alike.items())[:LISTED]:
+        frame = f"{rows[0]['file']} [{rows[0]['frame']}]{f' {status}' * (status != 'ok')}"
+        log(f"{frame}: {message}{f' ({len(rows)} frames)' * (len(rows) > 1)}")
+    if len(alike) > LISTED:
+        log(f"... and {len(alike) - LISTED} more, which the table of -o has")
 
 
 def _check_method(replaced: str, blind: bool, estimator: str | None) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.runtime import SOME_FAILED, command_line, log
+from jitterkit.cli.runtime import LISTED, SOME_FAILED, command_line, log
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
 _REPORTED = {"prior_contradicted", "prior_unused"}
@@ -17,9 +17,6 @@ _REPORTED = {"prior_contradicted", "prior_unused"}
 
 _DOUBTS = ("header_odd", "gain_assumed", "read_noise_assumed", "bias_assumed", "above_adc_range", "other")
 """Flags of fitted frames whose files or detectors leave a number in doubt, worth a line for all frames."""
-
-_LISTED = 50
-"""Largest number of such lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,10 +65,10 @@ def _list_frames(run) -> None:
     listed = [
         row for row in run.table if row["status"] != "ok" or _REPORTED & set(decode_flags(row["flags"]))
     ]
-    for row in listed[:_LISTED]:
+    for row in listed[:LISTED]:
         log(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
-    if len(listed) > _LISTED:
-        log(f"... and {len(listed) - _LISTED} more, which the table and the report have")
+    if len(listed) > LISTED:
+        log(f"... and {len(listed) - LISTED} more, which the table and the report have")
 
 
 def _list_doubts(run) -> None:

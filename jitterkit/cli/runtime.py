@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 USAGE, SOME_FAILED = 2, 1
 
+LISTED = 50
+"""Largest number of lines about frames."""
+
 _ARENA_MAX = -8
 """glibc's name for the number of heaps."""
 

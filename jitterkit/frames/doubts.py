@@ -40,8 +40,11 @@ _COMBINED = (
 """Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; ESO's pipelines; Astro
 Pixel Processor; ASTAP; Andor; and others."""
 
+_CODE = r"^[^AEIOU]*%s[^AEIOU]*$"
+"""Letters that stand for steps, which make no word such as UNCALIBRATED."""
+
 _STACKERS = {
-    "IMCMB002": r".", "COMBINET": r".", "CALSTAT": r"S", "HISTORY": r"\bnumberOfImages: *([2-9]|\d\d)",
+    "IMCMB002": r".", "COMBINET": r".", "CALSTAT": _CODE % "S", "HISTORY": r"\bnumberOfImages: *([2-9]|\d\d)",
 }  # fmt: skip
 """What else says that an image was combined: imcombine, SWarp, ASTAP, PixInsight."""
 
@@ -94,13 +97,16 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
     return []
 
 
+_NOT_DENIED = r"^(?!(F|FALSE|NO|NONE|0|OMIT|PERFORM)$)."
+
 _WITHOUT_BIAS = {
-    "CALSTAT": r"B", "ZEROCOR": r"\d|^T", "OVERSCAN": r"[A-Z].*\d|\d.*[A-Z]|^T",
-    "BIASCOR": r"^T|DONE|\.FIT", "SUBBIAS": r".", "BIASCORR": r"^COMPLETE", "SUBOSCAN": r".",
+    "CALSTAT": _CODE % "B", "ZEROCOR": r"\d.* IS |^T(RUE)?$", "OVERSCAN": r"\d.* IS ",
+    "BIASCOR": r"^(T|TRUE|DONE)$|\.FIT", "SUBBIAS": _NOT_DENIED, "BIASCORR": r"^COMPLETE",
+    "SUBOSCAN": _NOT_DENIED,
 }  # fmt: skip
 """Cards of pixels whose bias was subtracted: MaxIm and ASTAP, IRAF, HST, ccdproc."""
 
-_MULTIPLIED = dict.fromkeys(("GAINCOR", "GAINCORR"), r"^(?!(F|FALSE|NO|0|OMIT|PERFORM)$).")
+_MULTIPLIED = dict.fromkeys(("GAINCOR", "GAINCORR"), _NOT_DENIED)
 """Cards of pixels that were multiplied by the gain: ccdproc, which leaves BUNIT if its gain has no unit."""
 
 _ONE_READ = re.compile(r"\b(per|single|each|one|of a) (\w+ )?(read|sample|cds)\b|/read\b", re.I)

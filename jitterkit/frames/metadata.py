@@ -61,6 +61,9 @@ QUANTITIES: Mapping[str, Quantity] = {
 _REMARKS = 3
 """Warnings that a message repeats."""
 
+_LONGEST = 320
+"""Characters of a warning: a header may hold a text of thousands."""
+
 #: The warning for a rolling shutter whose rows have become columns.
 ROWS_ARE_COLUMNS = "the file's rows are columns here, so that its line_time is not used"
 
@@ -201,8 +204,9 @@ class Metadata:
         return self._with({k: v for k, v in known.items() if _yields(getattr(self, k), v)})
 
     def warn(self, *messages: str) -> Metadata:
-        """Return a copy with further warnings, each kept once."""
-        new = dict.fromkeys(message for message in messages if message not in self.warnings)
+        """Return a copy with further warnings, each kept once, without the middle of one that is too long."""
+        short = (text if len(text) <= _LONGEST else f"{text[:200]} ... {text[-100:]}" for text in messages)
+        new = dict.fromkeys(message for message in short if message not in self.warnings)
         return replace(self, warnings=(*self.warnings, *new)) if new else self
 
     @property

@@ -78,24 +78,26 @@ def without_border(raw: RawFrame) -> RawFrame:
 
     Notes
     -----
-    A line of one value is chance where many pixels inside have that value too, as in an image of few photons,
-    and is kept.
+    A line of one value is chance where many pixels inside have that value too, or many of those next to the
+    border, as around a star of few photons, and is kept.
     """
-    data = raw.data
+    data, inside = raw.data, raw.data
     ends, values = [0, data.shape[0], 0, data.shape[1]], set()
-    for side, (axis, first) in enumerate(((0, True), (0, False), (1, True), (1, False))):
-        step = 1 if first else -1
-        while ends[1] - ends[0] > 1 and ends[3] - ends[2] > 1:
-            inner = data[ends[0] : ends[1], ends[2] : ends[3]]
-            line = inner.take(0 if first else -1, axis)
-            if not (line == line[0]).all():
-                break
-            ends[side] += step
+    side = kept = 0
+    while kept < 4 and min(inside.shape) > 1:  # a border on one side hides those of the others
+        line = (inside[0], inside[-1], inside[:, 0], inside[:, -1])[side]
+        if (line == line[0]).all():
+            ends[side] += (1, -1)[side % 2]
             values.add(float(line[0]))
-    inside = data[ends[0] : ends[1], ends[2] : ends[3]]
+            kept = 0
+        else:
+            side, kept = (side + 1) % 4, kept + 1
+        inside = data[ends[0] : ends[1], ends[2] : ends[3]]
     if not values or inside.size < _LEAST * data.size:
         return raw
-    shares = (np.mean(inside == value) ** min(inside.shape) for value in values)
+    ring = np.concatenate([inside[0], inside[-1], inside[:, 0], inside[:, -1]])
+    parts = (inside, ring)
+    shares = (max(np.mean(part == value) for part in parts) ** min(inside.shape) for value in values)
     border = np.ones(data.shape, bool)
     border[ends[0] : ends[1], ends[2] : ends[3]] = False
     if max(shares) * sum(data.shape) > _CHANCE or raw.mask[border].all():

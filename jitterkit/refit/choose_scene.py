@@ -74,8 +74,10 @@ _STANDS_OUT, _BY_CHANCE = 25.0, 16.0
 the best of some ten thousand positions.  Aberrations explain a part of a companion: between them a pair is
 searched for where an image shows two peaks."""
 
-_NEARER = 2.0
-"""Excess of one star's deviance over that of a pair, from which a pair that is certain needs no weighing."""
+_NEARER, _BEYOND = 2.0, (4.0, 9.0)
+"""Excess of one star's deviance over that of a pair, from which a pair that is certain needs no weighing; and
+its separation in resolutions, and in 1 sigma of its blur along its axis: a star that dwells at both ends of
+0.7 cycles is fitted by two with 9.4 of these at 2.5 resolutions, and with 7.4 at 4.7."""
 
 _LONG = 3.0
 """Standard errors by which a blur is longer than wide, from which it may be that of two stars."""
@@ -186,7 +188,16 @@ class _Frame(Weighing):
         """
         alike = pair.parameters.scene.values["contrast"] < _LIKE_RINGS
         nearer = star.deviance_dof - 1 > _NEARER * (pair.deviance_dof - 1)
-        return bool(alike and nearer) and self.is_apart(pair, 2) and _is_clear(pair)
+        return bool(alike and nearer) and self.is_beyond_a_motion(pair) and _is_clear(pair)
+
+    def is_beyond_a_motion(self, pair: Start) -> bool:
+        """Return whether a pair is too wide, and its blur along its axis too small, for a moving star."""
+        x, y, _ = (np.asarray(part) for part in pair.parameters.scene.sources())
+        dx, dy = x[1] - x[0], y[1] - y[0]
+        sxx, sxy, syy = np.asarray(pair.parameters.locus.moments())
+        squared, blur = dx**2 + dy**2, dx**2 * sxx + 2 * dx * dy * sxy + dy**2 * syy  # times squared
+        wide, small = _BEYOND
+        return bool(squared > (wide * self.fineness) ** 2 and squared**2 > small**2 * blur)
 
     def is_apart(self, start: Start, brightest: int = 3) -> bool:
         """Return whether the brightest stars are wider apart than the pieces of one blur."""

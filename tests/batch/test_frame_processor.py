@@ -90,6 +90,17 @@ def test_a_fit_that_no_frame_can_show_is_implausible_however_good_it_is(x, size,
     assert value in result.message
 
 
+@pytest.mark.parametrize(("flags", "too_low"), [((), False), (("misfit",), True)])
+def test_chi_squared_is_too_low_only_where_the_fit_says_so_and_not_beside_an_outlier(flags, too_low):
+    star, residual = Parameters(Star(0.0, 0.0, 1e5), Mvn.of(0.1, 0.1), np.zeros(0)), np.zeros((40, 40))
+    residual[5, 7] = 30.0
+    fit = FitResult(Status.OK, "", parameters=star, residual=residual, chi2=1590.0, dof=1599, flags=flags)
+    result = classify(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375), fit, 0.375)
+    assert "misfit" in result.flags
+    assert "One pixel stands out" in result.message
+    assert ("less than chance allows" in result.message) == too_low
+
+
 @pytest.mark.parametrize("flags", [(), (NORMALISED,)])
 def test_sky_is_no_advice_where_the_unit_is_the_likely_fault(flags):
     pair = Parameters(Binary(8.0, 30.0, 0.0, 0.0, 1e5, 3.0), Mvn.of(0.1, 0.1), np.zeros(0))

@@ -154,6 +154,20 @@ def test_process_prints_what_a_fitted_frame_leaves_in_doubt(frame, tmp_path):
         assert said in line
 
 
+def test_estimate_prints_a_message_of_many_frames_once_and_at_most_fifty_messages(tmp_path):
+    write_fits(tmp_path / "empty.fits", np.full((3, 16, 16), np.nan))
+    for number in range(55):  # whose messages name their files
+        fits.writeto(tmp_path / f"{number}.fits", np.eye(16), fits.Header({"BUNIT": "nJy"}))
+    done = runner.invoke(app, ["estimate", str(tmp_path), "-i", "plain", "-o", str(tmp_path / "a.csv")])
+    assert done.exit_code == 1
+    lines = [line for line in done.stderr.splitlines() if ".fits [" in line]
+    assert len(lines) == 50
+    assert "... and 6 more" in done.stderr
+    done = runner.invoke(app, ["estimate", str(tmp_path / "empty.fits"), "-i", "plain"])
+    (line,) = [line for line in done.stderr.splitlines() if "empty.fits [" in line]
+    assert line.endswith("(3 frames)")
+
+
 def test_some_failed_frames_are_exit_status_one(frame, tmp_path):
     write_fits(tmp_path / "blank.fits", np.zeros((128, 128), np.uint16))
     done = runner.invoke(app, ["process", str(tmp_path), "-o", str(tmp_path / "out"), "-i", "plain"])

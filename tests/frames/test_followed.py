@@ -57,6 +57,15 @@ def scale(comment, **cards):
         ({"ZEROCOR": "Nov 21 2:03 Zero is z.fits"}, "bias", 0.0, ""),
         ({"CALSTAT": "BDF", "PEDESTAL": -100}, "bias", None, "PEDESTAL = -100"),
         ({"OVERSCAN": 32}, "bias", None, ""),
+        ({"OVERSCAN": "32 columns"}, "bias", None, ""),
+        ({"OVERSCAN": True}, "bias", None, ""),  # it may say that the image has some
+        ({"OVERSCAN": "Nov 21 2:03 Overscan section is [49:56,1:48]"}, "bias", 0.0, ""),
+        ({"CALSTAT": "Uncalibrated"}, "bias", None, ""),
+        ({"ZEROCOR": 0}, "bias", None, ""),
+        ({"BIASCOR": "NOT DONE"}, "bias", None, ""),
+        ({"SUBBIAS": False}, "bias", None, ""),
+        ({"SUBOSCAN": "no"}, "bias", None, ""),
+        ({"SUBBIAS": "ccd=<CCDData>, master=<CCDData>"}, "bias", 0.0, ""),
         ({"SOFTBIAS": (1000, "software bias added to all DN")}, "bias", 1000.0, ""),
         (*scale("native", XBINNING=2), None, "'native'"),
         (*scale("arcsec/pixel at 1x1", CCDSUM="2 2"), None, "'1x1'"),
@@ -107,11 +116,25 @@ def filled(value, *, top=0, bottom=0, left=0, right=0):
     return image
 
 
+def photons(shape, count, sigma):
+    """Return photons of a star without sky."""
+    y, x = np.random.default_rng(7).normal(np.array(shape)[:, None] / 2, sigma, (2, count))
+    return np.histogram2d(y, x, shape, [(0, shape[0]), (0, shape[1])])[0]
+
+
+def crossed():
+    image = filled(0.0, top=3)
+    image[:, -1] = 65535
+    return image
+
+
 @pytest.mark.parametrize(
     ("image", "masked"),
     [
         (filled(0.0, top=2, bottom=1, left=3, right=1), 480 - 17 * 20),
         (filled(-999.0, right=4), 80),
+        (crossed(), 3 * 24 + 17),
+        (photons((64, 64), 3000, 9.0), 0),
         (filled(10.0, bottom=1), 24),  # of floats no two are alike
         (filled(0.0), 0),
         (np.zeros((20, 24)), 0),

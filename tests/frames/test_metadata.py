@@ -84,6 +84,13 @@ def test_a_warning_is_kept_once():
     assert Metadata().warn("a", "b").warn("a").warnings == ("a", "b")
 
 
+def test_a_long_warning_keeps_its_beginning_and_its_end():
+    (said,) = Metadata().warn(f"EXPTIME = {'ten' * 1000!r} is not a number and is ignored").warnings
+    assert said.startswith("EXPTIME = 'tenten")
+    assert said.endswith("ten' is not a number and is ignored")
+    assert len(said) < 350
+
+
 def test_bare_values_have_defaults():
     assert Metadata().value("gain", 1.0) == 1.0
     assert Metadata().override("preset", gain=2).value("gain", 1.0) == 2.0

@@ -12,7 +12,7 @@ from jitterkit.forward import Parameters
 from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.locate import locate_binary
-from jitterkit.loci import Linear, Mvn, Shm, Stable
+from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Stable
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
 from jitterkit.scene import Binary, Star
@@ -49,6 +49,19 @@ def test_one_star_is_one_whatever_its_jitter(flux, locus, chosen):
     (x,), (y,), (light,) = map(np.asarray, choice.start.parameters.scene.sources())
     assert (x, y) == pytest.approx((0.3, -0.2), abs=0.02)
     assert light == pytest.approx(flux, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_star_that_dwells_at_both_ends_of_its_motion_is_weighed_though_a_pair_comes_nearer():
+    # it was taken for a pair, which was a poor fit: chi²/dof of 2.2 in place of 1.01
+    telescope = load_instrument("smallsat")
+    processor, rng = FrameProcessor(telescope), np.random.default_rng(1)
+    motion = PartialShm.of(3.0, 30.0, 0.7)
+    seen = processor.calibrate(simulate_frame(telescope, ALONE(3e6), motion, rng=rng).raw)
+    frame = _Frame(Data.of(seen), processor.optics(seen), FitOptions(), rough=True)
+    pair, star = frame.pair(), frame.star()
+    assert star.deviance_dof - 1 > 4 * (pair.deviance_dof - 1)
+    assert not frame.comes_nearer(pair, star)
 
 
 def aberrated(scene, locus, rng, name="toliman", rms=8.0):
