@@ -112,7 +112,8 @@ def relinearised_scoring(
             return Expanded(end, otf, iterations)
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
         ratios, last = [*ratios, level / last][-_STALLED_ROUNDS:], level
-        if not left or (min(ratios) > _STALLED_RATIO and level * min(ratios) ** left > _PASSING):
+        rate = min(1.0, *ratios)
+        if not left or (rate > _STALLED_RATIO and level * rate**left > _PASSING):
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)
