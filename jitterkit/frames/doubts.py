@@ -100,7 +100,7 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
 _NOT_DENIED = r"^(?!(F|FALSE|NO|NONE|0|OMIT|PERFORM)$)."
 
 _WITHOUT_BIAS = {
-    "CALSTAT": _CODE % "B", "ZEROCOR": r"\d.* IS |^T(RUE)?$", "OVERSCAN": r"\d.* IS ",
+    "CALSTAT": _CODE % "B", "ZEROCOR": r"\d.*(IS|CORRECTION)|^T(RUE)?$", "OVERSCAN": r"\bIS \[",
     "BIASCOR": r"^(T|TRUE|DONE)$|\.FIT", "SUBBIAS": _NOT_DENIED, "BIASCORR": r"^COMPLETE",
     "SUBOSCAN": _NOT_DENIED,
 }  # fmt: skip
