@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.forward import Parameters
-from jitterkit.likelihood import Data
+from jitterkit.likelihood import POOR, Data
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scoring import Prior, ScoringResult, fisher_scoring
@@ -35,10 +35,9 @@ _NEAR = 0.15
 """Rms phase [rad] up to which the derivatives of another wavefront do for a rough maximum.  Those of a flat
 one through a symmetric pupil are zero for focus and astigmatism; a star of 0.4 rad was not found."""
 
-_STALLED_RATIO, _STALLED_ROUNDS, _PASSING = 0.9, 2, 1.5
+_STALLED_RATIO, _STALLED_ROUNDS = 0.9, 2
 """A maximisation has stalled if it does not reduce the deviance below that share.  After so many in a row a
-fit is abandoned that would still be above that deviance per pixel if all that are left did as well as the
-best of these: it would not pass for a fit."""
+fit is abandoned that would still be poor if all that are left did as well as the best of these."""
 
 
 class Expanded(NamedTuple):
@@ -113,7 +112,7 @@ def relinearised_scoring(
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
         ratios, last = [*ratios, level / last][-_STALLED_ROUNDS:], level
         rate = min(1.0, *ratios)
-        if not left or (rate > _STALLED_RATIO and level * rate**left > _PASSING):
+        if not left or (rate > _STALLED_RATIO and level * rate**left > POOR):
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)

@@ -166,11 +166,11 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
     if (outliers or narrow) and result.status is Status.OK and "misfit" not in result.flags:
         result = replace(result, flags=(*result.flags, "misfit"))
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
-        scale = TOO_LOW if too_low else scale_hint(frame, plate_scale)
-        jitter = "" if scale or outliers else _jitter_hint(result)
+        cause = TOO_LOW if too_low else scale_hint(frame, plate_scale)
+        jitter = "" if cause or outliers else _jitter_hint(result)
         # the wings of a blur look like sky, and so does a wrong unit
         sky = "" if jitter or NORMALISED in frame.flags else _sky_hint(frame, result)
-        hints = filter(None, (scale, outliers, jitter, narrow, sky))
+        hints = filter(None, (cause, outliers, jitter, narrow, sky))
         return replace(result, message=" ".join([result.message, *hints]))
     return result
 
@@ -179,7 +179,7 @@ TOO_LOW = (
     "It is less than chance allows, and errors are too large: check gain, read noise, bias and the unit of "
     "the pixels."
 )
-"""Of a chi-squared."""
+"""Remark on a chi-squared that is lower than noise alone leaves."""
 
 
 def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:

@@ -34,10 +34,10 @@ from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.instruments import Instrument
 from jitterkit.known_light import KnownLight, without_light
-from jitterkit.likelihood import Data
+from jitterkit.likelihood import POOR, Data
 from jitterkit.loci import locus_class
 from jitterkit.optics import Optics
-from jitterkit.refit import POOR, SCENES, FitOptions, FitResult, KernelPrior, Priors, SceneChoice, Status
+from jitterkit.refit import SCENES, FitOptions, FitResult, KernelPrior, Priors, SceneChoice, Status
 from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.scene import Star
 

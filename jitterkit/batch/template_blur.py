@@ -13,9 +13,9 @@ from jitterkit.batch.records import BlurMeasurement, SceneEstimate
 from jitterkit.batch.warm_start import SCORE
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import Frame, RawFrame
-from jitterkit.likelihood import Misfit, pearson
+from jitterkit.likelihood import MISFIT, POOR, Misfit, pearson
 from jitterkit.loci import Shaped
-from jitterkit.refit import POOR, FitResult, Status
+from jitterkit.refit import FitResult, Status
 from jitterkit.refit.outliers import OUTLIERS, left_out
 from jitterkit.scoring import fisher_scoring_without_prior
 
@@ -23,9 +23,6 @@ __all__ = ["TemplateBlurEstimator"]
 
 _STEPS = 20
 """At most, of the fit that a frame gets whose template is poor."""
-
-_MISFIT = 5.0
-"""Standard deviations by which chi-squared may be too low."""
 
 _ELSE = (
     "If it shows more than a star or a pair, give --stars, --reference or --blind; if another telescope took "
@@ -79,7 +76,7 @@ class TemplateBlurEstimator:
         # what is registered to another frame is described by what fits that
         searched = found.searched is not None or self.name != SCORE
         misfit = pearson(found.blurred(), found.data)
-        if misfit.chi2 - misfit.pixels < -_MISFIT * misfit.spread and found.data.model_variance is None:
+        if misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread and found.data.model_variance is None:
             message = f"{message} chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}".lstrip()
         if searched and not _per_pixel(misfit) <= POOR:
             best = _per_pixel(self._fitted(found))

@@ -216,7 +216,9 @@ class Metadata:
             return ""
         more = len(self.warnings) - _REMARKS
         shown = "; ".join(self.warnings[:_REMARKS])
-        return f"Of its file: {shown}{f'; and {more} more, which jitterkit info prints' * (more > 0)}."
+        return (
+            f"Warnings of its file: {shown}{f'; and {more} more, which jitterkit info prints' * (more > 0)}."
+        )
 
     def _with(self, changes: Mapping[str, Any]) -> Metadata:
         return replace(self, **changes) if changes else self

@@ -1,4 +1,4 @@
-"""The part of an image that saw the sky, by the sections that IRAF writes, where the rest was not cut off."""
+"""Pixels that did not see the sky: outside of the sections that IRAF writes, or filled by a program."""
 
 from __future__ import annotations
 
@@ -37,25 +37,22 @@ def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | 
 
     Notes
     -----
-    A section that does not lie in the image is one of before it was trimmed, and is ignored.
+    The first of them decides.  If it does not lie in the image, that was trimmed later, and none counts.
     """
     for key in ("TRIMSEC", "DATASEC", "BIASSEC"):
-        inside = _inside(cards.text(key), shape)
-        if inside is None:
+        if (section := _SECTION.fullmatch(cards.text(key))) is None:
             continue
-        outside = inside if key == "BIASSEC" else ~inside
-        if 0 < outside.mean() <= _LEAST:
-            said = f"{key} = {cards.text(key)!r}: {int(outside.sum())} pixels hold no sky and are masked"
-            return outside, said
+        inside = _inside(section, shape)
+        outside = inside if inside is None or key == "BIASSEC" else ~inside
+        if outside is None or not 0 < outside.mean() <= _LEAST:
+            break
+        return outside, f"{key} = {section[0]!r}: {int(outside.sum())} pixels hold no sky and are masked"
     return None, ""
 
 
-def _inside(text: str, shape: tuple[int, int]) -> np.ndarray | None:
+def _inside(section: re.Match[str], shape: tuple[int, int]) -> np.ndarray | None:
     """Return where a section lies; None unless it is one of this image."""
-    match = _SECTION.fullmatch(text)
-    if match is None:
-        return None
-    x0, x1, y0, y1 = map(int, match.groups())
+    x0, x1, y0, y1 = map(int, section.groups())
     (x0, x1), (y0, y1) = sorted((x0, x1)), sorted((y0, y1))
     if not (x0 >= 1 and x1 <= shape[1] and y0 >= 1 and y1 <= shape[0]):
         return None

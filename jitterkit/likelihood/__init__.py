@@ -24,9 +24,11 @@ from jitterkit.likelihood.equations import (
     normal_equations,
     slope_products,
 )
-from jitterkit.likelihood.misfit import Misfit, chi_squared, pearson
+from jitterkit.likelihood.misfit import MISFIT, POOR, Misfit, chi_squared, pearson
 
 __all__ = [
+    "MISFIT",
+    "POOR",
     "Data",
     "Misfit",
     "NormalEquations",

@@ -10,6 +10,12 @@ import numpy as np
 
 from jitterkit.likelihood.data import Data, clears, mean_counts, pixel_variance, telling
 
+POOR = 1.5
+"""Chi-squared a degree of freedom beyond which the numbers of a fit mean nothing."""
+
+MISFIT = 5.0
+"""Standard deviations of chi-squared from its expectation, from which a frame does not fit."""
+
 
 class Misfit(NamedTuple):
     """Hold the misfit of a frame to its expected image.

@@ -11,12 +11,11 @@ from jitterkit.refit.locus_fit import fit_locus
 from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.prior_file import KernelPrior, read_kernel_prior
 from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence_prior, trace_prior
-from jitterkit.refit.result import POOR, Candidate, FitResult, Status
+from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.refit.sampling import sample_posterior
 from jitterkit.refit.scene_choice import SceneChoice
 
 __all__ = [
-    "POOR",
     "SCENES",
     "Candidate",
     "FitOptions",

@@ -75,9 +75,9 @@ the best of some ten thousand positions.  Aberrations explain a part of a compan
 searched for where an image shows two peaks."""
 
 _NEARER, _BEYOND = 2.0, (4.0, 9.0)
-"""Excess of one star's deviance over that of a pair, from which a pair that is certain needs no weighing; and
-its separation in resolutions, and in 1 sigma of its blur along its axis: a star that dwells at both ends of
-0.7 cycles is fitted by two with 9.4 of these at 2.5 resolutions, and with 7.4 at 4.7."""
+"""Of a pair that needs no weighing: the least ratio of one star's excess of deviance (over one per pixel) to
+the pair's; and its least separation, in resolutions and in 1 sigma of its blur along its axis.  A star that
+dwells at both ends of 0.7 cycles is fitted by two with 9.4 of these at 2.5 resolutions, with 7.4 at 4.7."""
 
 _LONG = 3.0
 """Standard errors by which a blur is longer than wide, from which it may be that of two stars."""

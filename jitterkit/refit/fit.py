@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
-from jitterkit.likelihood import Data, pearson
+from jitterkit.likelihood import MISFIT, POOR, Data, pearson
 from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, relinearised_scoring
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
 from jitterkit.loci import Locus, Streak
@@ -27,7 +27,7 @@ from jitterkit.refit.boundary import at_zero_length, regularizing_priors
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
 from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
-from jitterkit.refit.result import POOR, FitResult, Status
+from jitterkit.refit.result import FitResult, Status
 from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult
 
 __all__ = [
@@ -38,7 +38,6 @@ __all__ = [
     "linearisation_tolerance",
 ]
 
-_MISFIT = 5.0  # standard deviations of chi-squared beyond which the frame is flagged
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _USUAL = 1e-4
 """Tolerance of a fit, at and above which the optics are exact to
@@ -250,7 +249,7 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitR
     excess = misfit.chi2 - dof
     if data.model_variance is not None:
         excess = max(excess, 0.0)  # a model error that is given may be larger than it is
-    flags = [] if abs(excess) < _MISFIT * misfit.spread else ["misfit"]
+    flags = [] if abs(excess) < MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
     flags += ["jitter_undetected"] if converged and zero_length and isinstance(locus, Streak) else []
     aberrations = otf.varied(end.parameters.scene)

@@ -13,10 +13,7 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus, principal_axes
 from jitterkit.loci.base import moments_and_slope
 
-__all__ = ["POOR", "Candidate", "FitResult", "Status", "moments_of"]
-
-POOR = 1.5
-"""Chi-squared a degree of freedom beyond which the numbers mean nothing."""
+__all__ = ["Candidate", "FitResult", "Status", "moments_of"]
 
 
 class Status(enum.Enum):

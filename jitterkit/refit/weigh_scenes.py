@@ -90,6 +90,7 @@ class Weighing:
     def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
         """The scene with more evidence, and by how much."""
         one = _best(self.readings_of_star(star))
+        # one pair at least, for its evidence
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
         two = _best(reading for pair in near for reading in self.readings_of_pair(pair))
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):

@@ -11,8 +11,8 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.detectors import Detector
 from jitterkit.frames import read_frames, write_fits
+from jitterkit.likelihood import POOR
 from jitterkit.loci import Linear
-from jitterkit.refit import POOR
 from jitterkit.run.estimate import estimate_files
 from jitterkit.run.products import _draw
 from jitterkit.scene import Binary

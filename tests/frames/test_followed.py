@@ -96,6 +96,8 @@ def masked(tmp_path, **cards):
         ({"TRIMSEC": "[1:8,1:6]", "BIASSEC": "[9:10,1:6]"}, [9, 10], [], "TRIMSEC"),
         ({"DATASEC": "[3:10,2:6]"}, [1, 2], [1], "DATASEC"),
         ({"BIASSEC": "[10:9,1:6]"}, [9, 10], [], "BIASSEC"),
+        ({"TRIMSEC": "[33:42,1:6]", "BIASSEC": "[1:2,1:6]"}, [], [], ""),  # of before the image was trimmed
+        ({"DATASEC": "[1:10,1:6]", "BIASSEC": "[1:2,1:6]"}, [], [], ""),
         ({"BIASSEC": "[1:10,6:6]", "ROWORDER": "TOP-DOWN"}, [], [1], "BIASSEC"),
         ({"TRIMSEC": "[1:10,1:6]", "BIASSEC": "[11:12,1:6]"}, [], [], ""),  # was cut off
         ({"DATASEC": "[3:12,1:6]"}, [], [], ""),  # of before it was cut off

@@ -107,7 +107,7 @@ def test_remarks_of_frame_fit_and_header_become_one_number_and_strange_ones_a_wo
     metadata = Metadata(warnings=("GAIN = 'low' is not a number",)).override("argument", exposure=0.1)
     row = make_row(result, "f", flags=("saturated",), metadata=metadata)
     assert decode_flags(row["flags"]) == ("other", "saturated", "jitter_undetected", "header_odd")
-    assert row["message"] == "fitted in 6 steps (haunted) Of its file: GAIN = 'low' is not a number."
+    assert row["message"] == "fitted in 6 steps (haunted) Warnings of its file: GAIN = 'low' is not a number."
     assert row["exposure"] == 0.1
 
 
