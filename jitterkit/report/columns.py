@@ -16,6 +16,11 @@ import numpy as np
 from astropy.table import QTable
 from astropy.units import Unit
 
+_ASCII = str.maketrans(
+    {"²": "2", "³": "3", "µ": "u", "±": "+/-", "°": " deg", "″": '"', "′": "'", "√": "sqrt "}
+)
+"""Signs of messages as a FITS table can hold them."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -70,6 +75,8 @@ def bind(
     """
     table = QTable(meta=dict(meta or {}))
     for column, values in columns:
+        if column.name == "message":
+            values = [message.translate(_ASCII) for message in values]
         cells: Any = np.asarray(values, dtype=column.kind)
         table.add_column(cells << Unit(column.unit) if column.unit else cells, name=column.name, copy=False)
         info = table[column.name].info

@@ -1,10 +1,12 @@
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from astropy import units
+from astropy.table import QTable
 from long_run import long_run
 from refusals import refused
 
@@ -53,6 +55,20 @@ def test_a_table_comes_back_from_disk_to_the_last_digit(rows, tmp_path):
     assert again.meta == table.meta
     assert again.meta["command line"] == ["jitterkit", r"\udcff"]
     assert again.meta["flags"][2].startswith("saturated")
+
+
+def test_astropy_writes_a_results_table_as_fits(rows, tmp_path):
+    message = "fitted: chi²/dof is 1.002. Undecided; the separation differs by 3 µas ± 1 µas at 12°, 5″ off."
+    write_table(tmp_path / "results.ecsv", make_table([{**rows[1], "message": message}, *rows]))
+    with warnings.catch_warnings():  # of metadata that have no place in a header, and of electron
+        warnings.simplefilter("ignore")
+        QTable.read(tmp_path / "results.ecsv").write(tmp_path / "results.fits")
+        back = QTable.read(tmp_path / "results.fits")
+    said = (
+        'fitted: chi2/dof is 1.002. Undecided; the separation differs by 3 uas +/- 1 uas at 12 deg, 5" off.'
+    )
+    assert back["message"][0] == f"{said} off."
+    assert back["sxx"].unit == units.arcsec**2
 
 
 def test_a_file_may_be_called_like_a_comment(rows, tmp_path):
