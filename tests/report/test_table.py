@@ -64,10 +64,8 @@ def test_astropy_writes_a_results_table_as_fits(rows, tmp_path):
         warnings.simplefilter("ignore")
         QTable.read(tmp_path / "results.ecsv").write(tmp_path / "results.fits")
         back = QTable.read(tmp_path / "results.fits")
-    said = (
-        'fitted: chi2/dof is 1.002. Undecided; the separation differs by 3 uas +/- 1 uas at 12 deg, 5" off.'
-    )
-    assert back["message"][0] == f"{said} off."
+    said = "fitted: chi2/dof is 1.002. Undecided; the separation differs by 3 uas +/- 1 uas at 12 deg, 5"
+    assert back["message"][0] == said + '" off.'
     assert back["sxx"].unit == units.arcsec**2
 
 
