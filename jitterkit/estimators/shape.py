@@ -165,6 +165,32 @@ class CumulantStep:
         response = dict(zip(names, map(float, -mine / mine[index]), strict=True))
         return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[index])), response)
 
+    def unknown_shape(
+        self, covariance: np.ndarray, mean: float, spread: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what a kurtosis that the fitted normal lacks changes, where the frame hardly shows it.
+
+        Parameters
+        ----------
+        covariance : (p, p) array
+            Of what was fitted, at the maximum of its posterior.
+        mean, spread : float
+            Of the excess kurtosis, known before the frame.
+
+        Returns
+        -------
+        change : (p,) array
+            To add to what was fitted.
+        variance : (p, p) array
+            To add to its covariance.
+        """
+        index, turn = self._to_shaped()
+        slope = turn[index] @ self.information
+        response, own = covariance @ slope[: len(self.names)], slope @ turn[index]
+        certainty = own - slope[: len(self.names)] @ response + spread**-2
+        kurtosis = (turn[index] @ self.score + mean * spread**-2) / certainty
+        return -kurtosis * response, np.outer(response, response) / certainty
+
     def information_of_shaped(self) -> np.ndarray:
         """Information about what was fitted and the excess kurtosis, in the order of ``Shaped``."""
         _, turn = self._to_shaped()

@@ -4,7 +4,8 @@
    small against the resolution they are all that an image shows.  Chi-squared of the three moments
    tests for any jitter at all.
 2. One scoring step from there measures the excess kurtosis, and how much the separation and the moments
-   would change with it.  Where none can be seen, nor any other cumulant, the normal is the answer.
+   would change with it.  Where none can be seen, nor any other cumulant, the normal is the answer; with the
+   mean of straight blurs' kurtosis, and errors for it, where the blur may be one.
 3. Otherwise the simple loci ``linear``, ``shm`` and ``ellipse`` are weighed by their evidence: by what the
    frame says about cumulants where that is enough, else by a fit; the one that is chosen is always fitted.
 4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, loci with
@@ -28,7 +29,7 @@ import scipy.stats
 
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
 from jitterkit.estimators.shape import CumulantStep, Shape, is_decisive
-from jitterkit.forward import Parameters
+from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start
@@ -56,6 +57,9 @@ half a microarcsecond, which 250,000 frames would show."""
 
 _KURTOSES = 1.5
 """The most by which the simple loci differ in excess kurtosis: SHM from a normal."""
+
+_STRAIGHT = (-0.75, 0.75)
+"""Excess kurtosis of a blur that may be straight, and its uncertainty: between a normal's and that of SHM."""
 
 _SHAPED = 3.0
 """Standard errors from which a kurtosis is looked into however little it matters."""
@@ -142,8 +146,10 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     # which shape a wide blur has is only asked where the frame would show that of an ellipse
     visible = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
     widened = visible and _moves_moments(normal, shape)
-    if frame.options.priors.on_coordinates() or not (seen or moved or widened or _wants_more(normal, step)):
+    if frame.options.priors.on_coordinates():
         return _finalize(Tried(normal))
+    if not (seen or moved or widened or _wants_more(normal, step)):
+        return _finalize(Tried(_of_any_shape(normal, step, otf) if _may_be_straight(normal) else normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     return _fit_tiers(frame, normal, otf, step)
@@ -178,6 +184,16 @@ def single_star(fit: FitResult) -> bool:
 def is_lost(contrast: float, error: float) -> bool:
     """Return True if the flux of a pair's second star is below five of its errors."""
     return not error < 0.2 * (1 + contrast)
+
+
+def _of_any_shape(normal: FitResult, step: CumulantStep, otf: OTF) -> FitResult:
+    """Return a straight blur's values and errors where the frame does not show its shape; the image stays."""
+    assert normal.parameters is not None
+    change, variance = step.unknown_shape(normal.covariance, *_STRAIGHT)
+    every = parameter_names(normal.parameters, otf.names)
+    vector, unravel = to_vector(normal.parameters)
+    parameters = unravel(vector.at[np.array([every.index(name) for name in normal.names])].add(change))
+    return replace(normal, parameters=parameters, covariance=normal.covariance + variance)
 
 
 def _may_be_straight(normal: FitResult) -> bool:

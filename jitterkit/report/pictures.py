@@ -1,7 +1,7 @@
 """One fitted frame as a picture: data, model, residual and kernel side by side.
 
 :func:`render_frame` draws a frame at once.  A run keeps :func:`pack_picture` of a few frames and draws the
-worst of them at its end with :func:`render_picture`; :func:`choose_pictures` says which.
+worst of them at its end with :func:`render_pictures`; :func:`choose_pictures` says which.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
 from jitterkit.frames.frame import Frame
@@ -84,7 +86,8 @@ def render_frame(frame: Frame, result: FitResult, row: Row | None = None) -> Fra
     """
     if row is None:
         row = make_row(result, frame.path, frame.index, metadata=frame.metadata, flags=frame.flags)
-    return _draw(_picture(frame, result), row)
+    picture = _picture(frame, result)
+    return _Panels(picture).draw(picture, row)
 
 
 def pack_picture(frame: Frame, result: FitResult) -> bytes:
@@ -103,14 +106,23 @@ def pack_picture(frame: Frame, result: FitResult) -> bytes:
     return buffer.getvalue()
 
 
-def render_picture(packed: bytes, row: Row) -> FrameReport:
-    """Draw what :func:`pack_picture` packed of the frame with a row."""
+def render_pictures(packed: Iterable[tuple[Row, bytes]]) -> Iterator[FrameReport]:
+    """Draw what :func:`pack_picture` packed of frames, given with their rows, one after the other."""
+    panels = None
+    for row, data in packed:
+        picture = _unpack(data)
+        if panels is None or not panels.suit(picture):
+            panels = _Panels(picture)
+        yield panels.draw(picture, row)
+
+
+def _unpack(packed: bytes) -> _Picture:
     with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
         found = {name: arrays[name] for name in arrays.files}
     header = json.loads(str(found.pop("text")))
     kind, coords = header.pop("kind"), found.pop("coords", None)
     locus = None if coords is None else LOCI[kind](coords)
-    return _draw(_Picture(**header, **found, locus=locus), row)
+    return _Picture(**header, **found, locus=locus)
 
 
 def choose_pictures(rows: Sequence[Row], limit: int = MOST_PICTURES) -> list[int]:
@@ -153,24 +165,57 @@ def _picture(frame: Frame, result: FitResult) -> _Picture:
     return _Picture(name, scale, data, *fit, stars, letters, p.locus, result.locus)
 
 
-def _draw(picture: _Picture, row: Row) -> FrameReport:
-    axes, scale = four_panels(), picture.plate_scale
-    plot_image(picture.data, scale, axes[0], norm=stretch(picture.data), title="data")
-    if picture.model is None or picture.residual is None:
-        for ax in axes[1:]:
-            ax.set_axis_off()
-        shown = "data"
-    else:
-        shown = "data, model, residual and jitter kernel"
-        plot_image(picture.model, scale, axes[1], norm=stretch(picture.model), title="model")
-        title = f"residual, χ²/dof = {number(picture.chi2_dof, 4)}"
-        plot_residual(picture.residual, scale, axes[2], title=title)
-        for ax in axes[1:3]:
+class _Panels:
+    """Four panels for pictures of frames of one shape and scale: to make axes takes longer than to draw."""
+
+    def __init__(self, picture: _Picture) -> None:
+        self._like, self._axes = self._kind(picture), four_panels()
+        data, model, residual, kernel = self._axes
+        plot_image(picture.data, picture.plate_scale, data, title="data")
+        if picture.model is None or picture.residual is None:
+            for ax in (model, residual, kernel):
+                ax.set_axis_off()
+            return
+        plot_image(picture.model, picture.plate_scale, model, title="model")
+        plot_residual(picture.residual, picture.plate_scale, residual)
+        for ax in (model, residual):
             ax.set_ylabel("")
-        if picture.stars is not None:
-            x, y = picture.stars
-            plot_stars(x, y, axes[1], picture.letters)
-        if picture.locus is not None:
-            title = f"kernel: {picture.locus_name}"
-            plot_kernel(picture.locus, axes[3], plate_scale=scale, title=title)
-    return FrameReport(picture.name, row, small_png(axes[0]), f"{shown} of {picture.name}")
+        for ax in (data, model):
+            ax.set_title(ax.get_title(), y=1.0)  # where it is anyway; to find that place takes a while
+
+    def suit(self, picture: _Picture) -> bool:
+        """Return whether a picture can be drawn on these panels."""
+        return self._kind(picture) == self._like
+
+    def draw(self, picture: _Picture, row: Row) -> FrameReport:
+        """Draw a picture in place of the one before."""
+        data, model, residual, kernel = self._axes
+        _change(data, picture.data, stretch(picture.data))
+        shown = "data"
+        if picture.model is not None and picture.residual is not None:
+            shown = "data, model, residual and jitter kernel"
+            _change(model, picture.model, stretch(picture.model))
+            _change(residual, picture.residual)
+            residual.set_title(f"residual, χ²/dof = {number(picture.chi2_dof, 4)}", y=1.0)
+            for mark in (*model.lines, *model.texts):
+                mark.remove()
+            if picture.stars is not None:
+                x, y = picture.stars
+                plot_stars(x, y, model, picture.letters)
+            kernel.clear()
+            kernel.set_axis_off()
+            if picture.locus is not None:
+                kernel.set_axis_on()
+                title = f"kernel: {picture.locus_name}"
+                plot_kernel(picture.locus, kernel, plate_scale=picture.plate_scale, title=title)
+        return FrameReport(picture.name, row, small_png(data), f"{shown} of {picture.name}")
+
+    def _kind(self, picture: _Picture) -> tuple:
+        return picture.data.shape, picture.plate_scale, picture.model is None or picture.residual is None
+
+
+def _change(ax: Axes, image: np.ndarray, norm: Normalize | None = None) -> None:
+    """Draw another image on axes that have one."""
+    ax.images[0].set_data(image)
+    if norm is not None:
+        ax.images[0].set_norm(norm)

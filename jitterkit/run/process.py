@@ -34,7 +34,7 @@ from jitterkit.report.outputs import (
     TABLE,
     make_directory,
 )
-from jitterkit.report.pictures import choose_pictures, render_picture
+from jitterkit.report.pictures import choose_pictures, render_pictures
 from jitterkit.report.residual_stack import ResidualStack, join_stacks, most_stacked
 from jitterkit.report.row import Row
 from jitterkit.report.summary import summarise, write_summary
@@ -237,7 +237,7 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))
     shown = [one for one in store.pictures() if (one[0]["path"], one[0]["frame"]) not in names]
     chosen = choose_pictures([row for row, _ in shown])
-    pictures = (render_picture(packed, row) for row, packed in (shown[index] for index in chosen))
+    pictures = render_pictures(shown[index] for index in chosen)
     write_report(directory / REPORT, pictures, table, summary, stack, overwrite=True)
     return Run(table, summary, directory)
 

@@ -9,7 +9,7 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.frames.frame import Frame
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.report.pictures import choose_pictures, pack_picture, render_frame, render_picture
+from jitterkit.report.pictures import choose_pictures, pack_picture, render_frame, render_pictures
 
 
 @pytest.mark.parametrize("locus", ["linear", "shm", "mvn", "stable"])
@@ -35,7 +35,7 @@ def test_a_picture_that_was_packed_is_the_one_drawn_at_once(make_fit):
     frame, result = make_fit("linear", path="cube.fits", index=3, several=True)
     at_once = render_frame(frame, result)
     packed = pack_picture(frame, result)
-    later = render_picture(packed, at_once.row)
+    (later,) = render_pictures([(at_once.row, packed)])
     assert (later.name, later.alt) == (at_once.name, at_once.alt)
     assert later.row is at_once.row
     first, second = (np.asarray(Image.open(io.BytesIO(one.picture)), int) for one in (at_once, later))
@@ -43,10 +43,21 @@ def test_a_picture_that_was_packed_is_the_one_drawn_at_once(make_fit):
     assert len(packed) < 3 * 4 * frame.electrons.size + 3000
 
 
+def test_pictures_drawn_one_after_the_other_are_those_drawn_alone(make_fit):
+    fits = [make_fit(locus, several=True) for locus in ("linear", "stable")]
+    frame, bare = fits[0][0], FitResult(Status.NO_DATA, "no usable pixel")
+    other = Frame(np.arange(64.0).reshape(8, 8), 1.0)
+    packed = [pack_picture(*one) for one in (*fits, (frame, bare), fits[0], (other, bare), fits[1])]
+    together = [one.picture for one in render_pictures([({}, data) for data in packed])]
+    alone = [one.picture for data in packed for one in render_pictures([({}, data)])]
+    assert together == alone
+    assert len(set(together)) == 4
+
+
 def test_a_packed_frame_without_a_fit_shows_its_data():
     frame = Frame(np.full((8, 8), np.nan), 1.0)
     row = {"status": "no_data"}
-    report = render_picture(pack_picture(frame, FitResult(Status.NO_DATA, "no usable pixel")), row)
+    (report,) = render_pictures([(row, pack_picture(frame, FitResult(Status.NO_DATA, "no usable pixel")))])
     assert (report.alt, report.row) == ("data of array", row)
     assert report.picture.startswith(b"\x89PNG")
 
