@@ -139,7 +139,10 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     result = classify(frame, result, plate_scale)
     result = flag_faint_companion(result, found.optics.nominal)
     result = _flag_plate_scale(result)
-    return result.remarked(found.ambiguity, "maybe_pair") if _may_be_a_pair(result) else result
+    if not result.status.usable or "jitter_undetected" in result.flags:
+        return result
+    minor, error = minor_variance(*result.moments())  # two still stars could look as a straight jitter does
+    return result if minor > LIMITS.below * error else result.remarked(found.ambiguity, "maybe_pair")
 
 
 def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
@@ -303,14 +306,6 @@ def _sky_hint(frame: Frame, result: FitResult) -> str:
         return ""
     side = "above" if mean > 0 else "below"
     return f"The frame lies {side} the model all over: leave out --no-background if there may be sky."
-
-
-def _may_be_a_pair(result: FitResult) -> bool:
-    """Return whether two still stars could look the same: they are as a straight jitter."""
-    if not result.status.usable or "jitter_undetected" in result.flags:
-        return False
-    minor, error = minor_variance(*result.moments())
-    return not minor > LIMITS.below * error
 
 
 def _dark_pixels(frame: Frame, result: FitResult) -> float:

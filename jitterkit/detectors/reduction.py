@@ -67,7 +67,9 @@ def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
     metadata = inform(detector, raw.metadata) if beyond else metadata
     counts = (_of_adu if raw.unit == "adu" else _of_electrons)(detector, raw, metadata)
     response = _piece(detector, "flat", raw) if raw.unit == "adu" else 1.0
-    bad = _bad(detector, raw) | counts.unknown
+    bad = counts.unknown | np.asarray(_piece(detector, "flat", raw) <= 0)
+    if detector.bad_pixels is not None:
+        bad = bad | np.asarray(_piece(detector, "bad_pixels", raw), dtype=bool)
     response = np.where(response > 0, response, 1.0) if np.ndim(response) else response
     full = counts.full & ~raw.mask
     return Frame(
@@ -165,14 +167,6 @@ def _own(detector: Characteristics, name: str, raw: RawFrame, metadata: Metadata
 def _piece(detector: Characteristics, name: str, raw: RawFrame) -> Values:
     values = getattr(detector, name)
     return 1.0 if values is None else piece(name, values, raw.name, raw.origin, raw.shape)
-
-
-def _bad(detector: Characteristics, raw: RawFrame) -> np.ndarray:
-    """Return the pixels that the maps call bad or dead."""
-    bad = np.zeros(raw.shape, dtype=bool)
-    if detector.bad_pixels is not None:
-        bad |= np.asarray(_piece(detector, "bad_pixels", raw), dtype=bool)
-    return bad if detector.flat is None else bad | (_piece(detector, "flat", raw) <= 0)
 
 
 def _believed(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Characteristics:

@@ -150,7 +150,10 @@ class Cards:
             return None
         said = f"{key} = {number.value:g}"
         if not number.unit:
-            number = replace(number, unit=self._unit_beside(key))
+            beside = [f"{key[:3]}UNIT", f"{key[:3]}_UNIT", f"{key[:4]}UNIT", f"{key[:7]}U", f"{key[:3]}UNITS"]
+            number = replace(
+                number, unit=next(filter(None, map(self.text, beside)), "")
+            )  # EXPUNIT of EXPTIME
         if name not in _TIMES and re.match(r"[-+\d. ]+/\s*\d", self.text(key)):
             self.warnings.append(f"{key} = {self.text(key)!r} is not a number and is ignored")
             return None
@@ -197,11 +200,6 @@ class Cards:
         if not unit and number.key == "SCALE":
             self.warnings.append(f"SCALE = {number.value:g} has no unit and is taken as arcsec/pixel")
         return factor(name, unit) if unit else ""
-
-    def _unit_beside(self, key: str) -> str:
-        """Return the unit that a card of its own states, such as EXPUNIT beside EXPTIME."""
-        beside = [f"{key[:3]}UNIT", f"{key[:3]}_UNIT", f"{key[:4]}UNIT", f"{key[:7]}U", f"{key[:3]}UNITS"]
-        return next(filter(None, map(self.text, beside)), "")
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
         """Mean over the amplifiers that read the image."""

@@ -71,8 +71,7 @@ class FitsImage:
         inherit = primary if number and not alone else None
         cards = Cards(header, number, inherit)
         odd = [] if self.hdu.role else self._pixels.lossy_warnings() + self._pixels.blank_warnings()
-        _warn_of_a_ramp(self.hdu, cards, odd)
-        _refuse_colour(self.hdu, cards, odd)
+        _check_planes(self.hdu, cards, odd)
         self._outside, cut = (None, "") if self.hdu.role else outside_of_data(cards, self.shape)
         odd += [cut] * bool(cut)
         from_top = rows_from_the_top(cards)
@@ -103,7 +102,7 @@ class FitsImage:
         mask = np.zeros(self.shape, bool) if blank is None else blank
         mask = mask if self._outside is None else mask | self._outside
         data = data * self._factor if self._factor != 1.0 else data
-        quality, name = None, self.group.noise_label
+        quality, name = None, " + ".join(part.label for part in self.group.noise.values())
         if "quality" in self._parts:
             pixels = self._parts["quality"]
             quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
@@ -178,8 +177,15 @@ def _text(cards: Cards, key: str) -> str:
     return value.strip().upper() if isinstance(value, str) else ""
 
 
-def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
-    """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so."""
+def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
+    """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so.
+
+    Warn of the planes of one integration of JWST, each of which has the light of those before it too.
+    """
+    groups = cards.find("NGROUPS")
+    if cards.dialect.name == "JWST" and len(hdu.shape) == 4 and groups and hdu.planes == groups[0] > 1:
+        found = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
+        odd.append(f"{found}: give the file of its slope (_rate)")
     for axis, side in enumerate(reversed(hdu.shape), 1):
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
@@ -196,11 +202,3 @@ def _refuse_colour(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
         odd.append(
             f"three planes by {program} are taken for three frames: if they are colours, give one alone"
         )
-
-
-def _warn_of_a_ramp(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
-    """Warn of the planes of one integration of JWST: each has the light of those before it too."""
-    groups = cards.find("NGROUPS")
-    if cards.dialect.name == "JWST" and len(hdu.shape) == 4 and groups and hdu.planes == groups[0] > 1:
-        found = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
-        odd.append(f"{found}: give the file of its slope (_rate)")

@@ -62,11 +62,6 @@ class Group:
         """The parts that give the variance."""
         return {role: part for role, part in self.parts.items() if role != "quality"}
 
-    @property
-    def noise_label(self) -> str:
-        """Return where the variance comes from."""
-        return " + ".join(part.label for part in self.noise.values())
-
     def add(self, hdus: Sequence[Hdu]) -> None:
         """Take what fits from the image's own planes and from HDUs that may say something about it."""
         self.image, own, warnings = split_planes(self.image)

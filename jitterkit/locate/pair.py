@@ -14,7 +14,6 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import maximum_filter
 
-from jitterkit.conventions import offsets
 from jitterkit.likelihood import Data
 from jitterkit.locate.matched_filter import (
     correlate,
@@ -71,7 +70,7 @@ def find_star(data: Data, otf: OTF, jitter: Locus | None = None) -> Star | None:
         Its place to about a tenth of a pixel.  None if no star rises above the noise.
     """
     field = _Field.of(data, otf, jitter)
-    single = field.single()
+    single = field.single
     if not single.max() > _ABOVE_NOISE:
         return None
     flat = int(single.argmax())
@@ -107,7 +106,7 @@ def find_pairs(
     Weights are uniform and positions are pixels: a start for a fit, not an estimate.
     """
     field = _Field.of(data, otf, jitter)
-    single = field.single()
+    single = field.single
     if not single.max() > _ABOVE_NOISE:
         return []
     first = field.peak(single, single.argmax()) if bright is None else bright
@@ -124,7 +123,8 @@ class _Field:
 
     On the frame's pixels: ``match`` is data with template, ``power`` template with itself, both with
     the constant projected out; ``light`` is the template's sum over the used pixels.  On the fine
-    array: ``used`` and ``data``.  ``seen`` holds the results of :meth:`beside`.
+    array: ``used`` and ``data``.  ``single`` is chi-squared explained by one star at each pixel, and ``seen``
+    holds the results of :meth:`beside`.
     """
 
     grid: Grid
@@ -134,6 +134,7 @@ class _Field:
     match: np.ndarray
     power: np.ndarray
     light: np.ndarray
+    single: np.ndarray
     noise: float
     seen: dict[Position, tuple[np.ndarray, ...]] = field(default_factory=dict)
 
@@ -152,11 +153,8 @@ class _Field:
         power = correlate(used, squares, grid) - light**2 / count
         varied = embed((electrons - level) * frame_used, grid)
         match = correlate(varied, optics, grid)
-        return cls(grid, optics, used, varied, match, power, light, noise)
-
-    def single(self) -> np.ndarray:
-        """Return chi-squared explained by one star at each position."""
-        return ratio(np.clip(self.match, 0, None) ** 2, self.power * self.noise)
+        single = ratio(np.clip(match, 0, None) ** 2, power * noise)
+        return cls(grid, optics, used, varied, match, power, light, single, noise)
 
     def beside(self, first: Position):
         """Return chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
@@ -182,7 +180,7 @@ class _Field:
     def companions(self, first: Position, least: float, most: int) -> list[Position]:
         """Return the best positions for a second star, each the best within ``least`` of itself."""
         gain, _, _ = self.beside(first)
-        y, x = np.meshgrid(*self._axes(), indexing="ij")
+        y, x = np.meshgrid(*self.grid.axes, indexing="ij")
         gain = np.where(np.hypot(x - first[0], y - first[1]) >= least, gain, 0.0)
         reach = max(3, 2 * int(np.ceil(least / 2 / self.grid.plate_scale)) + 1)
         peaks = np.flatnonzero((gain == maximum_filter(gain, size=reach)) & (gain > 0))
@@ -227,13 +225,9 @@ class _Field:
     def peak(self, values: np.ndarray, flat) -> Position:
         """Place ``(x, y)`` [arcsec] of a maximum, by a parabola through its neighbours."""
         row, column = np.unravel_index(int(flat), values.shape)
-        y, x = self._axes()
+        y, x = self.grid.axes
         scale = self.grid.plate_scale
         return (
             float(x[column] + scale * vertex(values[row, :], int(column))),
             float(y[row] + scale * vertex(values[:, column], int(row))),
         )
-
-    def _axes(self) -> tuple[np.ndarray, np.ndarray]:
-        y, x = (offsets(n, self.grid.plate_scale) for n in self.grid.shape)
-        return y, x

@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 from scipy import fft, ndimage, special
 
-from jitterkit.conventions import offsets
 from jitterkit.likelihood.data import Data, mean_counts
 from jitterkit.locate.matched_filter import (
     correlate,
@@ -111,7 +110,7 @@ class Residual:
         match, power = self._products
         gain = ratio(np.clip(match, 0, None) ** 2, power)
         row, column = np.unravel_index(int(gain.argmax()), gain.shape)
-        y, x = self._axes
+        y, x = self.otf.grid.axes
         flux = match[row, column] / max(power[row, column], np.finfo(float).tiny)
         return Star(x[column], y[row], flux), float(gain[row, column])
 
@@ -153,7 +152,7 @@ class Residual:
         row, column = np.unravel_index(int(errors.argmax()), errors.shape)
         if not errors[row, column] > least:
             return None
-        (match, power), (y, x), scale = self._products, self._axes, self.otf.grid.plate_scale
+        (match, power), (y, x), scale = self._products, self.otf.grid.axes, self.otf.grid.plate_scale
         return (
             float(errors[row, column]),
             float(x[column] + scale * vertex(errors[row, :], int(column))),
@@ -231,18 +230,15 @@ class Residual:
         return spectrum_of_star(self.otf, self.jitter)
 
     @cached_property
-    def _counts(self) -> np.ndarray:
-        return np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
-
-    @cached_property
     def _weight(self) -> np.ndarray:
-        return np.where(self.data.used, np.asarray(self.data.weight) / self._counts, 0.0)
+        counts = np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
+        return np.where(self.data.used, np.asarray(self.data.weight) / counts, 0.0)
 
     @cached_property
     def _chance(self) -> np.ndarray:
         """Return the chance of a reading so far from its mean, on its side: Poisson, read noise included."""
         weight = np.asarray(self.data.weight)
-        mean = weight * self._counts
+        mean = weight * np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
         count = np.maximum(weight * (np.asarray(self.data.electrons) + np.asarray(self.data.offset)), 0.0)
         above = special.gammainc(np.maximum(count, np.finfo(float).tiny), mean)
         return np.where(count > mean, above, special.gammaincc(count + 1, mean))
@@ -273,16 +269,11 @@ class Residual:
         """Return chi-squared of the most outstanding pixel within one of each."""
         return ndimage.maximum_filter(self.sigmas**2, size=3)
 
-    @property
-    def _axes(self) -> tuple[np.ndarray, np.ndarray]:
-        y, x = (offsets(n, self.otf.grid.plate_scale) for n in self.otf.grid.shape)
-        return y, x
-
     def _clear_of(self, scene: Scene | None, apart: float = 1.0) -> np.ndarray | bool:
         """Return the pixels to which no star of a scene is nearer than so many resolutions."""
         if scene is None:
             return True
-        y, x = self._axes
+        y, x = self.otf.grid.axes
         positions = zip(*map(np.asarray, scene.sources()[:2]), strict=True)
         distances = [np.hypot(x - xs, y[:, None] - ys) for xs, ys in positions]
         return np.min(distances, axis=0) > apart * resolution(self.otf)

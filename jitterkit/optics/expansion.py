@@ -56,10 +56,11 @@ def grid_for(
         If the padded frame is wider than the pupil's own sampling allows: beyond
         ``wavelength / pitch`` the image of a sampled pupil repeats itself.
     """
-    cutoff = _cutoff(pupil, spectrum)
+    shortest = min(spectrum.wavelengths) * 1e-9
+    cutoff = pupil.cutoff_diameter / shortest * ARCSEC  # cycles/arcsec that reach the image
     refine = max(1, int(np.ceil(2 * plate_scale * cutoff)))
     grid = Grid((shape[0], shape[1]), plate_scale, pad, refine)
-    period = min(spectrum.wavelengths) * 1e-9 / pupil.pitch / ARCSEC
+    period = shortest / pupil.pitch / ARCSEC
     width = max(grid.fine_shape) * grid.pitch
     if width > period:
         raise ConfigurationError(
@@ -70,11 +71,6 @@ def grid_for(
             "instrument file), or a smaller frame ([instrument] shape).",
         )
     return grid
-
-
-def _cutoff(pupil: Pupil, spectrum: Spectrum) -> float:
-    """Return the highest frequency that reaches the image, cycles/arcsec."""
-    return pupil.cutoff_diameter / (min(spectrum.wavelengths) * 1e-9) * ARCSEC
 
 
 def expand(
@@ -243,7 +239,12 @@ def _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch):
     phase_step = wavenumber * 1e9 * pupil.pitch * grid.pitch * ARCSEC * stretch
     focal = focal_field(field[:, None], phase_step, grid.fine_shape)
     psf = focal[0] ** 2 + focal[1] ** 2
-    slopes, field, focal = single((_logarithmic(pupil, wavenumber)[:, :modes], field, focal))
+    # derivatives of the logarithm of the field by every mode: real and imaginary parts (2, k, n, n)
+    phases, light = jnp.zeros_like(pupil.basis), jnp.zeros_like(pupil.shading)
+    slopes = jnp.stack(
+        [jnp.concatenate([phases, pupil.shading]), jnp.concatenate([wavenumber * pupil.basis, light])]
+    )
+    slopes, field, focal = single((slopes[:, :modes], field, focal))
     changed = focal_field(_times(slopes, field[:, None]), phase_step, grid.fine_shape)
     first = 2 * (focal[0] * changed[0] + focal[1] * changed[1])
     scale = (phase_step / (2 * np.pi)) ** 2
@@ -251,12 +252,6 @@ def _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch):
         scale * part
         for part in (psf, first, _curvature(field, slopes, pairs, focal, changed, phase_step, grid))
     ]
-
-
-def _logarithmic(pupil, wavenumber):
-    """Derivatives of the logarithm of the field by every mode, real and imaginary parts: (2, k, n, n)."""
-    real = jnp.concatenate([jnp.zeros_like(pupil.basis), pupil.shading])
-    return jnp.stack([real, jnp.concatenate([wavenumber * pupil.basis, jnp.zeros_like(pupil.shading)])])
 
 
 def _times(one, other):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import next_fast_len
 
+from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 __all__ = ["DEFAULT_PAD", "Grid"]
@@ -77,6 +78,12 @@ class Grid:
     def centre(self) -> tuple[float, float]:
         """Position ``(y, x)`` of the frame's centre on the fine array, in arcsec from its first sample."""
         y, x = (self.plate_scale * (self.pad + (n - 1) / 2) for n in self.shape)
+        return y, x
+
+    @property
+    def axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets ``y, x`` of the frame's pixels from its centre, arcsec."""
+        y, x = (offsets(n, self.plate_scale) for n in self.shape)
         return y, x
 
     @property

@@ -26,17 +26,13 @@ def at_zero_length(locus: Locus, names: tuple[str, ...], covariance: np.ndarray)
     """
     variance = dict(zip(names, np.diag(covariance), strict=True))
     found: set[str] = set()
-    for part in _streaks(locus):
-        square, spread = sum(c**2 for c in part.values()), max(variance.get(name, 0.0) for name in part)
-        found |= set(part) if square < _SIGMAS**2 * spread else set()
+    of_parts = iter(locus.names)
+    for part in locus.factors() if isinstance(locus, Product) else (locus,):
+        own = [next(of_parts) for _ in part.coords]
+        if isinstance(part, Streak):
+            square, spread = float(np.sum(np.square(part.coords))), max(variance.get(n, 0.0) for n in own)
+            found |= set(own) if square < _SIGMAS**2 * spread else set()
     return found
-
-
-def _streaks(locus: Locus) -> list[dict[str, float]]:
-    """The coordinates of every streak in a locus, by name."""
-    parts, names = locus.factors() if isinstance(locus, Product) else (locus,), iter(locus.names)
-    every = [(part, {next(names): float(c) for c in part.coords}) for part in parts]
-    return [coords for part, coords in every if isinstance(part, Streak)]
 
 
 def regularizing_priors(locus: Locus) -> dict[str, tuple[float, float]]:

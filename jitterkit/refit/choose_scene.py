@@ -171,7 +171,10 @@ class _Frame(Weighing):
     def pair_or_field(self, pair: Start) -> Start:
         """A pair as it is, or its stars as a field where it is but the brightest two of many."""
         p = pair.parameters
-        if not _is_a_field(p.scene):
+        if p.scene.others is None or not isinstance(p.scene, Binary):
+            return pair
+        (_, _, (_, fainter)), others = p.scene.stars(), p.scene.others
+        if len(others.x) <= _COMPANY or float(others.flux[0]) <= _LIKE_B * float(fainter):
             return pair
         where = self.data, self.optics, pair.otf, Stars.of(*p.scene.sources()), p.locus, self.options.hold
         return polished(*where, rough=self.rough)
@@ -239,14 +242,6 @@ class _Frame(Weighing):
             pair = self.pair()
         if pair is not None:
             yield pair
-
-
-def _is_a_field(scene: Scene) -> bool:
-    """Return whether a pair is only the brightest two stars of many."""
-    if scene.others is None or not isinstance(scene, Binary):
-        return False
-    _, _, (_, fainter) = scene.stars()
-    return len(scene.others.x) > _COMPANY and float(scene.others.flux[0]) > _LIKE_B * float(fainter)
 
 
 def _is_clear(start: Start) -> bool:

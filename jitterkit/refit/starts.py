@@ -42,7 +42,11 @@ def starting_point(
     start : Parameters
         Of several starts, the one from which a few steps reach the smallest deviance.
     """
-    loci = _loci(kind, moments)
+    if kind is PartialShm:
+        loci = [_partial(moments, cycles, phase) for cycles, phase in itertools.product(_CYCLES, _PHASES)]
+    else:
+        first = kind.near(np.asarray(moments))
+        loci = [first, first.at(-first.coords)] if kind is Path else [first]  # a path bends either way
     if options.nodes is not None:
         loci = [locus.sampled(options.nodes) for locus in loci]
     starts = [start.with_locus(locus) for locus in loci]
@@ -56,14 +60,6 @@ def starting_point(
     ]
     deviances = [float(end.objective) for end in ends]
     return starts[int(np.nanargmin(deviances))] if np.any(np.isfinite(deviances)) else starts[0]
-
-
-def _loci(kind: type[Locus], moments) -> list[Locus]:
-    """Starts of a kind; a path differs from its mirror image by the way it bends."""
-    if kind is PartialShm:
-        return [_partial(moments, cycles, phase) for cycles, phase in itertools.product(_CYCLES, _PHASES)]
-    first = kind.near(np.asarray(moments))
-    return [first, first.at(-first.coords)] if kind is Path else [first]
 
 
 def _partial(moments, cycles: float, phase: float) -> Locus:
