@@ -49,8 +49,8 @@ class Instrument:
     flux : float, optional
         Photons detected from the scene in a usual frame, inside the frame or not.
     pad : int, optional
-        Pixels of padding of the model on each side; ``DEFAULT_PAD`` of :mod:`jitterkit.optics.grid` if
-        omitted.
+        Pixels of padding of the model on each side; if omitted, ``DEFAULT_PAD`` of
+        :mod:`jitterkit.optics.grid`, in samples of the model where it has several a pixel.
     plate_scale_err : float, optional
         Relative standard error of the plate scale: a prior where it is fitted.
     plate_scale_free : bool
@@ -185,11 +185,11 @@ class Instrument:
         # these load JAX, which a table of metadata does not need
         from jitterkit.optics import empirical, expansion, grid, system
 
-        pads = (pad, self.pad, grid.DEFAULT_PAD)
-        pad = next(pixels for pixels in pads if pixels is not None)
+        pad = self.pad if pad is None else pad
         shape, scale = shape or self.shape, plate_scale or self.plate_scale
         if self.pupil is None or self.spectrum is None:
             psf = np.asarray(self.psf)
+            pad = grid.DEFAULT_PAD if pad is None else pad
             return system.FixedOptics(empirical.empirical_otf(psf, scale, shape, pad=pad, **self.psf_options))
         samples = expansion.grid_for(self.pupil, self.spectrum, shape, scale, pad)
         diffusion = (self.detector.diffusion or 0.0) * scale

@@ -29,7 +29,7 @@ def grid_for(
     spectrum: Spectrum,
     shape: tuple[int, int],
     plate_scale: float,
-    pad: int = DEFAULT_PAD,
+    pad: int | None = None,
 ) -> Grid:
     """Return the coarsest grid that carries a pupil's image without aliasing.
 
@@ -41,8 +41,8 @@ def grid_for(
         Frame, ``(ny, nx)``.
     plate_scale : float
         arcsec per pixel.
-    pad : int
-        Pixels of padding on each side.
+    pad : int, optional
+        Pixels of padding on each side; by default :data:`~jitterkit.optics.DEFAULT_PAD` fine samples.
 
     Returns
     -------
@@ -59,6 +59,7 @@ def grid_for(
     shortest = min(spectrum.wavelengths) * 1e-9
     cutoff = pupil.cutoff_diameter / shortest * ARCSEC  # cycles/arcsec that reach the image
     refine = max(1, int(np.ceil(2 * plate_scale * cutoff)))
+    pad = -(-DEFAULT_PAD // refine) if pad is None else pad
     grid = Grid((shape[0], shape[1]), plate_scale, pad, refine)
     period = shortest / pupil.pitch / ARCSEC
     width = max(grid.fine_shape) * grid.pitch

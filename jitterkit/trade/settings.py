@@ -12,7 +12,7 @@ from typing import Any
 from jitterkit.batch import FrameProcessor
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of, positive
 from jitterkit.instruments import Instrument
-from jitterkit.optics import DEFAULT_PAD
+from jitterkit.optics import DEFAULT_PAD, OpticalSystem
 from jitterkit.refit import FitOptions
 
 ABERRATIONS = ("held", "anchored", "expanded")
@@ -173,4 +173,7 @@ def preset(name: str, instrument: Instrument) -> Settings:
 
 def own_pad(instrument: Instrument) -> int:
     """Return the pixels of padding that an instrument is modelled with where no setting says otherwise."""
-    return DEFAULT_PAD if instrument.pad is None else instrument.pad
+    if instrument.pad is not None:
+        return instrument.pad
+    system = instrument.system()
+    return system.grid.pad if isinstance(system, OpticalSystem) else DEFAULT_PAD
