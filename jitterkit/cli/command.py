@@ -24,6 +24,7 @@ from dataclasses import is_dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
 
 import typer
+from rich.markup import escape
 from typer.models import ArgumentInfo, OptionInfo
 
 from jitterkit.cli.runtime import USAGE, log, log_error
@@ -118,6 +119,8 @@ def _is_group(kind: Any) -> bool:
 
 
 def _texts(source: Callable) -> Texts:
-    """Return metavar and help of the options that a docstring describes."""
+    """Return metavar and help of the options that a docstring describes; ``[mas]`` is no markup in it."""
     _, _, section = inspect.cleandoc(source.__doc__ or "").partition(_HEADING)
-    return {name: (metavar, " ".join(text.split())) for name, metavar, text in _ENTRY.findall(section)}
+    return {
+        name: (metavar, escape(" ".join(text.split()))) for name, metavar, text in _ENTRY.findall(section)
+    }
