@@ -24,7 +24,6 @@ from dataclasses import is_dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
 
 import typer
-from rich.markup import escape
 from typer.models import ArgumentInfo, OptionInfo
 
 from jitterkit.cli.runtime import USAGE, log, log_error
@@ -34,6 +33,9 @@ _HEADING = "\n\nParameters\n----------\n"
 
 _ENTRY = re.compile(r"^(\w+)(?: : (.+))?\n((?: {4}.*\n?)+)", re.MULTILINE)
 """Name, metavar and help of an option in a docstring."""
+
+_MARKUP = re.compile(r"\[(?=[a-z])")
+"""What typer would take for a style in brackets."""
 
 Texts = Mapping[str, tuple[str, str]]
 """Metavar and help by the name of the option."""
@@ -122,5 +124,6 @@ def _texts(source: Callable) -> Texts:
     """Return metavar and help of the options that a docstring describes; ``[mas]`` is no markup in it."""
     _, _, section = inspect.cleandoc(source.__doc__ or "").partition(_HEADING)
     return {
-        name: (metavar, escape(" ".join(text.split()))) for name, metavar, text in _ENTRY.findall(section)
+        name: (metavar, _MARKUP.sub(r"\\[", " ".join(text.split())))
+        for name, metavar, text in _ENTRY.findall(section)
     }
