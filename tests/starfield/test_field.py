@@ -158,6 +158,26 @@ def test_a_vibration_against_a_reference_is_reported_not_to_be_a_line(field, tra
     assert number_after("chi²/dof", estimate.remarks[0]) > 1.5
     # its variance is that of a line of 6/sqrt(2); half the difference to the moments', of some 10 %, counts
     assert estimate.length_err > 0.1
+    along = np.array([0.75, np.sqrt(0.75), 0.25])  # of the variance at 30 degrees
+    error = np.sqrt(along @ estimate.kernel.covariance @ along)
+    assert along @ estimate.kernel.moments == pytest.approx(36 / 12 / 2, abs=4 * error)
+    assert error < 0.3 * 36 / 12 / 2
+
+
+def test_fits_are_compared_over_the_stars_that_both_use(trailed, sharp):
+    """A fit that leaves out the star that tells has the smaller deviance a pixel."""
+    stars = find_stars(trailed[0]).chosen(np.arange(5))
+    otf = empirical_otf(field_psf(sharp[0]).stamp, 1.0, stars.electrons.shape[1:], pad=16)
+    line = fit_joint(stars, adaptive_moments(stars), otf, Linear.of(4.0, 30.0))
+    assert np.isfinite(line.deviances[line.used]).all()
+    picky = replace(
+        line,
+        used=np.arange(5) > 0,
+        deviances=np.array([np.nan, *(1.01 * line.deviances[1:])]),
+    )
+    whole = replace(line, deviances=np.array([1e9, *line.deviances[1:]]))
+    assert whole.fits_better(picky)
+    assert not picky.fits_better(whole)
 
 
 def test_a_shape_that_is_no_trail_is_refused(star, rng):
