@@ -18,6 +18,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError, p
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
+from jitterkit.starfield.certainty import not_linear
 from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
@@ -193,7 +194,7 @@ def _record(
         "starfield",
         source,
         locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
-        undetermined=trail.undetermined,
+        undetermined=trail.undetermined or ("" if trail.locus is None else not_linear(moments, sound)),
     )
     return FieldEstimate(
         kernel=kernel,

@@ -180,6 +180,16 @@ def test_fits_are_compared_over_the_stars_that_both_use(trailed, sharp):
     assert not picky.fits_better(whole)
 
 
+@pytest.mark.parametrize("stretch", [np.sqrt, lambda light: np.arcsinh(light / 300)])
+def test_pixels_that_were_stretched_are_not_measured(stretch, trailed, sharp):
+    """A bright star is lowered more in its middle than a faint one, and so is wider."""
+    frame, reference = (replace(one[0], electrons=1e3 * stretch(np.clip(one[0].electrons, 0, None)))
+                        for one in (trailed, sharp))  # fmt: skip
+    for given in (None, reference):
+        assert "stretched" in estimate_field(frame, reference=given).kernel.undetermined
+    assert not estimate_field(trailed[0]).kernel.undetermined
+
+
 def test_a_shape_that_is_no_trail_is_refused(star, rng):
     cross = star(0.0, 0.0, 14.0, 0.0) + star(0.0, 0.0, 0.0, 14.0)
     image = np.full((200, 200), 200.0)
