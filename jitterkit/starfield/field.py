@@ -132,12 +132,17 @@ def estimate_field(
 
 def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
     """Return the PSF of a sharp frame, in stamps as wide as the trailed stars'."""
+    refuse_other_pixels(reference, frame)
+    return field_psf(reference, half=stars.electrons.shape[-1] // 2)
+
+
+def refuse_other_pixels(reference: Frame, frame: Frame) -> None:
+    """Raise ConfigurationError if a reference has another plate scale than a frame, where both are known."""
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
         problem = f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}"
         remedy = "give a reference on the same pixels"
         raise ConfigurationError(ErrorCode.WRONG_INSTRUMENT, f"{problem}; {remedy}.")
-    return field_psf(reference, half=stars.electrons.shape[-1] // 2)
 
 
 def roundest(frames: Sequence[Frame]) -> int:
