@@ -24,6 +24,7 @@ from jitterkit.frames import Frame, RawFrame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import fill_masked
 from jitterkit.starfield import estimate_field, field_psf
+from jitterkit.starfield.field import refuse_other_pixels
 
 __all__ = ["METHODS", "SceneBlurEstimator"]
 
@@ -152,6 +153,7 @@ class SceneBlurEstimator:
         if sharp is None:
             return METHODS[self.method](image, plate_scale=scale)
         check_size(sharp, frame.name, frame.shape)
+        refuse_other_pixels(sharp, frame)
         mask = sharp.mask | frame.mask
         return estimate_from_reference(_filled(sharp), image, plate_scale=scale, mask=mask)
 

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 from jitterkit.batch.diagnose import status_from_exception
@@ -49,6 +50,9 @@ class FileExposures:
     overlap : str
         A sentence on exposures that began before an earlier one had ended, among the frames gone over so far;
         empty where there are none.
+    jump : str
+        A sentence where hours lie between two files whose names are in the other order: a clock was reset, or
+        midnight passed and the date stayed; empty otherwise.
 
     Raises
     ------
@@ -76,6 +80,7 @@ class FileExposures:
         self._times = {} if cadence is not None and len(known) < len(times) else known
         self.files = sorted(files, key=lambda path: self._times.get(path, math.inf))
         self.overlap = ""
+        self.jump = _jump([path for path in self.files if path in self._times], self._times, files)
 
     def __iter__(self) -> Iterator[Exposure]:
         self.overlap = ""
@@ -123,6 +128,22 @@ class FileExposures:
             return Exposure(raw.name, when, frame)
         message = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."
         return Exposure(raw.name, when, None, FitResult(Status.MISMATCH, message))
+
+
+_HOURS = 8 * 3600.0
+"""Between two nights there are more, in the frames of one night fewer."""
+
+
+def _jump(ordered: Sequence[Path], times: Mapping[Path, float], named: Sequence[Path]) -> str:
+    """Return a sentence on the longest pause, if the names of the files about it are in the other order."""
+    pauses = [(times[after] - times[before], before, after) for before, after in pairwise(ordered)]
+    pause, before, after = max(pauses, default=(0.0, None, None))
+    if before is None or after is None or pause < _HOURS or named.index(before) < named.index(after):
+        return ""
+    return (
+        f"By their headers {before.name} was taken {pause / 3600:.3g} hours before {after.name}, and their "
+        "names are in the other order: see that no clock was reset, and that the date changes at midnight."
+    )
 
 
 def _natural(path: Path) -> list[tuple[str, int, str]]:

@@ -92,9 +92,10 @@ def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
     Notes
     -----
     *Assumes* a lamp whose changes show within the frames of an exposure, and exposure times without a
-    constant error: a shutter that opens late looks like a bend at short exposures.  Errors are scaled up
-    where the levels scatter by more than theirs.  Uneven light makes ``c1`` too large by the variance of
-    the light over its square.
+    constant error: a shutter that opens late looks like a bend at short exposures.  So does a lamp that is
+    turned up with the exposure, which :func:`~jitterkit.calibration.transfer.photon_transfer` sees by the
+    variances.  Errors are scaled up where the levels scatter by more than theirs.  Uneven light makes ``c1``
+    too large by the variance of the light over its square.
     """
     used = [level for level in levels if not level.saturated and level.exposure > 0 and level.signal > 0]
     if len({level.exposure for level in used}) < 3 or _lamp_was_turned(used):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Self
@@ -17,6 +18,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import RawFrame, find_files, open_frames
+from jitterkit.frames.duplicates import Duplicates
 
 _SAMPLES = 65536
 """Pixels, about, from which the level of a frame is read: good to a thousandth of its noise."""
@@ -53,6 +55,10 @@ class Shot:
     path : Path, optional
     index : int
         Place in its file.
+    digest : str
+        Of the pixels from which the level was read; empty where they are all alike.
+    warnings : tuple of str
+        Of its file.
     """
 
     name: str
@@ -64,6 +70,8 @@ class Shot:
     whole: bool = True
     path: Path | None = None
     index: int = 0
+    digest: str = ""
+    warnings: tuple[str, ...] = ()
 
     @property
     def saturated(self) -> bool:
@@ -181,7 +189,9 @@ def look(name: str, data: np.ndarray, exposure: float | None) -> Shot:
     scatter = max(1.4826 * float(np.median(np.abs(sample - middle))), _LEAST_SCATTER)
     level = float(np.mean(sample[np.abs(sample - middle) <= _OUTLYING * scatter]))
     whole = bool(np.all(sample == np.rint(sample)))
-    return Shot(name, level, scatter, float(np.mean(sample == sample.max())), exposure, whole=whole)
+    piled = float(np.mean(sample == sample.max()))
+    digest = sha256(sample.tobytes()).hexdigest() if np.ptp(sample) else ""
+    return Shot(name, level, scatter, piled, exposure, whole=whole, digest=digest)
 
 
 _SAME_EXPOSURE = 1e-6
@@ -208,13 +218,14 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
     Raises
     ------
     FrameError
-        If a file cannot be read, a frame has another shape than the first, or is in electrons.
+        If a file cannot be read, a frame has another shape than the first, is in electrons, or has the pixels
+        of an earlier one.
     ConfigurationError
         If a dark or flat has no exposure, or an exposure has one frame only.
     """
     shots: list[Shot] = []
     unusable: np.ndarray | None = None
-    dtypes = set()
+    dtypes, known = set(), Duplicates()
     for path in find_files(paths):
         with open_frames(path) as file:
             dtypes.add(file.dtype)
@@ -222,6 +233,10 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
                 _check(raw, kind, unusable)
                 unusable = raw.mask if unusable is None else unusable | raw.mask
                 shots.append(_seen(raw, kind, exposure))
+                if first := known.original(shots[-1].digest, str(raw.path or raw.name)):
+                    problem = f"has the pixels of {first}, and copies have no noise between them"
+                    remedy = f"leave it out of the {kind} frames"
+                    raise FrameError(ErrorCode.DUPLICATE, raw.path or raw.name, problem, remedy)
     if unusable is None:
         raise ConfigurationError(ErrorCode.NO_IMAGE, f"there is no {kind} frame; name files that hold some.")
     dtype = np.result_type(*dtypes)
@@ -254,8 +269,11 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
         if seconds is None:
             problem = f"{raw.path}: the {kind} frame does not say its exposure; give --exposure in s."
             raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
-    shot = look(raw.name, raw.data, seconds)
-    return replace(shot, gain=raw.metadata.value("gain"), path=raw.path, index=raw.index)
+    if kind == "flat" and seconds is not None and not seconds > 0:
+        problem = f"{raw.path}: the flat frame has an exposure of {seconds:g} s; give --exposure in s."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+    shot, known = look(raw.name, raw.data, seconds), raw.metadata
+    return replace(shot, gain=known.value("gain"), path=raw.path, index=raw.index, warnings=known.warnings)
 
 
 def _grouped(shots: list[Shot]) -> list[tuple[Shot, ...]]:

@@ -26,6 +26,10 @@ _FLAT_OUT = 0.3
 _STILL = 0.05
 """ADU²: a variance below that is no read noise, so that the converter has ended."""
 
+_WORSE = 25.0
+"""Rise of chi² of the line by a bend that the levels of light are said to have, from which the lamp made the
+bend: a detector's own takes the variances along."""
+
 _COUPLED = 4.0
 """Errors from which a coupling is believed."""
 
@@ -122,9 +126,14 @@ def photon_transfer(levels: Sequence[Level]) -> PhotonTransfer:
         worst = next(level for level in levels if level.saturated)
         problem = f"the flats are saturated, the dimmest at {worst.signal:.5g} ADU above the bias"
         raise ConfigurationError(ErrorCode.NO_DATA, f"{problem}; give flats of shorter exposures.")
-    linearity = fit_linearity(used)
-    x = np.array([_abscissa(level.signal, linearity) for level in used])
     y, e = np.array([(level.variance, level.variance_error) for level in used]).T
+    linearity, x = fit_linearity(used), np.array([level.signal for level in used])
+    if linearity is not None and linearity.coefficients:
+        bent = np.array([_abscissa(level.signal, linearity) for level in used])
+        if _line(bent, y, e)[2] < _line(x, y, e)[2] + _WORSE:
+            x = bent
+        else:
+            linearity = None
     if len(used) == 1:
         problem = f"one level of light, {used[0].signal:.5g} ADU, does not separate gain from read noise"
         raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; give --bias, or flats of another exposure.")

@@ -72,7 +72,7 @@ def calibrate(
     from jitterkit.calibration import calibrate as measure
     from jitterkit.calibration.products import FILES
     from jitterkit.instruments import load_instrument
-    from jitterkit.report.calibration_table import calibration_rows, calibration_sentences
+    from jitterkit.report.calibration_table import calibration_rows, calibration_sentences, stack_sentences
     from jitterkit.report.outputs import check_directory
 
     check_directory(output, (*FILES, _PICTURE, _LEVELS), overwrite)
@@ -87,7 +87,8 @@ def calibrate(
     level, level_source = _level(bias_level, telescope) if flat and not bias else (bias_level, "")
     own_gain, gain_source = (None, "") if flat else _gain(gain, stacks, telescope)
     calibration = measure(biases, darks, flats, bias_level=level, gain=own_gain, settings=chosen)
-    for sentence in filter(None, (level_source, gain_source, *calibration_sentences(calibration))):
+    said = (*stack_sentences(stacks), level_source, gain_source, *calibration_sentences(calibration))
+    for sentence in filter(None, said):
         log(sentence)
     typer.echo("\n".join(aligned(_cells(*row) for row in calibration_rows(calibration))))
     _write_outputs(calibration, output, instrument, telescope.detector.full_well)

@@ -34,6 +34,9 @@ _HEADING = "\n\nParameters\n----------\n"
 _ENTRY = re.compile(r"^(\w+)(?: : (.+))?\n((?: {4}.*\n?)+)", re.MULTILINE)
 """Name, metavar and help of an option in a docstring."""
 
+_MARKUP = re.compile(r"\[(?=[a-z])")
+"""What typer would take for a style in brackets."""
+
 Texts = Mapping[str, tuple[str, str]]
 """Metavar and help by the name of the option."""
 
@@ -118,6 +121,9 @@ def _is_group(kind: Any) -> bool:
 
 
 def _texts(source: Callable) -> Texts:
-    """Return metavar and help of the options that a docstring describes."""
+    """Return metavar and help of the options that a docstring describes; ``[mas]`` is no markup in it."""
     _, _, section = inspect.cleandoc(source.__doc__ or "").partition(_HEADING)
-    return {name: (metavar, " ".join(text.split())) for name, metavar, text in _ENTRY.findall(section)}
+    return {
+        name: (metavar, _MARKUP.sub(r"\\[", " ".join(text.split())))
+        for name, metavar, text in _ENTRY.findall(section)
+    }

@@ -101,8 +101,8 @@ def sequence(
             "No header holds a time of day: the frames are used in the natural order of their names, without "
             "a pause between them."
         )
-    if exposures.overlap:
-        log(exposures.overlap)
+    for sentence in filter(None, (exposures.jump, exposures.overlap)):
+        log(sentence)
     _write_outputs(fit, output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
     if not fit.combined.kept.all() or len(fit.summaries) + duplicates < len(fit.records):

@@ -5,6 +5,7 @@ Making one loads JAX, and TOLIMAN's takes seconds; ``jitterkit info`` needs neit
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,8 +59,8 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked, or a pedestal is left under the star: its edge would hold a third of
-        all its light.
+        If a pixel of it is masked, it has the few steps of eight bits, or a pedestal is left under the star:
+        its edge would hold a third of all its light.
     FrameError
         If it cannot be read.
     """
@@ -69,11 +70,39 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
         problem = f"{path}: {int(frame.mask.sum())} pixels of the star have no value"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
     image = frame.data - frame.metadata.value("bias", 0.0)
-    edge = np.median(np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]]))
+    if np.all(frame.data == np.rint(frame.data)) and 0 < np.ptp(frame.data) < _STEPS:
+        problem = (
+            f"{path}: the star has {np.ptp(frame.data):g} steps from dark to bright, which cut its wings"
+        )
+        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; give it in 16 bits or in real numbers.")
+    edge = _edge(image)
     if edge * image.size > image.sum() / 3:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
             f"{path}: the edge of the star's image stands at {edge:g}, so that a third or more of its sum is "
             "background; subtract it.",
         )
+    ny, nx = image.shape
+    inside = _edge(image[ny // 8 : ny - ny // 8, nx // 8 : nx - nx // 8])
+    share = edge * image.size / (image.sum() - edge * image.size)
+    if abs(share) > _SHARE and abs(edge) > _FALLEN * abs(inside):
+        _LOG.warning(
+            "%s: the star's image does not fall towards its edge, which stands at %.3g: if that is "
+            "background, fluxes are wrong by %.0f %%; subtract it.", path, edge, 100 * share
+        )  # fmt: skip
     return image
+
+
+def _edge(image: np.ndarray) -> float:
+    """Return the median of the outermost pixels."""
+    return float(np.median(np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])))
+
+
+_STEPS = 1000
+"""Fewest whole numbers from dark to peak: of 255, moments were off by nine errors of 3e5 electrons."""
+
+_SHARE, _FALLEN = 0.01, 0.7
+"""Share of the light that a level as at the edge would have, and ratio of the edge to what lies a quarter of
+the way to the middle, from which it is no star's wing: one that falls with the distance squared has 0.56."""
+
+_LOG = logging.getLogger(__name__)

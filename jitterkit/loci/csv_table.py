@@ -50,12 +50,36 @@ def heading(cell: str) -> tuple[str, str]:
     return name.strip().lower(), unit.strip()
 
 
-_IN_PROSE = re.compile(
-    r"(?<![\w/])((?P<time>ms|milliseconds?|[uµ]s|minutes?|hours?|kHz)"
-    r"|mas|milli-?arcsec\w*|[uµ]as|deg(rees?)?|[mµu]?rad(ians?)?|pix(els?)?|√|sqrt|rt ?Hz|dB|log(10)?"
-    r"|(?P<kind>(?i:asd|amplitude spectral|rms|peak[- ]to[- ]peak|p-?p|cumulative)))(?!\w)"
+_TIMES = r"(milli|micro|nano)-?sec\w*|[mµμun]s(ecs?)?|minutes?|hours?|days?|ticks?|(?<=in )m?jd|m?jd(?=\W*$)"
+_FREQUENCIES = (
+    r"[km]Hz|rad\w*\s*(/|per)\s*s\w*|angular freq\w*|omega|ω|normali[sz]ed freq\w*|rpm|cpm"
+    r"|(cycles?|rad\w*)\s*(/|per)\s*(?!s(ec\w*)?\b)\w+"
 )
-"""Units, of time and others, and kinds of amplitude, that are not those of columns without a unit."""
+_RADIANS = r"((milli|micro|nano)[- ]?)?rad(ian)?s?|[mµμun]rads?"
+_ANGLES = (
+    r"mas|[uµμ]as|(milli|micro)[- ]?arc\w*|arc-?min\w*|amin|deg(rees?)?|pix(els?)?|px|[uµμm]m|microns?"
+    r"|(lambda|λ)/D|counts?|volts?|dB|log(10)?|ln|arbitrary"
+)
+_KINDS = (
+    r"asd|lsd|amplitude spectr\w+|spectral amplitudes?|(amplitude|linear) spectral|magnitudes?|rms"
+    r"|peak[- ]to[- ](peak|valley)|p-?p|cumulative|running sum|normali[sz]ed|integrated (power|psd|spectr\w+)"
+    r"|per bin|scaling\W+spectrum"
+)
+_RATES = (
+    r"(?<!sampling )(?<!sample )(?<!frame )(?<!data )rates?|velocit\w+|accelerations?|increments?"
+    r"|(arc-?sec\w*|as)\s*(/|per)\s*s(ec\w*)?"
+)
+_SYMBOLS = r"√|\bsqrt|\b(rt|root) ?\(?Hz|\bHz\W{1,3}(0?\.5|1/2)|°|[\"″]\s*/\s*s\b"
+_IN_PROSE = {
+    first: re.compile(
+        rf"((?<![\w/])|(?<=\b[tfxy]/))((?P<first>{units})|(?P<rad>{_RADIANS})|(?P<rate>{_RATES})|(?P<kind>{_KINDS})|{_ANGLES})"
+        rf"(?![^\W²])|{_SYMBOLS}",
+        re.IGNORECASE,
+    )
+    for first, units in (("t", _TIMES), ("f", _FREQUENCIES))
+}
+"""Units of the first column (a time or a frequency) and of the others, and kinds of amplitude, that are not
+those of columns without a unit."""
 
 
 def refuse_unit_in_comment(path: Path, header: Sequence[str]) -> None:
@@ -63,14 +87,17 @@ def refuse_unit_in_comment(path: Path, header: Sequence[str]) -> None:
 
     A kind of amplitude is no unit: one that a comment names is refused of lines whatever their unit.
     """
-    names, units = zip(*map(heading, header), strict=True) if header else ((), ())
+    if not header:
+        return
+    names, units = zip(*map(heading, header), strict=True)
+    pattern = _IN_PROSE["t" if names[0] in ("t", "time") else "f"]
     with path.open(encoding="utf-8-sig") as handle:
         comments = [
             (n, found)
             for n, line in enumerate(handle, 1)
             if line[0] == "#"
-            for found in _IN_PROSE.finditer(line)
-            if not any(units[:1] if found["time"] else units[1:]) or (found["kind"] and "amplitude" in names)
+            for found in pattern.finditer(line)
+            if not _is_stated(found, names, units)
         ]
     if not comments:
         return
@@ -81,9 +108,37 @@ def refuse_unit_in_comment(path: Path, header: Sequence[str]) -> None:
             f"{said}, and amplitudes of lines are from zero to peak; convert them, and leave the word out"
         )
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}.")
-    example = f"{header[0]} [ms]" if found["time"] else f"{header[1]} [mas]"
+    first = f"{header[0]} [ms]" if names[0] in ("t", "time") else f"{header[0]} [kHz]"
+    example = first if found["first"] else f"{header[1]} [mas{'/s' * (names[1] == 'wx')}]"
     remedy = f"write one behind each name, as in {example}, or leave the word out"
     raise ConfigurationError(ErrorCode.CONFLICT, f"{said}, and the columns have no unit; {remedy}.")
+
+
+def _is_stated(found: re.Match, names: Sequence[str], units: Sequence[str]) -> bool:
+    """Return whether the header says the unit that a word of a comment may be about."""
+    if found["first"]:
+        return bool(units[0])
+    if found["kind"] and "amplitude" in names:
+        return False
+    if found["rate"] and "wx" in names:
+        return True
+    of_angle = units[names.index("angle")] if found["rad"] and "angle" in names else True
+    return bool(len(units) > 1 and units[1] and of_angle)
+
+
+def assumed_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return a sentence on the units that columns without one were taken to have; none if all have one.
+
+    >>> assumed_units(["t", "x [mas]"], ["s", "arcsec"])
+    ['The header gives no unit for t: read as s.']
+    """
+    taken = [
+        (name, unit) for (name, stated), unit in zip(map(heading, header), units, strict=True) if not stated
+    ]
+    if not taken:
+        return []
+    names, read = (", ".join(words) for words in zip(*taken, strict=True))
+    return [f"The header gives no unit for {names}: read as {read}."]
 
 
 def refuse_half_stated(names: Sequence[str], units: Sequence[str]) -> None:

@@ -31,6 +31,10 @@ one of two positions between which the pointing jumps."""
 _FEWEST = 11
 """Samples from which a value that is no usual code may stand for none; fewer are a path somebody drew."""
 
+_OUTLYING, _SHARE_OF_OUTLIERS = 20.0, 0.01
+"""Standard deviations from the median beyond which samples are said to be outliers, and their largest share:
+no vibration or drift has so few so far out."""
+
 _BY_CHANCE = 1e-6
 """Chance of a run of equal samples below which it does not belong to the motion around it."""
 
@@ -60,8 +64,8 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
     A value stands for a missing one if it occurs at least twice, equal in all digits, and no other sample is
     within five standard deviations of it: motion passes the places between, and noise does not repeat itself.
     The deviation is half the range of the middle 68 % of the others.  A value that is no usual code (nines,
-    the limit of an integer) must take at most a tenth of more than ten samples.  A single outlier is motion;
-    of a single code a sentence says so.  No angle is beyond 1e15.  A sensor that loses its target may repeat
+    the limit of an integer) must take at most a tenth of more than ten samples.  Outliers are motion; a
+    sentence says so.  No angle is beyond 1e15.  A sensor that loses its target may repeat
     its last value: a run of equal samples that those outside of it make improbable counts as motion, and a
     sentence says so.
     """
@@ -82,11 +86,29 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
             sentences.append(
                 f"{name} is {code:g} in {count} samples, far from all others: they count as gaps."
             )
+        else:
+            if (outliers := _outliers(values[keep])).size:
+                sentence = (
+                    f"{name} is far from all others in {len(outliers)} samples, {outliers[-1]:g} in one"
+                )
+                sentences.append(f"{sentence}: they count as motion; if they are none, leave them out.")
         if (run := _held(values[keep])) is not None:
             first, last = table[keep, 0][[run.start, run.stop - 1]]
             sentence = f"{name} does not change from t = {first:g} to {last:g}, which counts as motion"
             sentences.append(f"{sentence}: if the sensor held its last value, leave these samples out.")
     return table[keep], sentences
+
+
+def _outliers(values: np.ndarray) -> np.ndarray:
+    """Return the values far from all others that are not known to stand for none, the farthest last."""
+    if len(values) < _FEWEST:
+        return np.zeros(0)
+    low, middle, high = np.quantile(values, [0.16, 0.5, 0.84])
+    distance = np.abs(values - middle)
+    far = np.flatnonzero(distance > _OUTLYING * (high - low) / 2)
+    if high == low or far.size > _SHARE_OF_OUTLIERS * len(values):
+        return np.zeros(0)
+    return values[far[np.argsort(distance[far])]]
 
 
 def _held(values: np.ndarray) -> slice | None:

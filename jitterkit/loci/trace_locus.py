@@ -20,6 +20,7 @@ from scipy.integrate import cumulative_simpson
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.loci.csv_table import (
+    assumed_units,
     csv_rows,
     heading,
     refuse_half_stated,
@@ -234,6 +235,10 @@ def read_trace(
         raise ConfigurationError(error.code, f"{path}: {error}") from None
     for sentence in sentences:
         (log or warnings.warn)(f"{path}: {sentence}")
+    if log is not None and not rates:
+        of_angle = "arcsec/s" if integrate else "arcsec"
+        for sentence in assumed_units(cells[0][1], ("s", of_angle, of_angle)):
+            log(sentence)
     if integrate:
         x, y = _integral(t, np.stack([x, y], axis=1)).T
         if log is not None:

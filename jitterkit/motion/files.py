@@ -16,6 +16,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import is_trace, read_trace
 from jitterkit.loci.csv_table import (
     CsvRow,
+    assumed_units,
     csv_rows,
     heading,
     refuse_half_stated,
@@ -40,6 +41,8 @@ _UNITS = {
     "minor": ("arcsec",),
 }
 """Of each column, that of a column without a unit first."""
+
+_ROOT = "sqrt"
 
 _ALIKE = ("x", "y", "xy", "amplitude", "minor")
 """Columns of a table that have one dimension."""
@@ -98,25 +101,26 @@ def read_motion(
         return Record(*read_trace(path, rates, log))
     try:
         refuse_unit_in_comment(path, rows[0][1] if rows else ())
-        densities, lines = _tables(rows)
-        random = _random(densities, kind, _says_two_sided(path), log)
+        densities, lines = _tables(rows, log)
+        random = _random(densities, kind, _stated_sides(path), log)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
     return PowerSpectrum(random.frequencies, random.density, (*random.lines, *lines))
 
 
 class _Header(NamedTuple):
-    """Columns of a table: their names, factors to their units, and whether densities are given as roots."""
+    """Columns of a table: their names, factors to their units, and these."""
 
     names: tuple[str, ...]
     factors: tuple[float, ...]
-    roots: bool = False
+    units: tuple[str, ...]
 
     def numbers(self, row: CsvRow) -> dict[str, float]:
         """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
         values = dict(zip(self.names, row_numbers(row, self.names), strict=True))
         scaled = {name: values[name] * factor for name, factor in zip(self.names, self.factors, strict=True)}
-        return {name: scaled[name] ** 2 if self.roots and name in "xy" else scaled[name] for name in scaled}
+        units = dict(zip(self.names, self.units, strict=True))
+        return {name: scaled[name] ** (2 if _ROOT in units[name] else 1) for name in scaled}
 
 
 def _header(cells: list[str]) -> _Header | None:
@@ -126,23 +130,25 @@ def _header(cells: list[str]) -> _Header | None:
     names = tuple("f" if name in ("frequency", "freq") and "x" in names else name for name in names)
     if names not in (_DENSITIES[:3], _DENSITIES, _LINES[:3], _LINES):
         return None
-    named = [name for name, _ in cut if "asd" in name]
     factors, kinds = [], []
-    for name, (_, unit) in zip(names, cut, strict=True):
-        wanted = _UNITS[name][::-1] if named else _UNITS[name]
+    for name, (written, unit) in zip(names, cut, strict=True):
+        wanted = _UNITS[name][::-1] if "asd" in written else _UNITS[name]
         factor, kind = unit_factor(name, unit or wanted[0], *wanted)
+        if kind != wanted[0] and ("asd" in written or "psd" in written):
+            problem = f"the column {written} has the unit {unit}"
+            raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; correct the name or the unit.")
         factors.append(factor)
         kinds.append(kind)
-    roots = [kind == "arcsec/sqrt(Hz)" for kind in kinds[1:]]
+    roots = [_ROOT in kind for kind in kinds[1:]]
     if any(roots) and not all(roots):
         problem = f"{','.join(cells)!r} mixes densities and their roots"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give x and y alike, and no xy with roots.")
     alike = [(cell, unit) for cell, (_, unit), name in zip(cells, cut, names, strict=True) if name in _ALIKE]
     refuse_half_stated(*zip(*alike, strict=True))
-    return _Header(names, tuple(factors), all(roots))
+    return _Header(names, tuple(factors), tuple(kinds))
 
 
-def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
+def _tables(rows: list[CsvRow], log: Log) -> tuple[list[dict[str, float]], list[Line]]:
     """Return the rows of densities and the lines of a file."""
     tables: dict[str, list[dict[str, float]]] = {}
     lines: list[Line] = []
@@ -150,6 +156,8 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
     for n, cells in rows:
         if (new := _header(cells)) is not None:
             header = new
+            for sentence in assumed_units(cells, header.units):
+                log(sentence)
             if header.names[0] in tables:
                 problem = f"line {n} begins a second table of one kind; put all its rows into one."
                 raise ConfigurationError(ErrorCode.DUPLICATE, problem)
@@ -168,7 +176,7 @@ def _tables(rows: list[CsvRow]) -> tuple[list[dict[str, float]], list[Line]]:
     return densities, lines
 
 
-def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, log: Log) -> PowerSpectrum:
+def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, log: Log) -> PowerSpectrum:
     """Return the spectrum of a table of densities."""
     if not rows:
         return PowerSpectrum()
@@ -177,7 +185,15 @@ def _random(rows: list[dict[str, float]], kind: str | None, two_sided: bool, log
     if np.any(f < 0):
         f, density = _folded(f, density)
         log("The densities have negative frequencies, which were added to the positive ones.")
-    elif two_sided:
+    elif sides != "one" and _is_mirrored(f, density, certain=sides == "two"):
+        log(
+            f"The upper half of the densities up to {f[-1]:g} Hz mirrors the lower, as in a two-sided "
+            "spectrum: it was added to it (a comment that says one-sided: not so)."
+        )
+        above = f[f > 0]
+        mirrored = np.where(above > above[::-1], above[::-1], above)
+        f, density = _folded(np.concatenate([f[f == 0], mirrored]), density)
+    elif sides == "two":
         density = 2 * density
         log("The table says that it is two-sided: its densities were doubled.")
     if f[0] == 0:
@@ -209,16 +225,43 @@ def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return both, sums
 
 
-def _says_two_sided(path: Path) -> bool:
-    """Return whether a comment says that densities are two-sided."""
+def _is_mirrored(f: np.ndarray, density: np.ndarray, certain: bool) -> bool:
+    """Return whether rows run from 0 Hz to the sampling frequency, as two-sided ones of some programs do.
+
+    The upper half repeats the lower then.  Unless a comment says two-sided, it must not be the middle that is
+    loudest, as in a drawn band.
+    """
+    rows = f > 0
+    above, power = f[rows], density[rows][:, [0, 2]].sum(axis=1)
+    n = len(above)
+    if n < _FEWEST_MIRRORED or not np.allclose(above, above[0] * np.arange(1, n + 1), atol=0.3 * above[0]):
+        return False
+    mirrored = np.allclose(density[rows], density[rows][::-1], rtol=1e-3, atol=0) and np.ptp(power) > 0
+    return mirrored and (certain or power[0] > power[n // 2])
+
+
+_FEWEST_MIRRORED = 8
+"""Rows from which a mirrored table is no accident."""
+
+_SIDES = r"(one|single|1|uni|two|double|2|both|bi)"
+_STATED = re.compile(
+    rf"\b(not |non-?)?{_SIDES}[- ]?(?:side[sd]?|lateral)(\s*[=:]\s*(?:false|no|0))?\b"
+    rf"|\bside[sd]?\W{{1,3}}{_SIDES}(?:[- ]?side[sd]?)?\b"
+)
+
+
+def _stated_sides(path: Path) -> str | None:
+    """Return whether comments say that densities are ``one``- or ``two``-sided; None if they do not say."""
     with path.open(encoding="utf-8-sig") as handle:
         comments = " ".join(line for line in handle if line.startswith("#")).lower()
-    stated = re.findall(r"\b(not |non-?)?(one|single|1|two|double|2)[- ]?sided", comments)
-    found = {"one" if bool(no) != (kind in ("one", "single", "1")) else "two" for no, kind in stated}
+    found = set()
+    for no, kind, false, other in _STATED.findall(re.sub("[_\u2010-\u2015]", "-", comments)):
+        one = (kind or other) in ("one", "single", "1", "uni")
+        found.add("one" if one != bool(no or false) else "two")
     if len(found) > 1:
         problem = "the comments say one-sided and two-sided; leave one of the words out."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)
-    return found == {"two"}
+    return found.pop() if found else None
 
 
 def _line(row: dict[str, float]) -> Line:

@@ -22,6 +22,9 @@ _SEGMENTS = 8
 """Of a record, for its spectrum: overlapping by half they are 15, and a density is good to about a third."""
 
 
+_MOST_EXPOSURES = 10_000_000
+"""A year of exposures of 3 s; more do not fit into the memory."""
+
 _FEWEST = 4
 """Samples that have two frequencies beside zero."""
 
@@ -110,6 +113,11 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
         problem = f"The trace lasts {t[-1]:g} s and holds no exposure of {exposure:g} s"
         remedy = "give a longer trace or a shorter exposure"
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
+    if count > _MOST_EXPOSURES:
+        problem = f"The trace lasts {t[-1]:g} s, {count:.3g} exposures of {exposure:g} s"
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"{problem}; check the unit of its times, or give a part of it."
+        )
     starts = cadence * np.arange(count)
     numbers = np.flatnonzero(_is_covered(t, starts, exposure))
     if not len(numbers):

@@ -10,6 +10,7 @@ every polynomial of degree ``2 n - 1`` in wavelength exactly against it
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
     Raises
     ------
     ConfigurationError
-        If the file is not such a table; the message names the line.
+        If the file is not such a table, or its names say other units; the message names the line.
     """
     try:
         wavelengths, read = np.array(_rows(Path(path), values), dtype=float).reshape(-1, 2).T
@@ -141,6 +142,7 @@ def _rows(path: Path, values: str) -> list[tuple[float, float]]:
                 wavelength, value = map(float, cells)
             except ValueError:
                 if number == 1:
+                    _refuse_other_units(path, cells, values)
                     continue  # the columns' names
                 raise ConfigurationError(
                     ErrorCode.MALFORMED,
@@ -148,3 +150,22 @@ def _rows(path: Path, values: str) -> list[tuple[float, float]]:
                 ) from None
             rows.append((wavelength, value))
     return rows
+
+
+_NO_NANOMETRES = re.compile(
+    r"[\s_(\[/](angstroms?|aa?|å|[uµμ]m|microns?|[mc]?m|[kmgt]hz|ev)\W*$|freq|wave-?number|energy|1/cm|cm\W?-1",
+    re.I,
+)
+_NO_PHOTONS = re.compile(r"erg|joule|watt|\bw/|jy|flam|f_?lambda|fnu|energy|mag", re.I)
+
+
+def _refuse_other_units(path: Path, names: list[str], values: str) -> None:
+    """Raise ConfigurationError if the names of the columns say another unit, or energy for photons."""
+    if found := _NO_NANOMETRES.search(names[0]):
+        wrong, wanted = found[0], "wavelengths in nm"
+    elif values == "photons" and (found := _NO_PHOTONS.search(" ".join(names[1:]))):
+        wrong, wanted = found[0], "photons per nm: of a power per nm, multiply it by the wavelength"
+    else:
+        return
+    problem = f"{path}: the names {','.join(names)!r} say {wrong.strip(' _([/])')!r}"
+    raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, f"{problem}; give {wanted}.")

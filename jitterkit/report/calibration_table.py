@@ -6,12 +6,14 @@ Reach for :func:`calibration_rows`, :func:`calibration_sentences` and :func:`lev
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from astropy.table import QTable
 
-from jitterkit.calibration import FLAGS, Calibration
+from jitterkit.calibration import FLAGS, Calibration, Stack
 from jitterkit.report.columns import Column, bind
 from jitterkit.report.words import number
 
@@ -96,6 +98,11 @@ def _of_transfer(calibration: Calibration) -> list[str]:
     ]
     if transfer.freedom:
         sentences[0] = sentences[0][:-1] + f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}."
+        if transfer.chi2 > _NO_LINE * transfer.freedom:
+            sentences.append(
+                "The variances do not lie on a line, so that the gain and all in electrons may be wrong: "
+                "give single exposures as they were read, neither scaled nor averaged, of one setting."
+            )
     if transfer.linearity is None:
         sentences.append(
             "Linearity is not measured: it takes three exposure times below saturation, of one lamp."
@@ -107,6 +114,25 @@ def _of_transfer(calibration: Calibration) -> list[str]:
         sentences.append(
             f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."
         )
+    return sentences
+
+
+_NO_LINE = 100.0
+"""chi2 of a degree of freedom from which the gain is doubted: the brighter-fatter effect makes tens."""
+
+
+def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
+    """Return what makes frames doubtful as calibration frames: their files' warnings, and broken numbers."""
+    sentences = []
+    for kind in dict.fromkeys(stack.kind for stack in stacks):
+        shots = [shot for stack in stacks if stack.kind == kind for shot in stack.shots]
+        said = Counter(warning for shot in shots for warning in shot.warnings)
+        sentences += [f"{count} of {len(shots)} {kind} frames: {text}." for text, count in said.items()]
+        if not all(shot.whole for shot in shots):
+            sentences.append(
+                f"The {kind} frames are not whole numbers: of frames that were averaged or scaled, noise and "
+                "gain are not the detector's."
+            )
     return sentences
 
 

@@ -18,6 +18,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError, p
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
+from jitterkit.starfield.certainty import not_linear
 from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
@@ -131,12 +132,17 @@ def estimate_field(
 
 def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
     """Return the PSF of a sharp frame, in stamps as wide as the trailed stars'."""
+    refuse_other_pixels(reference, frame)
+    return field_psf(reference, half=stars.electrons.shape[-1] // 2)
+
+
+def refuse_other_pixels(reference: Frame, frame: Frame) -> None:
+    """Raise ConfigurationError if a reference has another plate scale than a frame, where both are known."""
     scales = frame.plate_scale, reference.plate_scale
     if None not in scales and not np.isclose(*scales, rtol=0.01):  # type: ignore[arg-type]
         problem = f"The reference has {scales[1]} arcsec per pixel and the frame {scales[0]}"
         remedy = "give a reference on the same pixels"
         raise ConfigurationError(ErrorCode.WRONG_INSTRUMENT, f"{problem}; {remedy}.")
-    return field_psf(reference, half=stars.electrons.shape[-1] // 2)
 
 
 def roundest(frames: Sequence[Frame]) -> int:
@@ -193,7 +199,7 @@ def _record(
         "starfield",
         source,
         locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
-        undetermined=trail.undetermined,
+        undetermined=trail.undetermined or ("" if trail.locus is None else not_linear(moments, sound)),
     )
     return FieldEstimate(
         kernel=kernel,

@@ -45,8 +45,8 @@ class JointFit:
     locus : Locus
     covariance : (k, k) array
         Of the locus's coordinates, scatter from star to star included where it is larger than the noise.
-    deviance : float
-        Over the stars used.
+    deviances : (n,) array
+        Of each star; NaN where it is not used.
     pixels : int
         How many count.
     chi2, dof : float, int
@@ -56,11 +56,16 @@ class JointFit:
 
     locus: Locus
     covariance: np.ndarray
-    deviance: float
+    deviances: np.ndarray
     pixels: int
     chi2: float
     dof: int
     used: np.ndarray
+
+    def fits_better(self, other: JointFit) -> bool:
+        """Return whether it fits the stars better that both use; a fit may leave out those that tell."""
+        both = self.used & other.used
+        return bool(self.deviances[both].sum() < other.deviances[both].sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +115,12 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
         if last or kept.all():
             break
         used[used] = kept
+    deviances = np.full(len(stars), np.nan)
+    deviances[used] = point.deviance
     return JointFit(
         start.at(jnp.asarray(coords)),
         _covariance(score, information),
-        float(point.deviance.sum()),
+        deviances,
         int(some.used.sum()),
         float(disagreement.sum()),
         len(coords) * (len(some) - 1),

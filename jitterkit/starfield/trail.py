@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.kernel_estimate import refuse_blurrier
-from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis
+from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield.certainty import (
     TOLERATED,
@@ -119,7 +119,7 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     return Trail(
         line,
         np.asarray(line.moments()),
-        common.covariance,
+        _widened(common.covariance, line, common.moments, poor=bool(remarks)),
         length,
         float(np.hypot(root_error(length**2, along), model_error)),
         axis,
@@ -183,7 +183,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         poor, "A line over the reference's stars", length, major - minor
     )
     fits = not remarks and not change.remarks  # then even one star is the reference's, drawn along a line
-    best = min((line, normal), key=lambda fit: fit.deviance / fit.pixels)
+    best = normal if normal.fits_better(line) else line
     coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
     systematic = 12 * (change.share + coarse)
     scatter = 12 * _elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
@@ -195,7 +195,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     return Trail(
         best.locus,
         np.asarray(best.locus.moments()),
-        normal.covariance + psf.covariance,
+        _widened(normal.covariance + psf.covariance, best.locus, excess, poor=bool(remarks)),
         length,
         float(np.hypot(root_error(length**2, along + systematic), model_error)),
         axis,
@@ -205,6 +205,18 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         (*own, *change.remarks, *remarks, *coarsely),
         why,
     )
+
+
+def _widened(covariance: np.ndarray, locus: Locus, moments: np.ndarray, *, poor: bool) -> np.ndarray:
+    """Return the covariance of a locus's moments; of a poor fit with half the distance to the stars' own.
+
+    The distance is that of the elongations, along the axis: the stars' size may be that of the seeing.
+    """
+    if not poor:
+        return covariance
+    (wide, narrow, axis), own = axis_variances(moments), axis_variances(locus.moments())
+    error = moments_on_axis([(wide - narrow - own[0] + own[1]) / 2, 0.0, 0.0], -axis)
+    return covariance + np.outer(error, error)
 
 
 def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: tuple[str, ...]) -> Trail:
@@ -251,7 +263,7 @@ def _line(
     widened = otf.value * jnp.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
     changed = eqx.tree_at(lambda o: o.value, otf, widened)
     other = fit_joint(stars, moments, changed, Linear.near(blur))
-    if other.deviance / other.pixels > line.deviance / line.pixels:
+    if line.fits_better(other):
         return line, none, otf  # a normal locus is narrower across than the long line it stands for
     how = "wider" if minor > 0 else "narrower"
     remark = (

@@ -161,6 +161,26 @@ def test_exposures_that_overlap_are_said(times, planes, cadence, said, write, tm
     assert exposures.overlap.startswith(said) if said else not exposures.overlap
 
 
+DATES = {  # of files f0, f1, ...; what is said
+    "a date that stays at midnight": (
+        ["01T23:59:58", "01T23:59:59", "01T00:00:00"],
+        "f2.fits was taken 24 hours",
+    ),
+    "midnight": (["01T23:59:58", "01T23:59:59", "02T00:00:00"], ""),
+    "two nights": (["01T03:00:00", "01T03:00:01", "02T03:00:00"], ""),
+    "names in another order": (["01T03:00:02", "01T03:00:00", "01T03:00:01"], ""),
+}
+
+
+@pytest.mark.parametrize("case", DATES)
+def test_a_clock_that_jumps_against_the_order_of_the_names_is_said(case, write, tmp_path):
+    dates, said = DATES[case]
+    for number, date in enumerate(dates):
+        write(f"f{number}.fits", **{"DATE-OBS": f"2027-03-{date}"})
+    jump = gone_over(tmp_path)[0].jump
+    assert said in jump if said else not jump
+
+
 def test_copies_and_the_detectors_of_one_camera_do_not_overlap(write, tmp_path):
     for number in range(2):
         date = {"DATE-OBS": f"2027-03-01T03:00:0{0.6 * number:.1f}"}

@@ -55,6 +55,24 @@ def test_a_missing_exposure(rng, tmp_path):
         open_stacks("dark", [tmp_path])
 
 
+def test_flats_that_say_an_exposure_of_zero(rng, tmp_path):
+    write_fits(tmp_path / "a.fits", frames(rng, 1000), header={"EXPTIME": 0.0})
+    with refused(ErrorCode.OUT_OF_RANGE, tmp_path / "a.fits", "flat", "0 s", "--exposure"):
+        open_stacks("flat", [tmp_path])
+
+
+@pytest.mark.parametrize("kind", ["bias", "dark", "flat"])
+def test_copies(kind, rng, tmp_path):
+    """A copy has no noise of its own: gains from pairs of flats and copies would be anything."""
+    planes = frames(rng, 1000)
+    write_fits(tmp_path / "a.fits", planes, header={"EXPTIME": 1.0})
+    write_fits(tmp_path / "copy of a.fits", planes[1].astype(np.float32), header={"EXPTIME": 1.0})
+    with refused(
+        ErrorCode.DUPLICATE, tmp_path / "copy of a.fits", tmp_path / "a.fits", kind, error=FrameError
+    ):
+        open_stacks(kind, [tmp_path])
+
+
 def test_electrons(rng, tmp_path):
     write_fits(tmp_path / "a.fits", frames(rng, 100), header={"BUNIT": "electron"})
     with refused(ErrorCode.UNKNOWN_UNIT, tmp_path / "a.fits", "electron", "flat", "ADU", error=FrameError):

@@ -90,6 +90,15 @@ def test_a_lamp_that_is_turned_up_gives_levels_of_one_exposure_and_no_linearity(
     assert found.gain == pytest.approx(camera.gain, abs=4 * found.gain_error)
 
 
+def test_a_lamp_that_is_turned_up_with_the_exposure_bends_the_levels_and_not_the_gain(camera):
+    rates = (14000.0, 20000.0, 25000.0, 30000.0)  # for each second; of one lamp they would be alike
+    stacks = [camera.flats(6, t, rate, 5e-4) for t, rate in zip((0.1, 0.2, 0.3, 0.4), rates, strict=True)]
+    found = calibrate(camera.biases(8), (), stacks).transfer
+    assert found.linearity is None
+    assert found.gain == pytest.approx(camera.gain, abs=4 * found.gain_error)
+    assert found.gain_error < 0.01 * camera.gain
+
+
 def test_two_coefficients_are_found_in_levels_without_noise():
     t = np.arange(1, 13) / 10
     charge = 3000 * t

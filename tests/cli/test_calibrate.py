@@ -139,3 +139,28 @@ def test_what_is_there_is_not_replaced_unasked(frames, tmp_path, check_error):
     done = run("--bias", frames / "bias", "-o", tmp_path)
     check_error(done, ErrorCode.EXISTS, tmp_path / "bias.fits", "--overwrite")
     assert run("--bias", frames / "bias", "-o", tmp_path, "--overwrite").exit_code == 0
+
+
+def test_frames_that_are_no_single_exposures_are_said_to_be_so(tmp_path, rng):
+    """The mean of four has a quarter of the variance, so that the gain comes out four times too large."""
+    (tmp_path / "bias").mkdir()
+    for k in range(4):
+        mean = rng.normal(1000.0, 2.0, (4, 64, 64)).round().mean(axis=0)
+        write_fits(tmp_path / "bias" / f"{k}.fits", mean.astype(np.float32), header={"NCOMBINE": 4})
+    done = runner.invoke(app, ["--bias", str(tmp_path / "bias"), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "4 of 4 bias frames: NCOMBINE = 4 exposures are combined" in done.stderr
+    assert "The bias frames are not whole numbers" in done.stderr
+
+
+def test_variances_off_the_line_are_said(tmp_path, rng):
+    """Of flats at another gain of the camera each, the variance does not rise in proportion to the light."""
+    write_fits(tmp_path / "bias.fits", (100 + rng.normal(0, 1, (4, 64, 64))).round())
+    (tmp_path / "flat").mkdir()
+    for light, gain in ((1000, 1), (4000, 2), (5000, 4)):
+        planes = 100 + gain * rng.poisson(light, (4, 64, 64))
+        write_fits(tmp_path / "flat" / f"{gain}.fits", planes, header={"EXPTIME": float(gain)})
+    given = {"--bias": "bias.fits", "--flat": "flat", "-o": "out"}
+    done = runner.invoke(app, [word for key, name in given.items() for word in (key, str(tmp_path / name))])
+    assert done.exit_code == 0, done.output
+    assert "The variances do not lie on a line" in done.stderr

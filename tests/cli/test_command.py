@@ -45,7 +45,7 @@ def draw(
     name : NAME
         Name of the drawing.
     minor
-        Height of the ellipse.
+        Height of the ellipse [mas].
     """
     if name == "nothing":
         raise ConfigurationError(ErrorCode.UNKNOWN_NAME, "There is no shape 'nothing'.")
@@ -70,6 +70,10 @@ def test_the_fields_of_a_group_stand_in_its_place():
     assert [name for name in options() if "completion" not in name] == ["name", "major", "minor", "colour"]
 
 
+def test_a_unit_in_brackets_stands_in_the_help():
+    assert "Height of the ellipse [mas]." in " ".join(run("--help").stdout.replace("│", " ").split())
+
+
 def test_a_group_is_built_from_its_options_changed_defaults_and_fixed_values():
     assert run("x").stdout == f"x {Ellipse(major=5.0, filled=True)} red\n"
     done = run("x", "--major", "3", "--minor", "0.5", "--colour", "blue")
@@ -80,7 +84,7 @@ def test_a_group_is_built_from_its_options_changed_defaults_and_fixed_values():
 def test_help_is_that_of_the_docstrings_and_the_command_has_precedence():
     found = options()
     assert (found["major"].metavar, found["major"].help) == ("LENGTH", "Semi-major axis, metres.")
-    assert found["minor"].help == "Height of the ellipse."
+    assert found["minor"].help == r"Height of the ellipse \[mas]."
     text = run("--help").stdout
     assert "It is printed." in text
     assert "Parameters" not in text

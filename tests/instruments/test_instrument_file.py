@@ -253,6 +253,43 @@ def test_a_star_on_a_pedestal_is_no_psf(tmp_path):
     np.testing.assert_allclose(star(tmp_path / "biased.fits"), light, atol=1e-9)
 
 
+def test_a_star_of_eight_bits_is_no_psf(tmp_path):
+    from jitterkit.instruments.pupils import star
+
+    y, x = np.mgrid[-10:11, -10:11]
+    light = np.exp(-(x**2 + y**2) / 8)
+    write_fits(tmp_path / "bytes.fits", np.rint(255 * light).astype(np.uint8))
+    with refused(ErrorCode.SAMPLING, tmp_path / "bytes.fits", 255):
+        star(tmp_path / "bytes.fits")
+    write_fits(tmp_path / "words.fits", np.rint(60000 * light).astype(np.uint16))
+    np.testing.assert_allclose(star(tmp_path / "words.fits"), 60000 * light, atol=0.5)
+
+
+@pytest.mark.parametrize(("level", "said"), [(5.0, True), (-5.0, True), (0.1, False)])
+def test_a_background_left_under_a_star_is_said(level, said, tmp_path, caplog):
+    """Over 21 x 21 pixels it sums to 441 levels."""
+    from jitterkit.instruments.pupils import star
+
+    y, x = np.mgrid[-10:11, -10:11]
+    light = 1e3 * np.exp(-(x**2 + y**2) / 8)
+    expected = 100 * 441 * level / light.sum()
+    write_fits(tmp_path / "star.fits", light + level)
+    star(tmp_path / "star.fits")
+    assert bool(caplog.messages) == said
+    if said:
+        assert f"wrong by {expected:.0f} %" in caplog.messages[0]
+
+
+@pytest.mark.parametrize("power", [2, 3, 4])
+def test_the_wings_of_a_star_are_no_background(power, tmp_path, caplog):
+    from jitterkit.instruments.pupils import star
+
+    y, x = np.mgrid[-20:21, -20:21]
+    write_fits(tmp_path / "star.fits", 1e4 / (1 + (x**2 + y**2) / 4) ** (power / 2))
+    star(tmp_path / "star.fits")
+    assert not caplog.messages
+
+
 @pytest.mark.parametrize(("section", "key"), [(name, key) for name, keys in SECTIONS.items() for key in keys])
 def test_a_value_of_the_wrong_type_is_refused_by_section_key_and_unit(toml, tmp_path, section, key):
     write_fits(tmp_path / "star.fits", np.outer(np.hanning(9), np.hanning(9)))

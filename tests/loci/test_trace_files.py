@@ -15,6 +15,14 @@ RATES = 0.1 * 10 * np.pi * np.cos(2 * np.pi * 5 * T), -0.05 * 6 * np.pi * np.sin
 DEGREE, RADIAN = 3600.0, 180 / np.pi * 3600
 
 
+class Said(list):
+    """Sentences, without those on columns that have no unit."""
+
+    def append(self, sentence):
+        if "gives no unit" not in sentence:
+            super().append(sentence)
+
+
 @pytest.fixture
 def write(tmp_path):
     def write(header, *columns):
@@ -38,7 +46,7 @@ def write(tmp_path):
     ],
 )
 def test_rates_are_integrated_when_the_header_or_an_option_says_so(header, rates, unit, write):
-    said = []
+    said = Said()
     _, x, y = read_trace(write(header, T, *(v / unit for v in RATES)), rates, said.append)
     # Simpson's rule is off by (2 pi 5 / 1000)⁴ / 180 of the swing, ten times that at the ends
     for found, angle in zip((x, y), ANGLES, strict=True):
@@ -55,7 +63,7 @@ def test_rates_are_integrated_when_the_header_or_an_option_says_so(header, rates
     ],
 )
 def test_angles_are_converted_and_not_integrated(header, factors, write):
-    said = []
+    said = Said()
     found = read_trace(write(header, T, *ANGLES), log=said.append)
     for values, written, factor in zip(found, (T, *ANGLES), factors, strict=True):
         np.testing.assert_allclose(values, written * factor, rtol=1e-12, atol=1e-15)
@@ -114,7 +122,7 @@ CODES = [  # values in samples 100 to 102, or a share of all, samples left out, 
     (np.nan, 3, 3, "3 samples of the trace have no value"),
     (2.048, 40, 40, "2.048 in 40"),  # a sensor at its limit
     (-999.0, 2000, 2000, "-999 in 2000"), (3.7, 2000, 0, "does not change"),
-    (5.1, 1, 0, ""), (-999.0, 1, 0, "-999 in one sample"),  # a single outlier is motion
+    (5.1, 1, 0, "5.1 in one: they count as motion"), (-999.0, 1, 0, "-999 in one sample"),
 ]  # fmt: skip
 
 
@@ -123,7 +131,7 @@ CODES = [  # values in samples 100 to 102, or a share of all, samples left out, 
 def test_numbers_that_stand_for_missing_ones_are_gaps(value, count, lost, word, header, write):
     t, (x, y) = 0.01 * np.arange(5000), NOISE.copy()
     y[100 : 100 + count] = value
-    said = []
+    said = Said()
     found = read_trace(write(header, t, x, y), log=said.append)
     kept = np.ones(len(t), bool)
     kept[100 : 100 + count] = not lost
@@ -153,7 +161,7 @@ def test_several_codes_are_found_and_without_a_listener_python_warns(write):
     ],
 )
 def test_motion_of_all_kinds_has_no_missing_samples(x, write):
-    said = []
+    said = Said()
     assert len(read_trace(write("t,x,y", T, x, np.zeros_like(T)), log=said.append)[0]) == T.size
     assert not said
 
@@ -165,13 +173,52 @@ def test_a_sensor_that_holds_its_last_value_is_reported(length, step, write):
     if step is not None:
         x = np.round(x / step) * step  # of a converter
     x[1000 : 1000 + 10 * length] = x[1000]
-    said = []
+    said = Said()
     assert len(read_trace(write("t,x,y", t, x, y), log=said.append)[0]) == len(t)
     assert len(said) == 1
     assert f"from t = {t[1000]:g} to {t[999 + 10 * length]:g}" in said[0]
 
 
 def test_a_path_that_somebody_drew_is_kept(write):
-    said, x = [], np.array([0.0, 0.1, 0.2, 8.0, 8.0, 0.1])
+    said, x = Said(), np.array([0.0, 0.1, 0.2, 8.0, 8.0, 0.1])
     np.testing.assert_array_equal(read_trace(write("t,x,y", np.arange(6), x, x), log=said.append)[1], x)
     assert not said
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [("t,x,y", "t, x, y: read as s, arcsec, arcsec"), ("t [s],wx,wy", "wx, wy: read as arcsec/s, arcsec/s")],
+)
+def test_the_units_of_columns_without_one_are_said(header, words, write):
+    said = []
+    read_trace(write(header, T, *ANGLES), log=said.append)
+    assert f"The header gives no unit for {words}." in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("t in μs", "time (msec)", "t/ms", "t in ns", "days", "t: MJD", "ticks of 10 s"),
+        *(
+            "µrad",
+            "μrad²",
+            "microradians",
+            "Degrees",
+            "MAS",
+            "°",
+            "x, y in px",
+            "microns",
+            "lambda/D",
+            "arcmin",
+        ),
+        *("arcsec/s", '"/s', "gyro rates", "angular velocity", "increments per sample"),
+    ],
+)
+def test_a_comment_with_another_unit_is_refused_where_the_columns_have_none(words, write):
+    with refused(ErrorCode.CONFLICT, "line 1"):
+        read_trace(write(f"# {words}\nt,x,y", T, *ANGLES))
+
+
+@pytest.mark.parametrize("words", ["s and arcseconds", "sampling rate 1000 Hz", "start: MJD 61000.5"])
+def test_a_comment_without_another_unit_is_none(words, write):
+    np.testing.assert_allclose(read_trace(write(f"# {words}\nt,x,y", T, *ANGLES))[1], ANGLES[0])

@@ -161,7 +161,7 @@ def test_a_drawn_curve_keeps_its_power_law(write):
     for f in (np.array([0.1, 1.0, 10.0, 100.0]), 2.0 ** np.arange(-3, 8)):
         found = power(read_motion(write((f, f**-2, 0 * f)), log=said.append))
         assert found[0] == pytest.approx(1 / f[0] - 1 / f[-1], rel=1e-6)
-    assert all("curve" in sentence for sentence in said)
+    assert sum("curve" in sentence for sentence in said) == 2
 
 
 def test_a_row_at_zero_is_left_out_with_a_word(write):

@@ -61,7 +61,7 @@ def test_hst_s_frequencies_are_read():
         ("t,x,y\n0,0,0\n0,0,0\n", ErrorCode.MALFORMED, ["sample 1", "0 s"]),
         ("f,x,y\n0,1,1\n", ErrorCode.TOO_FEW, ["line 2"]),
         ("# PSD in mas^2/Hz\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'mas'", "x [mas]"]),
-        ("# f in rad/s\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'rad'"]),
+        ("# f in rad/s\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'rad/s'"]),
         ("# ASD of the tip\nf,x,y\n1,1,1\n2,1,1\n", ErrorCode.CONFLICT, ["line 1", "'ASD'"]),
         ("#\n# rms\nfrequency,amplitude,angle\n1,1,0\n", ErrorCode.CONFLICT, ["line 2", "'rms'"]),
         ("# t in ms\nt,x,y\n0,0,0\n1,1,0\n", ErrorCode.CONFLICT, ["line 1", "'ms'"]),
@@ -88,6 +88,11 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
     ("words", "factor"),
     [
         ("two-sided", 2),
+        ("two_sided", 2),
+        ("Two‑sided", 2),
+        ("both sides", 2),
+        ("sided: two", 2),
+        ("return_onesided=False", 2),
         ("twosided", 2),
         ("double-sided", 2),
         ("2-sided", 2),
@@ -134,3 +139,78 @@ def test_two_units_for_the_same_rates_are_refused(table):
     path = table("t,wx [deg/s],wy [deg/s]\n0,1,2\n1,3,4\n2,3,4\n")
     with refused(ErrorCode.CONFLICT, "rad/s", "wx [deg/s]"):
         read_motion(path, rates="rad/s")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("arcsec/rtHz", "arcsec/√Hz", "arcsec/sqrt(Hz)", "per root Hz", "arcsec Hz^-1/2", "arcsec/Hz^0.5"),
+        *(
+            "linear spectral density",
+            "amplitude spectrum",
+            "scaling='spectrum'",
+            "power per bin",
+            "running sum",
+        ),
+        *(
+            "mas²/Hz",
+            "μrad²/Hz",
+            "nrad^2/Hz",
+            "(arcsec/s)^2/Hz",
+            "rate PSD",
+            "f in kHz",
+            "rpm",
+            "ω",
+            "cycles/min",
+        ),
+    ],
+)
+def test_a_comment_with_another_unit_or_amplitude_is_refused_where_columns_have_none(words, table):
+    with refused(ErrorCode.CONFLICT, "line 1"):
+        read_motion(table(f"# {words}\nf,x,y\n1,2,3\n2,2,3\n"))
+
+
+@pytest.mark.parametrize(
+    ("header", "words", "row"),
+    [
+        ("f,x [mas²/Hz],y [mas²/Hz]", "f in rad/s", "1,2,3"),
+        ("f,x [mas²/Hz],y [mas²/Hz]", "angular frequency", "1,2,3"),
+        ("frequency,amplitude [mas],angle", "angles in rad", "1,2,0.5"),
+    ],
+)
+def test_a_unit_of_the_other_columns_does_not_cover_one_without(header, words, row, table):
+    with refused(ErrorCode.CONFLICT, "line 1"):
+        read_motion(table(f"# {words}\n{header}\n{row}\n{row.replace('1', '2', 1)}\n"))
+
+
+@pytest.mark.parametrize(
+    "header", ["f,asd_x,psd_y", "f,asd_x [mas²/Hz],asd_y [mas²/Hz]", "f,psd_x [mas/√Hz],psd_y [mas/√Hz]"]
+)
+def test_a_name_and_a_unit_that_contradict_each_other_are_refused(header, table):
+    with refused(ErrorCode.CONFLICT):
+        read_motion(table(f"{header}\n1,2,3\n2,2,3\n"))
+
+
+@pytest.mark.parametrize(("comment", "zero"), [("", True), ("# twosided\n", True), ("# twosided\n", False)])
+@pytest.mark.parametrize("n", [16, 17])
+def test_a_two_sided_table_up_to_the_sampling_frequency_is_folded(comment, zero, n, table):
+    """Sines of 0.1 and 0.05 arcsec have the variances 0.005 and 0.00125."""
+    t = np.arange(n) / n
+    x = 0.1 * np.sin(2 * np.pi * 2 * t) + 0.05 * np.cos(2 * np.pi * 3 * t) + 1e-4 * np.cos(2 * np.pi * t)
+    power = np.abs(np.fft.fft(x) / n) ** 2 + 1e-12  # at steps of 1 Hz
+    rows = "".join(f"{f},{p:.6g},{p:.6g}\n" for f, p in enumerate(power) if f or zero)
+    said = []
+    spectrum = read_motion(table(f"{comment}f,x,y\n{rows}"), kind="bins", log=said.append)
+    assert spectrum.highest <= n // 2 + 0.5
+    moments = sum((line.moments()[0] for line in spectrum.lines), 0.0)
+    widths = np.diff(spectrum.frequencies)[::2]
+    np.testing.assert_allclose(moments + widths @ spectrum.density[::2, 0], 0.00625, rtol=1e-3)
+    assert spectrum.at([2.0])[0, 0] == pytest.approx(0.005, rel=1e-3)
+    assert any("mirror" in sentence for sentence in said)
+
+
+def test_a_drawn_band_is_no_mirrored_table(table):
+    band = "".join(f"{f},{v},{v}\n" for f, v in enumerate([1, 2, 4, 7, 9, 7, 4, 2, 1], 1))
+    assert read_motion(table(f"f,x,y\n{band}"), kind="curve").highest == 9
+    flat = "".join(f"{f},1,1\n" for f in range(1, 20))
+    assert read_motion(table(f"f,x,y\n{flat}"), kind="curve").highest == 19

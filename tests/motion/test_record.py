@@ -159,6 +159,12 @@ def test_a_record_of_a_few_samples_has_an_empty_spectrum_and_a_split(samples, ro
     assert len(measure_exposures(record, 0.1).starts) == 10
 
 
+def test_a_record_of_more_exposures_than_fit_into_the_memory_is_refused():
+    """Times in nanoseconds that are taken for seconds."""
+    with refused(ErrorCode.OUT_OF_RANGE, "6e+09 s", "6e+10", "0.1 s"):
+        measure_exposures(Record(np.array([0.0, 6e9]), np.zeros(2), np.zeros(2)), 0.1)
+
+
 def test_records_that_hold_no_exposure_are_refused():
     record = Record(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2))
     with refused(ErrorCode.OUT_OF_RANGE, "1 s", "2 s"):

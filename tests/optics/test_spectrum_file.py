@@ -71,3 +71,36 @@ def test_a_file_that_cannot_be_read_is_distinguished_from_one_that_is_not_there(
         read_spectrum(tmp_path / "none.csv")
     with refused(ErrorCode.NOT_READABLE, tmp_path):
         read_spectrum(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        *(
+            ("wavelength [A],photons", "A"),
+            ("wavelength_angstrom,photons", "angstrom"),
+            ("w (µm),photons", "µm"),
+        ),
+        *(
+            ("nu_THz,photons", "THz"),
+            ("lambda (m),photons", "m"),
+            ("wavenumber,photons", "wavenumber"),
+        ),
+        *(("wavelength_nm,flux_erg", "erg"), ("nm,W/m2/nm", "W/"), ("wavelength_nm,F_lambda", "F_lambda")),
+    ],
+)
+def test_names_that_say_other_units_are_refused(names, said, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{names}\n5300,1\n6400,1\n", encoding="utf-8")
+    with refused(ErrorCode.UNKNOWN_UNIT, path, f"'{names}'") as caught:
+        read_spectrum(path)
+    assert f"say '{said.strip('/')}'" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "names", ["wavelength_nm,photons", "Wavelength (nm),QE", "wave,counts", "lambda,transmission"]
+)
+def test_names_that_say_nothing_else_are_read(names, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{names}\n530,1\n640,1\n", encoding="utf-8")
+    assert read_spectrum(path, 3).wavelengths == pytest.approx(flat_band(530, 640, 3).wavelengths)

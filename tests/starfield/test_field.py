@@ -158,6 +158,36 @@ def test_a_vibration_against_a_reference_is_reported_not_to_be_a_line(field, tra
     assert number_after("chi²/dof", estimate.remarks[0]) > 1.5
     # its variance is that of a line of 6/sqrt(2); half the difference to the moments', of some 10 %, counts
     assert estimate.length_err > 0.1
+    along = np.array([0.75, np.sqrt(0.75), 0.25])  # of the variance at 30 degrees
+    error = np.sqrt(along @ estimate.kernel.covariance @ along)
+    assert along @ estimate.kernel.moments == pytest.approx(36 / 12 / 2, abs=4 * error)
+    assert error < 0.3 * 36 / 12 / 2
+
+
+def test_fits_are_compared_over_the_stars_that_both_use(trailed, sharp):
+    """A fit that leaves out the star that tells has the smaller deviance a pixel."""
+    stars = find_stars(trailed[0]).chosen(np.arange(5))
+    otf = empirical_otf(field_psf(sharp[0]).stamp, 1.0, stars.electrons.shape[1:], pad=16)
+    line = fit_joint(stars, adaptive_moments(stars), otf, Linear.of(4.0, 30.0))
+    assert np.isfinite(line.deviances[line.used]).all()
+    picky = replace(
+        line,
+        used=np.arange(5) > 0,
+        deviances=np.array([np.nan, *(1.01 * line.deviances[1:])]),
+    )
+    whole = replace(line, deviances=np.array([1e9, *line.deviances[1:]]))
+    assert whole.fits_better(picky)
+    assert not picky.fits_better(whole)
+
+
+@pytest.mark.parametrize("stretch", [np.sqrt, lambda light: np.arcsinh(light / 300)])
+def test_pixels_that_were_stretched_are_not_measured(stretch, trailed, sharp):
+    """A bright star is lowered more in its middle than a faint one, and so is wider."""
+    frame, reference = (replace(one[0], electrons=1e3 * stretch(np.clip(one[0].electrons, 0, None)))
+                        for one in (trailed, sharp))  # fmt: skip
+    for given in (None, reference):
+        assert "stretched" in estimate_field(frame, reference=given).kernel.undetermined
+    assert not estimate_field(trailed[0]).kernel.undetermined
 
 
 def test_a_shape_that_is_no_trail_is_refused(star, rng):
