@@ -65,3 +65,7 @@ def __getattr__(name: str) -> Any:
         if hasattr(found := importlib.import_module(f"{__name__}.{module}"), name):
             return globals().setdefault(name, getattr(found, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -210,10 +210,11 @@ def _products_of_modes(pupil: Pupil) -> tuple[np.ndarray, dict[int, np.ndarray]]
     lit = np.asarray(pupil.transmission) > 0
     flat = modes[:, lit][i] * modes[:, lit][j]
     sizes = np.linalg.norm(flat, axis=1)
-    values, vectors = np.linalg.eigh((flat / sizes[:, None]) @ (flat / sizes[:, None]).T)
-    kept = vectors[:, values > _DEPENDENT * values[-1]]
+    flat /= np.where(sizes > 0, sizes, 1.0)[:, None]  # modes of two segments have no product
+    values, vectors = np.linalg.eigh(flat @ flat.T)
+    kept = vectors[:, values > _DEPENDENT * values.max(initial=0.0)]
     products = np.zeros((kept.shape[1], *lit.shape))
-    products[:, lit] = kept.T @ (flat / sizes[:, None])
+    products[:, lit] = kept.T @ flat
     of_phase = (i < count).astype(int) + (j < count)
     rows = {power: np.where(of_phase == power, sizes, 0.0)[:, None] for power in np.unique(of_phase).tolist()}
     return products, {power: size * kept for power, size in rows.items()}

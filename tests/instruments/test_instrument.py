@@ -239,6 +239,8 @@ def test_reading_an_instrument_and_resolving_a_frame_load_no_jax():
 
 
 def test_every_name_of_the_optics_is_found():
+    code = "import jitterkit.optics as it, sys; sys.exit(not set(it.__all__) <= set(dir(it)))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     assert all(hasattr(jitterkit.optics, name) for name in jitterkit.optics.__all__)
     with pytest.raises(AttributeError, match="no attribute 'lense'"):
         _ = jitterkit.optics.lense

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jitterkit.optics import Anchor, AnchoredOptics, Grid, OpticalSystem, expand, lines
+from jitterkit.optics import Anchor, AnchoredOptics, Grid, OpticalSystem, Pupil, expand, lines
 
 STATE = np.array([3.0, -2.0, 0.0, 5.0, 1.0, -4.0, 2.0])
 CHANGE = np.array([1.0, -0.5, 0.3, 0.2, 0.7, 0.1, -1.0])
@@ -42,6 +42,21 @@ def test_away_from_it_value_and_derivatives_err_in_the_third_and_second_order(sy
     # in the extremes of seven modes.
     assert error(2.0) / error(1.0) == pytest.approx(2**order, rel=0.03)
     assert error(2.0) > 1e-12
+
+
+def test_of_segments_that_share_no_light_the_second_derivatives_are_those_of_finite_differences():
+    """Pistons of two halves, which have no product, and a mode of the transmission."""
+    x = np.linspace(-1, 1, 32) * np.ones((32, 1))
+    halves = np.stack([x > 0, x <= 0]).astype(float)
+    pupil = Pupil((np.hypot(x, x.T) < 1).astype(float), 0.125, basis=halves, shading=x[None])
+    system = OpticalSystem(pupil, lines(540.0, 620.0), Grid((16, 16), 0.375, 8))
+    state, steps = np.array([3.0, 0.0, 0.0]), np.diag([1.0, 1.0, 0.01])
+    anchor = Anchor.at(system, state)
+    for change in steps[[0, 1, 2, 0, 0, 1]] + steps[[0, 1, 2, 1, 2, 2]]:
+        before, here, after = (system.otf(state + k * change).value for k in (-1, 0, 1))
+        real, imaginary = np.einsum("i,ijcyx,j->cyx", change, np.asarray(anchor.curvature), change)
+        # both are of the size of (2 pi 2/540)², and differences err by that over 12 of it
+        assert largest(before - 2 * here + after - (real + 1j * imaginary)) < (2 * np.pi * 2 / 540) ** 4 / 12
 
 
 def test_diffused_charge_is_in_the_anchor(system):
