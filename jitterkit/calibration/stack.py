@@ -219,7 +219,7 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
     ------
     FrameError
         If a file cannot be read, a frame has another shape than the first, is in electrons, or has the pixels
-        of an earlier one.
+        of an earlier one and is no saturated flat.
     ConfigurationError
         If a dark or flat has no exposure, or an exposure has one frame only.
     """
@@ -232,11 +232,13 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
             for raw in file:
                 _check(raw, kind, unusable)
                 unusable = raw.mask if unusable is None else unusable | raw.mask
-                shots.append(_seen(raw, kind, exposure))
-                if first := known.original(shots[-1].digest, str(raw.path or raw.name)):
+                shots.append(shot := _seen(raw, kind, exposure))
+                where = str(path.with_name(raw.name))
+                digest = "" if kind == "flat" and shot.saturated else shot.digest  # full pixels are alike
+                if first := known.original(digest, where):
                     problem = f"has the pixels of {first}, and copies have no noise between them"
                     remedy = f"leave it out of the {kind} frames"
-                    raise FrameError(ErrorCode.DUPLICATE, raw.path or raw.name, problem, remedy)
+                    raise FrameError(ErrorCode.DUPLICATE, where, problem, remedy)
     if unusable is None:
         raise ConfigurationError(ErrorCode.NO_IMAGE, f"there is no {kind} frame; name files that hold some.")
     dtype = np.result_type(*dtypes)

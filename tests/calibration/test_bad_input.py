@@ -73,6 +73,22 @@ def test_copies(kind, rng, tmp_path):
         open_stacks(kind, [tmp_path])
 
 
+def test_a_copy_in_a_cube_is_named_by_its_place(rng, tmp_path):
+    plane = frames(rng, 1000, 1)[0]
+    write_fits(tmp_path / "a.fits", np.stack([plane + 1, plane, plane]))
+    with refused(ErrorCode.DUPLICATE, tmp_path / "a.fits[2]", tmp_path / "a.fits[1]", error=FrameError):
+        open_stacks("bias", [tmp_path])
+
+
+def test_saturated_flats_are_no_copies(tmp_path):
+    """All pixels are full but a dead one."""
+    full = np.full((3, 32, 32), 65535, np.uint16)
+    full[:, 5, 5] = 0
+    write_fits(tmp_path / "a.fits", full, header={"EXPTIME": 1.0})
+    (stack,) = open_stacks("flat", [tmp_path])
+    assert all(shot.saturated for shot in stack.shots)
+
+
 def test_electrons(rng, tmp_path):
     write_fits(tmp_path / "a.fits", frames(rng, 100), header={"BUNIT": "electron"})
     with refused(ErrorCode.UNKNOWN_UNIT, tmp_path / "a.fits", "electron", "flat", "ADU", error=FrameError):
