@@ -59,8 +59,8 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked, it has the few steps of eight bits, or a pedestal is left under the star:
-        its edge would hold a third of all its light.
+        If a pixel of it is masked, it has fewer than 1000 whole numbers from dark to bright, its sum is not
+        positive, or a pedestal is left under the star: its edge would hold a third of all its light.
     FrameError
         If it cannot be read.
     """
@@ -71,10 +71,16 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
     image = frame.data - frame.metadata.value("bias", 0.0)
     if np.all(frame.data == np.rint(frame.data)) and 0 < np.ptp(frame.data) < _STEPS:
-        problem = (
-            f"{path}: the star has {np.ptp(frame.data):g} steps from dark to bright, which cut its wings"
+        raise ConfigurationError(
+            ErrorCode.SAMPLING,
+            f"{path}: the star has {np.ptp(frame.data):g} steps from dark to bright, which cut its wings; "
+            "give it in 16 bits, exposed for longer, or as the mean of several frames.",
         )
-        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; give it in 16 bits or in real numbers.")
+    if not image.sum() > 0:
+        problem = f"{path}: the star's image sums to {image.sum():.4g}, and must be positive"
+        raise ConfigurationError(
+            ErrorCode.OUT_OF_RANGE, f"{problem}; subtract the background level, not more."
+        )
     edge = _edge(image)
     if edge * image.size > image.sum() / 3:
         raise ConfigurationError(

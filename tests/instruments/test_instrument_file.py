@@ -265,6 +265,14 @@ def test_a_star_of_eight_bits_is_no_psf(tmp_path):
     np.testing.assert_allclose(star(tmp_path / "words.fits"), 60000 * light, atol=0.5)
 
 
+def test_an_image_without_light_is_no_psf(tmp_path):
+    from jitterkit.instruments.pupils import star
+
+    write_fits(tmp_path / "star.fits", np.zeros((21, 21)))
+    with refused(ErrorCode.OUT_OF_RANGE, tmp_path / "star.fits", 0):
+        star(tmp_path / "star.fits")
+
+
 @pytest.mark.parametrize(("level", "said"), [(5.0, True), (-5.0, True), (0.1, False)])
 def test_a_background_left_under_a_star_is_said(level, said, tmp_path, caplog):
     """Over 21 x 21 pixels it sums to 441 levels."""
