@@ -32,8 +32,8 @@ _FEWEST = 11
 """Samples from which a value that is no usual code may stand for none; fewer are a path somebody drew."""
 
 _OUTLYING, _SHARE_OF_OUTLIERS = 20.0, 0.01
-"""Standard deviations from the median beyond which samples are said to be outliers, and their largest share:
-no vibration or drift has so few so far out."""
+"""Standard deviations from the median beyond which samples are said to be outliers, and their largest share,
+where one is always allowed: no vibration or drift has so few so far out."""
 
 _BY_CHANCE = 1e-6
 """Chance of a run of equal samples below which it does not belong to the motion around it."""
@@ -88,10 +88,10 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
             )
         else:
             if (outliers := _outliers(values[keep])).size:
-                sentence = (
-                    f"{name} is far from all others in {len(outliers)} samples, {outliers[-1]:g} in one"
+                share = f"{len(outliers)} of {len(values[keep])} samples, the farthest {outliers[-1]:g}"
+                sentences.append(
+                    f"{name} has outliers ({share}), which count as motion: leave them out if they are errors."
                 )
-                sentences.append(f"{sentence}: they count as motion; if they are none, leave them out.")
         if (run := _held(values[keep])) is not None:
             first, last = table[keep, 0][[run.start, run.stop - 1]]
             sentence = f"{name} does not change from t = {first:g} to {last:g}, which counts as motion"
@@ -106,7 +106,7 @@ def _outliers(values: np.ndarray) -> np.ndarray:
     low, middle, high = np.quantile(values, [0.16, 0.5, 0.84])
     distance = np.abs(values - middle)
     far = np.flatnonzero(distance > _OUTLYING * (high - low) / 2)
-    if high == low or far.size > _SHARE_OF_OUTLIERS * len(values):
+    if high == low or far.size > max(1, _SHARE_OF_OUTLIERS * len(values)):
         return np.zeros(0)
     return values[far[np.argsort(distance[far])]]
 

@@ -188,7 +188,7 @@ def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, l
     elif sides != "one" and _is_mirrored(f, density, certain=sides == "two"):
         log(
             f"The upper half of the densities up to {f[-1]:g} Hz mirrors the lower, as in a two-sided "
-            "spectrum: it was added to it (a comment that says one-sided: not so)."
+            "spectrum, and was added to the lower; if it is one-sided, say so in a comment (# one-sided)."
         )
         above = f[f > 0]
         mirrored = np.where(above > above[::-1], above[::-1], above)
@@ -209,7 +209,7 @@ def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, l
     other = "curve" if found == "bins" else "bins"
     log(
         f"The {len(f)} rows of densities were read as {read}"
-        + ("." if kind else f" (--kind {other}: not so).")
+        + ("." if kind else f"; if they are not, give --kind {other}.")
     )
     if spectrum.lines:
         listed = ", ".join(f"{line.frequency:.5g}" for line in spectrum.lines)

@@ -122,7 +122,7 @@ CODES = [  # values in samples 100 to 102, or a share of all, samples left out, 
     (np.nan, 3, 3, "3 samples of the trace have no value"),
     (2.048, 40, 40, "2.048 in 40"),  # a sensor at its limit
     (-999.0, 2000, 2000, "-999 in 2000"), (3.7, 2000, 0, "does not change"),
-    (5.1, 1, 0, "5.1 in one: they count as motion"), (-999.0, 1, 0, "-999 in one sample"),
+    (5.1, 1, 0, "1 of 5000 samples, the farthest 5.1"), (-999.0, 1, 0, "-999 in one sample"),
 ]  # fmt: skip
 
 
@@ -141,6 +141,14 @@ def test_numbers_that_stand_for_missing_ones_are_gaps(value, count, lost, word, 
     said = [sentence for sentence in said if "integrated" not in sentence]
     assert len(said) == bool(word)
     assert not word or word in said[0]
+
+
+def test_one_outlier_of_a_short_trace_is_said(write):
+    """Of 50 samples one is more than a hundredth."""
+    (x, y), said = NOISE[:, :50].copy(), Said()
+    x[20] = 5.1
+    assert len(read_trace(write("t,x,y", np.arange(50.0), x, y), log=said.append)[0]) == 50
+    assert ["1 of 50 samples, the farthest 5.1" in sentence for sentence in said] == [True]
 
 
 def test_several_codes_are_found_and_without_a_listener_python_warns(write):
