@@ -49,8 +49,8 @@ class Instrument:
     flux : float, optional
         Photons detected from the scene in a usual frame, inside the frame or not.
     pad : int, optional
-        Pixels of padding of the model on each side; if omitted, ``DEFAULT_PAD`` of
-        :mod:`jitterkit.optics.grid`, in samples of the model where it has several a pixel.
+        Pixels of padding of the model on each side; if omitted, those of
+        :func:`~jitterkit.optics.grid_for`.
     plate_scale_err : float, optional
         Relative standard error of the plate scale: a prior where it is fitted.
     plate_scale_free : bool

@@ -45,7 +45,9 @@ def grid_for(
     plate_scale : float
         arcsec per pixel.
     pad : int, optional
-        Pixels of padding on each side; by default :data:`~jitterkit.optics.DEFAULT_PAD` fine samples.
+        Pixels of padding on each side; by default :data:`~jitterkit.optics.DEFAULT_PAD` fine samples or half
+        of the frame, whichever is more, but no more than as many pixels.  From half of the frame on, light of
+        a star at one edge of it does not wrap around to the other.
 
     Returns
     -------
@@ -62,7 +64,8 @@ def grid_for(
     shortest = min(spectrum.wavelengths) * 1e-9
     cutoff = pupil.cutoff_diameter / shortest * ARCSEC  # cycles/arcsec that reach the image
     refine = max(1, int(np.ceil(2 * plate_scale * cutoff)))
-    pad = -(-DEFAULT_PAD // refine) if pad is None else pad
+    if pad is None:
+        pad = max(-(-DEFAULT_PAD // refine), min(DEFAULT_PAD, -(-max(shape) // 2)))
     grid = Grid((shape[0], shape[1]), plate_scale, pad, refine)
     period = shortest / pupil.pitch / ARCSEC
     width = max(grid.fine_shape) * grid.pitch

@@ -3,7 +3,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
-from jitterkit.optics import DEFAULT_PAD, Grid
+from jitterkit.optics import DEFAULT_PAD, Grid, expand, grid_for, lines, obstructed_circle
 
 
 def test_the_crop_takes_the_pixel_centres_out_of_the_fine_array():
@@ -34,6 +34,22 @@ def test_frequencies_are_in_cycles_per_arcsec_up_to_the_fine_nyquist():
 def test_the_fine_array_is_at_least_the_padded_frame():
     grid = Grid((127, 61), 0.375)
     assert all(m >= n + 2 * DEFAULT_PAD for m, n in zip(grid.fine_shape, grid.shape, strict=True))
+
+
+def test_light_of_a_star_at_the_edge_of_undersampled_pixels_does_not_return_at_the_other():
+    """Five samples a pixel: with 64 samples of padding, up to 4e-7 of the light in a pixel came back."""
+    pupil, spectrum, shape, edge = obstructed_circle(0.125, samples=512), lines(575.0), (8, 48), 44.0
+    images = []
+    for pad in (None, 64):
+        grid = grid_for(pupil, spectrum, shape, 2.0, pad)
+        fy, fx = grid.frequencies
+        y, x = grid.centre
+        shifted = np.asarray(expand(pupil, spectrum, grid, derivatives=False).value)
+        shifted = shifted * np.exp(-2j * np.pi * (fy * y + fx * (x + edge)))
+        shifted = shifted * np.sinc(2 * fx) * np.sinc(2 * fy)
+        images.append(grid.crop(np.fft.irfft2(shifted, s=grid.fine_shape)) * grid.refine**2)
+    assert grid.refine == 5
+    np.testing.assert_allclose(images[0], images[1], rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize(
