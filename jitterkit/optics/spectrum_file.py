@@ -156,7 +156,9 @@ _NO_NANOMETRES = re.compile(
     r"[\s_(\[/](angstroms?|aa?|å|[uµμ]m|microns?|[mc]?m|[kmgt]hz|ev)\W*$|freq|wave-?number|energy|1/cm|cm\W?-1",
     re.I,
 )
-_NO_PHOTONS = re.compile(r"erg|joule|watt|\bw/|jy|flam|f_?lambda|fnu|energy|mag", re.I)
+_NO_PHOTONS = re.compile(
+    r"erg|joule|watt|\bw/|jy|flam|f_?lambda|fnu|energy|(?<![a-z])mag(s|nitude\w*)?(?![a-z])", re.I
+)
 
 
 def _refuse_other_units(path: Path, names: list[str], values: str) -> None:
