@@ -79,10 +79,11 @@ def not_linear(moments: Moments, used: np.ndarray) -> str:
     ratio, error = middles[1] / middles[0], float(np.hypot(*(errors / middles)))
     if abs(np.log(ratio)) < max(_NOT_LINEAR, _CERTAIN * error):
         return ""
+    galaxies = "as where many faint ones are galaxies, or " if ratio < 1 else "as "
     return (
-        f"No trail is known: the variance of bright stars is {ratio:.2f} times that of faint ones, as where "
-        "pixels were stretched (gamma, arcsinh) or do not respond in proportion to the light; give them as "
-        "they were read."
+        f"No trail is known: the variance of bright stars is {ratio:.2f} times that of faint ones, {galaxies}"
+        "where pixels were stretched (gamma, arcsinh) or do not respond in proportion to the light; give "
+        "pixels as they were read, and a field of stars."
     )
 
 

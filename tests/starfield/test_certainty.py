@@ -8,7 +8,9 @@ from scipy.special import j1
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.starfield import estimate_field
+from jitterkit.starfield.certainty import not_linear
 from jitterkit.starfield.detect import find_stars
+from jitterkit.starfield.moments import Moments
 
 HALF = 20
 
@@ -218,3 +220,14 @@ def test_a_star_with_speckles_and_a_halo_is_one_star():
     stars = find_stars(drawn([profile], 15, side=100, low=1e6, high=1e6))
     assert len(stars) == 1
     assert np.hypot(stars.x[0] - HALF - 1, stars.y[0] - HALF - 1) < 1
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.75, "0.75 times"), (1.0, ""), (1.3, "1.30 times")])
+def test_bright_stars_of_another_size_are_said_and_smaller_ones_may_mean_galaxies(factor, said):
+    """Of thirty stars the ten brightest; what is faint and wide may be a galaxy, but nothing bright is."""
+    moments = np.tile([2.0, 0.3, 1.0], (30, 1)) * np.where(np.arange(30) < 20, 1.0, factor)[:, None]
+    flux, sound = np.arange(1.0, 31.0), np.ones(30, bool)
+    stars = Moments(np.zeros((30, 2)), moments, np.zeros((30, 3, 3)), flux, sound)
+    message = not_linear(stars, sound)
+    assert (said in message) if said else not message
+    assert ("galaxies" in message) is (factor < 1)
