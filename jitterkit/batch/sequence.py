@@ -141,7 +141,7 @@ def _jump(ordered: Sequence[Path], times: Mapping[Path, float], named: Sequence[
     if before is None or after is None or pause < _HOURS or named.index(before) < named.index(after):
         return ""
     return (
-        f"By their headers {before.name} was taken {pause / 3600:.3g} hours before {after.name}, and their "
+        f"By their headers {before.name} was taken {pause / 3600:.0f} hours before {after.name}, and their "
         "names are in the other order: see that no clock was reset, and that the date changes at midnight."
     )
 

@@ -89,9 +89,7 @@ def without_missing(table: np.ndarray, columns: Sequence[str]) -> tuple[np.ndarr
         else:
             if (outliers := _outliers(values[keep])).size:
                 share = f"{len(outliers)} of {len(values[keep])} samples, the farthest {outliers[-1]:g}"
-                sentences.append(
-                    f"{name} has outliers ({share}), which count as motion: leave them out if they are errors."
-                )
+                sentences.append(f"{name} has outliers, {share}: they count as motion; leave out errors.")
         if (run := _held(values[keep])) is not None:
             first, last = table[keep, 0][[run.start, run.stop - 1]]
             sentence = f"{name} does not change from t = {first:g} to {last:g}, which counts as motion"
