@@ -187,7 +187,10 @@ class CumulantStep:
         index, turn = self._to_shaped()
         slope = turn[index] @ self.information
         response, own = covariance @ slope[: len(self.names)], slope @ turn[index]
-        certainty = own - slope[: len(self.names)] @ response + spread**-2
+        seen = (
+            own - slope[: len(self.names)] @ response
+        )  # below zero if the covariance is of another curvature
+        certainty = max(seen, 0.0) + spread**-2
         kurtosis = (turn[index] @ self.score + mean * spread**-2) / certainty
         return -kurtosis * response, np.outer(response, response) / certainty
 

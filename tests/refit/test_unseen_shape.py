@@ -5,6 +5,7 @@ import pytest
 from own_images import drift, star_image
 
 from jitterkit.batch.diagnose import classify
+from jitterkit.estimators.shape import CumulantStep
 from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
@@ -50,6 +51,21 @@ def test_a_drift_whose_shape_is_not_seen_has_the_mean_kurtosis_of_straight_blurs
     normal, _ = fit_locus("mvn", data, optics, near(2e5), start).moments()
     truth = 0.4**2 / 12 * np.cos(np.radians(25)) ** 2
     assert abs(moments[0] - truth) < 0.5 * abs(normal[0] - truth)
+
+
+def test_an_unknown_kurtosis_never_narrows_an_error():
+    """Its variance is that of all fitted together, and at most its prior's where curvatures do not agree."""
+    p = Parameters(Star(0.0, 0.0, 1e5), Mvn.near(np.array([0.02, 0.0, 0.01])), np.zeros(0))
+    jacobian = np.random.default_rng(3).normal(size=(40, 12)) * np.array([1.0] * 3 + [3e3] * 9)
+    step = CumulantStep(p, Mvn.names, np.zeros(12), jacobian.T @ jacobian)
+    covariance = np.linalg.inv(step.information[:3, :3])
+    together = step.information_of_shaped()
+    together[3, 3] += 0.5**-2
+    _, added = step.unknown_shape(covariance, -0.75, 0.5)
+    assert covariance + added == pytest.approx(np.linalg.inv(together)[:3, :3], rel=1e-6)
+    change, added = step.unknown_shape(400 * covariance, -0.75, 0.5)
+    assert np.all(np.diag(added) > 0)
+    assert added == pytest.approx(np.outer(change, change) * (0.5 / 0.75) ** 2, rel=1e-9)
 
 
 def test_the_mean_pointing_of_a_star_that_jumped_is_right(optics):
