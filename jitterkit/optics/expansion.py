@@ -45,9 +45,8 @@ def grid_for(
     plate_scale : float
         arcsec per pixel.
     pad : int, optional
-        Pixels of padding on each side; by default :data:`~jitterkit.optics.DEFAULT_PAD` fine samples or half
-        of the frame, whichever is more, but no more than as many pixels.  From half of the frame on, light of
-        a star at one edge of it does not wrap around to the other.
+        Pixels of padding on each side; by default :data:`~jitterkit.optics.DEFAULT_PAD` fine samples, or half
+        of the frame (no star's light wraps around then) up to as many pixels.
 
     Returns
     -------
@@ -64,8 +63,7 @@ def grid_for(
     shortest = min(spectrum.wavelengths) * 1e-9
     cutoff = pupil.cutoff_diameter / shortest * ARCSEC  # cycles/arcsec that reach the image
     refine = max(1, int(np.ceil(2 * plate_scale * cutoff)))
-    if pad is None:
-        pad = max(-(-DEFAULT_PAD // refine), min(DEFAULT_PAD, -(-max(shape) // 2)))
+    pad = max(-(-DEFAULT_PAD // refine), min(DEFAULT_PAD, -(-max(shape) // 2))) if pad is None else pad
     grid = Grid((shape[0], shape[1]), plate_scale, pad, refine)
     period = shortest / pupil.pitch / ARCSEC
     width = max(grid.fine_shape) * grid.pitch
@@ -193,9 +191,8 @@ def derivatives_at(
         Value; first derivatives, per nm; second derivatives of the pairs (i, j >= i) in order, per nm²: as
         many as the order asks for.  Then, if it is chromatic, the derivatives of these by the spectral index.
     """
-    weights, products = _weights(spectrum, chromatic), _products_of_modes(pupil) if order > 1 else None
-    wavelengths = jnp.asarray(spectrum.wavelengths)
-    return _derivatives(pupil, wavelengths, weights, state, grid, order, products=products)
+    products, lines = _products_of_modes(pupil) if order > 1 else None, jnp.asarray(spectrum.wavelengths)
+    return _derivatives(pupil, lines, _weights(spectrum, chromatic), state, grid, order, products=products)
 
 
 def _products_of_modes(pupil: Pupil) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -288,14 +285,13 @@ def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stre
     parts = [psf, 2 * (focal[0] * changed[0] + focal[1] * changed[1])]
     i, j = np.triu_indices(modes if shares else 0)
     parts.append(2 * sum(changed[c, i] * changed[c, j] for c in (0, 1)))
+    parts.append(jnp.zeros((0, *psf.shape[-2:])))
     if shares:
         twice = focal_field(products * field[:, None], phase_step, grid.fine_shape)
         real = 2 * (focal[0] * twice[0] + focal[1] * twice[1])
         turned = 2 * (focal[1] * twice[0] - focal[0] * twice[1])  # by a quarter, for one mode of the phase
         by_power = {0: real, 1: wavenumber * turned, 2: -(wavenumber**2) * real}
-        parts.append(jnp.concatenate([by_power[power] for power in shares]))
-    else:
-        parts.append(jnp.zeros((0, *psf.shape[-2:])))
+        parts[-1] = jnp.concatenate([by_power[power] for power in shares])
     scale = (phase_step / (2 * np.pi)) ** 2
     return [scale * part for part in parts]
 
