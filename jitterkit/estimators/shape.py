@@ -187,10 +187,8 @@ class CumulantStep:
         index, turn = self._to_shaped()
         slope = turn[index] @ self.information
         response, own = covariance @ slope[: len(self.names)], slope @ turn[index]
-        seen = (
-            own - slope[: len(self.names)] @ response
-        )  # below zero if the covariance is of another curvature
-        certainty = max(seen, 0.0) + spread**-2
+        # below zero if the covariance is of another curvature
+        certainty = max(own - slope[: len(self.names)] @ response, 0.0) + spread**-2
         kurtosis = (turn[index] @ self.score + mean * spread**-2) / certainty
         return -kurtosis * response, np.outer(response, response) / certainty
 
