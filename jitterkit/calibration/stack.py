@@ -281,9 +281,8 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None, file: FrameFile) -> 
         problem = f"{raw.path}: the flat frame has an exposure of {seconds:g} s; give --exposure in s."
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     shot, known = look(raw.name, raw.data, seconds), raw.metadata
-    warnings, settings = (*known.warnings, *unlike), settings_of(file.text)
-    about = {"path": raw.path, "index": raw.index, "warnings": warnings, "settings": settings}
-    return replace(shot, gain=known.value("gain"), **about)
+    shot = replace(shot, path=raw.path, index=raw.index, gain=known.value("gain"))
+    return replace(shot, warnings=(*known.warnings, *unlike), settings=settings_of(file.text))
 
 
 def _grouped(shots: list[Shot]) -> list[tuple[Shot, ...]]:
