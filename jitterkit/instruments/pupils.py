@@ -59,8 +59,7 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked, it has the few steps of eight bits, or a pedestal is left under the star:
-        its edge would hold a third of all its light.
+        If a pixel of it is masked, or :func:`check_star` refuses it.
     FrameError
         If it cannot be read.
     """
@@ -70,10 +69,21 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
         problem = f"{path}: {int(frame.mask.sum())} pixels of the star have no value"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
     image = frame.data - frame.metadata.value("bias", 0.0)
-    if np.all(frame.data == np.rint(frame.data)) and 0 < np.ptp(frame.data) < _STEPS:
-        problem = (
-            f"{path}: the star has {np.ptp(frame.data):g} steps from dark to bright, which cut its wings"
-        )
+    check_star(path, image)
+    return image
+
+
+def check_star(path: Path, image: np.ndarray) -> None:
+    """Refuse a star image of few steps or with a pedestal, and warn of a small background.
+
+    Raises
+    ------
+    ConfigurationError
+        If it has the few steps of eight bits, or its edge would hold a third of all its light.
+    """
+    steps = image - image.min()
+    if np.all(steps == np.rint(steps)) and 0 < steps.max() < _STEPS:
+        problem = f"{path}: the star has {steps.max():g} steps from dark to bright, which cut its wings"
         raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; give it in 16 bits or in real numbers.")
     edge = _edge(image)
     if edge * image.size > image.sum() / 3:
@@ -90,7 +100,6 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
             "%s: the star's image does not fall towards its edge, which stands at %.3g: if that is "
             "background, fluxes are wrong by %.0f %%; subtract it.", path, edge, 100 * share
         )  # fmt: skip
-    return image
 
 
 def _edge(image: np.ndarray) -> float:
