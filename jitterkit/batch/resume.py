@@ -215,7 +215,7 @@ def recounted(
 
 
 def _stamp(path: Path) -> Stamp | None:
-    """Return the size of a file and of those beside it that are read with it, and the latest of their times."""
+    """Return the size of a file with those beside it that are read too, and the latest of their times."""
     beside = [other for _, other in files_beside(path)]
     if path.suffix.lower() in (".tif", ".tiff"):
         beside += filter(Path.is_file, (sidecar_path(path), path.with_name(FOLDER_FILE)))
