@@ -10,18 +10,22 @@ with ``spectrum = flat_band(530, 640)``.  :func:`read_pupil` reads a pupil of yo
 without one.
 """
 
-from jitterkit.optics.anchor import Anchor, AnchoredOptics
-from jitterkit.optics.colours import Colours, blackbody_index, colours_of
-from jitterkit.optics.dlux import pupil_from_dlux
-from jitterkit.optics.empirical import empirical_otf
-from jitterkit.optics.expansion import expand, grid_for
-from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF
-from jitterkit.optics.pupil import Pupil, obstructed_circle
-from jitterkit.optics.pupil_file import read_pupil, write_pupil
-from jitterkit.optics.spectrum import Spectrum, flat_band, lines
-from jitterkit.optics.system import FixedOptics, OpticalSystem, Optics
-from jitterkit.optics.toliman import toliman_pupil
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jitterkit.optics.anchor import Anchor, AnchoredOptics
+    from jitterkit.optics.colours import Colours, blackbody_index, colours_of
+    from jitterkit.optics.dlux import pupil_from_dlux
+    from jitterkit.optics.empirical import empirical_otf
+    from jitterkit.optics.expansion import expand, grid_for
+    from jitterkit.optics.grid import DEFAULT_PAD, Grid
+    from jitterkit.optics.otf import OTF
+    from jitterkit.optics.pupil import Pupil, obstructed_circle
+    from jitterkit.optics.pupil_file import read_pupil, write_pupil
+    from jitterkit.optics.spectrum import Spectrum, flat_band, lines
+    from jitterkit.optics.system import FixedOptics, OpticalSystem, Optics
+    from jitterkit.optics.toliman import toliman_pupil
 
 __all__ = [
     "DEFAULT_PAD",
@@ -48,3 +52,16 @@ __all__ = [
     "toliman_pupil",
     "write_pupil",
 ]
+
+_MODULES = (
+    *("spectrum", "colours", "grid", "pupil", "pupil_file", "toliman"),
+    *("dlux", "otf", "expansion", "empirical", "system", "anchor"),
+)
+"""Where the names are; the first three load no JAX, which takes half of the time of ``jitterkit info``."""
+
+
+def __getattr__(name: str) -> Any:
+    for module in _MODULES if name in __all__ else ():
+        if hasattr(found := importlib.import_module(f"{__name__}.{module}"), name):
+            return globals().setdefault(name, getattr(found, name))
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -21,6 +21,9 @@ from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.precision import single
 
+_DEPENDENT = 1e-10
+"""Eigenvalue, of the largest, below which products of modes count as sums of others: errors of 1e-5."""
+
 __all__ = ["centring", "derivatives_at", "expand", "grid_for", "shift_slopes", "wavelength_curvature"]
 
 
@@ -187,8 +190,33 @@ def derivatives_at(
         Value; first derivatives, per nm; second derivatives of the pairs (i, j >= i) in order, per nm²: as
         many as the order asks for.  Then, if it is chromatic, the derivatives of these by the spectral index.
     """
-    weights = _weights(spectrum, chromatic)
-    return _derivatives(pupil, jnp.asarray(spectrum.wavelengths), weights, state, grid, order)
+    weights, products = _weights(spectrum, chromatic), _products_of_modes(pupil) if order > 1 else None
+    wavelengths = jnp.asarray(spectrum.wavelengths)
+    return _derivatives(pupil, wavelengths, weights, state, grid, order, products=products)
+
+
+def _products_of_modes(pupil: Pupil) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """Products of all pairs of modes by the few that are independent: of Zernike modes about a third.
+
+    Returns
+    -------
+    products : (q, n, n) array
+    shares : dict of (p, q) array
+        Of the products in each pair (i, j >= i), by how many of the two are modes of the phase: zero in the
+        rows of other pairs.
+    """
+    modes, count = np.concatenate([pupil.basis, pupil.shading]), len(pupil.basis)
+    i, j = np.triu_indices(len(modes))
+    lit = np.asarray(pupil.transmission) > 0
+    flat = modes[:, lit][i] * modes[:, lit][j]
+    sizes = np.linalg.norm(flat, axis=1)
+    values, vectors = np.linalg.eigh((flat / sizes[:, None]) @ (flat / sizes[:, None]).T)
+    kept = vectors[:, values > _DEPENDENT * values[-1]]
+    products = np.zeros((kept.shape[1], *lit.shape))
+    products[:, lit] = kept.T @ (flat / sizes[:, None])
+    of_phase = (i < count).astype(int) + (j < count)
+    rows = {power: np.where(of_phase == power, sizes, 0.0)[:, None] for power in np.unique(of_phase).tolist()}
+    return products, {power: size * kept for power, size in rows.items()}
 
 
 def _weights(spectrum: Spectrum, chromatic: bool) -> Array:
@@ -198,7 +226,7 @@ def _weights(spectrum: Spectrum, chromatic: bool) -> Array:
 
 
 @eqx.filter_jit
-def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
+def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0, products=None):
     count, kind = len(pupil.basis), pupil.opd.dtype
     opd = pupil.opd + jnp.tensordot(state[:count], pupil.basis, 1)
     light = pupil.transmission * jnp.exp(jnp.tensordot(state[count:], pupil.shading, 1))
@@ -206,19 +234,24 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch=1.0):
     # Outside the loop, or the compiler evaluates sine and cosine again for every derivative.
     fields = (light * jnp.stack([jnp.cos(phases), jnp.sin(phases)], axis=1)).astype(kind)
     modes = len(state) if order else 0
-    pairs = np.triu_indices(modes) if order > 1 else np.triu_indices(0)
+    products, shares = products or (None, {})
+    pairs = modes * (modes + 1) // 2 if shares else 0
+    bent = len(shares) * len(products) if shares else 0
 
     def add(total, line):
         wavelength, weight, field = line
-        parts = _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch)
+        parts = _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stretch)
         weight = weight[:, None, None, None]
         return [
             light + (weight * part).astype(light.dtype) for light, part in zip(total, parts, strict=True)
         ], None
 
-    sizes = (1, kind), (modes, jnp.float32), (len(pairs[0]), jnp.float32)
+    sizes = (1, kind), (modes, jnp.float32), (pairs, jnp.float32), (bent, jnp.float32)
     start = [jnp.zeros((len(weights), size, *grid.fine_shape), dtype) for size, dtype in sizes]
-    totals, _ = jax.lax.scan(add, start, (wavelengths, weights.T, fields))
+    (value, first, crossed, bends), _ = jax.lax.scan(add, start, (wavelengths, weights.T, fields))
+    for share, bend in zip(shares.values(), jnp.split(bends, max(len(shares), 1), axis=1), strict=False):
+        crossed += jnp.einsum("pq,cqyx->cpyx", share.astype(jnp.float32), bend, precision="highest")
+    totals = value, first, crossed
     spectra = jnp.concatenate([jnp.fft.rfft2(total) for total in totals], axis=1)
     return spectra * centring(grid) / pupil.light
 
@@ -230,11 +263,12 @@ def centring(grid: Grid) -> np.ndarray:
     return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)
 
 
-def _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch):
-    """PSF of a pupil field (2, n, n) at a wavelength [nm], and its derivatives by modes: (n, My, Mx) each.
+def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stretch):
+    """PSF of a pupil field (2, n, n) at a wavelength [nm], and parts of its derivatives: (n, My, Mx) each.
 
-    The first ones are by the first of the modes, the second ones by pairs of these; both in 32 bits.  A whole
-    plane sums to the light in the pupil.  The pitch of the grid is stretched by a factor.
+    Those by modes, in 32 bits as all that follow; of the second ones by pairs of modes, ``2 Re(E_i* E_j)``;
+    and ``2 Re(E* E_ij)`` for each product of modes, of which a pair has shares.  A whole plane sums to the
+    light in the pupil.  The pitch of the grid is stretched by a factor.
     """
     wavenumber = 2 * np.pi / wavelength
     phase_step = wavenumber * 1e9 * pupil.pitch * grid.pitch * ARCSEC * stretch
@@ -245,24 +279,23 @@ def _monochromatic(field, pupil, modes, pairs, grid, wavelength, stretch):
     slopes = jnp.stack(
         [jnp.concatenate([phases, pupil.shading]), jnp.concatenate([wavenumber * pupil.basis, light])]
     )
-    slopes, field, focal = single((slopes[:, :modes], field, focal))
+    slopes, field, focal, products = single((slopes[:, :modes], field, focal, products))
     changed = focal_field(_times(slopes, field[:, None]), phase_step, grid.fine_shape)
-    first = 2 * (focal[0] * changed[0] + focal[1] * changed[1])
+    parts = [psf, 2 * (focal[0] * changed[0] + focal[1] * changed[1])]
+    i, j = np.triu_indices(modes if shares else 0)
+    parts.append(2 * sum(changed[c, i] * changed[c, j] for c in (0, 1)))
+    if shares:
+        twice = focal_field(products * field[:, None], phase_step, grid.fine_shape)
+        real = 2 * (focal[0] * twice[0] + focal[1] * twice[1])
+        turned = 2 * (focal[1] * twice[0] - focal[0] * twice[1])  # by a quarter, for one mode of the phase
+        by_power = {0: real, 1: wavenumber * turned, 2: -(wavenumber**2) * real}
+        parts.append(jnp.concatenate([by_power[power] for power in shares]))
+    else:
+        parts.append(jnp.zeros((0, *psf.shape[-2:])))
     scale = (phase_step / (2 * np.pi)) ** 2
-    return [
-        scale * part
-        for part in (psf, first, _curvature(field, slopes, pairs, focal, changed, phase_step, grid))
-    ]
+    return [scale * part for part in parts]
 
 
 def _times(one, other):
     """Product of complex numbers whose real and imaginary parts stand along the first axis."""
     return jnp.stack([one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]])
-
-
-def _curvature(field, slopes, pairs, focal, changed, phase_step, grid):
-    """Return the second derivatives of the light ``|E|²`` by pairs of modes: ``2 Re(E* E_ij + E_i* E_j)``."""
-    i, j = pairs
-    twice = _times(_times(slopes[:, i], slopes[:, j]), field[:, None])
-    twice = focal_field(twice, phase_step, grid.fine_shape)
-    return 2 * sum(focal[c] * twice[c] + changed[c, i] * changed[c, j] for c in (0, 1))

@@ -190,6 +190,8 @@ def _of_any_shape(normal: FitResult, step: CumulantStep, otf: OTF) -> FitResult:
     """Return a straight blur's values and errors where the frame does not show its shape; the image stays."""
     assert normal.parameters is not None
     change, variance = step.unknown_shape(normal.covariance, *_STRAIGHT)
+    if not np.all(np.isfinite(change)):
+        return normal
     every = parameter_names(normal.parameters, otf.names)
     vector, unravel = to_vector(normal.parameters)
     parameters = unravel(vector.at[np.array([every.index(name) for name in normal.names])].add(change))

@@ -13,15 +13,21 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
 from jitterkit.frames.frame import Frame
 from jitterkit.loci import LOCI, Locus, locus_name
 from jitterkit.refit.result import FitResult
 from jitterkit.report.kernel_plots import plot_kernel
-from jitterkit.report.plots import four_panels, plot_image, plot_residual, plot_stars, small_png, stretch
+from jitterkit.report.plots import (
+    change_image,
+    four_panels,
+    plot_image,
+    plot_residual,
+    plot_stars,
+    small_png,
+    stretch,
+)
 from jitterkit.report.row import Row, make_row
 from jitterkit.report.words import number
 from jitterkit.scene import Stars
@@ -190,12 +196,12 @@ class _Panels:
     def draw(self, picture: _Picture, row: Row) -> FrameReport:
         """Draw a picture in place of the one before."""
         data, model, residual, kernel = self._axes
-        _change(data, picture.data, stretch(picture.data))
+        change_image(data, picture.data, stretch(picture.data))
         shown = "data"
         if picture.model is not None and picture.residual is not None:
             shown = "data, model, residual and jitter kernel"
-            _change(model, picture.model, stretch(picture.model))
-            _change(residual, picture.residual)
+            change_image(model, picture.model, stretch(picture.model))
+            change_image(residual, picture.residual)
             residual.set_title(f"residual, χ²/dof = {number(picture.chi2_dof, 4)}", y=1.0)
             for mark in (*model.lines, *model.texts):
                 mark.remove()
@@ -212,10 +218,3 @@ class _Panels:
 
     def _kind(self, picture: _Picture) -> tuple:
         return picture.data.shape, picture.plate_scale, picture.model is None or picture.residual is None
-
-
-def _change(ax: Axes, image: np.ndarray, norm: Normalize | None = None) -> None:
-    """Draw another image on axes that have one."""
-    ax.images[0].set_data(image)
-    if norm is not None:
-        ax.images[0].set_norm(norm)

@@ -138,6 +138,13 @@ def plot_image(
     return ax
 
 
+def change_image(ax: Axes, image: np.ndarray, norm: Normalize | None = None) -> None:
+    """Draw another image, of the same shape, on the axes of :func:`plot_image`."""
+    ax.images[0].set_data(image)
+    if norm is not None:
+        ax.images[0].set_norm(norm)
+
+
 def plot_residual(
     residual: np.ndarray, plate_scale: float | None = None, ax: Axes | None = None, *, title: str = "residual"
 ) -> Axes:

@@ -9,7 +9,7 @@ from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
-from jitterkit.refit import FitResult, Status, fit_best_locus, fit_locus
+from jitterkit.refit import FitOptions, FitResult, Priors, Status, fit_best_locus, fit_locus
 from jitterkit.refit.result import Candidate
 from jitterkit.scene import Star
 
@@ -30,6 +30,26 @@ def test_the_moments_of_a_drift_are_right_where_its_shape_is_not_certain(optics)
     assert np.all(np.abs(off) < 0.3 * np.sqrt(np.diag(covariance)))
     normal = fit_locus("mvn", Data(image, 9.0), optics, near(2e5), np.array([0.02, 0.0, 0.02]))
     assert normal.moments()[0][0] - moments[0] > np.sqrt(covariance[0, 0])
+
+
+def test_a_drift_whose_shape_is_not_seen_has_the_mean_kurtosis_of_straight_blurs(optics):
+    """Values and errors are those of a blur that is fitted with such a prior on its kurtosis."""
+    image = star_image(0.6, -1.1, 2e5, drift(0.4, 25)) + 2.0
+    data, start = Data(image, 9.0), np.array([0.01, 0.0, 0.01])
+    result = fit_best_locus(data, optics, near(2e5), start)
+    assert [one.locus for one in result.candidates] == ["mvn"]
+    shaped = Priors({"shaped_kurtosis": (-0.75, 0.75)})
+    expected = fit_locus("shaped", data, optics, near(2e5), start, options=FitOptions(priors=shaped))
+    (moments, covariance), (wanted, wide) = result.moments(), expected.moments()
+    errors = np.sqrt(np.diag(wide))
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(errors, rel=0.02)
+    assert np.all(np.abs(moments - wanted) < 0.02 * errors)
+    assert abs(float(result.parameters.scene.flux - expected.parameters.scene.flux)) < 0.02 * result.error(
+        "flux"
+    )
+    normal, _ = fit_locus("mvn", data, optics, near(2e5), start).moments()
+    truth = 0.4**2 / 12 * np.cos(np.radians(25)) ** 2
+    assert abs(moments[0] - truth) < 0.5 * abs(normal[0] - truth)
 
 
 def test_the_mean_pointing_of_a_star_that_jumped_is_right(optics):
