@@ -68,6 +68,8 @@ class DirectoryWatcher:
     A frame counts once: if it is rewritten, in a file of the same name, what was read first stays.  One that
     was yielded and could not be read (:meth:`retry`) is yielded again, with the content of the file then.
 
+    A file that has changed since its frames were yielded is warned of, unless there are more of them.
+
     *Fails when* a writer adds to a file that was unchanged for a minute, or pauses for two scans while what
     it has written can be read: later changes of a frame are not seen.
     """
@@ -161,10 +163,17 @@ class DirectoryWatcher:
             return
         seen.frames = _count(path, self._hdu) if is_whole(path, hdu=self._hdu) else 0
         seen.whole = seen.frames > 0
+        rewritten = seen.uncertain and bool(seen.yielded)
         seen.uncertain = seen.uncertain or not seen.whole
         for item in self._missing(seen, path, range(seen.frames)):
+            rewritten = False
             seen.yielded.add(item[1])
             yield item
+        if seen.whole and rewritten:
+            warning = (
+                "%s has changed since it was read, and what was read first stays: give new frames new names."
+            )
+            log.warning(warning, printable(path))
 
     def _missing(self, seen: _Seen, path: Path, indices: Iterable[int]) -> Iterator[Item]:
         """Return the frames that have not been yielded, in this session or before."""

@@ -288,8 +288,8 @@ class FrameProcessor:
             return Fitted(start, otf)
         result = steps.fit(start, locus=self.locus, options=self.options_of(frame))
         result = steps.diagnose(frame, start, result, self.plate_scale)
-        if self.prior is not None and self.prior.of(frame.name, frame.digest) == Priors():
-            result = result.remarked("The prior holds this frame only and was not used.", "prior_unused")
+        if self.prior is not None:
+            result = result.remarked(*self.prior.remark_on(frame.name, frame.digest))
         if self.known_light is not None and result.parameters is not None:
             otf = self.optics(frame).otf(result.parameters.aberrations)  # of the light that is taken out
         return Fitted(result, otf, start.left_out)

@@ -14,6 +14,8 @@ from typing import Any
 
 from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
+from jitterkit.frames.files import files_beside
+from jitterkit.frames.sidecar import FOLDER_FILE, sidecar_path
 
 __all__ = ["FILES", "VERSIONS", "Counted", "counted", "recounted", "refuse_difference"]
 
@@ -213,11 +215,15 @@ def recounted(
 
 
 def _stamp(path: Path) -> Stamp | None:
+    """Return the size of a file with those beside it that are read too, and the latest of their times."""
+    beside = [other for _, other in files_beside(path)]
+    if path.suffix.lower() in (".tif", ".tiff"):
+        beside += filter(Path.is_file, (sidecar_path(path), path.with_name(FOLDER_FILE)))
     try:
-        status = path.stat()
+        known = [file.stat() for file in (path, *beside)]
     except OSError:
         return None
-    return status.st_size, status.st_mtime_ns
+    return sum(status.st_size for status in known), max(status.st_mtime_ns for status in known)
 
 
 def _is_same(then: Stamp | None, now: Stamp) -> bool:

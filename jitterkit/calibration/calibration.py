@@ -122,7 +122,8 @@ class Calibration:
         if self.local is None:
             return float("nan"), float("nan")
         pixels, spread = float((self.bad == 0).sum()), self.local.true_spread
-        return spread, self.local.spread**2 / max(spread, 1e-12) / (2 * pixels) ** 0.5
+        of_square = self.local.spread**2 * (2 / pixels) ** 0.5
+        return spread, min(of_square / (2 * spread), of_square**0.5) if spread else of_square**0.5
 
     def count(self, flag: str) -> int:
         """Return how many pixels are bad in a way of :data:`FLAGS`."""

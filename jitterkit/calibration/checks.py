@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from jitterkit.calibration.labels import SETTINGS, differ
 from jitterkit.calibration.stack import Shot, Stack
 from jitterkit.errors import ConfigurationError, ErrorCode
 
@@ -45,6 +46,7 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
                 f"{rows}; give frames of one size.",
             )
     _check_gains(stacks)
+    _check_settings([shot for stack in stacks for shot in stack.shots])
     for stack in stacks:
         if len(stack) < 2:
             problem = f"there is one {stack.name} frame; give at least two."
@@ -64,6 +66,19 @@ def _check_gains(stacks: Sequence[Stack]) -> None:
                 f"{_file(shot)}: says a gain of {shot.gain:g} e-/ADU, {_file(shots[0])} one of "
                 f"{shots[0].gain:g}; calibrate each setting of the camera by itself.",
             )
+
+
+def _check_settings(shots: Sequence[Shot]) -> None:
+    for card in SETTINGS:
+        known = [shot for shot in shots if card in shot.settings]
+        for shot in known[1:]:
+            here, there = shot.settings[card], known[0].settings[card]
+            if differ(here, there):
+                raise ConfigurationError(
+                    ErrorCode.WRONG_INSTRUMENT,
+                    f"{_file(shot)}: says {card} = {here!r}, {_file(known[0])} {there!r}; calibrate each "
+                    "camera, and each setting of it, by itself.",
+                )
 
 
 def _check_alike(stack: Stack) -> None:

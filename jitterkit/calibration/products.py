@@ -61,7 +61,12 @@ def together(directory: Path) -> Iterator[Path]:
 
 
 def write_calibration(
-    calibration: Calibration, directory: Path, instrument: str, *, full_well: float | None = None
+    calibration: Calibration,
+    directory: Path,
+    instrument: str,
+    *,
+    full_well: float | None = None,
+    gain: float | None = None,
 ) -> None:
     """Write maps as FITS and the instrument file that names them.
 
@@ -75,6 +80,8 @@ def write_calibration(
         instrument file, whose tables are copied.
     full_well : float, optional
         e-, of that instrument; a law of non-linearity must hold up to it, or only to the brightest level.
+    gain : float, optional
+        e-/ADU, of that instrument; another one, by which electrons were counted here, is written.
 
     Notes
     -----
@@ -88,7 +95,7 @@ def write_calibration(
     bits = {name.upper(): (bit, f"bit of pixels that are {name}") for name, bit in FLAGS.items()}
     write_fits(directory / BAD_PIXELS, calibration.bad, header=bits)
     tables = _tables(instrument)
-    tables["detector"] = {**tables.get("detector", {}), **_detector(calibration, full_well)}
+    tables["detector"] = {**tables.get("detector", {}), **_detector(calibration, full_well, gain)}
     text = toml_text(tables, "Written by jitterkit calibrate; files are looked for beside this one.")
     (directory / DETECTOR).write_text(text, encoding="utf-8")
 
@@ -113,9 +120,10 @@ def _cards(measured: MeasuredMap, calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _detector(calibration: Calibration, full_well: float | None) -> dict[str, Any]:
-    """Return the table of the detector: what was measured, and nothing else."""
-    found: dict[str, Any] = {"gain": _short(calibration.gain)} if calibration.transfer else {}
+def _detector(calibration: Calibration, full_well: float | None, gain: float | None) -> dict[str, Any]:
+    """Return the table of the detector: what was measured, and the gain by which it was."""
+    known = calibration.transfer is None and calibration.gain == gain
+    found: dict[str, Any] = {} if known else {"gain": _short(calibration.gain)}
     for measured in calibration.maps:
         if measured.serves:
             found[measured.name] = f"{measured.name}.fits"

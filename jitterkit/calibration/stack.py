@@ -7,8 +7,8 @@ rows at a time that they fit into the memory allowed: a file is read once for ea
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
@@ -16,8 +16,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from jitterkit.calibration.labels import check_kind, settings_of
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
-from jitterkit.frames import RawFrame, find_files, open_frames
+from jitterkit.frames import FrameFile, RawFrame, find_files, open_frames
 from jitterkit.frames.duplicates import Duplicates
 
 _SAMPLES = 65536
@@ -59,6 +60,8 @@ class Shot:
         Of the pixels from which the level was read; empty where they are all alike.
     warnings : tuple of str
         Of its file.
+    settings : mapping
+        Cards of its header on the camera, by :func:`~jitterkit.calibration.labels.settings_of`.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Shot:
     index: int = 0
     digest: str = ""
     warnings: tuple[str, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def saturated(self) -> bool:
@@ -218,8 +222,9 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
     Raises
     ------
     FrameError
-        If a file cannot be read, a frame has another shape than the first, is in electrons, or has the pixels
-        of an earlier one and is no saturated flat.
+        If a file cannot be read or holds images of several detectors, or a frame has another shape than the
+        first, is in electrons, is of another kind by its header, or has the pixels of an earlier one and is
+        no saturated flat.
     ConfigurationError
         If a dark or flat has no exposure, or an exposure has one frame only.
     """
@@ -230,9 +235,9 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
         with open_frames(path) as file:
             dtypes.add(file.dtype)
             for raw in file:
-                _check(raw, kind, unusable)
+                _check(raw, kind, unusable, file.hdu)
                 unusable = raw.mask if unusable is None else unusable | raw.mask
-                shots.append(shot := _seen(raw, kind, exposure))
+                shots.append(shot := _seen(raw, kind, exposure, file))
                 where = str(path.with_name(raw.name))
                 digest = "" if kind == "flat" and shot.saturated else shot.digest  # full pixels are alike
                 if first := known.original(digest, where):
@@ -253,8 +258,11 @@ def open_stacks(kind: str, paths: Iterable[str | Path], exposure: float | None =
     return tuple(Stack(kind, group, (ny, nx), dtype, group[0].exposure, unusable) for group in groups)
 
 
-def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None) -> None:
+def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None, hdu: int | None) -> None:
     where = raw.path or raw.name
+    if raw.hdu != hdu:
+        problem = f"holds images of several detectors (HDU {hdu} and HDU {raw.hdu})"
+        raise FrameError(ErrorCode.UNSUPPORTED, where, problem, "write each detector into files of its own")
     if raw.unit != "adu":
         remedy = f"give the {kind} frames as they were read, in ADU"
         raise FrameError(ErrorCode.UNKNOWN_UNIT, where, f"is in {raw.unit}", remedy)
@@ -264,7 +272,8 @@ def _check(raw: RawFrame, kind: str, earlier: np.ndarray | None) -> None:
         raise FrameError(ErrorCode.WRONG_SHAPE, where, problem, "give frames of one size")
 
 
-def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
+def _seen(raw: RawFrame, kind: str, exposure: float | None, file: FrameFile) -> Shot:
+    unlike = check_kind(raw, kind, file.text)
     seconds = None if kind == "bias" else exposure
     if kind != "bias" and seconds is None:
         seconds = raw.metadata.value("exposure")
@@ -275,7 +284,8 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None) -> Shot:
         problem = f"{raw.path}: the flat frame has an exposure of {seconds:g} s; give --exposure in s."
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     shot, known = look(raw.name, raw.data, seconds), raw.metadata
-    return replace(shot, gain=known.value("gain"), path=raw.path, index=raw.index, warnings=known.warnings)
+    shot = replace(shot, path=raw.path, index=raw.index, gain=known.value("gain"))
+    return replace(shot, warnings=(*known.warnings, *unlike), settings=settings_of(file.text))
 
 
 def _grouped(shots: list[Shot]) -> list[tuple[Shot, ...]]:

@@ -13,6 +13,7 @@ from jitterkit.cli.runtime import aligned, command_line, log
 
 if TYPE_CHECKING:
     from jitterkit.calibration import Calibration, Stack
+    from jitterkit.detectors import Detector
     from jitterkit.instruments import Instrument
 
 
@@ -55,7 +56,7 @@ def calibrate(
     gain
         Gain, e-/ADU, if there are no flats; by default the header's, or else the instrument's.
     bias_level
-        Bias level, ADU, if there are no bias frames; by default the instrument's.
+        Bias level, ADU, if there are no bias frames; by default the instrument file's.
     clip
         Deviation beyond which a value is excluded, in standard deviations of a frame's noise; 3 or more.
     hot
@@ -91,7 +92,7 @@ def calibrate(
     for sentence in filter(None, said):
         log(sentence)
     typer.echo("\n".join(aligned(_cells(*row) for row in calibration_rows(calibration))))
-    _write_outputs(calibration, output, instrument, telescope.detector.full_well)
+    _write_outputs(calibration, output, instrument, telescope.detector)
     log(f"wrote {output}; use it by -i {output / 'detector.toml'}")
 
 
@@ -108,11 +109,15 @@ def _gain(given: float | None, stacks: list[Stack], telescope: Instrument) -> tu
 
 
 def _level(given: float | None, telescope: Instrument) -> tuple[float | None, str]:
-    """Return the bias level of the flats, and a sentence if it is the instrument's."""
+    """Return the bias level of the flats, and a sentence if it is the instrument file's.
+
+    A preset's is a choice: no camera has it.
+    """
     import numpy as np
 
     level = telescope.detector.bias
-    if given is not None or level is None:
+    chosen = telescope.detector.sources.get("bias", "").startswith("preset")
+    if given is not None or level is None or chosen:
         return given, ""
     value = float(np.median(level))
     return value, f"A bias of {value:g} ADU is taken from the instrument {telescope.name!r}."
@@ -127,7 +132,7 @@ def _cells(name: str, value: float, error: float, unit: str) -> tuple[str, str, 
     return name, number(value, 5) if math.isnan(error) else with_error(value, error), unit
 
 
-def _write_outputs(calibration: Calibration, output: Path, instrument: str, full_well: float | None) -> None:
+def _write_outputs(calibration: Calibration, output: Path, instrument: str, detector: Detector) -> None:
     """Write all files or none; read the instrument file once before the others are kept."""
     from jitterkit.calibration import together, write_calibration
     from jitterkit.calibration.products import DETECTOR
@@ -138,7 +143,8 @@ def _write_outputs(calibration: Calibration, output: Path, instrument: str, full
     from jitterkit.report.table import write_table
 
     with together(output) as directory:
-        write_calibration(calibration, directory, instrument, full_well=full_well)
+        known = {"full_well": detector.full_well, "gain": detector.gain}
+        write_calibration(calibration, directory, instrument, **known)
         write_table(directory / _LEVELS, levels_table(calibration, command_line()))
         (directory / _PICTURE).write_bytes(png(plot_calibration(calibration)[0], dpi=150))
         load_instrument(directory / DETECTOR)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import copy
 import functools
 import inspect
+import math
 import os
 import re
 import sys
@@ -27,7 +28,7 @@ import typer
 from typer.models import ArgumentInfo, OptionInfo
 
 from jitterkit.cli.runtime import USAGE, log, log_error
-from jitterkit.errors import JitterkitError
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 
 _HEADING = "\n\nParameters\n----------\n"
 
@@ -59,6 +60,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(function)
     def command(**given: Any) -> None:
         try:
+            _refuse_infinite(given)
             function(**_arguments(function, given))
         except JitterkitError as error:
             log_error(error)
@@ -73,6 +75,16 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     command.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command
+
+
+def _refuse_infinite(given: Mapping[str, Any]) -> None:
+    """Refuse nan, inf and 1e400 for any option that takes a number."""
+    for name, value in given.items():
+        numbers = value if isinstance(value, list | tuple) else [value]
+        for number in (number for number in numbers if isinstance(number, float)):
+            if not math.isfinite(number):
+                problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
 
 def _arguments(source: Callable, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -126,7 +126,7 @@ class _Setup:
 
         scene = {name: changes.pop(name, value) for name, value in self.scene.items()}
         state = np.array([changes.pop(name, 0.0) for name in self.telescope.aberrations])
-        numbers = {name: changes.pop(name) for name in _DETECTOR if name in changes}
+        numbers = {name: float(changes.pop(name)) for name in _DETECTOR if name in changes}
         detector = replace(self.telescope.detector, **numbers) if numbers else self.telescope.detector
         jitter = Stable.of() if still else build_locus(self.locus, {**self.sizes, **changes})
         stars = options.sources(scene, self.stars)

@@ -33,7 +33,7 @@ class Workers:
         there under the same paths.
     """
 
-    workers: Annotated[int | None, typer.Option(min=1)] = None
+    workers: Annotated[int | None, typer.Option(min=1, max=1024)] = None
     scheduler: str | None = None
 
     def check(self) -> None:

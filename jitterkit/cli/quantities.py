@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from jitterkit.cli.runtime import refuse_if
@@ -121,7 +122,7 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
         refuse_if(name.strip() in sweeps, ErrorCode.DUPLICATE, problem)
         try:
             sweeps[name.strip()] = _values(values)
-        except ValueError:
+        except (ValueError, OverflowError):
             raise ConfigurationError(
                 ErrorCode.MALFORMED,
                 f"--sweep {text} is not understood; write --sweep length=0.05:0.75:15 (from, to, how many; "
@@ -134,9 +135,15 @@ def _values(text: str) -> list[float]:
     import numpy as np
 
     if ":" not in text:
-        return [float(value) for value in text.split(",")]
+        return [_finite(value) for value in text.split(",")]
     first, last, count, *log = text.split(":")
     if log not in ([], ["log"]) or int(count) < 1 or (log and not float(first) * float(last) > 0):
         raise ValueError(text)
     spaced = np.geomspace if log else np.linspace
-    return [float(value) for value in spaced(float(first), float(last), int(count))]
+    return [float(value) for value in spaced(_finite(first), _finite(last), int(count))]
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(text)
+    return value

@@ -12,7 +12,7 @@ from jitterkit.cli import options
 from jitterkit.cli.runtime import LISTED, SOME_FAILED, command_line, log
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
-_REPORTED = {"prior_contradicted", "prior_unused"}
+_REPORTED = {"prior_contradicted", "prior_unused", "prior_namesake"}
 """Flags of fitted frames that are worth a line on stderr."""
 
 _DOUBTS = ("header_odd", "gain_assumed", "read_noise_assumed", "bias_assumed", "above_adc_range", "other")

@@ -84,6 +84,11 @@ class FitsFile(FrameFile):
         self.metadata = self._image(0).metadata
         return frame.with_fields(after=index - self._starts[number])
 
+    def text(self, key: str) -> str:
+        """Return a keyword of the first image's header, or of the primary one, as text."""
+        hdu = self._groups[0].image
+        return Cards(hdu.header, hdu.number, self._hdus[0].header).text(key)
+
     def _stacking(self) -> str:
         shared = any(group.image.planes > 1 and group.coordinates is None for group in self._groups)
         labelled = [group.image.label for group in self._groups if group.image.layers]

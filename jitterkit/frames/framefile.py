@@ -125,6 +125,10 @@ class FrameFile(ABC):
         ]
         return file + self._contents() + self.metadata.rows()
 
+    def text(self, key: str) -> str:
+        """Return a keyword of the file's header as text, empty where there is none."""
+        return ""
+
     def _stacking(self) -> str:
         """Return what the frames of the file have in common, in a few words."""
         return ""

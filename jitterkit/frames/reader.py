@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from jitterkit.errors import ConfigurationError, FrameError
 from jitterkit.frames.files import sniff
 from jitterkit.frames.frame import RawFrame
@@ -82,7 +84,8 @@ def is_whole(path: str | Path, *, hdu: int | None = None) -> bool:
     -------
     whole : bool
         False for a file that is missing, empty, cut short, still changing, of another kind, or without the
-        HDU, and for a TIFF beside which a TOML stands that cannot be used.
+        HDU, for one whose last frame is stored as zeros, which a program has allocated and is still to write,
+        and for a TIFF beside which a TOML stands that cannot be used.
 
     Notes
     -----
@@ -92,8 +95,12 @@ def is_whole(path: str | Path, *, hdu: int | None = None) -> bool:
     """
     try:
         with open_frames(path, hdu=hdu) as file:
-            for _ in file:
-                pass
+            for frame in file:
+                last = frame.data
     except (FrameError, ConfigurationError):
         return False
-    return True
+    return not (last[0, 0] in _ZEROS and np.all(last == last[0, 0]))
+
+
+_ZEROS = (0.0, 2.0**15, 2.0**31)
+"""What stored zeros stand for: numbers with a sign and, by BZERO, without one."""

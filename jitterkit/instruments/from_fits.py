@@ -19,10 +19,7 @@ from jitterkit.frames.whole import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
 from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
-from jitterkit.optics.spectrum import Spectrum, flat_band
-
-_LIGHT = (10.0, 1e6)
-"""nm, of what telescopes form images with: from the far ultraviolet to millimetres."""
+from jitterkit.optics.spectrum import LIGHT, Spectrum, flat_band
 
 Tables = dict[str, dict[str, Any]]
 
@@ -165,7 +162,7 @@ def _light(
     if wavelength is None:
         problem = f"{path}: a pupil does not say which light it is for; give --band or --wavelength, in nm."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
-    low, high = _LIGHT
+    low, high = LIGHT
     if not low <= wavelength <= high:
         problem = f"{path}: {wavelength:g} nm is no wavelength of light ({low:g} to {high:g} nm)"
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give --wavelength, in nm.")

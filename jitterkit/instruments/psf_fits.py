@@ -23,6 +23,7 @@ from scipy import fft
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.fits import NamedImage
+from jitterkit.instruments.pupils import check_star
 
 _NAMES = ("OVERDIST", "OVERSAMP", "DET_DIST", "DET_SAMP")
 """Images in the order in which they are taken: detector effects before none, points before sums."""
@@ -111,7 +112,8 @@ def effective_psf(
     Raises
     ------
     ConfigurationError
-        If the file does not tell what is needed, the PSF holds jitter, is undersampled or is no star.
+        If the file does not tell what is needed, the PSF holds jitter, is undersampled, is no star, or is one
+        that :func:`~jitterkit.instruments.pupils.check_star` refuses.
     """
     image = _chosen(path, images, hdu)
     _check(path, image, images[0], jittered)
@@ -130,6 +132,7 @@ def effective_psf(
     mean = [float((index * image.pixels).sum() / total) for index in (columns, rows)]
     whole = _collected(image.pixels, _missing(image, binned, samples))
     kept = _fewest(path, image, whole, samples)
+    check_star(path, image.pixels)
     step = samples // kept
     thinned = whole[::step, ::step]
     return EffectivePsf(

@@ -17,6 +17,15 @@ from jitterkit.frames import open_frames
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
 
+_LOG = logging.getLogger(__name__)
+
+_STEPS = 1000
+"""Fewest whole numbers from dark to peak: of 255, moments were off by nine errors of 3e5 electrons."""
+
+_SHARE, _FALLEN = 0.01, 0.7
+"""Share of the light that a level as at the edge would have, and ratio of the edge to what lies a quarter of
+the way to the middle, from which it is no star's wing: one that falls with the distance squared has 0.56."""
+
 
 def toliman(**options: int) -> Pupil:
     """Make TOLIMAN's diffractive pupil; see :func:`jitterkit.optics.toliman.toliman_pupil`."""
@@ -59,8 +68,7 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked, it has fewer than 1000 whole numbers from dark to bright, its sum is not
-        positive, or a pedestal is left under the star: its edge would hold a third of all its light.
+        If a pixel of it is masked, or :func:`check_star` refuses it.
     FrameError
         If it cannot be read.
     """
@@ -70,10 +78,24 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
         problem = f"{path}: {int(frame.mask.sum())} pixels of the star have no value"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
     image = frame.data - frame.metadata.value("bias", 0.0)
-    if np.all(frame.data == np.rint(frame.data)) and 0 < np.ptp(frame.data) < _STEPS:
+    check_star(path, image)
+    return image
+
+
+def check_star(path: Path, image: np.ndarray) -> None:
+    """Refuse a star image of few steps or with a pedestal, and warn of a small background.
+
+    Raises
+    ------
+    ConfigurationError
+        If it has fewer than 1000 whole numbers from dark to bright, its sum is not positive, or its edge
+        would hold a third of all its light.
+    """
+    steps = image - image.min()
+    if np.all(steps == np.rint(steps)) and 0 < steps.max() < _STEPS:
         raise ConfigurationError(
             ErrorCode.SAMPLING,
-            f"{path}: the star has {np.ptp(frame.data):g} steps from dark to bright, which cut its wings; "
+            f"{path}: the star has {steps.max():g} steps from dark to bright, which cut its wings; "
             "give it in 16 bits, exposed for longer, or as the mean of several frames.",
         )
     if not image.sum() > 0:
@@ -96,19 +118,8 @@ def star(path: Path, hdu: int | None = None) -> np.ndarray:
             "%s: the star's image does not fall towards its edge, which stands at %.3g: if that is "
             "background, fluxes are wrong by %.0f %%; subtract it.", path, edge, 100 * share
         )  # fmt: skip
-    return image
 
 
 def _edge(image: np.ndarray) -> float:
     """Return the median of the outermost pixels."""
     return float(np.median(np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])))
-
-
-_STEPS = 1000
-"""Fewest whole numbers from dark to peak: of 255, moments were off by nine errors of 3e5 electrons."""
-
-_SHARE, _FALLEN = 0.01, 0.7
-"""Share of the light that a level as at the edge would have, and ratio of the edge to what lies a quarter of
-the way to the middle, from which it is no star's wing: one that falls with the distance squared has 0.56."""
-
-_LOG = logging.getLogger(__name__)

@@ -5,6 +5,7 @@ Every complaint names the file, the key, the value and what would be accepted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
@@ -71,7 +72,12 @@ class Section:
         value = self.values.get(key, default)
         if key in self.values and (isinstance(value, bool) or not isinstance(value, int | float)):
             self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}")
-        return None if value is None else float(value)
+        return None if value is None else self._finite(key, value)
+
+    def _finite(self, key: str, value: float) -> float:
+        if not math.isfinite(value):
+            self.refuse(ErrorCode.OUT_OF_RANGE, key, f"give a finite number, in {self.units[key]}")
+        return float(value)
 
     def integer(self, key: str, default: Any = None) -> Any:
         """Return a whole number."""
@@ -111,7 +117,7 @@ class Section:
         if not is_list or not value or (count is not None and len(value) != count):
             wanted = "a list of" if count is None else f"[{count}]"
             self.refuse(_of_list(is_list), key, f"give {wanted} numbers, in {self.units[key]}")
-        return [float(v) for v in value]
+        return [self._finite(key, v) for v in value]
 
     def number_or_path(self, key: str, what: str) -> float | Path:
         """Return a number as float, or the path of a file that exists."""
@@ -122,7 +128,7 @@ class Section:
             self.refuse(
                 ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}, or the name of {what}"
             )
-        return float(value)
+        return self._finite(key, value)
 
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:
         """Return a list of whole numbers, of a given length if there is one; it may be empty otherwise."""

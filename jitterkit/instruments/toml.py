@@ -207,10 +207,14 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
     return {**fields, "sources": {name: section.source(name) for name in fields}}
 
 
+_LARGEST = 100.0
+"""Metres; a larger one is in mm."""
+
+
 def _telescope(section: Section) -> dict[str, Any]:
     diameter = section.number("diameter")
-    if diameter is not None and not diameter > 0:
-        section.refuse(ErrorCode.OUT_OF_RANGE, "diameter", "give a positive one, in m")
+    if diameter is not None and not 0 < diameter <= _LARGEST:
+        section.refuse(ErrorCode.OUT_OF_RANGE, "diameter", f"give a positive one of {_LARGEST:g} m at most")
     if "pupil" in section:
         for key in (key for key in section.values if key not in ("pupil", "diameter")):
             section.refuse(ErrorCode.CONFLICT, key, "leave it out: the pupil file says it")

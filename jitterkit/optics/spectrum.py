@@ -16,7 +16,10 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Spectrum", "flat_band", "lines"]
+__all__ = ["LIGHT", "Spectrum", "flat_band", "lines"]
+
+LIGHT = (10.0, 1e6)
+"""nm, of what telescopes form images with: from the far ultraviolet to millimetres."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Spectrum:
     Parameters
     ----------
     wavelengths : tuple of float
-        In nm, positive.
+        In nm, within :data:`LIGHT`.
     weights : tuple of float
         Non-negative; they are scaled to sum to one.
     band : (float, float), optional
@@ -51,9 +54,11 @@ class Spectrum:
                 f"A spectrum needs as many weights as wavelengths, one at least; got {weights.size} weights "
                 f"for {wavelengths.size} wavelengths.",
             )
-        if not (np.all(np.isfinite(wavelengths)) and np.all(wavelengths > 0)):
+        if not np.all((wavelengths >= LIGHT[0]) & (wavelengths <= LIGHT[1])):
             raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"Wavelengths must be positive, in nm; got {wavelengths.tolist()}."
+                ErrorCode.OUT_OF_RANGE,
+                f"Wavelengths lie between {LIGHT[0]:g} and {LIGHT[1]:g} nm; got {wavelengths.tolist()}: give "
+                "them in nm.",
             )
         if not (np.all(np.isfinite(weights)) and np.all(weights >= 0) and weights.sum() > 0):
             raise ConfigurationError(
@@ -148,7 +153,7 @@ def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
     ConfigurationError
         If the edges are out of order or there are no samples.
     """
-    if not 0 < low < high:
+    if not 0 < low < high < np.inf:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE, f"A band needs 0 < low < high in nm; got {low} to {high}."
         )

@@ -5,7 +5,7 @@ Reach for :func:`read_kernel_prior`; the batch asks what it returns for the prio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,15 @@ from astropy.table import QTable
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import read_trace
-from jitterkit.refit.priors import OTHERS, Priors, kernel_prior, sequence_prior, trace_prior, whole_exposures
+from jitterkit.refit.priors import (
+    OTHERS,
+    Priors,
+    kernel_prior,
+    same_frame,
+    sequence_prior,
+    trace_prior,
+    whole_exposures,
+)
 
 __all__ = ["CORRELATIONS", "KernelPrior", "read_kernel_prior"]
 
@@ -59,6 +67,21 @@ class KernelPrior:
         if len(self.estimates) == 1:
             return kernel_prior(self.estimates[0], frame, digest)
         return sequence_prior(self.estimates, frame, digest)
+
+    def remark_on(self, frame: str, digest: str = "") -> tuple[str, str]:
+        """Return a sentence on what the prior of a frame was made of, and its flag; empty if all is well.
+
+        Of a single estimate whose name is the frame's, but not the pixels, the exposure may be the same.
+        """
+        if self.of(frame, digest) == Priors():
+            return "The prior holds this frame only and was not used.", "prior_unused"
+        if len(self.estimates) == 1 and same_frame(replace(self.estimates[0], digest=""), frame, ""):
+            return (
+                f"The prior was estimated from {self.estimates[0].source}, of other pixels: if that is the "
+                "same exposure, reduced otherwise, its light counts twice and errors are too small.",
+                "prior_namesake",
+            )
+        return "", ""
 
 
 def read_kernel_prior(

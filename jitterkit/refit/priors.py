@@ -173,7 +173,7 @@ def kernel_prior(estimate: KernelEstimate, frame: str, digest: str = "") -> Prio
     calibrated or otherwise changed after it was estimated: by its pixels it is then another one.
     """
     _describe_source(estimate)
-    if _same(estimate, frame, digest):
+    if same_frame(estimate, frame, digest):
         return Priors()
     return moments_prior(estimate.moments, estimate.covariance)
 
@@ -209,7 +209,7 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str, digest: str 
     """
     for estimate in estimates:
         _describe_source(estimate)
-    others = [estimate for estimate in estimates if not _same(estimate, frame, digest)]
+    others = [estimate for estimate in estimates if not same_frame(estimate, frame, digest)]
     n = len(others)
     if n < OTHERS:
         raise ConfigurationError(
@@ -283,7 +283,7 @@ def _describe_source(estimate: KernelEstimate) -> None:
         )
 
 
-def _same(estimate: KernelEstimate, frame: str, digest: str) -> bool:
+def same_frame(estimate: KernelEstimate, frame: str, digest: str) -> bool:
     """Return whether an estimate is of a frame: by the pixels where both are known, else by the names.
 
     The only frame of a file is its first, packed or not.

@@ -6,6 +6,7 @@ Reach for :func:`calibration_rows`, :func:`calibration_sentences` and :func:`lev
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.calibration import FLAGS, Calibration, Stack
+from jitterkit.calibration.labels import FILTER, TEMPERATURE
 from jitterkit.report.columns import Column, bind
 from jitterkit.report.words import number
 
@@ -122,8 +124,12 @@ _NO_LINE = 100.0
 
 
 def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
-    """Return what makes frames doubtful as calibration frames: their files' warnings, and broken numbers."""
-    sentences = []
+    """Return what makes frames doubtful as calibration frames.
+
+    These are their files' warnings, numbers that are not whole, temperatures apart and flats of several
+    filters.
+    """
+    sentences = [*_of_temperature(stacks), *_of_filters(stacks)]
     for kind in dict.fromkeys(stack.kind for stack in stacks):
         shots = [shot for stack in stacks if stack.kind == kind for shot in stack.shots]
         said = Counter(warning for shot in shots for warning in shot.warnings)
@@ -134,6 +140,31 @@ def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
                 "gain are not the detector's."
             )
     return sentences
+
+
+_APART = 3.0
+"""Kelvins: the dark current of silicon doubles with every six."""
+
+
+def _of_temperature(stacks: Sequence[Stack]) -> list[str]:
+    shots = (shot for stack in stacks for shot in stack.shots)
+    cells = (shot.settings.get(TEMPERATURE, "") for shot in shots)
+    numbers = [float(cell) for cell in cells if re.fullmatch(r"[-+]?\d+\.?\d*", cell)]
+    known = [number for number in numbers if -200 < number < 80]
+    if not known or max(known) - min(known) <= _APART:
+        return []
+    return [
+        f"The frames are of {min(known):g} to {max(known):g} degrees ({TEMPERATURE}), and the dark current "
+        "doubles with about every six: give frames of the temperature of the observations."
+    ]
+
+
+def _of_filters(stacks: Sequence[Stack]) -> list[str]:
+    shots = (shot for stack in stacks if stack.kind == "flat" for shot in stack.shots)
+    filters = sorted({shot.settings[FILTER] for shot in shots if FILTER in shot.settings})
+    if len(filters) < 2:
+        return []
+    return [f"The flats are of several filters ({', '.join(filters)}): calibrate each by itself."]
 
 
 _LEVELS = (

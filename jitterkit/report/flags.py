@@ -35,6 +35,7 @@ FLAGS: dict[str, str] = {
     "further_stars": "stars beside those of the scene were found and fitted",
     "model_error": "errors of the optics were allowed for: errors are larger than by noise alone",
     "scale_degenerate": "the fitted plate scale makes the error of the separation more than twice as large",
+    "prior_namesake": "the prior was estimated from a frame of this name with other pixels",
 }
 
 

@@ -42,6 +42,18 @@ def test_a_file_is_taken_when_it_is_whole_and_rests(small, tmp_path):
     assert list(watcher.unfinished()) == []
 
 
+@pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.float32])
+def test_a_file_is_taken_when_its_zeros_have_been_written_over(dtype, tmp_path):
+    """cfitsio writes the header and as many zeros as it says, and the pixels later."""
+    watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.fits"
+    pixels = np.arange(64, dtype=dtype).reshape(8, 8)
+    written = write_fits(tmp_path / "whole.part", pixels).read_bytes()
+    path.write_bytes(written[:2880] + bytes(len(written) - 2880))
+    assert [scanned(watcher) for _ in range(5)] == [[]] * 5
+    path.write_bytes(written)
+    assert [scanned(watcher) for _ in range(2)] == [[], [("a.fits", 0)]]
+
+
 def test_a_file_that_rests_unfinished_is_taken_when_it_is_finished_later(small, tmp_path):
     watcher, path = DirectoryWatcher(tmp_path), tmp_path / "a.fits"
     path.write_bytes(small[:2900])
@@ -98,10 +110,12 @@ def taken(small, tmp_path):
     return watcher, path
 
 
-def test_a_frame_that_was_rewritten_counts_once(taken, small):
+def test_a_frame_that_was_rewritten_counts_once(taken, small, caplog):
     watcher, path = taken
     path.write_bytes(small + bytes(2880))
     assert [scanned(watcher) for _ in range(5)] == [[]] * 5
+    (message,) = caplog.messages
+    assert str(path) in message
     assert list(watcher.unfinished()) == []
 
 

@@ -101,6 +101,20 @@ def test_another_size_is_reported_and_others_are_counted_with_the_remedy(files, 
         assert (" more" in str(caught.value)) == ("1 more" in values)
 
 
+@pytest.mark.parametrize("name", ["a.toml", "frames.toml"])
+@pytest.mark.parametrize("before", ["", "gain=2"])
+def test_another_text_beside_a_tiff_is_reported(tmp_path, name, before):
+    """It may hold the gain, and the rows that are done another one."""
+    path, text = tmp_path / "a.tif", tmp_path / name
+    write(path, "a")
+    if before:
+        write(text, before)
+    known = [counted(path, frames_in)]
+    write(text, "gain=3", WRITTEN + 5 * SECOND)
+    with refused(ErrorCode.CHANGED, path):
+        recounted([path], known, forbidden, 2, {0})
+
+
 def test_a_file_of_which_nothing_was_done_is_counted_again(files, known):
     write(files[3], "b", WRITTEN + 5 * SECOND)
     write(files[11], "bbb")

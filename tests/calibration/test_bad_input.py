@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from refusals import refused
 
 from jitterkit.calibration import Settings, Stack, calibrate, open_stacks
@@ -162,3 +163,60 @@ def test_settings_out_of_range(name, value, limit):
 def test_arrays_that_are_no_stacks():
     with refused(ErrorCode.WRONG_SHAPE, "bias", "(8, 8)", "(n, ny, nx)"):
         Stack.of("bias", np.zeros((8, 8)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "card"),
+    [
+        ("dark", ("IMAGETYP", "Flat Field")),
+        ("dark", ("OBSTYPE", "ZERO")),
+        ("bias", ("FRAME", "Dark")),
+        ("flat", ("IMAGETYP", "FLATDARK")),
+    ],
+)
+def test_frames_that_are_of_another_kind_by_their_header(kind, card, rng, tmp_path):
+    write_fits(tmp_path / "a.fits", frames(rng, 100), header={"EXPTIME": 30.0, card[0]: card[1]})
+    with refused(ErrorCode.WRONG_INSTRUMENT, tmp_path / "a.fits", kind, *card, error=FrameError):
+        open_stacks(kind, [tmp_path])
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("dark", "Dark Frame"), ("dark", "DARKFLAT"), ("bias", "Zero"), ("bias", "DARK"), ("flat", "FLAT,SKY")],
+)
+def test_frames_whose_header_agrees(kind, said, rng, tmp_path):
+    """A dark of no exposure is what cameras without a bias mode take."""
+    write_fits(tmp_path / "a.fits", frames(rng, 100), header={"EXPTIME": 0.001, "IMAGETYP": said})
+    (stack,) = open_stacks(kind, [tmp_path])
+    assert stack.shots[0].warnings == ()
+
+
+def test_frames_that_a_header_calls_light_are_warned_of(rng, tmp_path):
+    write_fits(tmp_path / "a.fits", frames(rng, 100), header={"EXPTIME": 3.0, "IMAGETYP": "LIGHT"})
+    (stack,) = open_stacks("dark", [tmp_path])
+    assert any("IMAGETYP" in text and "dark" in text for text in stack.shots[0].warnings)
+
+
+@pytest.mark.parametrize(
+    ("card", "here", "there"),
+    [("XBINNING", 1, 2), ("GAIN", 100, 300), ("READOUTM", "High Gain", "Low Gain"), ("INSTRUME", "A", "B")],
+)
+def test_settings_that_differ(card, here, there, rng, tmp_path):
+    for name, value in (("bias", here), ("dark", there)):
+        write_fits(tmp_path / f"{name}.fits", frames(rng, 100), header={"EXPTIME": 1.0, card: value})
+    bias, dark = (open_stacks(kind, [tmp_path / f"{kind}.fits"]) for kind in ("bias", "dark"))
+    with refused(ErrorCode.WRONG_INSTRUMENT, tmp_path / "dark.fits", card, str(there), str(here)):
+        calibrate(bias[0], dark, gain=1.0)
+
+
+def test_settings_that_are_written_otherwise(rng, tmp_path):
+    for name, value in (("a", "1 1"), ("b", "1x1")):
+        write_fits(tmp_path / f"{name}.fits", frames(rng, 100), header={"CCDSUM": value, "XBINNING": 1})
+    assert calibrate(open_stacks("bias", [tmp_path])[0], gain=1.0).bias.number == pytest.approx(100, abs=0.1)
+
+
+def test_images_of_several_detectors(rng, tmp_path):
+    images = [fits.ImageHDU(frames(rng, 100, 1)[0], name="SCI", ver=k) for k in (1, 2)]
+    fits.HDUList([fits.PrimaryHDU(), *images]).writeto(tmp_path / "a.fits")
+    with refused(ErrorCode.UNSUPPORTED, tmp_path / "a.fits", "HDU 1", "HDU 2", error=FrameError):
+        open_stacks("bias", [tmp_path])

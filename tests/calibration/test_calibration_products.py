@@ -71,7 +71,7 @@ def test_an_instrument_file_is_copied_with_the_files_it_names(measured, tmp_path
 
 
 def test_only_what_was_measured_is_written(camera, tmp_path):
-    write_calibration(calibrate(camera.biases(10), gain=3.7), tmp_path, "smallsat")
+    write_calibration(calibrate(camera.biases(10), gain=3.7), tmp_path, "smallsat", gain=3.7)
     assert {path.name for path in tmp_path.iterdir()} == {
         "bias.fits",
         "read_noise.fits",

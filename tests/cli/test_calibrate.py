@@ -13,6 +13,7 @@ from jitterkit.cli.calibrate import calibrate
 from jitterkit.cli.command import as_command
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits, write_tiff
+from jitterkit.instruments import load_instrument
 
 runner = CliRunner()
 app = typer.Typer()
@@ -164,3 +165,35 @@ def test_variances_off_the_line_are_said(tmp_path, rng):
     done = runner.invoke(app, [word for key, name in given.items() for word in (key, str(tmp_path / name))])
     assert done.exit_code == 0, done.output
     assert "The variances do not lie on a line" in done.stderr
+
+
+def test_a_level_of_bias_that_a_preset_chooses_is_no_camera_s(frames, tmp_path, check_error):
+    done = run("--flat", frames / "flat", "-o", tmp_path / "out")
+    check_error(done, ErrorCode.MISSING_VALUE, "--bias-level")
+    (tmp_path / "bed.toml").write_text('[instrument]\nbase = "smallsat"\n[detector]\nbias = 100.0\n')
+    done = run("--flat", frames / "flat", "-i", tmp_path / "bed.toml", "-o", tmp_path / "out")
+    assert rows(done)["gain"]
+
+
+def test_temperatures_and_filters_that_differ_are_said(tmp_path, rng):
+    for kind, light, cards in (
+        ("bias", 0, {"CCD-TEMP": -10.0}),
+        ("flat", 1000, {"CCD-TEMP": 12.5, "FILTER": "R"}),
+        ("other", 3000, {"CCD-TEMP": 12.5, "FILTER": "V"}),
+    ):
+        planes = 100 + rng.poisson(light, (4, 64, 64)) + rng.normal(0, 1, (4, 64, 64)).round()
+        write_fits(tmp_path / f"{kind}.fits", planes, header={"EXPTIME": light / 1000, **cards})
+    given = ("--bias", "bias", "--flat", "flat", "--flat", "other")
+    words = (word if word.startswith("--") else str(tmp_path / f"{word}.fits") for word in given)
+    done = runner.invoke(app, [*words, "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "-10 to 12.5 degrees (CCD-TEMP)" in done.stderr
+    assert "several filters (R, V)" in done.stderr
+
+
+def test_the_gain_by_which_electrons_were_counted_is_written(frames, tmp_path):
+    """Else a read noise in electrons at one gain would stand beside another gain."""
+    run("--bias", frames / "bias", "--gain", 2, "-o", tmp_path / "out")
+    detector = load_instrument(tmp_path / "out" / "detector.toml").detector
+    assert detector.gain == 2
+    assert float(np.median(detector.read_noise)) == pytest.approx(2.4 * 2 / 3.7, rel=0.05)

@@ -98,6 +98,14 @@ def test_errors_are_a_line_with_the_code_and_exit_statuses():
     assert run("interrupted").exit_code == 130
 
 
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400"])
+def test_no_option_takes_a_number_that_is_not_finite(number):
+    done = run("x", "--minor", number)
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert f"--minor = {float(number):g} " in done.stderr
+    assert "[out_of_range]" in done.stderr
+
+
 @pytest.mark.parametrize("command", sorted(typer.main.get_command(app).commands))
 def test_every_option_of_every_command_has_help(command):
     for option in typer.main.get_command(app).commands[command].params:

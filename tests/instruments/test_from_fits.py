@@ -225,6 +225,8 @@ LIGHT = {"wavelength": 600.0, "plate_scale": 0.03, "shape": (8, 8)}
         (np.where(STAR > 0.9, np.nan, STAR), SAMPLED, {}, ErrorCode.OUT_OF_RANGE, ("HDU 0",)),
         (np.stack([STAR, STAR]), SAMPLED, {}, ErrorCode.WRONG_SHAPE, ("(2, 64, 64)",)),
         (np.pad([[1.0]], 15), SAMPLED, {}, ErrorCode.SAMPLING, ("HDU 0", "--hdu")),
+        (np.round(200 * STAR), SAMPLED, {}, ErrorCode.SAMPLING, (" steps", "16 bits")),
+        (STAR + 0.1, SAMPLED, {}, ErrorCode.OUT_OF_RANGE, ("0.1", "background")),
         (STAR, {}, {}, ErrorCode.MISSING_VALUE, ("--kind",)),
         (STAR, SAMPLED, {"kind": "pdf"}, ErrorCode.UNKNOWN_NAME, ("pdf",)),
         (DISC, LENGTHS, {"plate_scale": 0.03}, ErrorCode.MISSING_VALUE, ("--band", "--wavelength")),

@@ -137,6 +137,9 @@ def test_a_frame_is_given_its_own_row_by_its_pixels_from_file_to_fit(telescope, 
     # of two measurements as good as each other the error is a square root of two smaller
     assert table["sxx_err"][1] < 0.8 * without["sxx_err"][1]
     assert "prior_unused" not in decode_flags(table["flags"][1])
+    # a frame of this name in another folder may be the same exposure, calibrated
+    assert ["prior_namesake" in decode_flags(flags) for flags in table["flags"]] == [False, True]
+    assert "frame.fits" in table["message"][1]
 
 
 def test_too_few_frames_do_not_show_a_scatter(rng, tmp_path, estimates):
