@@ -12,6 +12,9 @@ from jitterkit.frames.files import sniff
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile
 
+_ZEROS = (0.0, 2.0**15, 2.0**31)
+"""What stored zeros stand for: numbers with a sign and, by BZERO, without one."""
+
 
 def open_frames(path: str | Path, *, hdu: int | None = None) -> FrameFile:
     """Open a FITS or TIFF file, recognised by its content, without reading pixels.
@@ -94,13 +97,10 @@ def is_whole(path: str | Path, *, hdu: int | None = None) -> bool:
     never whole: a watcher gives up waiting at last, and lets the reader say why.
     """
     try:
+        last = None
         with open_frames(path, hdu=hdu) as file:
             for frame in file:
                 last = frame.data
     except (FrameError, ConfigurationError):
         return False
-    return not (last[0, 0] in _ZEROS and np.all(last == last[0, 0]))
-
-
-_ZEROS = (0.0, 2.0**15, 2.0**31)
-"""What stored zeros stand for: numbers with a sign and, by BZERO, without one."""
+    return last is not None and not (last[0, 0] in _ZEROS and np.all(last == last[0, 0]))
