@@ -95,7 +95,7 @@ def test_an_estimate_that_misses_the_blur_of_a_pair_is_said_to_and_the_pair_is_n
 ):
     (row,) = estimate_files([drifted], TemplateBlurEstimator(_Blind(telescope)))
     assert (row["status"], row["reason"]) == ("ok", "")
-    without, fitted = map(float, re.findall(r"chi²/dof\D+([\d.e+]+),\D+([\d.e+]+):", row["message"])[0])
+    without, fitted = map(float, re.findall(r"chi2/dof\D+([\d.e+]+),\D+([\d.e+]+):", row["message"])[0])
     assert without > POOR >= fitted
 
 
