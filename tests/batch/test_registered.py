@@ -96,6 +96,7 @@ def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, searc
     assert np.sum(np.square(pulls)) < 60 + 4 * np.sqrt(120)  # chi-squared of 60 degrees of freedom
 
 
+@pytest.mark.slow
 def test_frames_of_a_run_share_the_ambiguity_and_an_odd_one_its_own_scene(telescope, tmp_path):
     """Of two stars much closer than the resolution, all frames say so; a wide pair among them is a pair."""
     rng = np.random.default_rng(8)

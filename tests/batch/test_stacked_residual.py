@@ -106,6 +106,7 @@ def stacks(run):
         return store.stacks()
 
 
+@pytest.mark.slow
 def test_the_stack_shows_a_flat_field_that_no_chi_squared_does(flat, telescope, capsys):
     fit = flat.summary["fit"]
     assert flat.summary["status"] == {"ok": FRAMES}

@@ -12,6 +12,7 @@ runner = CliRunner()
 SMALL = ["causes", "-i", "smallsat"]
 
 
+@pytest.mark.slow
 def test_a_free_jitter_is_taken_for_diffusion_and_telemetry_separates_them(tmp_path):
     table, picture = tmp_path / "causes.ecsv", tmp_path / "causes.png"
     asked = [*SMALL, "--diffusion", "0.4px", "--frames", "1", "--telemetry", "4%"]

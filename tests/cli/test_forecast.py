@@ -161,6 +161,7 @@ def test_angles_and_shares_are_read_with_their_units():
         parse_sweeps(["a=1", "b=1", "c=1"])
 
 
+@pytest.mark.slow
 def test_a_cross_fit_is_a_table_and_a_picture(tmp_path, check_error):
     table, picture = tmp_path / "cross.ecsv", tmp_path / "cross.png"
     asked = ["--data", "linear", "--fit", "stable", "--fit", "linear", "--size", "0.5", "--angle", "0"]

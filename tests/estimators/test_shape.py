@@ -35,6 +35,7 @@ def test_a_frame_tells_the_shape_as_well_as_the_science_says(length, sigma, otf)
     assert estimate("score", Linear.of(length, 27.0), otf).shape_err == pytest.approx(sigma, rel=0.2)
 
 
+@pytest.mark.slow
 def test_four_times_the_light_halves_the_error_of_the_shape(otf):
     faint, bright = (estimate("score", Linear.of(0.3, 27.0), otf, flux).shape_err for flux in (5e6, 2e7))
     assert faint == pytest.approx(2 * bright, rel=0.02)

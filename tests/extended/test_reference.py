@@ -185,7 +185,9 @@ def behind(pattern, coins, shift):
     return [frame + pattern + rng.normal(0, 1, coins.shape) for frame in (coins, soft)]
 
 
-@pytest.mark.parametrize(("strength", "shift"), [(1.0, (0, 0)), (10.0, (2, -3))])
+@pytest.mark.parametrize(
+    ("strength", "shift"), [(1.0, (0, 0)), pytest.param(10.0, (2, -3), marks=pytest.mark.slow)]
+)
 def test_a_pattern_that_stands_still_is_not_taken_for_a_sharp_scene(coins, shift, strength):
     texture = gaussian_filter(np.random.default_rng(3).standard_normal(coins.shape), 2) / 0.14
     with pytest.raises(UndeterminedError) as caught:

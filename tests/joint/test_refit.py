@@ -141,6 +141,7 @@ def test_a_rolling_shutter_is_undone_by_the_motion_between_frames(optics):
     assert np.allclose([r.velocity for r in with_rows.records], velocity, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_telemetry_takes_the_place_of_the_motion_between_frames(optics):
     velocity, line_time = np.array([0.0, 5.0]), 1e-4
     streak = [Linear.of(0.5, 90.0)] * 3

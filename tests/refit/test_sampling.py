@@ -124,6 +124,7 @@ def test_the_density_is_that_of_poisson_counts_and_of_the_priors(fitted, optics)
     np.testing.assert_array_equal(posterior.moments, posterior.draws[:, 6:9])  # of a normal
 
 
+@pytest.mark.slow
 def test_laplace_agrees_where_the_posterior_is_normal(bright):
     _, fit, posterior = bright
     laplace = np.array([fit.error(name) for name in fit.names])

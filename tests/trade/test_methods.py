@@ -42,6 +42,7 @@ def refitted(anchored, exact):
     return separations("refit", anchored, exact)
 
 
+@pytest.mark.slow
 def test_without_noise_every_method_finds_the_separation(anchored, exact, refitted, scene):
     truth, sigma, alike = float(scene.truths[0].binary.separation), refitted[0, 1], exact[:3]
     assert refitted[:, 0] == pytest.approx(truth, abs=1e-3 * sigma)

@@ -42,6 +42,7 @@ def test_what_is_foreseen_is_what_a_fit_without_noise_finds(shown, one, settings
     assert seen.sigma == pytest.approx(sigma, rel=0.01)
 
 
+@pytest.mark.slow
 def test_it_is_foreseen_of_stars_whose_colours_are_free_too(plain):
     coloured, settings = replace(plain, colours=Colours()), Settings(samples=2)
     pair = Binary(5.0, 0.0, 0.0, 0.0, plain.flux, 3.0)
