@@ -168,12 +168,12 @@ class CumulantStep:
     def unknown_shape(
         self, covariance: np.ndarray, mean: float, spread: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return what a kurtosis that the fitted normal lacks changes, where the frame hardly shows it.
+        """Return the corrections to a fitted normal for a kurtosis that is better known beforehand.
 
         Parameters
         ----------
         covariance : (p, p) array
-            Of what was fitted, at the maximum of its posterior.
+            Of what was fitted, at the maximum of its posterior, in the units of the parameters.
         mean, spread : float
             Of the excess kurtosis, known before the frame.
 
@@ -183,6 +183,10 @@ class CumulantStep:
             To add to what was fitted.
         variance : (p, p) array
             To add to its covariance.
+
+        Notes
+        -----
+        A Gaussian prior on the kurtosis joins what the frame says of it, and all else follows by regression.
         """
         index, turn = self._to_shaped()
         slope = turn[index] @ self.information

@@ -149,11 +149,9 @@ class Cards:
         if number is None:
             return None
         said = f"{key} = {number.value:g}"
-        if not number.unit:
+        if not number.unit:  # EXPUNIT is that of EXPTIME
             beside = [f"{key[:3]}UNIT", f"{key[:3]}_UNIT", f"{key[:4]}UNIT", f"{key[:7]}U", f"{key[:3]}UNITS"]
-            number = replace(
-                number, unit=next(filter(None, map(self.text, beside)), "")
-            )  # EXPUNIT of EXPTIME
+            number = replace(number, unit=next(filter(None, map(self.text, beside)), ""))
         if name not in _TIMES and re.match(r"[-+\d. ]+/\s*\d", self.text(key)):
             self.warnings.append(f"{key} = {self.text(key)!r} is not a number and is ignored")
             return None

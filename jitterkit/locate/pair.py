@@ -158,11 +158,8 @@ class _Field:
 
     def beside(self, first: Position):
         """Return chi-squared explained by a star at ``first`` and another at each pixel, and both fluxes."""
-        if first not in self.seen:
-            self.seen[first] = self._beside(first)
-        return self.seen[first]
-
-    def _beside(self, first: Position):
+        if first in self.seen:
+            return self.seen[first]
         count = max(self.used.sum(), 1.0)
         star = star_at(first, self.optics, self.grid) * self.used
         light = star.sum()
@@ -175,7 +172,8 @@ class _Field:
         flux_one, flux_two = (b * u - cross * v) / determinant, (a * v - cross * u) / determinant
         valid = sound & (flux_one > _FAINTEST * flux_two) & (flux_two > _FAINTEST * flux_one)
         gain = np.where(valid, flux_one * u + flux_two * v, 0.0) / max(self.noise, 1e-300)
-        return gain, flux_one, flux_two
+        self.seen[first] = gain, flux_one, flux_two
+        return self.seen[first]
 
     def companions(self, first: Position, least: float, most: int) -> list[Position]:
         """Return the best positions for a second star, each the best within ``least`` of itself."""

@@ -230,15 +230,18 @@ class Residual:
         return spectrum_of_star(self.otf, self.jitter)
 
     @cached_property
+    def _counts(self) -> np.ndarray:
+        return np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
+
+    @cached_property
     def _weight(self) -> np.ndarray:
-        counts = np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
-        return np.where(self.data.used, np.asarray(self.data.weight) / counts, 0.0)
+        return np.where(self.data.used, np.asarray(self.data.weight) / self._counts, 0.0)
 
     @cached_property
     def _chance(self) -> np.ndarray:
         """Return the chance of a reading so far from its mean, on its side: Poisson, read noise included."""
         weight = np.asarray(self.data.weight)
-        mean = weight * np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
+        mean = weight * self._counts
         count = np.maximum(weight * (np.asarray(self.data.electrons) + np.asarray(self.data.offset)), 0.0)
         above = special.gammainc(np.maximum(count, np.finfo(float).tiny), mean)
         return np.where(count > mean, above, special.gammaincc(count + 1, mean))

@@ -225,6 +225,10 @@ def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return both, sums
 
 
+_FEWEST_MIRRORED = 8
+"""Rows from which a mirrored table is no accident."""
+
+
 def _is_mirrored(f: np.ndarray, density: np.ndarray, certain: bool) -> bool:
     """Return whether rows run from 0 Hz to the sampling frequency, as two-sided ones of some programs do.
 
@@ -239,9 +243,6 @@ def _is_mirrored(f: np.ndarray, density: np.ndarray, certain: bool) -> bool:
     mirrored = np.allclose(density[rows], density[rows][::-1], rtol=1e-3, atol=0) and np.ptp(power) > 0
     return mirrored and (certain or power[0] > power[n // 2])
 
-
-_FEWEST_MIRRORED = 8
-"""Rows from which a mirrored table is no accident."""
 
 _SIDES = r"(one|single|1|uni|two|double|2|both|bi)"
 _STATED = re.compile(

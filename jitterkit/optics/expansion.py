@@ -267,9 +267,9 @@ def centring(grid: Grid) -> np.ndarray:
 def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stretch):
     """PSF of a pupil field (2, n, n) at a wavelength [nm], and parts of its derivatives: (n, My, Mx) each.
 
-    Those by modes, in 32 bits as all that follow; of the second ones by pairs of modes, ``2 Re(E_i* E_j)``;
-    and ``2 Re(E* E_ij)`` for each product of modes, of which a pair has shares.  A whole plane sums to the
-    light in the pupil.  The pitch of the grid is stretched by a factor.
+    First derivatives by modes; of the second ones by pairs of modes, the part ``2 Re(E_i* E_j)``; and what
+    their other part, ``2 Re(E* E_ij)``, sums up with the shares of a pair in each product of modes.  These
+    are in 32 bits.  A whole plane sums to the light in the pupil.  The pitch of the grid is stretched.
     """
     wavenumber = 2 * np.pi / wavelength
     phase_step = wavenumber * 1e9 * pupil.pitch * grid.pitch * ARCSEC * stretch
@@ -285,15 +285,15 @@ def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stre
     parts = [psf, 2 * (focal[0] * changed[0] + focal[1] * changed[1])]
     i, j = np.triu_indices(modes if shares else 0)
     parts.append(2 * sum(changed[c, i] * changed[c, j] for c in (0, 1)))
-    parts.append(jnp.zeros((0, *psf.shape[-2:])))
+    bends = [jnp.zeros((0, *psf.shape[-2:]))]
     if shares:
         twice = focal_field(products * field[:, None], phase_step, grid.fine_shape)
         real = 2 * (focal[0] * twice[0] + focal[1] * twice[1])
         turned = 2 * (focal[1] * twice[0] - focal[0] * twice[1])  # by a quarter, for one mode of the phase
         by_power = {0: real, 1: wavenumber * turned, 2: -(wavenumber**2) * real}
-        parts[-1] = jnp.concatenate([by_power[power] for power in shares])
+        bends = [by_power[power] for power in shares]
     scale = (phase_step / (2 * np.pi)) ** 2
-    return [scale * part for part in parts]
+    return [scale * part for part in (*parts, jnp.concatenate(bends))]
 
 
 def _times(one, other):

@@ -89,6 +89,10 @@ def _of_gradient(calibration: Calibration) -> str:
     )
 
 
+_NO_LINE = 100.0
+"""chi2 of a degree of freedom from which the gain is doubted: the brighter-fatter effect makes tens."""
+
+
 def _of_transfer(calibration: Calibration) -> list[str]:
     transfer = calibration.transfer
     assert transfer is not None
@@ -117,10 +121,6 @@ def _of_transfer(calibration: Calibration) -> list[str]:
             f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."
         )
     return sentences
-
-
-_NO_LINE = 100.0
-"""chi2 of a degree of freedom from which the gain is doubted: the brighter-fatter effect makes tens."""
 
 
 def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
