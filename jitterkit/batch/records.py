@@ -45,6 +45,9 @@ class SceneEstimate:
         With the best of the loci, by the processor's options, where it has been made already.
     left_out : int
         Pixels that do not belong to the image, which the data are without.
+    excess : float
+        Of chi-squared, in its standard deviations, where the frame was registered to another: of the pixels
+        that were used for that.
     """
 
     data: Data
@@ -55,6 +58,7 @@ class SceneEstimate:
     ambiguity: str = ""
     fit: FitResult | None = None
     left_out: int = 0
+    excess: float = math.nan
 
     @cached_property
     def otf(self) -> OTF:

@@ -70,23 +70,24 @@ class TemplateBlurEstimator:
         found = self.processor.estimate(frame)
         if isinstance(found, FitResult):
             return found
-        message = " ".join(filter(None, [found.ambiguity, left_out(found.left_out)]))
+        remarks = [found.ambiguity, left_out(found.left_out)]
         if found.left_out:
             frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
-        # what is registered to another frame is described by what fits that
-        searched = found.searched is not None or self.name != SCORE
-        misfit = pearson(found.blurred(), found.data)
-        if misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread and found.data.model_variance is None:
-            message = f"{message} chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}".lstrip()
-        if searched and not _per_pixel(misfit) <= POOR:
-            best = _per_pixel(self._fitted(found))
-            if not best <= POOR:
-                return self._poor(frame, found.parameters, misfit)
-            rest = (
-                f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with "
-                f"everything fitted {best:.3g}: the picture's residual is the template's."
-            )
-            message = f"{message} {rest}".lstrip()
+        # what was registered to another frame is known to fit, if not too well
+        registered = found.searched is None and self.name == SCORE
+        if not registered or found.excess < -MISFIT:
+            misfit = pearson(found.blurred(), found.data)
+            if misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread and found.data.model_variance is None:
+                remarks.append(f"chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}")
+            if not registered and not _per_pixel(misfit) <= POOR:
+                best = _per_pixel(self._fitted(found))
+                if not best <= POOR:
+                    return self._poor(frame, found.parameters, misfit)
+                remarks.append(
+                    f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with "
+                    f"everything fitted {best:.3g}: the picture's residual is the template's."
+                )
+        message = " ".join(filter(None, remarks))
         scale, scene = frame.plate_scale or self.plate_scale, found.parameters.scene.name
         return BlurMeasurement.from_estimate(frame, found.estimate, scale, found, message, scene)
 

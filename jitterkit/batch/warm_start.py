@@ -18,7 +18,7 @@ from jitterkit.batch.records import SceneEstimate
 from jitterkit.estimators.score import estimate_from_normal
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.likelihood import Data
+from jitterkit.likelihood import MISFIT, Data
 from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ReferenceFrame
 from jitterkit.loci import Mvn
@@ -97,18 +97,20 @@ class WarmStart:
         start = None if self.reference is None else self.reference.locate(data)
         if start is None or not np.all(np.isfinite(start.covariance)):
             return None
-        if rough and start.describes(start.parameters):
+        if rough and (excess := start.excess(start.parameters)) < MISFIT:
             parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
             estimate = KernelEstimate(moments, start.covariance, SCORE)
         else:
             estimate, parameters = estimate_from_normal(
                 start.parameters, start.covariance, start.otf, start.data, hold
             )
-            if not start.describes(parameters):
+            excess = start.excess(parameters)
+            if not excess < MISFIT:
                 return None
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
         estimate = replace(estimate, source=frame.name, digest=frame.digest)
-        return SceneEstimate(data, start.in_frame(parameters), estimate, optics, ambiguity=self.ambiguity)
+        parameters, ambiguity = start.in_frame(parameters), self.ambiguity
+        return SceneEstimate(data, parameters, estimate, optics, ambiguity=ambiguity, excess=excess)
 
 
 SearchedFrame = tuple[Frame, SceneChoice]

@@ -55,9 +55,6 @@ _UNSEEN = 0.5
 """Sigmas of the whole image that linearised optics may be off by: less than a twentieth of an error of the
 moments, to which a test holds it with both comas of a small telescope."""
 
-_SURE = 5.0
-"""Standard deviations by which chi-squared may exceed what is expected of it."""
-
 _OF_LIGHT = ("flux", "background")
 """How parameters are called about which a frame says less, the more light it has."""
 
@@ -94,9 +91,9 @@ class RegistrationResult:
         indices = [self.names.index(name) for name in Mvn.names]
         return invert_information(self.information)[0][np.ix_(indices, indices)]
 
-    def describes(self, parameters: Parameters) -> bool:
-        """Return whether parameters about the cut-out's centre fit it within its noise."""
-        return bool(_excess(parameters, self.otf, self.data) < _SURE)
+    def excess(self, parameters: Parameters) -> float:
+        """Return the excess of chi-squared [its standard deviations] by parameters about the centre."""
+        return float(_excess(parameters, self.otf, self.data))
 
     def in_frame(self, parameters: Parameters) -> Parameters:
         """Return the parameters about the frame's centre."""
@@ -201,7 +198,7 @@ class ReferenceFrame:
             None if the frame does not show the pair and the wavefront of this one: it has another shape, few
             pixels, another light by a factor of three, or (where cut-outs are used) a pair that is cut by its
             edge; or the fit does not settle near this one.  A blur that is not normal shows in
-            :meth:`RegistrationResult.describes`.
+            :meth:`RegistrationResult.excess`.
         """
         if data.used.shape != self.image.shape or np.mean(data.used) < _SEEN:
             return None
@@ -261,7 +258,6 @@ class ReferenceFrame:
 
 @eqx.filter_jit
 def _excess(parameters: Parameters, otf: OTF, data: Data):
-    """Return the standard deviations by which chi-squared exceeds what is expected of it."""
     chi2, pixels, spread = chi_squared(expected_image(parameters, otf), data)
     return (chi2 - pixels) / spread
 

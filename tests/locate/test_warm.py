@@ -10,7 +10,7 @@ from jitterkit.estimators import estimate_score
 from jitterkit.estimators.score import estimate_from_normal
 from jitterkit.forward import expected_image
 from jitterkit.instruments import load_instrument
-from jitterkit.likelihood import Data
+from jitterkit.likelihood import MISFIT, Data
 from jitterkit.locate import ReferenceFrame, locate_binary
 from jitterkit.loci import Linear, Mvn, Shm
 from jitterkit.optics import Anchor, obstructed_circle
@@ -60,7 +60,7 @@ def estimated(reference, frame):
         return None
     known = (start.covariance, start.otf, start.data, ())
     estimate, parameters = estimate_from_normal(start.parameters, *known)
-    return (estimate, start.in_frame(parameters)) if start.describes(parameters) else None
+    return (estimate, start.in_frame(parameters)) if start.excess(parameters) < MISFIT else None
 
 
 def searched(telescope, frame, **system):
