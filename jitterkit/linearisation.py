@@ -144,5 +144,6 @@ def linearisation_error(optics: Optics, parameters: Parameters, otf: OTF) -> flo
     """
     if not otf.names:
         return 0.0
-    phase = optics.phase(np.asarray(parameters.aberrations - otf.state[: len(parameters.aberrations)]))
+    state = np.asarray(otf.state)[: len(parameters.aberrations)]
+    phase = optics.phase(np.asarray(parameters.aberrations) - state)
     return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2

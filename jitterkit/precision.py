@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-__all__ = ["real", "single"]
+__all__ = ["array_module", "real", "single"]
 
 _SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
 
@@ -16,6 +17,11 @@ def real(value):
     An array of JAX's stays one; anything else becomes one of NumPy's, with which small sums are fast.
     """
     return value.astype(float) if isinstance(value, jax.Array) else np.asarray(value, float)
+
+
+def array_module(*values):
+    """Return the module whose functions suit some arrays: JAX's if one is of JAX, else NumPy's."""
+    return jnp if any(isinstance(value, jax.Array) for value in values) else np
 
 
 def single(tree):

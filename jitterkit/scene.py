@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import equinox as eqx
-import jax.flatten_util
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jitterkit.conventions import direction_angle
-from jitterkit.precision import real
+from jitterkit.precision import array_module, real
 
 __all__ = ["Binary", "FurtherStars", "Scene", "Star", "Stars"]
 
@@ -106,12 +106,10 @@ class Scene(eqx.Module):
         x, y, flux = self.stars()
         if self.others is None:
             return x, y, flux
-        more = self.others
-        return (
-            jnp.concatenate([x, more.x]),
-            jnp.concatenate([y, more.y]),
-            jnp.concatenate([flux, more.flux]),
-        )
+        more = _arrays(self.others)
+        join = array_module(x, y, flux, *more).concatenate
+        x, y, flux = map(join, zip((x, y, flux), more, strict=True))
+        return x, y, flux
 
     def source_indices(self) -> Float[Array, " s"] | None:
         """Spectral index of every source; None if all have the instrument's spectrum."""
@@ -126,8 +124,11 @@ class Scene(eqx.Module):
 
     def at(self, values: Sequence[float]) -> Self:
         """The same scene with other parameters, in the order of the names."""
-        _, unravel = jax.flatten_util.ravel_pytree(self)
-        return unravel(real(values))
+        leaves, structure = jax.tree.flatten(self)
+        shapes, values = [np.shape(leaf) for leaf in leaves], real(values)
+        ends = np.cumsum([np.prod(shape, dtype=int) for shape in shapes])[:-1]
+        parts = array_module(values).split(values, ends)
+        return jax.tree.unflatten(structure, [p.reshape(s) for p, s in zip(parts, shapes, strict=True)])
 
     def shifted(self, x, y) -> Self:
         """All sources moved [arcsec]."""
@@ -199,11 +200,12 @@ class Binary(Scene):
 
     def stars(self) -> tuple[Float[Array, "2"], Float[Array, "2"], Float[Array, "2"]]:
         """Return the offsets x and y [arcsec] and fluxes of A and B."""
-        angle = jnp.radians(self.theta)
-        side = jnp.stack([-self.separation, self.separation]) / 2
+        xp = array_module(*vars(self).values())
+        angle = xp.radians(self.theta)
+        side = xp.stack([-self.separation, self.separation]) / 2
         faint = 1 / (1 + self.contrast)  # not 1 - share, which rounds a faint star away
-        fluxes = self.flux * jnp.stack([self.contrast * faint, faint])
-        return self.x + side * jnp.cos(angle), self.y + side * jnp.sin(angle), fluxes
+        fluxes = self.flux * xp.stack([self.contrast * faint, faint])
+        return self.x + side * xp.cos(angle), self.y + side * xp.sin(angle), fluxes
 
     def _with(self, others: FurtherStars) -> "Binary":
         own = {name: getattr(self, name) for name in self.own}
