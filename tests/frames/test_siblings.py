@@ -4,10 +4,12 @@ A row has cards, the quantity, the number that their writer meant, or None where
 what a warning names, empty where none is needed: a good file is not to be refused for its prose.
 """
 
+import numpy as np
 import pytest
+from astropy.io import fits
 from headers import assert_number, assert_warned, header
 
-from jitterkit.frames import resolve_header
+from jitterkit.frames import read_frames, resolve_header
 
 DAY = "2023-05-10T19:00:48"
 
@@ -111,3 +113,15 @@ def test_spellings_of_counts_are_read(text):
     metadata = resolve_header(header({"BUNIT": text}))
     assert metadata.unit.value == unit
     assert_warned(metadata.warnings, "")
+
+
+@pytest.mark.parametrize(
+    ("unit", "used"), [("adu*adu", True), ("adu adu", True), ("adu.adu", True), ("adu*s", False)]
+)
+def test_a_variance_in_a_product_of_units_is_used(tmp_path, unit, used):
+    image = fits.ImageHDU(np.full((4, 5), 9.0), fits.Header({"BUNIT": "adu"}), name="SCI")
+    variance = fits.ImageHDU(np.full((4, 5), 9.0), fits.Header({"BUNIT": unit}), name="VAR")
+    fits.HDUList([fits.PrimaryHDU(), image, variance]).writeto(tmp_path / "a.fits")
+    (frame,) = read_frames(tmp_path / "a.fits")
+    assert (frame.variance is not None) == used
+    assert_warned(frame.metadata.warnings, "" if used else unit)
