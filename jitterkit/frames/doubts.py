@@ -32,13 +32,21 @@ def doubts(cards: Cards, known: Metadata) -> list[str]:
     return [*_combined(cards), *_elapsed(cards, known), *_reduced(cards, known), *_unread(cards, known)]
 
 
-_COMBINED = (
-    "COADDS", "COADD", "CO_ADDS", "NCOADDS", "NCOADD", "ESO DET NDIT", "NCOMBINE", "STACKCNT", "SNAPSHOT",
-    "NFRAMES", "NSTACK", "STACKED", "NIMAGES", "NSUM", "NAVERAGE", "AVERAGED", "ESO PRO DATANCOM", "NUMFRAME",
-    "LIGH_CNT", "FRAMES", "NFRAME", "NUMACC", "NACCUM", "NAVG",
-)  # fmt: skip
+_COMBINED = re.compile(
+    r"(N|NO|NUM|NR)_?(OF_?)?(CO_?ADD(S|ED)?|COMB(INED?)?|EXP(S|OSURES)?|SUB(S|EXPS?|FRAMES?)?|STACK(S|ED)?"
+    r"|(DRIZ)?IM(G|AGE)?S?|FRA?ME?S?|INPUTS?|AVG|AVERAGED?|SUM(MED)?|ACC(UM)?S?|DITS?)|CO_?ADDS?|COADD_NO"
+    r"|STACK(CNT|NUM|FRM|ED)|SNAPSHOT|AVERAGED|AVGNUM|COMBINED|SUMMED|SUBS|LIGH_CNT|FRAMES|ACCUM"
+    r"|ESO DET (\w+ )?NDIT|ESO PRO DATANCOM"
+)
 """Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; ESO's pipelines; Astro
-Pixel Processor; ASTAP; Andor; and others."""
+Pixel Processor; ASTAP; Andor; AstroDrizzle; TESS; and others."""
+
+_OF_OTHERS = re.compile(
+    r"\b(sequence|series|templates?|visit|dither\w*|pattern|program\w*|blocks?|script|extensions?|planned"
+    r"|requested|mosaic|queue|in (the |this )?(file|run|set))\b",
+    re.I,
+)
+"""Comment of a number of exposures that are not in this image."""
 
 _CODE = r"^[^AEIOU]*%s[^AEIOU]*$"
 """Letters that stand for steps, which make no word such as UNCALIBRATED."""
@@ -56,8 +64,14 @@ _OF_SEVERAL = re.compile(
 )
 """Comment of an exposure that is that of several."""
 
-_TOTALS = ("LIVETIME", "TOTALEXP", "TEXPTIME", "ESO PRO EXPTTOT")
-"""Times of all exposures that were combined."""
+_TOTALS = re.compile(
+    r"LIVETIME|ESO PRO EXPTTOT|T(OT(AL)?)?_?EXP(T|TIME?|OSURE)?|EXP_?TOT(AL)?|TOT(AL)?_?(INT|TIM)\w*"
+)
+_PARTS = re.compile(r"(SING(LE)?|SUB|INDIV?|COADD)_?(EXP|INT|TIM)\w*")
+"""Times of all exposures that were combined, and of one of them."""
+
+_WHOLE = ("TELAPSE", "ELAPTIME", "ELAPSED", "DARKTIME")
+"""Times that are at least as long as the exposure."""
 
 _ROUNDED = 2.0
 """Seconds by which the time between two dates may be short, if both are written in whole seconds."""
@@ -68,9 +82,11 @@ def _combined(cards: Cards) -> list[str]:
     planes = [card[0] for card in map(cards.find, ("NAXIS3", "ZNAXIS3")) if card is not None]
     of_other = ("NFRAMES",) if cards.dialect.name == "JWST" else ()  # frames of a group, averaged on board
     unsure = "exposure, gain, read noise and saturation may be those of one"
-    for number in filter(None, (cards.number(key) for key in _COMBINED if key not in of_other)):
-        if number.value > 1 and number.value not in planes:
-            return [f"{number.key} = {number.value:g} exposures are combined in the image: {unsure}"]
+    for key in (key for key in cards.names() if _COMBINED.fullmatch(key) and key not in of_other):
+        value, comment, _ = cards.find(key) or (None, "", "")
+        number, _ = parse_number(value) or (2.0 * (value is True), "")  # T says that there are several
+        if number > 1 and number not in planes and not _OF_OTHERS.search(comment):
+            return [f"{key} = {cards.text(key)} exposures are combined in the image: {unsure}"]
     for key in filter(cards.find, (key for key in ALIASES["exposure"] if isinstance(key, str))):
         comment = (cards.find(key) or ("", ""))[1]
         if _OF_SEVERAL.search(comment):
@@ -87,14 +103,24 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
     if exposure is None:
         return []
     said = f"{exposure.source} = {exposure.value:g} s is used"
-    for total in (cards.quantity("exposure", key) for key in _TOTALS if cards.find(key)):
-        if total is not None and total.value > 1.1 * exposure.value:
-            return [f"{said}, and {total.key} = {total.value:g} s is longer: exposures may be combined"]
-    whole = cards.quantity("exposure", "TELAPSE")
-    key, passed = ("TELAPSE", whole.value) if whole else ("DATE-END", seconds_to_end(cards, known.time))
-    if passed is not None and exposure.value > 1.1 * passed + _ROUNDED:
+    for key in cards.names():
+        longer = _TOTALS.fullmatch(key) is not None
+        other = cards.quantity("exposure", key) if longer or _PARTS.fullmatch(key) else None
+        ratio = other.value / exposure.value if other and other.positive and exposure.value else 1.0
+        if other is not None and (ratio if longer else 1 / ratio) > 1.1:
+            found = f"{other.key} = {other.value:g} s is {'longer' if longer else 'shorter'}"
+            return [f"{said}, and {found}: exposures may be combined"]
+    wholes = (cards.quantity("exposure", key) for key in _WHOLE if cards.find(key))
+    whole = next((number for number in wholes if number is not None and number.positive), None)
+    key, passed = (whole.key, whole.value) if whole else seconds_to_end(cards, known.time)
+    slack = _WRITTEN if key == "DATE" else 1.1
+    if passed is not None and exposure.value > slack * passed + _ROUNDED:
         return [f"{said}, and by {key} it lasted {passed:g} s: check its unit"]
     return []
+
+
+_WRITTEN = 10.0
+"""Times the time until the file was written that an exposure may last: clocks differ, and units by 60."""
 
 
 _NOT_DENIED = r"^(?!(F|FALSE|NO|NONE|0|OMIT|PERFORM)$)."
@@ -147,15 +173,19 @@ def _first_said(cards: Cards, patterns: Mapping[str, str]) -> str:
 
 
 _ALIKE: Mapping[str, re.Pattern[str]] = {
-    name: re.compile(pattern)
+    name: re.compile(pattern, re.I)
     for name, pattern in {
-        "exposure": r"(TRU)?ITIME|INT_?TIME|INTEG(TIM|TIME)?|EXPT(IM)?|EXPOS?|T_?EXP|EXPOINUS|ONTIME|ELAPTIME"
-        r"|SHUTTIME|DIT|ESO DET (SEQ1 )?DIT|EXP_?(MS|US|SEC)",
-        "gain": r"(CCD|SYS|CONV|AMP|INV|E)?_?GAIN_?([A-H]|\d{1,2})?|ESO DET OUT\d+ GAIN|GTGAIN\d+",
-        "read_noise": r"(RD|READ|R)_?(NOI|NOISE)_?([A-H]|\d{1,2})?|GTRON\d+|RDNOIS",
-        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATURATI|SATLEV|SAT_LEVEL|FULLWELL|MAXADU",
-        "plate_scale": r"[XY]?_?(PIX|PIXEL|PLATE|PLT|IMG)_?SC(A|AL|ALE|L)?_?[XY12]?|SECPIX\w|[XY]_?SCALE"
-        r"|SCALE_?[XY12]|ARCSEC_?PIX|CDELT1|CD1_1",
+        "exposure": r"(TRU)?ITIME|(INT|INTEG|EXP|EXPOS|EXPOSURE|ACC|ACQ|SHUT|FRAME)[_ ]?(T|TIM|TIME)|EXPTIMES"
+        r"|EXP|EXPOSE?D?|EXP_?DUR|DURATION|T_?EXP(TIME)?|TOT(AL)?_?EXP\w*|EXPOINUS|ONTIME|ELAPTIME"
+        r"|(ESO DET (\w+ )?)?DIT\d?|EXP_?(MS|US|SEC)",
+        "gain": r"(CCD|SYS|CONV|AMP|INV|CAL|DET|EFF|E)?_?GAIN_?(EFF|[A-H]|\d{1,2})?|GTGAIN\d+|GAIN_E_ADU"
+        r"|ESO (QC )?DET \w+ (GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS",
+        "read_noise": r"(RD|READ|R|DET|CCD)_?(NOI|NOISE?|NSE?)_?([A-H]|\d{1,2})?|GTRON\d+"
+        r"|RON_?([A-H]|\d{1,2})?|ESO (QC )?DET \w+ RON",
+        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATURATI|(ESO DET )?SAT_?(LEV(EL)?|LVL|LIM(IT)?)"
+        r"|FULLWELL|MAX_?(ADU|COUNT|CNT)S?|GOODMAX|LIN_?LIM(IT)?",
+        "plate_scale": r"(ESO INS )?([XYAP]|SKY|IMG?|CCD|SPAT|[XYA]?_?PIX(EL)?|PLATE|PLT)_?SC(A|AL|ALE|L)?"
+        r"_?[XY12]?|SCALE_?[XY12]|SECP?PIX\w?|[XY]_?SCALE|A(RC)?SEC_?P?(ER)?_?(PIX|X)|IFOV|CDELT1|CD1_1",
     }.items()
 }
 """Keywords like those of a number, which are not read as their unit or meaning differs between programs."""

@@ -136,6 +136,7 @@ def _agree(image: str, other: str, role: str) -> bool:
     base, unit = resolve_unit(image), other.strip().removeprefix("1/").removeprefix("1 /")
     if role == "sigma" or other == image:
         return base == resolve_unit(other)
+    unit = re.sub(r"^(.+?) ?[*. ] ?\1$", r"\1", unit.strip(" ()[]"))  # "adu*adu"
     unit = re.sub(r"(?<=e-)2|(\*\*|\^)?\(?\+?(?<!-)2(\.0)?\)?", "", unit)
     unit = re.sub(r"(\*\*|\^)?\(?-2(\.0)?\)?", "" if role == "weight" else "-1", unit)
     return base == resolve_unit(unit.strip(" ()[]"))

@@ -28,11 +28,14 @@ from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 #: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
 PLAUSIBLE_GAIN = (0.01, 30.0)
 
-_ADU = r"(?:adus?|dn|counts?|cts?|lsb|a/d(?: units?)?|data ?numbers?)\b"
+_ADU = r"(?:adus?|dn|counts?|cn?ts?|lsb|a/d(?: units?)?|data ?numbers?)\b"
 ELECTRONS_PER_ADU = re.compile(rf"(?:\be-?|\bel(?:ec)?|electrons?|photons?)\s*(?:/|per\b)\s*{_ADU}", re.I)
 ADU_PER_ELECTRON = re.compile(rf"\b{_ADU}\s*(?:/|per\b)\s*(?:e\b|e-|el(?:ec)?\b|(?:photo-?)?electron)", re.I)
 _INVERSE_POWER = re.compile(r"[ .*](adus?|dn|counts?|electrons?|e-?) ?(?:\*\*|\^)?\(?-1\b\)?", re.I)
-_SETTING = re.compile(r"\bsetting|\bpre-?amp|\biso\b|\bmode\b", re.I)
+_WRAPPED = re.compile(r"[(\[](e-?|adu|dn)[)\]](?= ?/)|(?<=/)[(\[](e-?|adu|dn)[)\]]", re.I)
+"""A unit in brackets of its own: "(e-)/ADU"."""
+
+_SETTING = re.compile(r"\banalog(ue)?\b|\bdigital gain|\bratio\b|\bsetting|\bpre-?amp|\biso\b|\bmode\b", re.I)
 _SOME_UNIT = re.compile(rf"\[[^]]*\w[^]]*\]|\b{_ADU}\s*(/|per\b)|(/|\bper)\s*{_ADU}", re.I)
 
 
@@ -71,7 +74,8 @@ def _agreeing_gain(cards: Cards, used: Number) -> None:
 
 def _objection(cards: Cards, card: Number) -> str | None:
     """Say why a gain is not to be taken as e-/ADU, or None."""
-    words = _INVERSE_POWER.sub(r"/\1", card.words)
+    plain = _WRAPPED.sub(lambda found: found[0][1:-1], card.words.replace("^-", "-"))
+    words = _INVERSE_POWER.sub(r"/\1", plain)
     said, inverse = ELECTRONS_PER_ADU.search(words), ADU_PER_ELECTRON.search(words)
     if inverse and not (said and said.start() < inverse.start()):
         return f"is in ADU per electron by its comment {card.words!r}"
@@ -217,6 +221,7 @@ def _saturation(
     number = next(cards.believed("saturation"), None)
     if number is None:
         return None
+    _lower_limit(cards, number)
     if not number.counted and stated in COUNTS and unit.removesuffix("/s") != stated:
         number = replace(number, counted=stated)
     if unit not in ("adu", "electron") and not number.counted:
@@ -237,6 +242,17 @@ def _saturation(
         return None
     cards.warnings.append(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
     return known
+
+
+def _lower_limit(cards: Cards, used: Number) -> None:
+    """Warn of another keyword with a lower level, up to which alone pixels may be trusted."""
+    before = len(cards.warnings)
+    others = [cards.believable("saturation", key) for key in ALIASES["saturation"] if key != used.key]
+    del cards.warnings[before:]  # of numbers that are not used
+    for other in filter(None, others):
+        if other.counted == used.counted and other.value < 0.99 * used.value and other.key != "DATAMAX":
+            found = f"{other.key} = {other.value:g} is lower: if it is the limit, give --saturation"
+            cards.warnings.append(f"{used.key} = {used.value:g} is used, and {found}")
 
 
 def _largest(cards: Cards) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -15,6 +16,7 @@ from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Sourced
 
 TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART", "UTSHUT", "UTC", "UT-STR")
+_END_KEYS = ("TIME-END", "UTC-END", "UT-END", "UTEND", "UTSTOP")
 MJD_EPOCH = datetime(1858, 11, 17)
 
 _JULIAN = 2400000.5
@@ -39,6 +41,9 @@ _OTHERS = {
 """Dates of the years 1900 to 1999, and ISO 8601 without separators, with what they are replaced by."""
 
 _DAY = timedelta(days=1)
+_HEADER_FIRST = timedelta(seconds=1)
+"""A DATE this soon, in whole seconds, may be that of a header which was made before the exposure."""
+
 _CONTRADICTION = timedelta(hours=1)
 """Difference of a time in UTC and a local one, at least."""
 
@@ -111,8 +116,8 @@ def _agreeing_time_of_day(cards: Cards, known: Sourced) -> None:
                 return
 
 
-def seconds_to_end(cards: Cards, start: Sourced | None) -> float | None:
-    """Return the seconds from the time of a header to its DATE-END, negative if that is earlier.
+def seconds_to_end(cards: Cards, start: Sourced | None) -> tuple[str, float | None]:
+    """Return the seconds from the time of a header to the end of its exposure, and what says so.
 
     Parameters
     ----------
@@ -122,15 +127,34 @@ def seconds_to_end(cards: Cards, start: Sourced | None) -> float | None:
 
     Returns
     -------
+    key : str
+        ``DATE-END`` and its like, the middle, a time of day, or ``DATE``, when the file was written.
     seconds : float or None
-        None unless the header has the time of day of the beginning and of the end.
+        Negative if the end is earlier; None unless the header has the time of day of both.
     """
     before = len(cards.warnings)
-    end = _date(cards, "DATE-END")
-    del cards.warnings[before:]  # a time that is not used
-    if start is None or end is None or "AVG" in start.source or not ("T" in start.value and "T" in end.value):
-        return None
-    return (datetime.fromisoformat(end.value) - datetime.fromisoformat(start.value)).total_seconds()
+    found: tuple[str, float | None] = ("", None)
+    if start is not None and "T" in start.value and "AVG" not in start.source:
+        when = datetime.fromisoformat(start.value)
+        found = next(((key, seconds) for key, seconds in _ends(cards, when)), ("", None))
+    del cards.warnings[before:]  # of times that are not used
+    return found
+
+
+def _ends(cards: Cards, start: datetime) -> Iterator[tuple[str, float]]:
+    """Yield seconds to the end of an exposure, the most certain first."""
+    for key, times in (("DATE-END", 1), ("MJD-END", 1), ("DATE-AVG", 2), ("MJD-AVG", 2)):
+        said = (_date if key.startswith("DATE") else _mjd)(cards, key)
+        middle = None if said is None or "T" not in said.value else datetime.fromisoformat(said.value)
+        if middle is not None and (times == 1 or middle > start):
+            yield key, times * (middle - start).total_seconds()
+    for key in _END_KEYS:
+        said = _parse(f"{start.date().isoformat()}T{cards.text(key)}")
+        if isinstance(said, datetime):
+            yield key, ((said - start) % _DAY).total_seconds()
+    said = _parse(cards.text("DATE"))
+    if isinstance(said, datetime) and said - start > _HEADER_FIRST:  # a copy may have kept an older one
+        yield "DATE", (said - start).total_seconds()
 
 
 def _exposure(cards: Cards) -> float:

@@ -17,11 +17,12 @@ RATES = ("adu/s", "electron/s")
 #: Spellings of the unit of a pixel value, in lower case, without blanks and "per pixel".
 UNITS: Mapping[str, str] = {
     **dict.fromkeys(
-        ("adu", "adus", "count", "counts", "ct", "cts", "dn", "dns", "datanumber", "digitalnumber"), "adu"
+        ("adu", "adus", "adu1", "rawadu", "count", "counts", "ct", "cts", "cnt", "cnts", "dn", "dns", "du",
+         "dataunit", "dataunits", "datavalue", "datanumber", "digitalnumber", "lsb"), "adu"
     ),
     **dict.fromkeys(
         ("electron", "electrons", "e", "e-", "el", "elec", "photoelectron", "photoelectrons",
-         "photo-electron", "photo-electrons"), "electron"
+         "photo-electron", "photo-electrons", "electron1"), "electron"
     ),
     "cps": "adu/s",
 }  # fmt: skip
@@ -49,7 +50,7 @@ def resolve_unit(text: str) -> str | None:
     if twice:
         unit = resolve_unit(twice[1])
         return unit if unit == resolve_unit(twice[2]) else None
-    word = _PER_PIXEL.sub("", "".join(text.split()).lower().strip("[]()"))
+    word = _PER_PIXEL.sub("", "".join(text.split()).lower().strip("[]()").replace("^1", "1"))
     if not word:
         return "adu"
     rate = _PER_SECOND.fullmatch(word)
@@ -74,7 +75,7 @@ _SECONDS = _spelled(
 )
 _ARCSECONDS = _spelled(
     {
-        1.0: 'arcsec arcsecs arcsecond arcseconds asec "',
+        1.0: "arcsec arcsecs arcsecond arcseconds asec \" ''",
         1e-3: "mas marcsec milliarcsec milliarcsecond milliarcseconds",
         1e-6: "uas µas microarcsec microarcsecond microarcseconds",
         60.0: "arcmin arcmins arcminute arcminutes amin",
@@ -118,6 +119,9 @@ _LENGTH = re.compile(r"\d[\d.,]*\s?(mm|cm|um|µm)\b")
 _CLAUSE_ONLY = ("min", "h", "d", "in", "m")
 """Units that are words or letters of other meaning where prose goes on behind them: "min exposure"."""
 
+_ATTRIBUTE = re.compile(r"\b(day|hour|minute)(?= \w)|^[A-Z](?= \w)", re.ASCII)
+"""A unit that describes the word behind it: "day flat", "hour angle", "H band"."""
+
 _APART = re.compile(r"\b(milli|micro|nano|arc)[- ](?=s(ec)?|arc|min)", re.I)
 """A unit that is written in two words: "milli-arcsec"."""
 
@@ -139,9 +143,9 @@ _OTHER_NUMBER = re.compile(
     r"\b(log\d*|ln|no\.|counter|index|identifier|id|flag)(?!\w)"
     r"|(?<!data )(?<!digital )\bnumber\b(?! of (\w*sec|electron|e-|count|adu))"
     r"|#(?=\s*(of\b|$))|(^\W*|\b(in|as) )(%|percent)"
-    r"|(?<![\df])(x|\*|/|\^)\s?10+\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b"
+    r"|(?<![\df])(x|\*|/|\^)\s?(10+|1e[-+]?\d+)\b|\b10+\s?(\^|\*|x\b)|\b1/10+\b"
     r"|\b(tenths?|hundredths?|thousandths?|tens|hundreds|thousands|millions) of\b"
-    r"|\b(clock )?ticks\b|\bin (clocks|cycles|lines|rows|frames|fields)\b|\bjiff(y|ies)\b"
+    r"|\b(clock )?ticks\b|\bin (tdi )?(clocks|cycles|lines|rows|frames|fields|samples)\b|\bjiff(y|ies)\b"
     r"|\bk(adu|dn|e-|electrons?)(?!\w)"
     r"|\b(dummy|placeholder|bogus|fake)\b|(?<!if )(?<!=)(?<!= )\b(invalid|undefined|unknown|tbd"
     r"|(not|not yet|to be) (known|measured|set|available|applicable|calibrated|determined|valid))\b(?! \w)",
@@ -164,11 +168,12 @@ _OTHER_NUMBERS = {
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
     "focal_length": r"\b35 ?mm\b|\bequivalent\b|\bwithout (the |a )?(focal )?(reducer|barlow|extender)\b",
     "plate_scale": r"\bfield of view\b|\bFOV\b|\barea\b|\bzoom\b|\bfactor\b"
-    r"|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2",
+    r"|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2"
+    r"|(?<![\w.])(?!(as|mas|uas|deg|rad)/)[a-z]{1,3}/p(ix|x|ixel)s?\b|(^\W*|\bin )lambda\b",
     "saturation": r"\bbit depth\b|^\W*(number of )?bits?\b"
-    r"|\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b",
+    r"|\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b|\bmag(nitude)?s?\b",
     "gain": r"\bper \d|/ ?\(\d|\binverse\b|\b1/gain\b|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b"
-    r"|\brelative (gain|to (amp|channel|ccd|detector|quadrant))"
+    r"|\brelative\b"
     r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
 }
 """The same for one quantity."""
@@ -221,7 +226,8 @@ def factor(name: str, unit: str) -> float | str | None:
         return None
     word = re.sub(r"\s+per\s+|\s*/\s*", "/", unit.strip(" []().,;:").lower())
     word = _APART.sub(r"\1", word)
-    word = re.sub(r"^in\s+|\s+rms$", "", word)
+    word = re.sub(r"^(in|rms)\s+|\s+\(?rms$", "", word)
+    word = re.sub(r"/(read|readout|frame)$", "", word) if name == "read_noise" else word
     if name in _FACTORS:
         return _FACTORS[name].get(word)
     return resolve_unit(word) if word else None
@@ -251,7 +257,10 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         return factor(name, text) is not None
 
     comment = re.sub(r"\s+per\s+", "/", " ".join(comment.split()), flags=re.I)
-    comment = _APART.sub(r"\1", comment)
+    comment = re.sub(r"(?<!\w)'(\w+)'(?!\w)", r"\1", _ATTRIBUTE.sub("", _APART.sub(r"\1", comment)))
+    multiple = re.search(r"\bunits? of ([^\s,;:()]+)", comment, re.I)
+    if multiple and not known(multiple[1]) and multiple[1] != "1":
+        return comment
     square = [text for text in re.findall(r"\[([^]]*)\]", comment) if text.strip()]
     found = next(filter(known, (*square, *re.findall(r"[({<|]([^)}>|]*)[)}>|]", comment))), None)
     if found is not None or square:
@@ -262,7 +271,7 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         return comment if clause else start[1]
     if start and known(start[1].partition("/")[0]):
         return start[1]
-    for ending in (r"(?:\bin |, ?|= ?)([^\s,;:()]+?)\.?$", r"/([^\s,;:()/]+?)\.?$"):
+    for ending in (r"(?:\bin |[,;:] ?|= ?(?:[\d.]+ ?)?| - )([^\s,;:()]+?)\.?$", r"/([^\s,;:()/]+?)\.?$"):
         end = re.search(ending, comment, re.I)
         if end and known(end[1]):
             return end[1]
