@@ -22,6 +22,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 import typer
@@ -61,6 +62,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def command(**given: Any) -> None:
         try:
             _refuse_infinite(given)
+            _refuse_lost_input(given)
             function(**_arguments(function, given))
         except JitterkitError as error:
             log_error(error)
@@ -85,6 +87,19 @@ def _refuse_infinite(given: Mapping[str, Any]) -> None:
             if not math.isfinite(number):
                 problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
                 raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+
+
+def _refuse_lost_input(given: Mapping[str, Any]) -> None:
+    """Refuse an output that would replace a file that the command reads, which --overwrite does not mean."""
+    outputs = {name: Path(given[name]) for name in ("output", "plot") if given.get(name) is not None}
+    values = [value for name, value in given.items() if name not in outputs]
+    inputs = [one for value in values for one in (value if isinstance(value, list | tuple) else [value])]
+    paths = {os.path.realpath(one) for one in inputs if isinstance(one, str | Path)}
+    for name, output in outputs.items():
+        within = output.suffix == ".fits" and os.path.realpath(output.parent) in paths
+        if output.is_file() and (within or os.path.realpath(output) in paths):
+            problem = f"--{name} {output} is a file that the command reads; give another name."
+            raise ConfigurationError(ErrorCode.CONFLICT, problem)
 
 
 def _arguments(source: Callable, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,8 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     if path.exists() and not overwrite:
         remedy = "choose another name or allow it to be overwritten"
         raise FrameError(ErrorCode.EXISTS, path, "exists already", remedy)
-    temporary = path.with_name(f".{uuid4().hex[:8]}.{path.name}")
+    # not the whole name, as a longer one than that may be too long for the file system
+    temporary = path.with_name(f".{uuid4().hex[:8]}.{path.name[-20:]}")
     try:
         yield temporary
         with temporary.open("rb") as written:

@@ -19,6 +19,8 @@ CsvRow = tuple[int, list[str]]
 def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
     """Read the lines of a table; empty ones and those that begin with ``#`` are skipped.
 
+    Cells are separated by what separates those of the first line: a comma, else a semicolon, a tab or spaces.
+
     Parameters
     ----------
     path : Path
@@ -36,7 +38,13 @@ def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
     except (OSError, UnicodeDecodeError) as error:
         problem = f"{path}: cannot be read ({error}); {remedy}."
         raise ConfigurationError(reading_code(error), problem) from None
-    return [(n, [cell.strip() for cell in next(csv.reader([line]))]) for n, line in lines]
+    header = re.sub(r"\[.*?\]|\(.*?\)", "", lines[0][1]).strip() if lines else ""
+    separator = next((mark for mark in ",;\t " if mark in header), ",")
+    if separator == " ":  # any number of spaces, but those before and within the brackets of a unit
+        return [(n, re.split(r"\s+(?![\[(]|[^\[(]*[\])])", line.strip())) for n, line in lines]
+    return [
+        (n, [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]) for n, line in lines
+    ]
 
 
 def heading(cell: str) -> tuple[str, str]:
@@ -109,7 +117,7 @@ def refuse_unit_in_comment(path: Path, header: Sequence[str]) -> None:
         )
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}.")
     first = f"{header[0]} [ms]" if names[0] in ("t", "time") else f"{header[0]} [kHz]"
-    example = first if found["first"] else f"{header[1]} [mas{'/s' * (names[1] == 'wx')}]"
+    example = first if found["first"] or len(header) == 1 else f"{header[1]} [mas{'/s' * (names[1] == 'wx')}]"
     remedy = f"write one behind each name, as in {example}, or leave the word out"
     raise ConfigurationError(ErrorCode.CONFLICT, f"{said}, and the columns have no unit; {remedy}.")
 

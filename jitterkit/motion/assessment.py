@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Product, Shm, Smear, Stable
+from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Product, Shm, Smear, Stable, trace_gaps
 from jitterkit.loci.base import axis_variances
 from jitterkit.motion.budget import REGIMES, Share, line_locus, motion_budget, regime, smooth_locus
 from jitterkit.motion.loop import close_loop, follow
@@ -113,6 +113,8 @@ class Assessment:
         Exposures in which it has gaps, which were left out.
     step : float or None
         Usual time between samples of a record, s.
+    lost : float
+        Share of the variance within an exposure that straight lines between samples lose of smooth motion.
     """
 
     exposure: float
@@ -127,6 +129,7 @@ class Assessment:
     frames: int | None = None
     left_out: int = 0
     step: float | None = None
+    lost: float = 0.0
 
     @property
     def names(self) -> str:
@@ -183,6 +186,7 @@ def assess_motion(
             frames,
             left_out=seen.planned - frames,
             step=float(np.median(np.diff(motion.t))),
+            lost=_lost_between_samples(left, split, exposure),
         )
     remaining = motion if bandwidth is None else close_loop(motion, bandwidth)
     return Assessment(
@@ -194,3 +198,20 @@ def assess_motion(
         motion_between_frames(remaining, exposure, cadence),
         predicted_locus(remaining, exposure),
     )
+
+
+def _lost_between_samples(record: Record, split: Split, exposure: float) -> float:
+    """Return the share of the blur's variance that straight lines between samples lose of smooth motion.
+
+    The mean square of a straight piece is a sixth of the squared step below that of its ends, which is the
+    mean square of smooth motion.  Steps of the smear count as straight.
+    """
+    steps, moves = np.diff(record.t), np.diff([record.x, record.y], axis=1)
+    near = ~np.isin(np.arange(len(steps)), trace_gaps(record.t))
+    blur, smear = (float(moments[0] + moments[2]) for moments in (split.blur, split.smear))
+    if not blur > 0:
+        return 0.0
+    weights = steps[near] / steps[near].sum()
+    straight = 2 * smear * float(weights @ steps[near] ** 2) / exposure**2
+    lost = max(float(weights @ np.sum(moves[:, near] ** 2, axis=0)) / 6 - straight, 0.0)
+    return lost / (blur + lost)

@@ -30,6 +30,9 @@ _PIECES = {"partial", "path", "smear"}
 _FEW = 10
 """Exposures of which a mean says little."""
 
+_LOST = 0.02
+"""Share of a blur's variance that is worth a message: 1 % of its size."""
+
 _DECIMALS = 6
 """Of a size in mas; beyond them there is rounding."""
 
@@ -86,6 +89,12 @@ def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
             sentences.append(
                 f"The samples of the trace are {assessed.step:g} s apart: what is faster is not in it. See "
                 "that its times are in s."
+            )
+        elif assessed.lost > _LOST:
+            sentences.append(
+                "The pointing is taken as straight between samples. If it is smooth, that loses "
+                f"{100 * assessed.lost:.0f} % of the variance within an exposure: sample faster, or "
+                "give lines."
             )
     after, before = assessed.split, assessed.unguided
     if assessed.bandwidth is not None:

@@ -50,7 +50,7 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
     Returns
     -------
     loci : dict
-        ``frames``, the number compared; ``left_out``, of those with several candidates; ``best``, the locus;
+        ``frames``, the number compared; ``left_out``, the other frames with a locus; ``best``, the locus;
         ``dissent``, how many frames give another locus a thousand times its odds; ``weights`` of all, which
         add to one; ``evidence``, logarithms of the odds against the best; and ``separation`` [arcsec] by
         locus as :func:`weighted_mean` has it, all over the same frames.
@@ -59,7 +59,8 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
     -----
     Loci count that nearly all frames were fitted with, and frames that were fitted with all of those.  To
     leave out frames in which a locus had no evidence, or was not tried, would be to choose frames by
-    their noise: a locus tried where the others failed would always win.
+    their noise: a locus tried where the others failed would always win.  So do frames that needed no other
+    locus than a normal: of a drift that a frame hardly shows, the others look like a vibration.
     *Assumes* one kind of locus for the whole run, with sizes and directions of its own in each frame; where
     frames dissent, it is not so.
     """
@@ -119,7 +120,7 @@ def _fitted(rows: np.ndarray) -> np.ndarray:
 
 
 def _numbers(candidates: Iterable[str]) -> dict[str, np.ndarray]:
-    """Evidence, separation and its error by locus, (frames, 3), of the frames that have several candidates.
+    """Evidence, separation and its error by locus, (frames, 3), of the frames that have a candidate.
 
     Frames are read one by one: what JSON makes of 60,000 would fill 0.3 GB.
     """
@@ -127,7 +128,7 @@ def _numbers(candidates: Iterable[str]) -> dict[str, np.ndarray]:
     frames = 0
     for text in candidates:
         frame = {one["locus"]: one for one in json.loads(text)} if text else {}
-        if len(frame) < 2:
+        if not frame:
             continue
         for name in frame.keys() - held.keys():
             held[name] = array("d", _MISSING) * frames

@@ -185,7 +185,7 @@ def _write_csv(path: Path, table: QTable) -> None:
     for name in bare.colnames:
         bare[name].info.format = None  # all digits
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        bare.write(file, format="ascii.csv")
+        bare.write(file, format="ascii.csv", strip_whitespace=False)
 
 
 def _write_fits(path: Path, table: QTable) -> None:

@@ -214,3 +214,19 @@ def test_a_drawn_band_is_no_mirrored_table(table):
     assert read_motion(table(f"f,x,y\n{band}"), kind="curve").highest == 9
     flat = "".join(f"{f},1,1\n" for f in range(1, 20))
     assert read_motion(table(f"f,x,y\n{flat}"), kind="curve").highest == 19
+
+
+@pytest.mark.parametrize("mark", [";", "\t", "  ", "; "])
+def test_columns_may_be_separated_by_what_separates_the_names(mark, table):
+    rows = [["t [s]", "x [mas]", "y [mas]"], *([f"{k / 10}", f"{k}", "-1"] for k in range(12))]
+    trace = read_motion(table("\n".join(mark.join(row) for row in rows) + "\n"))
+    np.testing.assert_allclose(trace.t, np.arange(12) / 10)
+    np.testing.assert_allclose(trace.x, np.arange(12) / 1000)
+    np.testing.assert_allclose(trace.y, -0.001)
+
+
+def test_decimal_commas_and_units_in_an_ecsv_header_are_named(table):
+    refused(ErrorCode.MALFORMED, read_motion, table("t;x;y\n0;0,1;0\n"), holds=["line 2", "0,1"])
+    head = "# %ECSV 1.0\n# - {name: x, unit: mas, datatype: float64}\nt x y\n0 1 2\n"
+    refused(ErrorCode.CONFLICT, read_motion, table(head), holds=["line 2", "mas"])
+    refused(ErrorCode.CONFLICT, read_motion, table("# mas\nhello\n1\n"), holds=["line 1", "mas"])

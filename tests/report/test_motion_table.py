@@ -97,3 +97,14 @@ def test_a_short_record_is_qualified():
     short, long = told
     assert short.startswith(long.rstrip("."))
     assert short != long
+
+
+def test_a_vibration_that_samples_hardly_follow_is_said_and_a_drift_is_not():
+    t = np.arange(4000) / 1000
+    fast = assess_motion(Record(t, 0.1 * np.sin(2 * np.pi * 203 * t), 0 * t), 0.1)
+    # straight lines through samples of a sine have (2 + cos) / 3 of its mean square, by the phase of a step
+    assert fast.lost == pytest.approx(1 - (2 + np.cos(2 * np.pi * 0.203)) / 3, rel=0.01)
+    assert tells(motion_sentences(fast, 0.375), "straight", "24 %")
+    slow = assess_motion(Record(t[::20], 5 * t[::20], 0 * t[::20]), 0.1)  # five samples an exposure
+    assert slow.lost < 1e-6
+    assert not tells(motion_sentences(slow, 0.375), "straight")

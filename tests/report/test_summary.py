@@ -175,12 +175,19 @@ def test_a_run_says_what_it_has_decided_and_what_not(make_fit):
 def test_only_frames_that_tried_the_same_loci_are_compared(make_fit):
     usual, odd = {"linear": -1.0, "shm": -2.0}, {"linear": -9.0, "shm": -1.0, "path": -0.5}
     broken, plain = {"linear": -1.0, "shm": -math.inf}, {"mvn": -1.0}
-    loci = summarise(_compared(make_fit, *[usual] * 30, odd, broken, plain))["loci"]
+    loci = summarise(_compared(make_fit, *[usual] * 60, odd, broken, plain))["loci"]
     # the path was tried once, one frame has no evidence for SHM and one has nothing to compare
-    assert (loci["frames"], loci["left_out"]) == (31, 1)
+    assert (loci["frames"], loci["left_out"]) == (61, 2)
     assert set(loci["weights"]) == {"linear", "shm"}
-    assert loci["evidence"]["shm"] == pytest.approx(8.0 - 30.0)
-    assert summarise(_compared(make_fit, plain))["loci"] == {"frames": 0, "left_out": 0}
+    assert loci["evidence"]["shm"] == pytest.approx(8.0 - 60.0)
+    assert summarise(_compared(make_fit, plain))["loci"] == {"frames": 0, "left_out": 1}
+
+
+def test_frames_that_needed_no_other_locus_are_not_left_out_of_a_comparison(make_fit):
+    # a drift and a vibration are alike; other loci are tried where noise narrows the image
+    odds = np.random.default_rng(4).normal(0.0, 1.0, 60)
+    frames = [{"mvn": -2.0, "linear": 0.0, "shm": x} if x > 0 else {"mvn": -2.0} for x in odds]
+    assert summarise(_compared(make_fit, *frames))["loci"]["frames"] == 0
 
 
 def test_a_locus_with_an_evidence_only_where_noise_favours_it_does_not_win(make_fit):

@@ -57,6 +57,19 @@ def test_csv_is_a_line_of_names_and_one_for_each_row(table, tmp_path):
     assert rows[1][2:] == ["100000.0", "1.5", "0", "True"]
 
 
+def test_spaces_about_a_name_stay_in_csv(table, tmp_path):
+    table["file"] = [" a.fits", "b.fits "]
+    write_table(tmp_path / "t.csv", table)
+    with open(tmp_path / "t.csv", newline="", encoding="utf-8") as file:
+        assert [row[0] for row in csv.reader(file)] == ["file", " a.fits", "b.fits "]
+
+
+def test_a_name_may_be_as_long_as_the_file_system_allows(table, tmp_path):
+    path = tmp_path / ("x" * 250 + ".ecsv")
+    write_table(path, table)
+    assert len(QTable.read(path)) == 2
+
+
 @pytest.mark.parametrize("ending", ["ecsv", "fits", "parquet"])
 def test_numbers_and_units_survive(ending, table, tmp_path):
     if ending == "parquet":
