@@ -219,7 +219,7 @@ def useless_frames(where):
         ("simulate frame.fits", ErrorCode.EXISTS, ["frame.fits", "--overwrite"]),
         ("simulate nowhere/a.fits", ErrorCode.NOT_FOUND, ["nowhere", "a.fits"]),
         ("estimate . -o nowhere/table.ecsv", ErrorCode.NOT_FOUND, ["nowhere", "table.ecsv"]),
-        ("estimate . -o frame.fits", ErrorCode.EXISTS, ["frame.fits", "--overwrite"]),
+        ("estimate . -o frame.fits", ErrorCode.CONFLICT, ["frame.fits"]),
         ("estimate . --export frame.fits", ErrorCode.NOT_WRITABLE, ["frame.fits"]),
         ("estimate . --blind --stars", ErrorCode.CONFLICT, ["--blind", "--stars"]),
         ("estimate . --stars --estimator mtf", ErrorCode.CONFLICT, ["--estimator mtf", "--stars"]),
