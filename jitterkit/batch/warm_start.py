@@ -23,7 +23,7 @@ from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ReferenceFrame
 from jitterkit.locate.padding import grid_for_derivatives
 from jitterkit.loci import Mvn
-from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.optics import Anchor, AnchoredOptics, Grid, OpticalSystem, Optics
 from jitterkit.precision import single
 from jitterkit.refit import FitOptions, SceneChoice
 from jitterkit.refit.fit import linearisation_tolerance
@@ -165,7 +165,7 @@ class WarmStartCache:
     """
 
     def __init__(self) -> None:
-        self._anchors: OrderedDict[tuple, Anchor] = OrderedDict()
+        self._anchors: OrderedDict[tuple, dict[Grid, Anchor]] = OrderedDict()
         self._key: Hashable = None
         self._latest: Mapping[GridKey, WarmStart] = {}
         self._lock = Lock()
@@ -190,24 +190,26 @@ class WarmStartCache:
         if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):
             return None
         state = np.asarray(parameters.aberrations)
-        near = np.round(state)
-        anchor = self._anchor((grid, *near), lambda: Anchor.at(optics, near))
+        anchors = self._anchors_near(grid, optics, np.round(state))
         # as exact as for a frame with more light
         strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
         light = float(parameters.scene.flux) / strict**2
+        anchor, coarse = anchors[optics.grid], None
         anchored = AnchoredOptics.about(optics, anchor, light, state)
         reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
-        smaller, coarse = (
-            None if reference is None else grid_for_derivatives(parameters, anchored.nominal),
-            None,
-        )
-        if smaller is not None:
-            coarse = self._anchor((grid, smaller, *near), lambda: single(anchor.within(smaller)))
+        if reference and (smaller := grid_for_derivatives(parameters, anchored.nominal)):
+            if smaller not in anchors:
+                anchors[smaller] = single(anchor.within(smaller))
+            coarse = anchors[smaller]
         return WarmStart(choice.scene, choice.ambiguity_of_run, anchored, reference, coarse=coarse)
 
-    def _anchor(self, key: tuple, build: Callable[[], Anchor]) -> Anchor:
-        anchor = self._anchors.pop(key, None) or build()
-        self._anchors[key] = anchor
-        while len(self._anchors) > 1 and sum(one.nbytes for one in self._anchors.values()) > _ANCHOR_BYTES:
+    def _anchors_near(self, grid: GridKey, optics: OpticalSystem, state: np.ndarray) -> dict[Grid, Anchor]:
+        """Return the anchor at a state, by its grid, and what has been cut from it to smaller ones."""
+        key = (grid, *state)
+        self._anchors[key] = made = self._anchors.pop(key, None) or {optics.grid: Anchor.at(optics, state)}
+        kept = self._anchors.values()
+        while (
+            len(kept) > 1 and sum(one.nbytes for anchors in kept for one in anchors.values()) > _ANCHOR_BYTES
+        ):
             self._anchors.popitem(last=False)
-        return anchor
+        return made

@@ -22,6 +22,7 @@ from jitterkit.likelihood.equations import (
     information_at,
     known_information,
     normal_equations,
+    single_slopes,
     slope_products,
 )
 from jitterkit.likelihood.misfit import MISFIT, POOR, Misfit, chi_squared, pearson
@@ -41,5 +42,6 @@ __all__ = [
     "known_information",
     "normal_equations",
     "pearson",
+    "single_slopes",
     "slope_products",
 ]

@@ -59,7 +59,7 @@ def normal_equations(
     if exact:
         image, jacobian = image_and_jacobian(parameters, otf, free)
     else:
-        image, (_, jacobian) = expected_image(parameters, otf), _single_slopes(parameters, otf, free)
+        image, (_, jacobian) = expected_image(parameters, otf), single_slopes(parameters, otf, free)
     frame, cost = equations_of(image, jacobian, data), _known_cost(parameters, otf)
     vector, unravel = to_vector(parameters)
     pull = jax.grad(lambda v: _known_cost(unravel(v), otf))(vector) / 2
@@ -118,7 +118,7 @@ def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int
     They are summed in the precision of the parameters, so that it stays positive, and singular where the
     frame does not determine the parameters: to ``eps**2`` of 32 bits.
     """
-    image, slopes = _single_slopes(parameters, otf, free)
+    image, slopes = single_slopes(parameters, otf, free)
     _, _, weight = _pull_and_weight(image, single(data))
     rows = slopes.reshape(len(free), -1).astype(parameters.background.dtype)
     return (rows * weight.ravel()) @ rows.T + known_information(parameters, otf, free)
@@ -127,12 +127,13 @@ def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int
 @eqx.filter_jit
 def slope_products(parameters: Parameters, otf: OTF, weight, free: tuple[int, ...]) -> Float[Array, "p p"]:
     """Sum the products of the image's derivatives by the free parameters, with weights of pixels (ny, nx)."""
-    _, slopes = _single_slopes(parameters, otf, free)
+    _, slopes = single_slopes(parameters, otf, free)
     slopes = slopes.astype(parameters.background.dtype)
     return jnp.tensordot(slopes * weight, slopes, ((1, 2), (1, 2)))
 
 
-def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
+@eqx.filter_jit
+def single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     """Image and its derivatives, both in 32 bits, with the least padding that the optics have."""
     parameters, otf = single((parameters, otf.coarse or otf))
     return image_and_jacobian(parameters, otf, free)

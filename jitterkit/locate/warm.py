@@ -21,10 +21,9 @@ from jitterkit.forward import (
     Parameters,
     expected_image,
     free_parameters,
-    image_and_jacobian,
     parameter_names,
 )
-from jitterkit.likelihood import Data, chi_squared, known_information
+from jitterkit.likelihood import Data, chi_squared, known_information, single_slopes
 from jitterkit.linearisation import relinearised_scoring
 from jitterkit.locate.cut_out import SPARE, inner, off_centre, window
 from jitterkit.locate.padding import MAY_MOVE
@@ -32,7 +31,6 @@ from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
 from jitterkit.optics.otf import OTF
-from jitterkit.precision import single
 from jitterkit.scoring import Prior
 
 __all__ = ["ReferenceFrame", "RegistrationResult"]
@@ -169,7 +167,7 @@ class ReferenceFrame:
         if not set(hold).issubset(wanted) or parameters.shutter is not None:
             return None
         names, free = free_parameters(parameters, otf, hold)
-        image, jacobian = map(np.asarray, _single_slopes(parameters, otf, free))
+        image, jacobian = map(np.asarray, single_slopes(parameters, otf, free))
         roots = jacobian / np.sqrt(np.maximum(image, _DARK * image.max()))
         moments = [names.index(name) for name in Mvn.names]
         known = known_information(parameters, otf, free)
@@ -268,12 +266,6 @@ class ReferenceFrame:
 def _excess(parameters: Parameters, otf: OTF, data: Data):
     chi2, pixels, spread = chi_squared(expected_image(parameters, otf), data)
     return (chi2 - pixels) / spread
-
-
-@eqx.filter_jit
-def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
-    parameters, otf = single((parameters, otf))
-    return image_and_jacobian(parameters, otf, free)
 
 
 def _cleared(data: Data, image: np.ndarray) -> Data:
