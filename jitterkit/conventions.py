@@ -19,15 +19,6 @@ import math
 
 import numpy as np
 
-__all__ = [
-    "ARCSEC",
-    "FWHM_PER_SIGMA",
-    "axis_angle",
-    "direction_angle",
-    "offsets",
-    "theta_from_dlux",
-]
-
 ARCSEC = math.pi / 180.0 / 3600.0
 """One arcsecond in radians."""
 

@@ -25,8 +25,6 @@ from jitterkit.scene import Binary, Stars
 if TYPE_CHECKING:
     from jitterkit.frames.frame import Frame
 
-__all__ = ["KnownLight", "without_light"]
-
 
 @dataclass(frozen=True, eq=False)
 class KnownLight:

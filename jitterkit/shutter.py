@@ -33,8 +33,6 @@ from jitterkit.loci.product import Product
 from jitterkit.loci.stable import Stable
 from jitterkit.loci.trace_locus import Trace
 
-__all__ = ["Drifting", "Following", "Shutter", "interpolation_error", "with_enough_nodes"]
-
 _TOLERANCE = 3.5e-5
 """Share of an amplitude.  Its square times the photons is chi-squared: 0.05 at most in a frame of 3.8e7."""
 

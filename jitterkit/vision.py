@@ -14,8 +14,6 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 
-__all__ = ["Components", "bin_mean", "box_mean", "components", "median_filter", "native"]
-
 SUPPORTED = ("uint8", "uint16", "int16", "int32", "float32", "float64")
 
 

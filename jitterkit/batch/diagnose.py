@@ -27,17 +27,6 @@ from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
 
-__all__ = [
-    "LIMITS",
-    "classify",
-    "diagnose",
-    "flag_faint_companion",
-    "scale_hint",
-    "status_from_exception",
-    "undecided",
-    "unusable",
-]
-
 
 @dataclass(frozen=True)
 class Limits:

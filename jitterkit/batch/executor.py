@@ -31,8 +31,6 @@ from jitterkit.errors import JitterkitError, out_of_memory
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.refit import FitResult, Status
 
-__all__ = ["Finish", "FrameTask", "Outcome", "cores", "execute"]
-
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")

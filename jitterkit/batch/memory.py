@@ -10,8 +10,6 @@ from typing import TypeVar
 
 from jitterkit.errors import out_of_memory
 
-__all__ = ["MemoryLimiter"]
-
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")

@@ -14,8 +14,6 @@ from jitterkit.forward import Parameters
 from jitterkit.metric import invert_information
 from jitterkit.optics import OpticalSystem
 
-__all__ = ["SPARE", "inner", "off_centre", "window"]
-
 _DEARER = 1.01
 """Factor by which the errors of the moments may grow, for the sake of a smaller cut-out."""
 

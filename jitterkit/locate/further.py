@@ -14,8 +14,6 @@ from jitterkit.locate.start import Start, polished
 from jitterkit.optics.system import Optics
 from jitterkit.scene import FurtherStars, Scene, Stars
 
-__all__ = ["with_further_stars"]
-
 _ROUNDS = 8
 """Times that further stars are looked for: faint ones show when bright ones are explained."""
 

@@ -23,8 +23,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Binary, FurtherStars, Stars
 
-__all__ = ["bright_stars", "locate_binary", "locate_star", "locate_stars"]
-
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _FAR_OFF = 30.0  # deviance per pixel from which better derivatives do not bring a candidate to the stars

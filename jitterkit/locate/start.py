@@ -21,8 +21,6 @@ from jitterkit.optics.system import Optics
 from jitterkit.scene import Scene
 from jitterkit.scoring import Prior
 
-__all__ = ["Start", "polished", "settled", "with_best_signs", "with_exact_slopes"]
-
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed
 _ADDED = 0.02  # deviance per pixel that the optics of a start may add by being off

@@ -34,8 +34,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.precision import single
 from jitterkit.scoring import Prior
 
-__all__ = ["ReferenceFrame", "RegistrationResult"]
-
 _SEEN = 0.25
 """Share of its pixels that a frame must show: from few of them several pairs look alike."""
 

@@ -24,8 +24,6 @@ from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, from_parts, to_parts, with_further
 from jitterkit.optics.system import OpticalSystem
 
-__all__ = ["Anchor", "AnchoredOptics"]
-
 _THIRD_ORDER = 1.5
 """What the second order leaves out of an image, as a share of it, by the cube of the phase's rms [rad]: 0.5
 to 1.2 for every mode of TOLIMAN's pupil and for mixtures of them."""

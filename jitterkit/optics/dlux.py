@@ -20,8 +20,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.pupil import Pupil
 
-__all__ = ["pupil_from_dlux"]
-
 _LONG = 1e-4  # m; rounding of the phase is then 2e-12 nm, and 50 um of path still do not wrap
 _VISIBLE = (4.7e-7, 8.3e-7)  # m
 _NUDGE = 1e-8  # m of each coefficient: 0.1 rad in the visible

@@ -24,8 +24,6 @@ from jitterkit.precision import single
 _DEPENDENT = 1e-10
 """Eigenvalue, of the largest, below which products of modes count as sums of others: errors of 1e-5."""
 
-__all__ = ["centring", "derivatives_at", "expand", "grid_for", "shift_slopes", "wavelength_curvature"]
-
 
 def grid_for(
     pupil: Pupil,

@@ -15,8 +15,6 @@ from jaxtyping import Array, Float
 
 from jitterkit.conventions import offsets
 
-__all__ = ["focal_field"]
-
 
 def focal_field(
     pupil: Float[Array, "2 k ny nx"], phase_step: float | Float[Array, ""], shape: tuple[int, int]

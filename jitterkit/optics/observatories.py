@@ -15,8 +15,6 @@ from jitterkit.conventions import offsets
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.zernike import zernike
 
-__all__ = ["hst_pupil", "jwst_pupil"]
-
 _NOLL = (7, 8, 9, 10)
 _SAMPLES = 256
 

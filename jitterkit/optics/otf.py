@@ -28,8 +28,6 @@ from jitterkit.optics.grid import Grid
 if TYPE_CHECKING:
     from jitterkit.scene import Scene
 
-__all__ = ["OTF", "from_parts", "to_parts", "with_further"]
-
 
 _BLIND = 1e-9
 """Change of the transfer function per nm up to which an aberration does not show."""

@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["PUBLIC_LINES", "PUBLIC_SHAPE", "public_image"]
-
 PUBLIC_LINES = (530.0, 585.0, 640.0)
 """nm, equally strong: what it takes for a band here."""
 

@@ -12,8 +12,6 @@ from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.zernike import zernike
 
-__all__ = ["Pupil", "obstructed_circle"]
-
 _SHADINGS = {"x": lambda x, y: x, "y": lambda x, y: y, "r": lambda x, y: x**2 + y**2}
 """Modes of the transmission over a grid from -1 to 1, before they are made free of light and of unit rms."""
 

@@ -18,8 +18,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["FixedOptics", "OpticalSystem", "Optics"]
-
 
 class Optics(Protocol):
     """Define what a fit needs of a telescope's optics on one grid."""

@@ -11,8 +11,6 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["noll_to_nm", "zernike"]
-
 
 def noll_to_nm(index: int) -> tuple[int, int]:
     """Radial and azimuthal order of Noll's polynomial; ``m < 0`` marks the sine.

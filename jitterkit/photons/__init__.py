@@ -9,7 +9,7 @@ CSV files by :func:`read_curve`.  Nothing is ever fetched: synphot (extra ``spec
 """
 
 from jitterkit.photons.area import annulus_area, collecting_area
-from jitterkit.photons.budget import PhotonBudget, count_photons
+from jitterkit.photons.budget import count_photons
 from jitterkit.photons.comparison import Line, compare
 from jitterkit.photons.curve import Curve, band_of, flat_curve, read_curve
 from jitterkit.photons.stars import blackbody, tabulated
@@ -19,7 +19,6 @@ __all__ = [
     "IMX183_QE",
     "Curve",
     "Line",
-    "PhotonBudget",
     "Throughput",
     "annulus_area",
     "band_of",
