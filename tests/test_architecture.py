@@ -60,7 +60,6 @@ ONLY_IN = {
             "motion",
             "photon",
             "population",
-            "posterior",
             "separation",
             "series",
             "trade",
