@@ -13,7 +13,7 @@ from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error, relinearised_scoring
 from jitterkit.loci.base import Locus
-from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.elliptic import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics.anchor import AnchoredOptics
 from jitterkit.optics.otf import OTF

@@ -7,10 +7,10 @@ scene is the mean pointing, whatever the path.  ``M`` is real where the path is 
 
 Which one to reach for:
 
-* small against the resolution, or random and fast: :class:`~jitterkit.loci.mvn.Mvn` (there an image shows
+* small against the resolution, or random and fast: ``Mvn`` (there an image shows
   second moments and nothing else); next, with one number for its shape, ``Shaped``;
-* slow: :class:`~jitterkit.loci.linear.Linear`; with a bend, ``Path``; measured, ``Trace``;
-* a vibration of many cycles: :class:`~jitterkit.loci.shm.Shm` in one plane, ``Ellipse`` (or, in other words,
+* slow: ``Linear``; with a bend, ``Path``; measured, ``Trace``;
+* a vibration of many cycles: ``Shm`` in one plane, ``Ellipse`` (or, in other words,
   ``Lissajous``) in two, ``Tones`` at two frequencies; of about one cycle, ``PartialShm``;
 * a drift under random motion: ``Smear``;
 * none: :class:`~jitterkit.loci.stable.Stable`.

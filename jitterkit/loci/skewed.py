@@ -11,11 +11,10 @@ from typing import ClassVar, Self
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import ndtri
 
 from jitterkit.loci.base import principal_axes
 from jitterkit.loci.cumulants import cumulant_exponent
-from jitterkit.loci.elliptic import Elliptic, covariance
+from jitterkit.loci.elliptic import Elliptic, covariance, normal_grid
 from jitterkit.precision import real
 
 _COMPONENTS = ("xxx", "xxy", "xyy", "yyy")
@@ -69,10 +68,7 @@ class Skewed(Elliptic):
         return sizes | dict(cumulants)
 
     def points(self, n: int) -> np.ndarray:
-        side = max(2, int(np.ceil(np.sqrt(n))))
-        normal = ndtri((np.arange(side) + 0.5) / side)
-        normal /= normal.std()
-        return self._bent(*(grid.ravel() for grid in np.meshgrid(normal, normal)))
+        return self._bent(*normal_grid(n))
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return self._bent(rng.standard_normal(n), rng.standard_normal(n))

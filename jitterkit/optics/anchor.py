@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
 from jitterkit.optics.further import Further

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import WAVELENGTH, Colours
 from jitterkit.optics.further import PLATE_SCALE, Further
 from jitterkit.optics.grid import Grid
