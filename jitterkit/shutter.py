@@ -28,9 +28,8 @@ from jaxtyping import Array, Float
 
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus
+from jitterkit.loci.base import Locus, Stable
 from jitterkit.loci.product import Product
-from jitterkit.loci.stable import Stable
 from jitterkit.loci.trace_locus import Trace
 
 _TOLERANCE = 3.5e-5

@@ -43,7 +43,7 @@ ONLY_IN = {
     "astropy.io": {"frames/fitsio.py"},
     "photutils": {"starfield/detect.py"},
     "dLux": set(),
-    "dLuxToliman": {"optics/toliman.py", "optics/public.py"},
+    "dLuxToliman": {"optics/toliman.py", "trade/public.py"},
     "matplotlib": {"report/axes.py", "report/plots.py"}
     | {
         f"report/{noun}_plots.py"

@@ -5,14 +5,12 @@ says what it confuses, :func:`systematic_errors` what the model leaves out, :fun
 :func:`jitter_requirements` asks how much jitter may be, and :func:`noise_free_fit` what a wrong locus does.
 """
 
-from jitterkit.forecast.bound import Forecast, forecast
+from jitterkit.forecast.bound import Direction, Forecast, Sweep, degenerate_directions, forecast, sweep
 from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
-from jitterkit.forecast.directions import Direction, degenerate_directions
 from jitterkit.forecast.ensemble import linearised_draws, refitted_draws
 from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forecast.requirement import Requirement, jitter_requirements
 from jitterkit.forecast.study import Panel, cross_fit
-from jitterkit.forecast.sweep import Sweep, sweep
 from jitterkit.forecast.systematics import SystematicError, systematic_errors
 
 __all__ = [

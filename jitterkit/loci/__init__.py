@@ -1,7 +1,14 @@
 """Jitter loci: the paths a pointing draws on the detector, as exact transfer functions."""
 
 from jitterkit.errors import one_of
-from jitterkit.loci.base import Locus, axis_variances, covariance_on_axis, moments_on_axis, principal_axes
+from jitterkit.loci.base import (
+    Locus,
+    Stable,
+    axis_variances,
+    covariance_on_axis,
+    moments_on_axis,
+    principal_axes,
+)
 from jitterkit.loci.cards import jitter_cards
 from jitterkit.loci.elliptic import Ellipse, Lissajous, Mvn
 from jitterkit.loci.kernel import rasterise
@@ -10,7 +17,6 @@ from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product, Smear, Tones
 from jitterkit.loci.shaped import Shaped
 from jitterkit.loci.skewed import Skewed
-from jitterkit.loci.stable import Stable
 from jitterkit.loci.streak import Linear, Shm, Streak
 from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
 

@@ -13,7 +13,7 @@ Which one to reach for:
 * a vibration of many cycles: ``Shm`` in one plane, ``Ellipse`` (or, in other words,
   ``Lissajous``) in two, ``Tones`` at two frequencies; of about one cycle, ``PartialShm``;
 * a drift under random motion: ``Smear``;
-* none: :class:`~jitterkit.loci.stable.Stable`.
+* none: ``Stable``.
 
 Independent motions multiply: ``Product(Linear.of(0.3), Mvn.of(0.05))`` is a locus too.
 
@@ -29,6 +29,7 @@ from typing import ClassVar, Self
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -198,3 +199,33 @@ def whole_cycles(n: int, rng: np.random.Generator) -> np.ndarray:
     """
     cycles = rng.integers(max(1, n // 32), max(1, n // 16), endpoint=True)
     return 2 * np.pi * cycles * (np.arange(n) + 0.5) / n + rng.uniform(0, 2 * np.pi)
+
+
+class Stable(Locus):
+    """A telescope that stands still: ``M = 1``."""
+
+    names: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def of(cls) -> Self:
+        """Return the only one there is."""
+        return cls(jnp.zeros(0))
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        return cls.of()
+
+    def transfer(self, fx, fy):
+        return jnp.ones(jnp.broadcast_shapes(jnp.shape(fx), jnp.shape(fy)))
+
+    def moments(self):
+        return jnp.zeros(3)
+
+    def describe(self) -> dict[str, float]:
+        return {}
+
+    def points(self, n: int) -> np.ndarray:
+        return np.zeros((1, 2))
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros((n, 2))

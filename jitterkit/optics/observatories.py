@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jitterkit.conventions import offsets
-from jitterkit.optics.pupil import Pupil
-from jitterkit.optics.zernike import zernike
+from jitterkit.optics.pupil import Pupil, zernike
 
 _NOLL = (7, 8, 9, 10)
 _SAMPLES = 256

@@ -28,9 +28,8 @@ from jitterkit.starfield.certainty import (
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
-from jitterkit.starfield.moments import Moments
+from jitterkit.starfield.moments import Moments, Stars
 from jitterkit.starfield.psf import Psf, stack_psf
-from jitterkit.starfield.stamps import Stars
 
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""
