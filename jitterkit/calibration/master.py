@@ -1,4 +1,4 @@
-"""Many frames into one: the mean of a stack and the variance of a frame, cosmic rays left out; maps of numbers.
+"""Many frames into one: the mean of a stack and the variance of a frame, cosmic rays left out; maps.
 
 Reach for :func:`combine`.  A value is left out if it lies further from the middle of its pixel than
 ``clip`` times the noise of a frame.  That noise is not read off the few values of the pixel, which would

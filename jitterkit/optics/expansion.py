@@ -1,4 +1,4 @@
-"""From a pupil to its exact transfer function and its derivatives by the Fraunhofer integral, a matrix transform."""
+"""From a pupil to its exact transfer function and derivatives: the Fraunhofer integral as a matrix transform."""
 
 from __future__ import annotations
 
