@@ -11,7 +11,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_angle, parse_number, parse_share
 from jitterkit.cli.runtime import open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
@@ -33,7 +32,7 @@ def causes(
     refocus: Annotated[float, typer.Option(min=1)] = 100.0,
     pair: options.Pair,
     background: options.Background = True,
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Distinguish the causes of a wide image: jitter, charge diffusion, defocus and seeing.
 

@@ -8,8 +8,7 @@ says what it confuses, :func:`systematic_errors` what the model leaves out, :fun
 from jitterkit.forecast.bound import Direction, Forecast, Sweep, degenerate_directions, forecast, sweep
 from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
 from jitterkit.forecast.ensemble import linearised_draws, refitted_draws
-from jitterkit.forecast.kinds import jitter_of_kind
-from jitterkit.forecast.requirement import Requirement, jitter_requirements
+from jitterkit.forecast.requirement import Requirement, jitter_of_kind, jitter_requirements
 from jitterkit.forecast.study import Panel, cross_fit
 from jitterkit.forecast.systematics import SystematicError, systematic_errors
 

@@ -22,8 +22,7 @@ from jitterkit.instruments import Instrument
 from jitterkit.loci import Skewed, principal_axes
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
-from jitterkit.optics.further import PLATE_SCALE
-from jitterkit.optics.otf import OTF
+from jitterkit.optics.otf import OTF, PLATE_SCALE
 from jitterkit.optics.pupil import noll_to_nm, zernike
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.optics.system import FixedOptics, OpticalSystem

@@ -10,13 +10,13 @@ from jitterkit.loci.base import (
     principal_axes,
 )
 from jitterkit.loci.cards import jitter_cards
+from jitterkit.loci.cumulants import Skewed
 from jitterkit.loci.elliptic import Ellipse, Lissajous, Mvn
 from jitterkit.loci.kernel import rasterise
 from jitterkit.loci.partial import PartialShm
 from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product, Smear, Tones
 from jitterkit.loci.shaped import Shaped
-from jitterkit.loci.skewed import Skewed
 from jitterkit.loci.streak import Linear, Shm, Streak
 from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
 

@@ -19,9 +19,8 @@ from jaxtyping import Array, Float
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
-from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, from_parts, to_parts, with_further
+from jitterkit.optics.otf import OTF, Further, from_parts, to_parts, with_further
 from jitterkit.optics.system import OpticalSystem
 
 _THIRD_ORDER = 1.5

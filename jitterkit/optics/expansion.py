@@ -1,4 +1,4 @@
-"""From a pupil to its exact transfer function and derivatives: the Fraunhofer integral as a matrix transform."""
+"""From a pupil to its exact transfer function and derivatives: the Fraunhofer integral as matrix products."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from jaxtyping import Array, Complex, Float
 from jitterkit.conventions import ARCSEC, offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.colours import Colours, wavenumber_offsets
-from jitterkit.optics.further import Further
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF, to_parts, with_further
+from jitterkit.optics.otf import OTF, Further, to_parts, with_further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.precision import single

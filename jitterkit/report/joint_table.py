@@ -22,7 +22,7 @@ from jitterkit.joint.combine import Combined
 from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
 from jitterkit.metric import LARGE_FACTOR, error_factor
-from jitterkit.optics.further import PLATE_SCALE
+from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import Status
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
