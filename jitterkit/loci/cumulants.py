@@ -127,9 +127,9 @@ class Skewed(Elliptic):
     which is enough below one.  Skewness and position are distinguished by fine detail of the
     image: errors of x and y are about twice those of other loci, while the separation's stays.
 
-    Nature makes it by speed or light that changes along a path, by a vibration that decays, and by a jump that is
-    not in the middle of the exposure.  It is what an image shows next after the second moments where a path has
-    no symmetry.
+    Nature makes it by speed or light that changes along a path, by a vibration that decays, and by a jump
+    that is not in the middle of the exposure.  It is what an image shows next after the second moments where
+    a path has no symmetry.
     """
 
     names: ClassVar[tuple[str, ...]] = (
