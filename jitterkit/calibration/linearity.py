@@ -98,7 +98,8 @@ def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
     too large by the variance of the light over its square.
     """
     used = [level for level in levels if not level.saturated and level.exposure > 0 and level.signal > 0]
-    if len({level.exposure for level in used}) < 3 or _lamp_was_turned(used):
+    exposures = {level.exposure for level in used}
+    if len(exposures) < 3 or len(exposures) < len(used):  # two levels of one exposure: the lamp was turned
         return None
     t, s, e = np.array([(level.exposure, level.signal, level.signal_error) for level in used]).T
     best = _fit(t, s, e, 0)
@@ -109,11 +110,6 @@ def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
         if abs(last) > _SIGNIFICANT * error and bend > _LEAST and tried.slope(s.max()) > 0:
             best = tried
     return best
-
-
-def _lamp_was_turned(levels: Sequence[Level]) -> bool:
-    exposures = [level.exposure for level in levels]
-    return len(set(exposures)) < len(exposures)
 
 
 def _fit(t: np.ndarray, s: np.ndarray, e: np.ndarray, order: int) -> Linearity:

@@ -324,7 +324,7 @@ class Direction(NamedTuple):
         sign = np.sign(next(iter(named.values())))
         up = [name for name, weight in named.items() if weight * sign > 0]
         down = [name for name, weight in named.items() if weight * sign < 0]
-        words = f"{_listed(up)} up" + (f" and {_listed(down)} down" if down else "")
+        words = f"{listed(up)} up" + (f" and {listed(down)} down" if down else "")
         return f"{words} change the image {self.stretch:.1f} times less than each alone"
 
 
@@ -357,5 +357,6 @@ def degenerate_directions(forecast: Forecast, least: float = 1.5) -> list[Direct
     return [direction for direction in directions if direction.stretch >= least]
 
 
-def _listed(names: list[str]) -> str:
+def listed(names: list[str]) -> str:
+    """Write a list of names: a, b and c."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

@@ -100,7 +100,7 @@ def _verify(system, pupil, modes) -> None:
     moved = eqx.tree_at(
         lambda s: [s.layers[name].coefficients for name in modes],
         system,
-        [_moved(system, name) for name in modes],
+        [system.layers[name].coefficients + _NUDGE for name in modes],
     )
     opd = pupil.opd + _NUDGE * 1e9 * pupil.basis.sum(axis=0)
     for wavelength in _VISIBLE:
@@ -114,7 +114,3 @@ def _verify(system, pupil, modes) -> None:
                 f"{wavelength * 1e9:.0f} nm its wavefront differs from such a pupil's by {difference:.2g} of "
                 "the largest amplitude; remove layers whose phase does not scale with wavelength.",
             )
-
-
-def _moved(system, name):
-    return system.layers[name].coefficients + _NUDGE

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from astropy.table import QTable
 
+from jitterkit.forecast.bound import listed
 from jitterkit.forecast.causes import Causes, Degeneracy
 from jitterkit.forecast.causes_data import Observation, cheapest
 from jitterkit.report.columns import Column, bind, bind_rows
@@ -101,7 +102,7 @@ def _goal(causes: Causes, target: float) -> str:
     absent = [cause.words for cause in causes.causes if not cause.value]
     if not absent:
         return f"every cause to {100 * target:g} %"
-    of_none = f"{_listed(absent)}, of size 0, to a blur of {target:g} pixel"
+    of_none = f"{listed(absent)}, of size 0, to a blur of {target:g} pixel"
     return f"every cause that has a size to {100 * target:g} %, and {of_none}"
 
 
@@ -118,7 +119,7 @@ def _describe_degeneracy(causes: Causes, one: Degeneracy) -> str:
         f"{_plus(words[one.pivot], ratio, words[name])} (to {number(1e6 * error, 2)} mas²)"
         for name, (ratio, error) in list(one.sums.items())[: None if math.isinf(one.stretch) else 1]
     ]
-    known = f"; known is {_listed(sums)}" if sums else ""
+    known = f"; known is {listed(sums)}" if sums else ""
     return f"{_taken(weights)}: {mixture} {strength}{known}."
 
 
@@ -127,11 +128,7 @@ def _taken(weights: dict[str, float]) -> str:
     up = [name for name, weight in weights.items() if weight > 0]
     down = [name for name, weight in weights.items() if weight < 0]
     verb = "is" if len(up) == 1 else "are"
-    return f"{_listed(up)} {verb} taken for {_listed(down)}" if down else f"{_listed(up)} undo each other"
-
-
-def _listed(names: list[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    return f"{listed(up)} {verb} taken for {listed(down)}" if down else f"{listed(up)} undo each other"
 
 
 def _signed(weight: float, name: str) -> str:

@@ -70,7 +70,8 @@ def plot_estimate(
     else:
         note_in_axes(axes[1], "no frequency rises\nabove the noise").set_axis_off()
     residual = np.where(used, (filled - level * model) / np.sqrt(spread), np.nan)
-    plot_residual(residual, plate_scale, axes[2], title=f"residual, rms {number(_rms(residual), 3)}σ")
+    rms = float(np.sqrt(np.nanmean(residual**2)))
+    plot_residual(residual, plate_scale, axes[2], title=f"residual, rms {number(rms, 3)}σ")
     return axes
 
 
@@ -176,7 +177,3 @@ def _fit(estimate: KernelEstimate, plate_scale: float) -> Callable:
     if kernel is None:
         return Mvn.near(estimate.moments).transfer
     return lambda fx, fy: kernel_transfer(kernel, plate_scale, fx.ravel(), fy.ravel())
-
-
-def _rms(residual: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(residual**2)))

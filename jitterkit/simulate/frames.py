@@ -204,10 +204,10 @@ def simulate_sequence(
     for index in range(frames):
         if otf is None or not np.array_equal(states[index], states[index - 1]):
             otf = instrument.optics(states[index], pad=pad, derivatives=False)
-        moved = _moved(scene, {name: values[index] for name, values in changes.items()})
+        values = scene.values | {name: column[index] for name, column in changes.items()}
         simulated = simulate_frame(
             instrument,
-            moved,
+            scene.at(list(values.values())),
             loci[index],
             aberrations=states[index],
             background=background,
@@ -228,10 +228,6 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
         problem = f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     return np.broadcast_to(given, (frames, width))
-
-
-def _moved(scene: Scene, changes: dict[str, float]) -> Scene:
-    return scene.at(list((scene.values | changes).values()))
 
 
 def _read_out(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:

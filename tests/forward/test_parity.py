@@ -50,9 +50,7 @@ def public(system, locus, **source):
         shape, length, angle = locus
         telescope = dLuxToliman.JitteredToliman(optics, source, length, angle, n_psfs=5, jitter_shape=shape)
         image, ours = telescope.jitter_model(), PUBLIC_LOCI[shape].of(length, angle)
-    theta = direction_angle(
-        270 - source.position_angle
-    )  # the public model's runs from +y to +x
+    theta = direction_angle(270 - source.position_angle)  # the public model's runs from +y to +x
     scene = Binary(
         source.separation, theta, source.x_position, source.y_position, 10**source.log_flux, source.contrast
     )
