@@ -48,11 +48,10 @@ ONLY_IN = {
     | {
         f"report/{noun}_plots.py"
         for noun in (
-            "averaging",
             "calibration",
             "causes",
             "crossfit",
-            "ellipse",
+            "time",
             "field",
             "forecast",
             "joint",
@@ -60,7 +59,6 @@ ONLY_IN = {
             "motion",
             "photon",
             "population",
-            "separation",
             "series",
             "trade",
         )

@@ -67,8 +67,13 @@ def causes(
     telescope = open_instrument(instrument)
     from jitterkit.forecast.causes import forecast_causes
     from jitterkit.forecast.causes_data import FollowUp, further_data
-    from jitterkit.report.causes_plots import plot_causes
-    from jitterkit.report.causes_text import causes_sentences, causes_table, data_table, remedy_sentence
+    from jitterkit.report.causes_plots import (
+        causes_sentences,
+        causes_table,
+        data_table,
+        plot_causes,
+        remedy_sentence,
+    )
 
     if jitter.locus == "mvn":
         sizes = {"sigma_major": _USUAL * telescope.plate_scale} | sizes

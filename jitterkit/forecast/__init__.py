@@ -7,9 +7,8 @@ says what it confuses, :func:`systematic_errors` what the model leaves out, :fun
 
 from jitterkit.forecast.bound import Direction, Forecast, Sweep, degenerate_directions, forecast, sweep
 from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
-from jitterkit.forecast.ensemble import linearised_draws, refitted_draws
 from jitterkit.forecast.requirement import Requirement, jitter_of_kind, jitter_requirements
-from jitterkit.forecast.study import Panel, cross_fit
+from jitterkit.forecast.study import Panel, cross_fit, linearised_draws, refitted_draws
 from jitterkit.forecast.systematics import SystematicError, systematic_errors
 
 __all__ = [
