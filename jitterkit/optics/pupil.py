@@ -241,9 +241,15 @@ def obstructed_circle(
         across = y * np.cos(azimuth) - x * np.sin(azimuth)
         clear &= ~((along > 0) & (np.abs(across) < strut_width / 2))
     transmission = clear.reshape(samples, oversample, samples, oversample).mean(axis=(1, 3))
+    return open_pupil(transmission, diameter, noll)
+
+
+def open_pupil(transmission: np.ndarray, diameter: float, noll: Sequence[int]) -> Pupil:
+    """Return a pupil of clear shares (n, n) of samples, with Zernike modes over the disc of its width [m]."""
+    samples = len(transmission)
     axis = offsets(samples, 2.0 / samples)
-    xs, ys = np.meshgrid(axis, axis)
-    basis = np.array([zernike(j, xs, ys) for j in noll]).reshape(-1, samples, samples)
+    x, y = np.meshgrid(axis, axis)
+    basis = np.array([zernike(j, x, y) for j in noll]).reshape(-1, samples, samples)
     names = [f"noll{j}" for j in noll]
     return Pupil(transmission, diameter, basis=basis, names=names, light=transmission.sum())
 

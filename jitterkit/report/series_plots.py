@@ -2,8 +2,8 @@
 
 Reach for :func:`plot_averaging`, a page of these; for :func:`plot_allan`, and for :func:`plot_root_n` to see
 block means as they are.  :func:`plot_running_mean` and :func:`plot_root_n_error` show the mean of the first N
-frames and its error.  As in :mod:`~jitterkit.report.plots`, all but the page take ``ax=None`` and return the axes they drew on.  Values are
-separations in arcsec; times are seconds where nothing else is said.
+frames and its error.  As in :mod:`~jitterkit.report.plots`, all but the page take ``ax=None`` and return the
+axes they drew on.  Values are separations in arcsec; times are seconds where nothing else is said.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The pictures of a run with time: separations about their mean, and ellipses of the jitter.
 
 Reach for :func:`draw_run`, which also draws the means of a long run large enough to be read, or for
-:func:`plot_separations` on axes of your own; for ellipses along the time axis, their axes and their direction,
+:func:`plot_separations` on axes of your own; for ellipses along the time axis, their axes and direction,
 :func:`draw_jitter`.
 """
 
