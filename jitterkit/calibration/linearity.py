@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jitterkit.calibration.level import Level
+from jitterkit.detectors.response import response_law
 
 _SIGNIFICANT = 4.0
 """Errors from which a coefficient is believed."""
@@ -61,18 +62,18 @@ class Linearity:
 
     def measured(self, charge: np.ndarray) -> np.ndarray:
         """Return what a charge [ADU] is measured as [ADU]."""
-        return _law(self.coefficients)(charge)
+        return response_law(self.coefficients)(charge)
 
     def charge(self, signal: float) -> float:
         """Return the charge that is measured as a signal [ADU]."""
-        law, charge = _law(self.coefficients), signal
+        law, charge = response_law(self.coefficients), signal
         for _ in range(30):
             charge -= (law(charge) - signal) / law.deriv()(charge)
         return float(charge)
 
     def slope(self, charge: float) -> float:
         """Return the slope of the signal with the charge; one where there is little."""
-        return float(_law(self.coefficients).deriv()(charge))
+        return float(response_law(self.coefficients).deriv()(charge))
 
 
 def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
@@ -139,7 +140,3 @@ def _fit(t: np.ndarray, s: np.ndarray, e: np.ndarray, order: int) -> Linearity:
         chi2,
         freedom,
     )
-
-
-def _law(coefficients: Sequence[float]) -> np.polynomial.Polynomial:
-    return np.polynomial.Polynomial([0.0, 1.0, *coefficients])
