@@ -94,12 +94,13 @@ class Locus(eqx.Module):
     def points(self, n: int) -> np.ndarray:
         """About ``n`` equally probable pointing offsets ``(m, 2)`` in arcsec, columns x and y."""
 
-    @abstractmethod
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Pointing ``(n, 2)`` in arcsec at ``n`` equal steps through one exposure, in order of time.
 
-        Its distribution over the exposure is the locus; where the motion is random, it is one draw.
+        Its distribution over the exposure is the locus; where the motion is random, it is one draw.  A locus
+        whose :meth:`points` are in order of time has those.
         """
+        return self.points(n)
 
 
 @eqx.filter_jit

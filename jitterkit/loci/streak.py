@@ -89,9 +89,6 @@ class Linear(Streak):
     def points(self, n: int) -> np.ndarray:
         return self._placed((np.arange(n) + 0.5) / n - 0.5)
 
-    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        return self.points(n)
-
 
 class Shm(Streak):
     """A sinusoid of peak-to-peak ``length`` 2A: ``M = J0(pi L f.n)``, variance ``L²/8`` along its axis.
