@@ -21,8 +21,10 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import MISFIT, Data
 from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ReferenceFrame
+from jitterkit.locate.padding import grid_for_derivatives
 from jitterkit.loci import Mvn
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem, Optics
+from jitterkit.precision import single
 from jitterkit.refit import FitOptions, SceneChoice
 from jitterkit.refit.fit import linearisation_tolerance
 from jitterkit.refit.together import scene_together
@@ -56,6 +58,9 @@ class WarmStart:
         The frame to which they may be registered; then stars and blur need not be searched for.
     choices : mapping
         The choices of reference frames that were searched alone, by their digests.
+    coarse : Anchor or None
+        For derivatives of images, on a grid with less padding; for frames whose stars are near those of the
+        reference frame.
     """
 
     scene: str
@@ -63,6 +68,7 @@ class WarmStart:
     anchored: AnchoredOptics | None = None
     reference: ReferenceFrame | None = None
     choices: Mapping[str, SceneChoice] = field(default_factory=dict)
+    coarse: Anchor | None = None
 
     def optics(self, frame: Frame) -> AnchoredOptics:
         """Return the optics for a frame: how far they reach depends on its light."""
@@ -92,8 +98,9 @@ class WarmStart:
         rough : bool
             Whether a normal blur will do for an estimate.
         """
-        start = None if self.reference is None else self.reference.locate(data)
-        if start is None or not np.all(np.isfinite(start.covariance)):
+        if self.reference is None or (start := self.reference.locate(data)) is None:
+            return None
+        if not np.all(np.isfinite(start.covariance)):
             return None
         if rough and (excess := start.excess(start.parameters)) < MISFIT:
             parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
@@ -108,6 +115,8 @@ class WarmStart:
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
         estimate = replace(estimate, source=frame.name, digest=frame.digest)
         parameters, ambiguity = start.in_frame(parameters), self.ambiguity
+        if self.coarse is not None and isinstance(optics, AnchoredOptics) and self.reference.is_near(start):
+            optics = replace(optics, coarse=self.coarse)
         return SceneEstimate(data, parameters, estimate, optics, ambiguity=ambiguity, excess=excess)
 
 
@@ -179,17 +188,23 @@ class WarmStartCache:
         if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):
             return None
         state = np.asarray(parameters.aberrations)
-        anchor = self._anchor(grid, optics, np.round(state))
+        near = np.round(state)
+        anchor = self._anchor((grid, *near), lambda: Anchor.at(optics, near))
         # as exact as for a frame with more light
         strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
         light = float(parameters.scene.flux) / strict**2
         anchored = AnchoredOptics.about(optics, anchor, light, state)
         reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
-        return WarmStart(choice.scene, choice.ambiguity_of_run, anchored, reference)
+        smaller, coarse = (
+            None if reference is None else grid_for_derivatives(parameters, anchored.nominal),
+            None,
+        )
+        if smaller is not None:
+            coarse = self._anchor((grid, smaller, *near), lambda: single(anchor.within(smaller)))
+        return WarmStart(choice.scene, choice.ambiguity_of_run, anchored, reference, coarse=coarse)
 
-    def _anchor(self, grid: GridKey, optics: OpticalSystem, state: np.ndarray) -> Anchor:
-        key = (grid, *state)
-        anchor = self._anchors.pop(key, None) or Anchor.at(optics, state)
+    def _anchor(self, key: tuple, build: Callable[[], Anchor]) -> Anchor:
+        anchor = self._anchors.pop(key, None) or build()
         self._anchors[key] = anchor
         while len(self._anchors) > 1 and sum(one.nbytes for one in self._anchors.values()) > _ANCHOR_BYTES:
             self._anchors.popitem(last=False)

@@ -133,8 +133,8 @@ def slope_products(parameters: Parameters, otf: OTF, weight, free: tuple[int, ..
 
 
 def _single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
-    """Image and its derivatives, both in 32 bits."""
-    parameters, otf = single((parameters, otf))
+    """Image and its derivatives, both in 32 bits, with the least padding that the optics have."""
+    parameters, otf = single((parameters, otf.coarse or otf))
     return image_and_jacobian(parameters, otf, free)
 
 

@@ -28,6 +28,7 @@ from jitterkit.forward import (
 )
 from jitterkit.likelihood import Data, chi_squared, known_information
 from jitterkit.linearisation import relinearised_scoring
+from jitterkit.locate.padding import MAY_MOVE
 from jitterkit.loci import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics import Anchor, AnchoredOptics, OpticalSystem
@@ -222,6 +223,13 @@ class ReferenceFrame:
         start = self.parameters.shifted(x, y)
         start = eqx.tree_at(lambda p: p.scene, start, start.scene.brightened(light))
         return self._fitted(start, cut, light, corner)
+
+    def is_near(self, start: RegistrationResult) -> bool:
+        """Return whether the stars of a registered frame are within :data:`MAY_MOVE` pixels of those here."""
+        grid, scene, there = self.optics.system.grid, self.parameters.scene, start.parameters.scene
+        offset = off_centre(self.corner, grid.shape, self.image.shape) * grid.plate_scale
+        moved = np.array([there.y - scene.y, there.x - scene.x]) + start.offset - offset
+        return float(np.abs(moved).max()) < MAY_MOVE * grid.plate_scale
 
     def _fitted(
         self, start: Parameters, cut: Data, light: float, corner: np.ndarray

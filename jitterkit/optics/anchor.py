@@ -121,7 +121,8 @@ class Anchor(eqx.Module):
 
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
         """
-        return _renewed(self, *self.further.split(aberrations, len(self.names)))
+        state, beside = self.further.split(aberrations, len(self.names))
+        return _renewed(self, state.astype(self.state.dtype), beside.astype(self.state.dtype))
 
     def within(self, grid: Grid) -> Anchor:
         """Return the anchor on a smaller grid of the same pixels, whose fine sides are even or odd alike.
@@ -133,16 +134,26 @@ class Anchor(eqx.Module):
 
 @eqx.filter_jit
 def _cut(anchor: Anchor, grid: Grid) -> Anchor:
-    first = [(n - m) // 2 for n, m in zip(anchor.grid.fine_shape, grid.fine_shape, strict=True)]
-    (ny, nx), (my, mx) = anchor.grid.fine_shape, grid.fine_shape
-
     def cut(parts):
-        psf = jnp.fft.irfft2(from_parts(parts) / centring(anchor.grid), s=(ny, nx))
-        psf = psf[..., first[0] : first[0] + my, first[1] : first[1] + mx]
-        return to_parts(jnp.fft.rfft2(psf) * centring(grid)).astype(parts.dtype)
+        return to_parts(_cut_spectra(from_parts(parts), anchor.grid, grid)).astype(parts.dtype)
 
     arrays = jax.tree.map(cut, eqx.tree_at(lambda a: a.state, anchor, None))
     return replace(arrays, state=anchor.state, grid=grid)
+
+
+def _cut_spectra(spectra, grid: Grid, smaller: Grid):
+    """Return the spectra of point spread functions that are cut to a smaller grid."""
+    y, x = ((n - m) // 2 for n, m in zip(grid.fine_shape, smaller.fine_shape, strict=True))
+    psf = jnp.fft.irfft2(spectra / centring(grid), s=grid.fine_shape)
+    my, mx = smaller.fine_shape
+    return jnp.fft.rfft2(psf[..., y : y + my, x : x + mx]) * centring(smaller)
+
+
+@eqx.filter_jit
+def on_grid(otf: OTF, grid: Grid) -> OTF:
+    """Return optics without derivatives on a grid, which may be smaller as in :meth:`Anchor.within`."""
+    value = otf.value if grid == otf.grid else _cut_spectra(otf.value, otf.grid, grid)
+    return OTF(value, otf.slopes[:0], otf.state[:0], grid, ())
 
 
 @eqx.filter_jit
@@ -157,7 +168,9 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     tints = None
     if anchor.chromatic is not None:
         i, j = np.triu_indices(k)
-        weights = jnp.concatenate([jnp.ones(1), change, change[i] * change[j] / np.where(i == j, 2, 1)])
+        weights = jnp.concatenate(
+            [jnp.ones(1, change.dtype), change, change[i] * change[j] / np.where(i == j, 2, 1)]
+        )
         # all rows in one product: a part of them would be copied first, which takes longer
         tint = _sums(weights.astype(anchor.chromatic.dtype), anchor.chromatic)
         tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(change.dtype)
@@ -173,7 +186,7 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     )
     if not further.names:
         return otf
-    shifts = [_sums(jnp.concatenate([jnp.ones(1), change]), anchor.shifts)]
+    shifts = [_sums(jnp.concatenate([jnp.ones(1, change.dtype), change]), anchor.shifts)]
     shifts += [] if anchor.tinted_shifts is None else [anchor.tinted_shifts]
     bend = None if anchor.bend is None else from_parts(anchor.bend).astype(values.dtype)
     return with_further(otf, further, jnp.stack(shifts), bend, beside, values[1] if further.of_b else None)
@@ -210,12 +223,15 @@ class AnchoredOptics:
         Of a frame: how small a change it shows.
     nominal : OTF
         Transfer function to start from.
+    coarse : Anchor, optional
+        The anchor on a grid with less padding, in 32 bits, for derivatives of images.
     """
 
     system: OpticalSystem
     anchor: Anchor
     photons: float
     nominal: OTF
+    coarse: Anchor | None = None
 
     @classmethod
     def about(cls, system: OpticalSystem, anchor: Anchor, photons: float, start=None) -> AnchoredOptics:
@@ -231,6 +247,8 @@ class AnchoredOptics:
         if self._distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
         here = self.anchor.otf(aberrations)
+        if self.coarse is not None:
+            here = replace(here, coarse=self.coarse.otf(aberrations))
         return here if self.reaches(aberrations) else self.system.near(aberrations, here)
 
     def reaches(self, aberrations) -> bool:

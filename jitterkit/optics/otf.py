@@ -69,6 +69,8 @@ class OTF(eqx.Module):
         Transfer function of B at the state, less that of A; None where they are the same.
     bend : (My, Mx//2 + 1) complex array or None
         Second derivative by the shift of the wavelength, per nm²; None where it does not vary.
+    coarse : OTF or None
+        The same in 32 bits on a grid with less padding, for the derivatives of images.
     """
 
     value: Complex[Array, "my mx"]
@@ -83,6 +85,7 @@ class OTF(eqx.Module):
     of_b: tuple[int, ...] = eqx.field(static=True, default=())
     difference: Complex[Array, "my mx"] | None = None
     bend: Complex[Array, "my mx"] | None = None
+    coarse: OTF | None = None
 
     @property
     def jacobian(self) -> Complex[Array, "k my mx"]:
@@ -165,6 +168,7 @@ class OTF(eqx.Module):
             tints=tints,
             difference=difference,
             bend=bend,
+            coarse=None,
         )
 
     def diffused(self, sigma: float) -> OTF:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -41,8 +40,10 @@ def weigh(tried: Sequence[FitResult], evidence: Sequence[float]) -> tuple[Candid
 
 
 def _moments(fit: FitResult) -> tuple[float, float, float]:
-    moments, _ = replace(fit, candidates=()).moments()
-    return float(moments[0]), float(moments[1]), float(moments[2])
+    if fit.parameters is None:
+        return np.nan, np.nan, np.nan
+    xx, xy, yy = map(float, np.asarray(fit.parameters.locus.moments()))
+    return xx, xy, yy
 
 
 def describe_undecided(candidates: tuple[Candidate, ...]) -> str:

@@ -54,6 +54,23 @@ def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(teles
     assert kept[0].evidence.parameters.scene.name == "binary"
 
 
+def test_derivatives_have_less_padding_where_the_stars_are_those_of_the_reference_frame(telescope, night):
+    files, _ = night
+    ((batch),) = plan_batches(files, [1] * FRAMES, FRAMES)
+    task = FrameProcessor(telescope).for_batch(batch)
+    with FrameReader() as reader:
+        frames = [task.calibrate(raw) for _, _, raw in reader.read(batch.items[:3])]
+    starts = [task.estimate(frame, rough=True) for frame in frames]
+    for start in starts:
+        fine = start.otf.grid.fine_shape
+        assert np.prod(start.otf.coarse.grid.fine_shape) < 0.75 * np.prod(fine)
+        assert start.otf.coarse.value.dtype == np.complex64
+    ((key, warm),) = task.known.items()
+    moved = replace(warm.reference, parameters=warm.reference.parameters.shifted(8.5 * key[1], 0.0))
+    assert warm.reference.is_near(warm.reference.locate(starts[1].data))
+    assert not moved.is_near(warm.reference.locate(starts[1].data))
+
+
 def test_threads_do_not_matter(telescope, night, monkeypatch):
     files, _ = night
     tables = []
