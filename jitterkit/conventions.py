@@ -19,15 +19,6 @@ import math
 
 import numpy as np
 
-__all__ = [
-    "ARCSEC",
-    "FWHM_PER_SIGMA",
-    "axis_angle",
-    "direction_angle",
-    "offsets",
-    "theta_from_dlux",
-]
-
 ARCSEC = math.pi / 180.0 / 3600.0
 """One arcsecond in radians."""
 
@@ -79,17 +70,3 @@ def direction_angle(degrees: float) -> float:
 def _fold(degrees: float, period: float) -> float:
     folded = float(degrees) % period
     return 0.0 if folded == period else folded  # -1e-20 % 180 rounds up to 180
-
-
-def theta_from_dlux(position_angle: float) -> float:
-    """Return the direction from A to B for a dLuxToliman ``position_angle``, and back.
-
-    dLuxToliman places A at ``+(sin PA, cos PA) sep/2`` and B opposite, so that the direction from A
-    to B is ``270 - PA``.  The map is its own inverse.
-
-    >>> theta_from_dlux(90.0)
-    180.0
-    >>> theta_from_dlux(theta_from_dlux(33.0))
-    33.0
-    """
-    return direction_angle(270.0 - position_angle)

@@ -19,21 +19,6 @@ from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
-__all__ = [
-    "ConfigurationError",
-    "ErrorCode",
-    "FrameError",
-    "JitterkitError",
-    "UndeterminedError",
-    "code_of",
-    "did_you_mean",
-    "one_of",
-    "out_of_memory",
-    "positive",
-    "printable",
-    "reading_code",
-]
-
 
 class ErrorCode(enum.StrEnum):
     """Kind of an error.

@@ -23,10 +23,9 @@ from jaxtyping import Array, Float
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus
-from jitterkit.loci.mvn import Mvn
-from jitterkit.optics.further import PLATE_SCALE
+from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF
+from jitterkit.optics.otf import OTF, PLATE_SCALE
 from jitterkit.precision import real
 from jitterkit.scene import Binary, Scene
 from jitterkit.shutter import Shutter

@@ -11,8 +11,6 @@ from scipy.stats import chi2
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.loci.base import Locus, axis_variances, covariance_on_axis, principal_axes
 
-__all__ = ["KernelEstimate", "is_detected", "refuse_blurrier", "significance"]
-
 _DETECTED = float(chi2.isf(1e-3, 3))
 """Chi-squared of three moments that no jitter at all exceeds in one frame of a thousand."""
 

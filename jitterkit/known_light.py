@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jitterkit.detectors.maps import piece
+from jitterkit.detectors.characteristics import piece
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, displacement_effect, expected_image
 from jitterkit.frames.sky import sky_position_angle
@@ -24,8 +24,6 @@ from jitterkit.scene import Binary, Stars
 
 if TYPE_CHECKING:
     from jitterkit.frames.frame import Frame
-
-__all__ = ["KnownLight", "without_light"]
 
 
 @dataclass(frozen=True, eq=False)

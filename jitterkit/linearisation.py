@@ -20,8 +20,6 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scoring import Prior, ScoringResult, fisher_scoring
 
-__all__ = ["LINEARISATION_TOLERANCE", "Expanded", "linearisation_error", "relinearised_scoring"]
-
 LINEARISATION_TOLERANCE = 0.1
 """Largest error of linearised optics at the end of a fit, in sigmas of the whole image."""
 

@@ -8,8 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-__all__ = ["LARGE_FACTOR", "LEAST_DAMPING", "Metric", "error_factor", "invert_information"]
-
 LEAST_DAMPING = 1e-9
 """Damping of a step that is hardly damped: it keeps one along a direction without information finite."""
 

@@ -28,12 +28,9 @@ from jaxtyping import Array, Float
 
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus
+from jitterkit.loci.base import Locus, Stable
 from jitterkit.loci.product import Product
-from jitterkit.loci.stable import Stable
 from jitterkit.loci.trace_locus import Trace
-
-__all__ = ["Drifting", "Following", "Shutter", "interpolation_error", "with_enough_nodes"]
 
 _TOLERANCE = 3.5e-5
 """Share of an amplitude.  Its square times the photons is chi-squared: 0.05 at most in a frame of 3.8e7."""

@@ -14,8 +14,6 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
 
-__all__ = ["Components", "bin_mean", "box_mean", "components", "median_filter", "native"]
-
 SUPPORTED = ("uint8", "uint16", "int16", "int32", "float32", "float64")
 
 
@@ -116,10 +114,6 @@ class Components:
 
 def components(mask: np.ndarray) -> Components:
     """Find the parts of a mask that hang together, corners included."""
-    labels, stats, centroids = _labelled(native(np.asarray(mask, dtype=bool)))
+    array = native(np.asarray(mask, dtype=bool))
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(array, connectivity=8, ltype=cv2.CV_32S)
     return Components(labels, stats[1:, cv2.CC_STAT_AREA], stats[1:, :4], centroids[1:])
-
-
-def _labelled(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    _, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
-    return labels, stats, centroids

@@ -14,7 +14,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jitterkit.optics.public import public_image  # noqa: E402
+from jitterkit.trade.public import public_image  # noqa: E402
 
 LINES = np.linspace(530.0, 640.0, 3)
 FLUX, CONTRAST, SEPARATION = 3.811e7, 3.37, 10.0

@@ -9,6 +9,7 @@ import paper_numbers as paper
 from matplotlib.figure import Figure
 from paper_numerics import PUBLIC_LOCI, area_of_diameters_as_radii, normal_of_shear
 from paper_study import AS_PUBLISHED, MICRO, PLATE_SCALE, TARGET, Part, Study
+from study_plots import plot_arcsine
 
 from jitterkit.detectors import Detector
 from jitterkit.forecast import forecast
@@ -19,7 +20,6 @@ from jitterkit.report.forecast_plots import plot_matrices
 from jitterkit.report.forecast_table import observing_time
 from jitterkit.report.photon_plots import plot_photons
 from jitterkit.report.plots import plot_image, stretch
-from jitterkit.report.posterior_plots import plot_arcsine
 from jitterkit.report.words import number
 
 READ_NOISE = (2.4, 3.0, 10.0)

@@ -12,12 +12,13 @@ from astropy.table import QTable
 from matplotlib.figure import Figure
 from paper_numerics import PUBLIC_LOCI, SAMPLES_OF_NORMAL, normal_of_construction, normal_of_shear
 from paper_study import AS_PUBLISHED, MICRO, PLATE_SCALE, TARGET, Part, Study
+from study_plots import plot_shears
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Sweep, forecast, sweep
 from jitterkit.loci import Linear, Locus, Mvn, Shm, principal_axes
 from jitterkit.optics import OpticalSystem
-from jitterkit.report.forecast_plots import plot_errors, plot_shears
+from jitterkit.report.forecast_plots import plot_errors
 from jitterkit.report.forecast_table import sweep_table
 
 LONGEST, SIZES = 0.75, 30

@@ -43,16 +43,15 @@ ONLY_IN = {
     "astropy.io": {"frames/fitsio.py"},
     "photutils": {"starfield/detect.py"},
     "dLux": set(),
-    "dLuxToliman": {"optics/toliman.py", "optics/public.py"},
+    "dLuxToliman": {"optics/toliman.py", "trade/public.py"},
     "matplotlib": {"report/axes.py", "report/plots.py"}
     | {
         f"report/{noun}_plots.py"
         for noun in (
-            "averaging",
             "calibration",
             "causes",
             "crossfit",
-            "ellipse",
+            "time",
             "field",
             "forecast",
             "joint",
@@ -60,8 +59,6 @@ ONLY_IN = {
             "motion",
             "photon",
             "population",
-            "posterior",
-            "separation",
             "series",
             "trade",
         )

@@ -7,7 +7,6 @@ from jitterkit.conventions import (
     axis_angle,
     direction_angle,
     offsets,
-    theta_from_dlux,
 )
 
 
@@ -41,13 +40,3 @@ def test_a_gaussian_falls_to_half_at_half_its_fwhm():
 def test_angles_fold_into_half_open_intervals(given, axis, direction):
     assert axis_angle(given) == axis
     assert direction_angle(given) == direction
-
-
-@pytest.mark.parametrize("position_angle", [0.0, 33.0, 90.0, 180.0, 269.0, 270.0, 271.0, 359.5])
-def test_theta_is_the_direction_in_which_dlux_toliman_places_b_seen_from_a(position_angle):
-    sources = pytest.importorskip("dLuxToliman").sources
-    a, b = np.asarray(sources.AlphaCen(position_angle=position_angle).xy_positions)
-    measured = np.degrees(np.arctan2(b[1] - a[1], b[0] - a[0])) % 360
-    apart = (theta_from_dlux(position_angle) - measured + 180) % 360 - 180
-    assert apart == pytest.approx(0, abs=1e-10)  # rounding of sin and cos, in degrees
-    assert 0 <= theta_from_dlux(position_angle) < 360

@@ -29,8 +29,6 @@ from jitterkit.batch.worker import Part, WorkerSetup, distributed, work
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.refit import FitResult, Status
 
-__all__ = ["connected", "execute_on_cluster"]
-
 T = TypeVar("T")
 
 _CONFIGURED = {

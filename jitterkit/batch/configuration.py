@@ -20,8 +20,6 @@ from jitterkit.batch.processor import FrameProcessor
 from jitterkit.batch.resume import FILES, VERSIONS
 from jitterkit.instruments import Instrument
 
-__all__ = ["describe", "settings", "versions"]
-
 _PACKAGES = ("jitterkit", "jax", "jaxlib", "numpy", "scipy", "astropy", "tifffile")
 _SHORT = 32
 """Numbers of an array that are given one by one; of a longer one the digest."""

@@ -21,22 +21,11 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
 from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF
-from jitterkit.optics.further import PLATE_SCALE
+from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
 from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
-
-__all__ = [
-    "LIMITS",
-    "classify",
-    "diagnose",
-    "flag_faint_companion",
-    "scale_hint",
-    "status_from_exception",
-    "undecided",
-    "unusable",
-]
 
 
 @dataclass(frozen=True)

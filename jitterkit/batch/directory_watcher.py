@@ -18,8 +18,6 @@ from jitterkit.errors import JitterkitError, printable
 from jitterkit.frames import is_whole, open_frames
 from jitterkit.frames.files import EXTENSIONS
 
-__all__ = ["DirectoryWatcher"]
-
 log = logging.getLogger(__name__)
 
 _RETIRED_AFTER = 64

@@ -15,8 +15,6 @@ from typing import Self
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import FrameFile, RawFrame, frame_count, open_frames
 
-__all__ = ["PLAN", "Batch", "FrameReader", "Item", "count_frames", "plan_batches"]
-
 Item = tuple[Path, int]
 """File and index of the frame in it."""
 

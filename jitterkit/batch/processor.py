@@ -41,8 +41,6 @@ from jitterkit.refit import SCENES, FitOptions, FitResult, KernelPrior, Priors, 
 from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.scene import Star
 
-__all__ = ["AUTO", "SCORE", "FrameProcessor"]
-
 log = logging.getLogger(__name__)
 
 _SYSTEMS = 8

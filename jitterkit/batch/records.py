@@ -21,8 +21,6 @@ from jitterkit.loci import Mvn, axis_variances, covariance_on_axis
 from jitterkit.optics import OTF, Optics
 from jitterkit.refit import FitResult
 
-__all__ = ["BlurMeasurement", "ProcessedFrame", "SceneEstimate"]
-
 
 @dataclass(frozen=True, eq=False)
 class SceneEstimate:

@@ -17,8 +17,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode, printable
 from jitterkit.frames.files import files_beside
 from jitterkit.frames.sidecar import FOLDER_FILE, sidecar_path
 
-__all__ = ["FILES", "VERSIONS", "Counted", "counted", "recounted", "refuse_difference"]
-
 FILES = "files"
 """Key of a configuration under which the names of files stand, in order."""
 

@@ -26,8 +26,6 @@ from jitterkit.kernels import fill_masked
 from jitterkit.starfield import estimate_field, field_psf
 from jitterkit.starfield.field import refuse_other_pixels
 
-__all__ = ["METHODS", "SceneBlurEstimator"]
-
 METHODS = {**BLIND, "trail": estimate_trail}
 """What needs nothing but the image, by name; the last where points of light have drawn lines."""
 

@@ -19,9 +19,6 @@ from jitterkit.joint import Exposure
 from jitterkit.optics.system import Optics
 from jitterkit.refit import FitResult, Status
 
-__all__ = ["FileExposures"]
-
-
 _SHUTTER = 0.1
 """Share of an exposure by which headers differ in what they count of it (see the exposure's keywords)."""
 

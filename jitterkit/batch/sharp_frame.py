@@ -17,8 +17,6 @@ from jitterkit.frames import Frame, RawFrame, find_files, open_frames
 from jitterkit.kernels import fill_masked
 from jitterkit.starfield import roundest
 
-__all__ = ["check_reference", "check_size", "is_same", "sharpest"]
-
 _CHANCE = 5.0
 """Standard errors by which the pixels of a scene are more like their neighbours than those of noise."""
 

@@ -25,8 +25,6 @@ from jitterkit.batch.resume import Counted, counted, recounted, refuse_differenc
 from jitterkit.batch.store_file import StoreFile, translate_errors, unwritable
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
 
-__all__ = ["STORE", "TOP", "Rank", "Row", "Store", "top", "wanted"]
-
 STORE = "ledger.sqlite"
 """Its name in the directory of a run."""
 

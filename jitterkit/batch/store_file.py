@@ -19,8 +19,6 @@ from typing import Any
 
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
 
-__all__ = ["StoreFile", "translate_errors", "unwritable"]
-
 _APPLICATION = 0x4A544B4C
 """Marks the file as ours in its header: JTKL."""
 

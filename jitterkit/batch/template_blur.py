@@ -19,8 +19,6 @@ from jitterkit.refit import FitResult, Status
 from jitterkit.refit.outliers import OUTLIERS, left_out
 from jitterkit.scoring import fisher_scoring_without_prior
 
-__all__ = ["TemplateBlurEstimator"]
-
 _STEPS = 20
 """At most, of the fit that a frame gets whose template is poor."""
 

@@ -29,8 +29,6 @@ from jitterkit.refit import FitOptions, SceneChoice
 from jitterkit.refit.fit import linearisation_tolerance
 from jitterkit.refit.together import scene_together
 
-__all__ = ["AUTO", "SCORE", "GridKey", "SearchedFrame", "WarmStart", "WarmStartCache", "from_searched_frames"]
-
 GridKey = tuple[tuple[int, int], float]
 """Shape ``(ny, nx)`` and plate scale [arcsec]."""
 

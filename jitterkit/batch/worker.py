@@ -20,8 +20,6 @@ from jitterkit.batch.executor import Finish, FrameTask, execute
 from jitterkit.batch.plan import Batch
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Part", "WorkerSetup", "distributed", "work"]
-
 T = TypeVar("T")
 
 

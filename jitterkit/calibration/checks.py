@@ -10,8 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jitterkit.calibration.labels import SETTINGS, differ
-from jitterkit.calibration.stack import Shot, Stack
+from jitterkit.calibration.stack import SETTINGS, Shot, Stack, differ
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 _ODD = 10.0

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jitterkit.calibration.level import Level
+from jitterkit.detectors.response import response_law
 
 _SIGNIFICANT = 4.0
 """Errors from which a coefficient is believed."""
@@ -61,18 +62,18 @@ class Linearity:
 
     def measured(self, charge: np.ndarray) -> np.ndarray:
         """Return what a charge [ADU] is measured as [ADU]."""
-        return _law(self.coefficients)(charge)
+        return response_law(self.coefficients)(charge)
 
     def charge(self, signal: float) -> float:
         """Return the charge that is measured as a signal [ADU]."""
-        law, charge = _law(self.coefficients), signal
+        law, charge = response_law(self.coefficients), signal
         for _ in range(30):
             charge -= (law(charge) - signal) / law.deriv()(charge)
         return float(charge)
 
     def slope(self, charge: float) -> float:
         """Return the slope of the signal with the charge; one where there is little."""
-        return float(_law(self.coefficients).deriv()(charge))
+        return float(response_law(self.coefficients).deriv()(charge))
 
 
 def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
@@ -98,7 +99,8 @@ def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
     too large by the variance of the light over its square.
     """
     used = [level for level in levels if not level.saturated and level.exposure > 0 and level.signal > 0]
-    if len({level.exposure for level in used}) < 3 or _lamp_was_turned(used):
+    exposures = {level.exposure for level in used}
+    if len(exposures) < 3 or len(exposures) < len(used):  # two levels of one exposure: the lamp was turned
         return None
     t, s, e = np.array([(level.exposure, level.signal, level.signal_error) for level in used]).T
     best = _fit(t, s, e, 0)
@@ -109,11 +111,6 @@ def fit_linearity(levels: Sequence[Level]) -> Linearity | None:
         if abs(last) > _SIGNIFICANT * error and bend > _LEAST and tried.slope(s.max()) > 0:
             best = tried
     return best
-
-
-def _lamp_was_turned(levels: Sequence[Level]) -> bool:
-    exposures = [level.exposure for level in levels]
-    return len(set(exposures)) < len(exposures)
 
 
 def _fit(t: np.ndarray, s: np.ndarray, e: np.ndarray, order: int) -> Linearity:
@@ -143,7 +140,3 @@ def _fit(t: np.ndarray, s: np.ndarray, e: np.ndarray, order: int) -> Linearity:
         chi2,
         freedom,
     )
-
-
-def _law(coefficients: Sequence[float]) -> np.polynomial.Polynomial:
-    return np.polynomial.Polynomial([0.0, 1.0, *coefficients])

@@ -10,7 +10,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_angle, parse_number
 from jitterkit.cli.runtime import log, open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
@@ -28,7 +27,7 @@ def budget(
     frames: Annotated[int, typer.Option(min=1)] = 10_000,
     target: str = "1uas",
     background: options.Background = True,
-    products: Annotated[Products, Fixed(plot=None)],
+    products: Annotated[options.Products, Fixed(plot=None)],
 ) -> None:
     """List the effects that the model leaves out or holds, and what each does to the separation of a pair.
 

@@ -11,7 +11,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_angle, parse_number, parse_share
 from jitterkit.cli.runtime import open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
@@ -33,7 +32,7 @@ def causes(
     refocus: Annotated[float, typer.Option(min=1)] = 100.0,
     pair: options.Pair,
     background: options.Background = True,
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Distinguish the causes of a wide image: jitter, charge diffusion, defocus and seeing.
 
@@ -68,8 +67,13 @@ def causes(
     telescope = open_instrument(instrument)
     from jitterkit.forecast.causes import forecast_causes
     from jitterkit.forecast.causes_data import FollowUp, further_data
-    from jitterkit.report.causes_plots import plot_causes
-    from jitterkit.report.causes_text import causes_sentences, causes_table, data_table, remedy_sentence
+    from jitterkit.report.causes_plots import (
+        causes_sentences,
+        causes_table,
+        data_table,
+        plot_causes,
+        remedy_sentence,
+    )
 
     if jitter.locus == "mvn":
         sizes = {"sigma_major": _USUAL * telescope.plate_scale} | sizes

@@ -9,7 +9,6 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.command import Fixed
-from jitterkit.cli.products import Products
 from jitterkit.cli.runtime import log, open_instrument, print_table
 
 _DATA = ["linear", "shm", "mvn,shear=0.1", "mvn,shear=0.7"]
@@ -28,7 +27,7 @@ def crossfit(
     seed: Annotated[int, typer.Option(min=0)] = 0,
     instrument: options.InstrumentName = "toliman",
     pair: Annotated[options.Pair, Fixed(x=0.0, y=0.0)],
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Fit frames of one jitter with the loci of others: bias and scatter of the separation.
 

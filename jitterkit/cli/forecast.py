@@ -10,8 +10,6 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.options import refuse_unused
-from jitterkit.cli.products import Products
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import log, open_instrument, print_table, refuse_if
 from jitterkit.errors import ErrorCode
@@ -45,7 +43,7 @@ def forecast(
     target: str = "1uas",
     allow: str | None = None,
     fitted: str = "mvn",
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Forecast errors, frames and time from the expected Fisher information.
 
@@ -76,7 +74,7 @@ def forecast(
     """
     products.check()
     sweeps, goal, sizes = parse_sweeps(sweep or []), parse_angle(target, "--target"), jitter.size_values()
-    refuse_unused(scene, _SCENES, context)
+    options.refuse_unused(scene, _SCENES, context)
     options.refuse_no_stars(scene, stars)
     if allow is not None:
         _check_allow(jitter.locus, sizes, sweeps)

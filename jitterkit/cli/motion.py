@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.products import Products
 from jitterkit.cli.runtime import log, open_instrument, print_table
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def motion(
     kind: options.SpectrumKind = None,
     rates: str | None = None,
     loss: bool = True,
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Report the effect of a motion on an exposure: displacement, smear, jitter, regime, locus, and the cost.
 

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.options import required
-from jitterkit.cli.products import Products
 from jitterkit.cli.runtime import aligned, log, naming, open_instrument
 
 if TYPE_CHECKING:
@@ -31,7 +29,7 @@ def photons(
     qe: Path | None = None,
     exposure: float | None = None,
     area: float | None = None,
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Count the photons of alpha Cen AB in an exposure, beside the paper's.
 
@@ -70,8 +68,8 @@ def photons(
     star_b = _star(spectrum_b, temperatures[1], magnitudes[1])
     throughput = _throughput(telescope, filter_file, glass, plates, qe)
     if area is None:
-        area = collecting_area(required(telescope.pupil, telescope, "pupil; give --area in cm2"))
-    seconds = required(seconds, telescope, "exposure; give --exposure in s")
+        area = collecting_area(options.required(telescope.pupil, telescope, "pupil; give --area in cm2"))
+    seconds = options.required(seconds, telescope, "exposure; give --exposure in s")
     budget = count_photons((star_a, star_b), throughput, area=area, exposure=seconds)
     lines = compare(budget, published=telescope.name.startswith("toliman"))
     typer.echo("\n".join(aligned(_rows(lines))))
@@ -103,7 +101,7 @@ def _throughput(
     if filter_file is not None:
         passed = read_curve(filter_file)
     else:
-        passed = band_of(required(telescope.spectrum, telescope, "band; give --filter"))
+        passed = band_of(options.required(telescope.spectrum, telescope, "band; give --filter"))
     return Throughput(passed, glass, plates, IMX183_QE if qe is None else read_curve(qe))
 
 

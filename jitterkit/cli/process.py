@@ -14,8 +14,7 @@ from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit, Plan
 from jitterkit.cli.progress import run_progress
 from jitterkit.cli.run import Run, finalize
-from jitterkit.cli.runtime import log, refuse_if
-from jitterkit.cli.signals import as_interrupt
+from jitterkit.cli.runtime import as_interrupt, log, refuse_if
 from jitterkit.errors import ErrorCode
 
 

@@ -9,7 +9,6 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
-from jitterkit.cli.products import write_picture
 from jitterkit.cli.progress import progress_bar
 from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, refuse_if
 from jitterkit.errors import ErrorCode
@@ -138,9 +137,9 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     table = joint_table.frame_table(fit, {"command": command_line()})
     write_table(output / TABLE, table, overwrite=overwrite)
     write_summary(output / SUMMARY, summary, overwrite=overwrite)
-    write_picture(output / RUN, plot_run(fit)[0], overwrite)
+    options.write_picture(output / RUN, plot_run(fit)[0], overwrite)
     if series is not None and len(series.values) >= _MIN_SERIES:
-        write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
+        options.write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
     else:
         log(f"{AVERAGING} is not drawn: it needs {_MIN_SERIES} frames that count.")
     for frame in fit.frames():

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.options import refuse_unused
 from jitterkit.cli.pointing import Motion
 from jitterkit.cli.runtime import log, open_instrument, refuse_if
 from jitterkit.errors import ErrorCode
@@ -69,7 +68,7 @@ def simulate(
     """
     paths = _paths(output, frames)
     _check_paths(paths, overwrite)
-    refuse_unused(scene, _SCENES, context)
+    options.refuse_unused(scene, _SCENES, context)
     options.refuse_no_stars(scene, stars)
     telescope = open_instrument(instrument)
     import numpy as np

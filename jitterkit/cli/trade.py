@@ -10,7 +10,6 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.products import Products
 from jitterkit.cli.runtime import log, open_instrument, print_table
 
 _USUAL = {"linear": {"length": 0.375}}
@@ -24,7 +23,7 @@ def trade(
     pair: Annotated[options.Pair, Fixed(theta=0.0, x=0.0, y=0.0)],
     frames: Annotated[int, typer.Option(min=1)] = 4,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    products: Products,
+    products: options.Products,
 ) -> None:
     """Measure what each setting costs in time and in accuracy, for your scene, on this machine.
 

@@ -11,7 +11,7 @@ from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit
 from jitterkit.cli.progress import live_screen
 from jitterkit.cli.run import Run, finalize
-from jitterkit.cli.signals import until_interrupted
+from jitterkit.cli.runtime import until_interrupted
 from jitterkit.errors import ErrorCode, FrameError
 
 

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import Characteristics
+from jitterkit.detectors.characteristics import Characteristics, piece
 from jitterkit.detectors.knowledge import ASSUMED
-from jitterkit.detectors.maps import piece
 from jitterkit.detectors.response import BORDER, broaden, couple, measured
 from jitterkit.errors import ConfigurationError, ErrorCode
 

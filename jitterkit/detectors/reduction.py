@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import Characteristics
+from jitterkit.detectors.characteristics import Characteristics, piece
 from jitterkit.detectors.file_variance import (
     GUESSED,
     NORMALISED,
@@ -20,7 +20,6 @@ from jitterkit.detectors.file_variance import (
     with_read_variance,
 )
 from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
-from jitterkit.detectors.maps import piece
 from jitterkit.detectors.response import (
     BORDER,
     beside,

@@ -189,12 +189,12 @@ def measured(charge: np.ndarray, coefficients: Sequence[float], top: float) -> n
         e-; ``c1 = -1e-6`` shows 10,000 e- as 9900.
     """
     inside = np.clip(charge, 0.0, top)
-    return _law(coefficients)(inside) + slope(inside, coefficients, top) * (charge - inside)
+    return response_law(coefficients)(inside) + slope(inside, coefficients, top) * (charge - inside)
 
 
 def slope(charge: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
     """Return the derivative of :func:`measured` with respect to the charge; one at zero and below."""
-    return _law(coefficients).deriv()(np.clip(charge, 0.0, top))
+    return response_law(coefficients).deriv()(np.clip(charge, 0.0, top))
 
 
 def collected(signal: np.ndarray, coefficients: Sequence[float], top: float) -> np.ndarray:
@@ -217,7 +217,7 @@ def collected(signal: np.ndarray, coefficients: Sequence[float], top: float) -> 
     Newton's steps, kept inside a bracket that every step narrows; one that leaves it is replaced by
     bisection (Press et al., Numerical Recipes, 9.4).
     """
-    law = _law(coefficients)
+    law = response_law(coefficients)
     inside = np.clip(signal, 0.0, law(top))
     low, high = np.zeros_like(inside), np.full_like(inside, top)
     charge = np.minimum(inside, top)
@@ -238,7 +238,7 @@ def turning_point(coefficients: Sequence[float]) -> float:
     >>> round(turning_point([-1e-5]), 6)
     50000.0
     """
-    derivative = _law(coefficients).deriv().trim()
+    derivative = response_law(coefficients).deriv().trim()
     if derivative.degree() == 0:
         return float("inf")
     roots = derivative.roots()
@@ -246,5 +246,6 @@ def turning_point(coefficients: Sequence[float]) -> float:
     return float(rising.min()) if rising.size else float("inf")
 
 
-def _law(coefficients: Sequence[float]) -> np.polynomial.Polynomial:
+def response_law(coefficients: Sequence[float]) -> np.polynomial.Polynomial:
+    """Return what a charge is measured as, by ``c1, c2, ...``: the polynomial."""
     return np.polynomial.Polynomial([0.0, 1.0, *coefficients])

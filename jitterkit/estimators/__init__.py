@@ -12,20 +12,16 @@ To add an estimator, write one file with one function and add one line to the re
 from collections.abc import Callable
 
 from jitterkit.errors import one_of
+from jitterkit.estimators.kernel_problem import estimate_nnls, estimate_richardson_lucy
 from jitterkit.estimators.moments import estimate_moments
 from jitterkit.estimators.mtf_ratio import estimate_mtf_ratio
-from jitterkit.estimators.nnls import estimate_nnls
-from jitterkit.estimators.richardson_lucy import estimate_richardson_lucy
 from jitterkit.estimators.score import estimate_score
 from jitterkit.kernel_estimate import KernelEstimate
 
 __all__ = [
     "ESTIMATORS",
     "KernelEstimate",
-    "estimate_moments",
     "estimate_mtf_ratio",
-    "estimate_nnls",
-    "estimate_richardson_lucy",
     "estimate_score",
     "estimator",
 ]

@@ -226,12 +226,13 @@ def shaped_blur(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str])
     Parameters
     ----------
     step, otf, data, hold
-        As for :func:`~jitterkit.estimators.shape.fit_shape`; the step is of the orders :data:`ORDERS`.
+        As for :func:`~jitterkit.estimators.shape.fit_shape`; the step is from the normal, of the orders
+        :data:`ORDERS`.
     """
     compressed = CompressedLikelihood.of(step)
     fitted = None if compressed is None else compressed.fit(Shaped)
     if fitted is None or not fitted.left_out < CLOSE:
-        return fit_shape(step, otf, data, hold)
+        return fit_shape(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
     return ShapedBlur(fitted.at(step.parameters, otf.names), fitted.of_locus())
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.compressed import ORDERS, shaped_blur
-from jitterkit.estimators.shape import CumulantStep, fit_known_shape, inflate_covariance, is_decisive
+from jitterkit.estimators.shape import KURTOSIS, CumulantStep, fit_shape, inflate_covariance, is_decisive
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -128,7 +128,7 @@ def _of_known_shape(
     normal: Parameters, shape: float, otf: OTF, data: Data, hold: Collection[str]
 ) -> KernelEstimate:
     kurtosis = float(Shaped.of(0.0, kurtosis=shape).coords[3])  # refuses what no density has
-    blur = fit_known_shape(normal, kurtosis, otf, data, hold)
+    blur = fit_shape(normal, kurtosis, otf, data, {*hold, KURTOSIS})
     if blur is None:
         problem = f"No blur of excess kurtosis {shape:g} fits the frame; give another, or let it be measured."
         raise UndeterminedError(ErrorCode.MODEL_MISMATCH, problem)

@@ -1,7 +1,7 @@
 """The shape of a blur: tested by one scoring step, fitted by a few, and believed by one rule.
 
 :class:`CumulantStep` tests whether an image that a locus describes wants other cumulants, and which excess
-kurtosis one wants that a normal describes.  :func:`fit_shape` fits that kurtosis, :func:`fit_known_shape` a
+kurtosis one wants that a normal describes.  :func:`fit_shape` fits that kurtosis, or a
 blur whose kurtosis is known.  The excess kurtosis enters an image by the square of the blur: while the blur
 is small it is unknown and does little harm; once the frame tells it, leaving it out biases the moments.
 :func:`is_decisive` draws the border by the error of the kurtosis, not by its value, so that no frame is
@@ -34,7 +34,7 @@ held at a normal's is what their variance grows by with the shape free, and beyo
 _STEPS = 20
 """At most: of a drift of 3 arcsec on TOLIMAN, three times the resolution, four are still 3 % off."""
 
-_KURTOSIS = Shaped.names[-1]
+KURTOSIS = Shaped.names[-1]
 
 
 class Shape(NamedTuple):
@@ -160,7 +160,7 @@ class CumulantStep:
         covariance, _ = invert_information(self.information_of_shaped())
         mine, called = covariance[index], dict(zip(Mvn.names, Shaped.names, strict=False))
         names = [called.get(name, name) for name in self.names]
-        names.insert(index, _KURTOSIS)
+        names.insert(index, KURTOSIS)
         # what is fitted beside it follows the kurtosis by the regression that the covariance describes
         response = dict(zip(names, map(float, -mine / mine[index]), strict=True))
         return Shape(float(mine @ (turn @ self.score)), float(np.sqrt(mine[index])), response)
@@ -236,35 +236,7 @@ class CumulantStep:
         return LackOfFit(float(scipy.stats.chi2.sf(chi2, len(slope))), chi2)
 
 
-def fit_shape(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str] = ()) -> ShapedBlur | None:
-    """Fit a blur's moments and excess kurtosis, from the normal that fits.
-
-    Parameters
-    ----------
-    step : CumulantStep
-        From there.
-    otf : OTF
-        Expanded near there.
-    data : Data
-    hold : collection of str
-        What the fit held.
-
-    Returns
-    -------
-    blur : ShapedBlur or None
-        None where no such blur fits (the iteration does not converge), or the frame does not determine it.
-    """
-    return _fit_shape(step.parameters, 0.0, otf, data, hold, step.information_of_shaped())
-
-
-def fit_known_shape(
-    normal: Parameters, kurtosis: float, otf: OTF, data: Data, hold: Collection[str] = ()
-) -> ShapedBlur | None:
-    """Fit a blur as :func:`fit_shape` does, from a fitted normal and with the excess kurtosis held."""
-    return _fit_shape(normal, kurtosis, otf, data, {*hold, _KURTOSIS})
-
-
-def _fit_shape(
+def fit_shape(
     normal: Parameters,
     kurtosis: float,
     otf: OTF,
@@ -272,6 +244,27 @@ def _fit_shape(
     hold: Collection[str],
     known: np.ndarray | None = None,
 ) -> ShapedBlur | None:
+    """Fit a blur's moments and excess kurtosis, from the normal that fits.
+
+    Parameters
+    ----------
+    normal : Parameters
+        That fit.
+    kurtosis : float
+        Excess kurtosis to begin with.
+    otf : OTF
+        Expanded near there.
+    data : Data
+    hold : collection of str
+        What the fit held; with :data:`KURTOSIS`, the excess kurtosis too.
+    known : (n, n) array, optional
+        Information there, if it has been computed.
+
+    Returns
+    -------
+    blur : ShapedBlur or None
+        None where no such blur fits (the iteration does not converge), or the frame does not determine it.
+    """
     start = Shaped(np.append(np.asarray(normal.locus.moments()), kurtosis))
     end, covariance = fisher_scoring_without_prior(normal.with_locus(start), otf, data, hold, _STEPS, known)
     settled = bool(end.converged) and np.all(np.isfinite(covariance))

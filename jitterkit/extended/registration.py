@@ -52,7 +52,7 @@ def standing_pixels(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     standing : (ny, nx) bool array
     """
     excess = [frame - median_filter(frame, 5) for frame in (one, two)]
-    spread = [_spread(part) for part in excess]
+    spread = [float(median_abs_deviation(part, axis=None, scale="normal")) for part in excess]
     standing = _alike(excess, spread) & np.all([_is_lonely(part, _AROUND, 3) for part in excess], axis=0)
     for axis in (0, 1):
         lines = [np.median(part, axis=axis) for part in excess]
@@ -67,11 +67,6 @@ def fill(frame: np.ndarray, bad: np.ndarray) -> np.ndarray:
         return frame
     nearest = ndimage.distance_transform_edt(bad, return_distances=False, return_indices=True)
     return frame[tuple(nearest)]
-
-
-def _spread(excess: np.ndarray) -> float:
-    """Return the standard deviation of noise and texture."""
-    return float(median_abs_deviation(excess, axis=None, scale="normal"))
 
 
 def _alike(excess: list[np.ndarray], spread: list[float]) -> np.ndarray:

@@ -2,13 +2,17 @@
 
 Reach for :func:`forecast`.  It asks the likelihood of the refit itself, at the image that the model expects
 and with the noise and the saturated pixels of the detector, so that a fit without priors has exactly these
-errors on average.
+errors on average.  :func:`sweep` asks it over a range of settings, :func:`degenerate_directions` which
+parameters are confused.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -238,3 +242,121 @@ def _root(variance: float, error: float) -> tuple[float, float]:
 
 def _quotient(top: float, bottom: float) -> float:
     return top / bottom if bottom > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Forecasts on a grid.
+
+    Attributes
+    ----------
+    axes : dict of name to (n,) array
+        The settings that vary, in the order of the grid's dimensions.
+    forecasts : (n, m, ...) array of Forecast
+    """
+
+    axes: dict[str, np.ndarray]
+    forecasts: np.ndarray
+
+    def error(self, name: str = "separation") -> np.ndarray:
+        """Return the least error of a parameter at every point of the grid."""
+        every = np.array([one.error(name) for one in self.forecasts.ravel()])
+        return every.reshape(self.forecasts.shape)
+
+    def points(self) -> dict[str, np.ndarray]:
+        """Return each setting at every point of the grid, in the order of ``forecasts.ravel()``."""
+        grids = np.meshgrid(*self.axes.values(), indexing="ij")
+        return {name: grid.ravel() for name, grid in zip(self.axes, grids, strict=True)}
+
+
+def sweep(point: Callable[..., Forecast], axes: Mapping[str, Sequence[float]]) -> Sweep:
+    """Forecast every combination of settings.
+
+    Parameters
+    ----------
+    point : callable
+        Makes the forecast of one combination, given by name.
+    axes : mapping of name to values
+
+    Examples
+    --------
+    >>> grid = sweep(lambda length, angle: length * angle, {"length": [1.0, 2.0], "angle": [3.0, 4.0, 5.0]})
+    >>> grid.forecasts.shape
+    (2, 3)
+    """
+    ranges = {name: np.asarray(values) for name, values in axes.items()}
+    forecasts = np.empty([len(values) for values in ranges.values()], object)
+    for index in itertools.product(*(range(n) for n in forecasts.shape)):
+        setting = {name: values[i] for i, (name, values) in zip(index, ranges.items(), strict=True)}
+        forecasts[index] = point(**setting)
+    return Sweep(ranges, forecasts)
+
+
+_SHARE = 0.35
+"""Of the largest weight, above which a parameter is named."""
+
+
+class Direction(NamedTuple):
+    """A combination of parameters that a frame tells badly.
+
+    Attributes
+    ----------
+    stretch : float
+        Its error over that which it would have if its parameters looked nothing like each other.
+    weights : dict of name to float
+        Change of each parameter along it, in errors it would have if all others were known; the squares of
+        all weights sum to one, and the largest comes first.
+    share : float
+        Of the variance of the separation (or of the first parameter) that the direction makes up.
+
+    Reach for :func:`degenerate_directions`, and print its elements.  Each parameter is measured in its own
+    unit of knowledge, the error it would have if all others were known; a direction whose parameters do not
+    resemble each other then has a stretch of one, and a confused one more.
+    """
+
+    stretch: float
+    weights: dict[str, float]
+    share: float
+
+    def __str__(self) -> str:
+        largest = max(abs(weight) for weight in self.weights.values())
+        named = {name: w for name, w in self.weights.items() if abs(w) >= _SHARE * largest}
+        sign = np.sign(next(iter(named.values())))
+        up = [name for name, weight in named.items() if weight * sign > 0]
+        down = [name for name, weight in named.items() if weight * sign < 0]
+        words = f"{listed(up)} up" + (f" and {listed(down)} down" if down else "")
+        return f"{words} change the image {self.stretch:.1f} times less than each alone"
+
+
+def degenerate_directions(forecast: Forecast, least: float = 1.5) -> list[Direction]:
+    """Combinations of parameters that the frame tells worse than their parts.
+
+    Parameters
+    ----------
+    forecast : Forecast
+    least : float
+        Stretch from which a direction is worth telling.
+
+    Returns
+    -------
+    directions : list of Direction
+        The worst first: eigenvectors of the information in units that make its diagonal one, with
+        ``stretch = eigenvalue**-0.5``.  Priors do not count.  None where the frame does not determine its
+        parameters at all.
+    """
+    if not np.all(np.isfinite(forecast.covariance)):
+        return []
+    scale = np.sqrt(np.diag(forecast.information))
+    values, vectors = np.linalg.eigh(forecast.information / np.outer(scale, scale))
+    parts = (vectors[0] ** 2) / values
+    directions = []
+    for value, vector, part in zip(values, vectors.T, parts, strict=True):
+        order = np.argsort(-np.abs(vector))
+        weights = {forecast.names[i]: float(vector[i]) for i in order}
+        directions.append(Direction(float(value**-0.5), weights, float(part / parts.sum())))
+    return [direction for direction in directions if direction.stretch >= least]
+
+
+def listed(names: list[str]) -> str:
+    """Write a list of names: a, b and c."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

@@ -235,9 +235,5 @@ def _in_light(setting: Setting, spectrum: Spectrum, share: float) -> Setting:
     old = optics.grid
     grid = grid_for(optics.pupil, spectrum, old.shape, old.plate_scale, old.pad)
     scene = setting.scene.brightened(share)
-    ratio = setting.ratio * _mean(spectrum) / _mean(optics.spectrum)
+    ratio = setting.ratio * spectrum.mean / optics.spectrum.mean
     return replace(setting, optics=replace(optics, spectrum=spectrum, grid=grid), scene=scene, ratio=ratio)
-
-
-def _mean(spectrum: Spectrum) -> float:
-    return float(np.dot(spectrum.wavelengths, spectrum.weights))

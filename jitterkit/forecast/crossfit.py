@@ -2,7 +2,7 @@
 
 What is wrong with the separation then is the bias, exact to the convergence of the fit: no noise has to be
 averaged away.  The fit also tells how each of its numbers answers to one more electron in each pixel, which
-is all that :mod:`jitterkit.forecast.ensemble` needs to fit thousands of noisy frames at once.
+is all that :mod:`jitterkit.forecast.study` needs to fit thousands of noisy frames at once.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,16 +17,16 @@ import numpy as np
 
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
-from jitterkit.forecast.modelled import Modelled, of_sources
-from jitterkit.forward import GRADIENT, expected_image
+from jitterkit.forward import GRADIENT, Parameters, expected_image
+from jitterkit.instruments import Instrument
 from jitterkit.loci import Skewed, principal_axes
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
-from jitterkit.optics.further import PLATE_SCALE
+from jitterkit.optics.otf import OTF, PLATE_SCALE
+from jitterkit.optics.pupil import noll_to_nm, zernike
 from jitterkit.optics.spectrum import Spectrum
-from jitterkit.optics.system import OpticalSystem
-from jitterkit.optics.zernike import noll_to_nm, zernike
-from jitterkit.scene import Binary, Star
+from jitterkit.optics.system import FixedOptics, OpticalSystem
+from jitterkit.scene import Binary, Scene, Star
 
 _DIRECTIONS = 8
 """Around the pair, in which a third star may stand: its bias differs in sign from one to the next."""
@@ -264,3 +264,62 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "orbit": _Kind(57e-6, "arcsec", partial(_separation, lambda now, by: now + by)),
 }
 """By name, beside the modes of the wavefront that no parameter describes: ``noll11``."""
+
+
+@dataclass(frozen=True)
+class Modelled:
+    """A frame of a pair as the model has it.
+
+    Attributes
+    ----------
+    telescope : Instrument
+    parameters : Parameters
+        Of a pair, with all that the optics know.
+    optics : OpticalSystem or FixedOptics
+    otf : OTF
+        At the parameters' aberrations.
+    """
+
+    telescope: Instrument
+    parameters: Parameters
+    optics: OpticalSystem | FixedOptics
+    otf: OTF
+
+    @classmethod
+    def of(cls, telescope: Instrument, parameters: Parameters) -> Modelled:
+        """Model a telescope in front of a pair."""
+        optics = telescope.system()
+        otf = optics.otf(parameters.aberrations)
+        return cls(telescope, parameters.completed(otf), optics, otf)
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """Return the expected electrons (ny, nx)."""
+        return np.asarray(expected_image(self.parameters, self.otf))
+
+    def through(self, optics: OpticalSystem | FixedOptics) -> np.ndarray:
+        """Return the image by other optics."""
+        return np.asarray(expected_image(self.parameters, self._otf(optics)))
+
+    def with_opd(self, opd: np.ndarray, scene: Star | None = None) -> np.ndarray:
+        """Return the change of the image, or of that of one star, by a wavefront error (n, n) [nm]."""
+        assert isinstance(self.optics, OpticalSystem)
+        pupil = self.optics.pupil
+        other = replace(self.optics, pupil=eqx.tree_at(lambda p: p.opd, pupil, pupil.opd + opd))
+        if scene is None:
+            return self.through(other) - self.image
+        alone = of_sources(self.parameters, scene)
+        before, after = (expected_image(alone, self._otf(optics)) for optics in (self.optics, other))
+        return np.asarray(after - before)
+
+    def of_scene(self, scene: Scene) -> np.ndarray:
+        """Return the image of another scene."""
+        return np.asarray(expected_image(of_sources(self.parameters, scene), self.otf))
+
+    def _otf(self, optics: OpticalSystem | FixedOptics) -> OTF:
+        return optics.otf(self.parameters.aberrations, derivatives=False)
+
+
+def of_sources(parameters: Parameters, scene: Scene) -> Parameters:
+    """Return the same frame of other sources, without background."""
+    return Parameters(scene, parameters.locus, parameters.aberrations, diffusion=parameters.diffusion)

@@ -17,8 +17,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forecast.bound import expected_data
-from jitterkit.forecast.effects import Effect, effects_of
-from jitterkit.forecast.modelled import Modelled
+from jitterkit.forecast.effects import Effect, Modelled, effects_of
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.instruments import Instrument
 from jitterkit.likelihood import known_information, pearson

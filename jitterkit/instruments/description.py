@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.characteristics import NUMBERS
-from jitterkit.detectors.maps import nominal
+from jitterkit.detectors.characteristics import NUMBERS, nominal
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.instrument import Instrument

@@ -237,7 +237,7 @@ def _write_pupil(
 def _modes(transmission: np.ndarray, noll: Sequence[int]) -> np.ndarray:
     """Zernike modes (k, n, n) on the smallest circle about the array's centre that holds all lit samples."""
     from jitterkit.conventions import offsets
-    from jitterkit.optics.zernike import zernike
+    from jitterkit.optics.pupil import zernike
 
     axis = offsets(len(transmission), 1.0)
     x, y = np.meshgrid(axis, axis)

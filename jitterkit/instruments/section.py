@@ -6,7 +6,7 @@ Every complaint names the file, the key, the value and what would be accepted.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -69,10 +69,14 @@ class Section:
 
     def number(self, key: str, default: Any = None) -> Any:
         """Return a number as float; a truth value is none."""
-        value = self.values.get(key, default)
-        if key in self.values and (isinstance(value, bool) or not isinstance(value, int | float)):
-            self.refuse(ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}")
+        value = self._typed(key, default, _is_number, f"give a number, in {self.units[key]}")
         return None if value is None else self._finite(key, value)
+
+    def _typed(self, key: str, default: Any, is_typed: Callable[[Any], bool], remedy: str) -> Any:
+        value = self.values.get(key, default)
+        if key in self.values and not is_typed(value):
+            self.refuse(ErrorCode.WRONG_TYPE, key, remedy)
+        return value
 
     def _finite(self, key: str, value: float) -> float:
         if not math.isfinite(value):
@@ -81,24 +85,15 @@ class Section:
 
     def integer(self, key: str, default: Any = None) -> Any:
         """Return a whole number."""
-        value = self.values.get(key, default)
-        if key in self.values and (isinstance(value, bool) or not isinstance(value, int)):
-            self.refuse(ErrorCode.WRONG_TYPE, key, "give a whole number")
-        return value
+        return self._typed(key, default, _is_whole, "give a whole number")
 
     def text(self, key: str, default: Any = None) -> Any:
         """Return a text."""
-        value = self.values.get(key, default)
-        if key in self.values and not isinstance(value, str):
-            self.refuse(ErrorCode.WRONG_TYPE, key, "give a text in quotation marks")
-        return value
+        return self._typed(key, default, lambda v: isinstance(v, str), "give a text in quotation marks")
 
     def truth(self, key: str) -> bool | None:
         """Return true or false, or None."""
-        value = self.values.get(key)
-        if key in self.values and not isinstance(value, bool):
-            self.refuse(ErrorCode.WRONG_TYPE, key, "give true or false")
-        return value
+        return self._typed(key, None, lambda v: isinstance(v, bool), "give true or false")
 
     def texts(self, key: str) -> tuple[str, ...] | None:
         """Return different texts of a list, or None."""
@@ -111,9 +106,7 @@ class Section:
     def numbers(self, key: str, count: int | None = None) -> list[float]:
         """Return a list of numbers, of a given length if there is one."""
         value = self.values[key]
-        is_list = isinstance(value, list) and all(
-            isinstance(v, int | float) and not isinstance(v, bool) for v in value
-        )
+        is_list = isinstance(value, list) and all(map(_is_number, value))
         if not is_list or not value or (count is not None and len(value) != count):
             wanted = "a list of" if count is None else f"[{count}]"
             self.refuse(_of_list(is_list), key, f"give {wanted} numbers, in {self.units[key]}")
@@ -124,7 +117,7 @@ class Section:
         value = self.values[key]
         if isinstance(value, str):
             return self.path(key)
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not _is_number(value):
             self.refuse(
                 ErrorCode.WRONG_TYPE, key, f"give a number, in {self.units[key]}, or the name of {what}"
             )
@@ -133,9 +126,7 @@ class Section:
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:
         """Return a list of whole numbers, of a given length if there is one; it may be empty otherwise."""
         value = self.values[key]
-        is_list = isinstance(value, list) and all(
-            isinstance(v, int) and not isinstance(v, bool) for v in value
-        )
+        is_list = isinstance(value, list) and all(map(_is_whole, value))
         if not is_list or (count is not None and len(value) != count):
             self.refuse(_of_list(is_list), key, f"give {what}")
         return value
@@ -148,6 +139,14 @@ class Section:
                 ErrorCode.NOT_FOUND, key, f"there is no file {path}: give a path relative to {self.file.name}"
             )
         return path
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _of_list(is_list: bool) -> ErrorCode:

@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors import Detector, detector_preset
-from jitterkit.detectors.maps import ONLY_MAPS
+from jitterkit.detectors.characteristics import ONLY_MAPS
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames
 from jitterkit.instruments.section import Section

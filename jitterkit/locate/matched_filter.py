@@ -9,8 +9,6 @@ from jitterkit.loci.base import Locus
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 
-__all__ = ["correlate", "embed", "ratio", "resolution", "spectrum_of_star", "star_at", "vertex"]
-
 
 def resolution(otf: OTF) -> float:
     """Return the finest detail that the optics pass [arcsec].

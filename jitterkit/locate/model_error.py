@@ -23,8 +23,6 @@ from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.residual import Residual
 from jitterkit.optics.otf import OTF
 
-__all__ = ["AUTO", "ModelError", "allow_for_model", "check_model_error", "relative_error"]
-
 AUTO = "auto"
 """In place of a model error: as large as a frame shows."""
 

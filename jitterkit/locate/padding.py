@@ -11,8 +11,6 @@ from jitterkit.optics.anchor import on_grid
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 
-__all__ = ["MAY_MOVE", "grid_for_derivatives"]
-
 MAY_MOVE = 8.0
 """Pixels by which the stars of other frames may be off those that the grid was chosen for."""
 

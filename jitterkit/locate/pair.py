@@ -29,8 +29,6 @@ from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary, Star
 
-__all__ = ["FoundPair", "find_pairs", "find_star"]
-
 Position = tuple[float, float]
 
 _FAINTEST = 1 / 1000

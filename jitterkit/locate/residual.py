@@ -27,8 +27,6 @@ from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import FurtherStars, Scene, Star
 
-__all__ = ["Residual", "most_outliers"]
-
 SURE = 6.0
 """Standard errors of its flux from which a further star is one: the best of some ten thousand positions
 reaches 4 by chance."""

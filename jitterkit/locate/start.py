@@ -13,15 +13,13 @@ from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import Data, pearson
 from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error, relinearised_scoring
 from jitterkit.loci.base import Locus
-from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.elliptic import Mvn
 from jitterkit.metric import invert_information
 from jitterkit.optics.anchor import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Scene
 from jitterkit.scoring import Prior
-
-__all__ = ["Start", "polished", "settled", "with_best_signs", "with_exact_slopes"]
 
 _SURE = 6.0  # spreads that chi-squared may be too large by: a rough start adds two, a faint companion more
 _CLOSE, _NEARBY = 0.1, 0.5  # standard errors that a template may be off, and a start: no step more is needed

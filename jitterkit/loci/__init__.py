@@ -1,23 +1,23 @@
 """Jitter loci: the paths a pointing draws on the detector, as exact transfer functions."""
 
 from jitterkit.errors import one_of
-from jitterkit.loci.base import Locus, axis_variances, covariance_on_axis, moments_on_axis, principal_axes
+from jitterkit.loci.base import (
+    Locus,
+    Stable,
+    axis_variances,
+    covariance_on_axis,
+    moments_on_axis,
+    principal_axes,
+)
 from jitterkit.loci.cards import jitter_cards
-from jitterkit.loci.ellipse import Ellipse
+from jitterkit.loci.cumulants import Skewed
+from jitterkit.loci.elliptic import Ellipse, Lissajous, Mvn
 from jitterkit.loci.kernel import rasterise
-from jitterkit.loci.linear import Linear
-from jitterkit.loci.lissajous import Lissajous
-from jitterkit.loci.mvn import Mvn
 from jitterkit.loci.partial import PartialShm
 from jitterkit.loci.path import Path
-from jitterkit.loci.product import Product
+from jitterkit.loci.product import Product, Smear, Tones
 from jitterkit.loci.shaped import Shaped
-from jitterkit.loci.shm import Shm
-from jitterkit.loci.skewed import Skewed
-from jitterkit.loci.smear import Smear
-from jitterkit.loci.stable import Stable
-from jitterkit.loci.streak import Streak
-from jitterkit.loci.tones import Tones
+from jitterkit.loci.streak import Linear, Shm, Streak
 from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
 
 __all__ = [

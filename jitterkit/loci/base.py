@@ -7,13 +7,13 @@ scene is the mean pointing, whatever the path.  ``M`` is real where the path is 
 
 Which one to reach for:
 
-* small against the resolution, or random and fast: :class:`~jitterkit.loci.mvn.Mvn` (there an image shows
+* small against the resolution, or random and fast: ``Mvn`` (there an image shows
   second moments and nothing else); next, with one number for its shape, ``Shaped``;
-* slow: :class:`~jitterkit.loci.linear.Linear`; with a bend, ``Path``; measured, ``Trace``;
-* a vibration of many cycles: :class:`~jitterkit.loci.shm.Shm` in one plane, ``Ellipse`` (or, in other words,
+* slow: ``Linear``; with a bend, ``Path``; measured, ``Trace``;
+* a vibration of many cycles: ``Shm`` in one plane, ``Ellipse`` (or, in other words,
   ``Lissajous``) in two, ``Tones`` at two frequencies; of about one cycle, ``PartialShm``;
 * a drift under random motion: ``Smear``;
-* none: :class:`~jitterkit.loci.stable.Stable`.
+* none: ``Stable``.
 
 Independent motions multiply: ``Product(Linear.of(0.3), Mvn.of(0.05))`` is a locus too.
 
@@ -29,6 +29,7 @@ from typing import ClassVar, Self
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -93,12 +94,13 @@ class Locus(eqx.Module):
     def points(self, n: int) -> np.ndarray:
         """About ``n`` equally probable pointing offsets ``(m, 2)`` in arcsec, columns x and y."""
 
-    @abstractmethod
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Pointing ``(n, 2)`` in arcsec at ``n`` equal steps through one exposure, in order of time.
 
-        Its distribution over the exposure is the locus; where the motion is random, it is one draw.
+        Its distribution over the exposure is the locus; where the motion is random, it is one draw.  A locus
+        whose :meth:`points` are in order of time has those.
         """
+        return self.points(n)
 
 
 @eqx.filter_jit
@@ -198,3 +200,33 @@ def whole_cycles(n: int, rng: np.random.Generator) -> np.ndarray:
     """
     cycles = rng.integers(max(1, n // 32), max(1, n // 16), endpoint=True)
     return 2 * np.pi * cycles * (np.arange(n) + 0.5) / n + rng.uniform(0, 2 * np.pi)
+
+
+class Stable(Locus):
+    """A telescope that stands still: ``M = 1``."""
+
+    names: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def of(cls) -> Self:
+        """Return the only one there is."""
+        return cls(jnp.zeros(0))
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        return cls.of()
+
+    def transfer(self, fx, fy):
+        return jnp.ones(jnp.broadcast_shapes(jnp.shape(fx), jnp.shape(fy)))
+
+    def moments(self):
+        return jnp.zeros(3)
+
+    def describe(self) -> dict[str, float]:
+        return {}
+
+    def points(self, n: int) -> np.ndarray:
+        return np.zeros((1, 2))
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros((n, 2))

@@ -152,9 +152,6 @@ class PartialShm(Locus):
         along = 0.5 * size["length"] * (along - along.mean())
         return turned(along, 0 * along, size["angle"])
 
-    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        return self.points(n)
-
 
 def _halves(square, t):
     """Return the parts odd and even in time, per ``2 pi a`` and ``2 pi² a²``: finite at no cycles."""

@@ -117,9 +117,6 @@ class Path(Locus):
         offsets = self._at((np.arange(n) + 0.5) / n - 0.5)
         return offsets - offsets.mean(axis=0)
 
-    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        return self.points(n)
-
     @property
     def _knots(self) -> int:
         return len(self.names) // 2 + 1

@@ -1,4 +1,4 @@
-"""Independent motions at the same time: their densities are convolved, their transfer functions multiply.
+"""Independent motions at the same time: densities are convolved, transfer functions multiply.
 
 Nature makes it whenever two causes have nothing to do with each other: a drift under the noise of the
 attitude loop, two wheels at unrelated speeds, a measured trace and what its sensor missed.
@@ -7,14 +7,16 @@ attitude loop, two wheels at unrelated speeds, a measured trace and what its sen
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import ClassVar, Self
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus
+from jitterkit.loci.base import Locus, axis_variances, principal_axes
+from jitterkit.loci.elliptic import Mvn
+from jitterkit.loci.streak import Linear, Shm
 
 
 class Product(Locus):
@@ -92,3 +94,86 @@ class Product(Locus):
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return sum((part.trace(n, rng) for part in self.factors()), np.zeros((n, 2)))
+
+
+_LEAST = 0.1
+"""Of the greater length, that the lesser starts with: at none a streak has no slope to follow."""
+
+
+class Tones(Product):
+    """Two independent vibrations; their moments add.
+
+    Which is the first, an image does not tell.  For three tones or more, multiply: ``Product(Shm.of(0.3),
+    Shm.of(0.2, 40.0), Shm.of(0.1, 80.0))``.
+
+    *Assumes* frequencies without a small common multiple; with one, the path closes and is another.
+
+    Nature makes it from two wheels at different speeds, or two modes of one structure.  The image is
+    a lozenge, brightest at its four corners.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("tone1_c", "tone1_s", "tone2_c", "tone2_s")
+
+    def __init__(self, first: Shm, second: Shm) -> None:
+        super().__init__(first, second)
+
+    @classmethod
+    def of(cls, length1: float, angle1: float, length2: float, angle2: float) -> Self:
+        """Build from both lengths, peak to peak [arcsec], and the angles of their axes [deg]."""
+        return cls(Shm.of(length1, angle1), Shm.of(length2, angle2))
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        """Start with one tone along each principal axis."""
+        major, minor, angle = principal_axes(moments)
+        scale = Shm.variance**-0.5
+        return cls.of(scale * major, angle, scale * max(minor, _LEAST * major), angle + 90)
+
+    def describe(self) -> dict[str, float]:
+        """Return ``length1``, ``angle1``, ``length2`` and ``angle2``, arcsec and degrees."""
+        parts = enumerate(self.factors(), start=1)
+        return {f"{name}{k}": value for k, part in parts for name, value in part.describe().items()}
+
+
+class Smear(Product):
+    """A straight smear convolved with a normal density: ``M = sinc(f.l) exp(-2 pi² f'Σf)``.
+
+    *Fails when* the blur is small against the resolution: an image then shows the sum of both moments and
+    does not tell one from the other.
+
+    Nature makes it from every spectrum of disturbances: what is slower than the exposure smears it, each
+    time in another direction, and what is faster blurs it normally.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("smear_c", "smear_s", "smear_xx", "smear_xy", "smear_yy")
+
+    def __init__(self, smear: Linear, rest: Mvn) -> None:
+        super().__init__(smear, rest)
+
+    @classmethod
+    def of(
+        cls,
+        length: float,
+        angle: float = 0.0,
+        sigma_major: float = 0.0,
+        sigma_minor: float | None = None,
+        sigma_angle: float = 0.0,
+    ) -> Self:
+        """Build from the smear's full length and axis, and the normal's sizes and axis [arcsec, deg].
+
+        ``sigma_minor`` defaults to ``sigma_major``.
+        """
+        return cls(Linear.of(length, angle), Mvn.of(sigma_major, sigma_minor, sigma_angle))
+
+    @classmethod
+    def near(cls, moments) -> Self:
+        """Build from moments: the excess of the major axis over the minor is smear; the rest is round."""
+        major, minor, angle = axis_variances(moments)
+        length = np.sqrt((major - minor) / Linear.variance)
+        return cls(Linear.of(length, angle), Mvn(jnp.asarray([minor, 0.0, minor])))
+
+    def describe(self) -> dict[str, float]:
+        """Return ``length`` and ``angle`` of the smear; the normal's sigmas and ``sigma_angle``."""
+        smear, rest = (part.describe() for part in self.factors())
+        sigmas = {name: rest[name] for name in ("sigma_major", "sigma_minor")}
+        return {**smear, **sigmas, "sigma_angle": rest["angle"]}

@@ -1,4 +1,4 @@
-"""What the straight loci share: a size and an axis, in coordinates of the double angle.
+"""The straight loci: a size and an axis, in coordinates of the double angle.
 
 ``(L² cos 2phi, L² sin 2phi)`` has no direction to lose at zero length, unlike ``(length, angle)``. It is not
 smooth there all the same: the moments of a streak lie on a cone, of which zero length is the boundary.
@@ -15,7 +15,8 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus, principal_axes, turned
+from jitterkit.loci.base import Locus, principal_axes, turned, whole_cycles
+from jitterkit.loci.special import j0_of_square, sinc_of_square
 
 
 class Streak(Locus):
@@ -69,3 +70,42 @@ class Streak(Locus):
         """Return the offsets (n, 2) of positions along the line, given in lengths from its middle."""
         size = self.describe()
         return turned(size["length"] * along, 0 * along, size["angle"])
+
+
+class Linear(Streak):
+    """A uniform streak of full ``length``: ``M = sinc(f.n L)``, variance ``L²/12`` along its axis.
+
+    Nature makes it when the pointing moves much slower than the exposure is long (f T below about 0.2):
+    over a small part of a cycle every motion is a straight line.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("linear_c", "linear_s")
+    cumulants: ClassVar[tuple[float, float] | None] = (-6 / 5, 48 / 7)
+    variance: ClassVar[float] = 1 / 12
+
+    def transfer(self, fx, fy):
+        return sinc_of_square(self.along(fx, fy))
+
+    def points(self, n: int) -> np.ndarray:
+        return self._placed((np.arange(n) + 0.5) / n - 0.5)
+
+
+class Shm(Streak):
+    """A sinusoid of peak-to-peak ``length`` 2A: ``M = J0(pi L f.n)``, variance ``L²/8`` along its axis.
+
+    Nature makes it when a structure rings at a frequency well above the frame rate (f T above 2 or 3).
+    The image lingers at both ends of the streak; its density is the arcsine law.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ("shm_c", "shm_s")
+    cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
+    variance: ClassVar[float] = 1 / 8
+
+    def transfer(self, fx, fy):
+        return j0_of_square(np.pi**2 * self.along(fx, fy))
+
+    def points(self, n: int) -> np.ndarray:
+        return self._placed(0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n))
+
+    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return self._placed(0.5 * np.cos(whole_cycles(n, rng)))

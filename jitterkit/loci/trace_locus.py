@@ -143,9 +143,6 @@ class Trace(Locus):
         at, times, positions = (np.arange(n) + 0.5) / n, np.asarray(self.times), np.asarray(self.positions)
         return np.stack([np.interp(at, times, positions[:, axis]) for axis in (0, 1)], axis=1)
 
-    def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        return self.points(n)
-
     @property
     def _order(self) -> int:
         """Return the nodes in every piece."""

@@ -16,15 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.loci.mvn import Mvn
+from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
-from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, from_parts, to_parts, with_further
+from jitterkit.optics.otf import OTF, Further, from_parts, to_parts, with_further
 from jitterkit.optics.system import OpticalSystem
-
-__all__ = ["Anchor", "AnchoredOptics", "on_grid"]
 
 _THIRD_ORDER = 1.5
 """What the second order leaves out of an image, as a share of it, by the cube of the phase's rms [rad]: 0.5

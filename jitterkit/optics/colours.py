@@ -18,16 +18,6 @@ from scipy.constants import c, h, k
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = [
-    "INDEX_ERROR",
-    "WAVELENGTH",
-    "WAVELENGTH_ERROR",
-    "Colours",
-    "blackbody_index",
-    "colours_of",
-    "wavenumber_offsets",
-]
-
 WAVELENGTH = "wavelength_shift"
 """Name of the shift by which all wavelengths are longer, nm."""
 

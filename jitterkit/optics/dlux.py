@@ -20,8 +20,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.pupil import Pupil
 
-__all__ = ["pupil_from_dlux"]
-
 _LONG = 1e-4  # m; rounding of the phase is then 2e-12 nm, and 50 um of path still do not wrap
 _VISIBLE = (4.7e-7, 8.3e-7)  # m
 _NUDGE = 1e-8  # m of each coefficient: 0.1 rad in the visible
@@ -102,7 +100,7 @@ def _verify(system, pupil, modes) -> None:
     moved = eqx.tree_at(
         lambda s: [s.layers[name].coefficients for name in modes],
         system,
-        [_moved(system, name) for name in modes],
+        [system.layers[name].coefficients + _NUDGE for name in modes],
     )
     opd = pupil.opd + _NUDGE * 1e9 * pupil.basis.sum(axis=0)
     for wavelength in _VISIBLE:
@@ -116,7 +114,3 @@ def _verify(system, pupil, modes) -> None:
                 f"{wavelength * 1e9:.0f} nm its wavefront differs from such a pupil's by {difference:.2g} of "
                 "the largest amplitude; remove layers whose phase does not scale with wavelength.",
             )
-
-
-def _moved(system, name):
-    return system.layers[name].coefficients + _NUDGE

@@ -15,8 +15,6 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
 from jitterkit.optics.otf import OTF
 
-__all__ = ["empirical_otf"]
-
 
 def empirical_otf(
     psf: np.ndarray,

@@ -11,8 +11,6 @@ from scipy.fft import next_fast_len
 from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["DEFAULT_PAD", "Grid"]
-
 DEFAULT_PAD = 64
 """Fine samples of padding on each side, at least: of a star in the middle of each preset's frame, what wraps
 around has a chi-squared below 1e-6 at 3.8e7 photons."""

@@ -12,10 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jitterkit.conventions import offsets
-from jitterkit.optics.pupil import Pupil
-from jitterkit.optics.zernike import zernike
-
-__all__ = ["hst_pupil", "jwst_pupil"]
+from jitterkit.optics.pupil import Pupil, open_pupil
 
 _NOLL = (7, 8, 9, 10)
 _SAMPLES = 256
@@ -103,8 +100,4 @@ def _drawn(width: float, clear: Callable[[np.ndarray, np.ndarray], np.ndarray]) 
     for k, rows in enumerate(fine.reshape(_SAMPLES, 8)):
         open_ = clear(fine[None, :], rows[:, None])
         transmission[k] = open_.reshape(8, _SAMPLES, 8).mean(axis=(0, 2))
-    axis = offsets(_SAMPLES, 2.0 / _SAMPLES)
-    x, y = np.meshgrid(axis, axis)
-    basis = np.array([zernike(j, x, y) for j in _NOLL])
-    names = [f"noll{j}" for j in _NOLL]
-    return Pupil(transmission, width, basis=basis, names=names, light=transmission.sum())
+    return open_pupil(transmission, width, _NOLL)

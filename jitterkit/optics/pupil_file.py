@@ -20,8 +20,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, reading_code
 from jitterkit.optics.pupil import Pupil
 
-__all__ = ["nanometres", "read_pupil", "write_pupil"]
-
 
 def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     """Read a pupil from an ``.npz`` or FITS file.

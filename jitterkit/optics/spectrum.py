@@ -16,8 +16,6 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["LIGHT", "Spectrum", "flat_band", "lines"]
-
 LIGHT = (10.0, 1e6)
 """nm, of what telescopes form images with: from the far ultraviolet to millimetres."""
 

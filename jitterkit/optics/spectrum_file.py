@@ -18,8 +18,6 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
 from jitterkit.optics.spectrum import Spectrum
 
-__all__ = ["band_from_table", "read_curve", "read_spectrum"]
-
 
 def read_spectrum(path: str | Path, samples: int = 13) -> Spectrum:
     """Read a spectrum from a CSV table.

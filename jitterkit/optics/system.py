@@ -12,13 +12,10 @@ import scipy.linalg
 
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import expand
-from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF
+from jitterkit.optics.otf import OTF, Further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
-
-__all__ = ["FixedOptics", "OpticalSystem", "Optics"]
 
 
 class Optics(Protocol):

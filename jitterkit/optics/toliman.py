@@ -20,8 +20,6 @@ from jitterkit.optics.dlux import pupil_from_dlux
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.pupil_file import read_pupil, write_pupil
 
-__all__ = ["toliman_pupil"]
-
 _HIGHEST = 22
 """Of Noll's aberrations that a frame shows: 2 nm of those from 11 to 22 bias a separation by up to 355 uas if
 they are not fitted, and fitting them costs nothing in its error.  The paper has those up to 10."""

@@ -8,18 +8,15 @@
 CSV files by :func:`read_curve`.  Nothing is ever fetched: synphot (extra ``spectra``) is given every number.
 """
 
-from jitterkit.photons.area import annulus_area, collecting_area
-from jitterkit.photons.budget import PhotonBudget, count_photons
-from jitterkit.photons.comparison import Line, compare
+from jitterkit.photons.budget import Line, compare, count_photons
 from jitterkit.photons.curve import Curve, band_of, flat_curve, read_curve
 from jitterkit.photons.stars import blackbody, tabulated
-from jitterkit.photons.throughput import IMX183_QE, Throughput
+from jitterkit.photons.throughput import IMX183_QE, Throughput, annulus_area, collecting_area
 
 __all__ = [
     "IMX183_QE",
     "Curve",
     "Line",
-    "PhotonBudget",
     "Throughput",
     "annulus_area",
     "band_of",

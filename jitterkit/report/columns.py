@@ -174,7 +174,7 @@ COLUMNS: tuple[Column, ...] = (
 """In the order of the table; the aberrations, whose names the telescope gives, follow ``shape_err``."""
 
 SHIFTS = ("wavelength_shift", "plate_scale_shift")
-"""Columns that are parameters of the optics too, as :mod:`jitterkit.optics.further` has them."""
+"""Columns that are parameters of the optics too, as :mod:`jitterkit.optics.otf` has them."""
 
 _NAMES = frozenset(column.name for column in COLUMNS)
 

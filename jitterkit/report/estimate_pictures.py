@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import UndeterminedError
-from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
-from jitterkit.loci import Mvn, Stable, locus_name
-from jitterkit.optics.otf import OTF
+from jitterkit.loci import Mvn, locus_name
 from jitterkit.report.axes import note_in_axes, scale_and_unit
 from jitterkit.report.field_plots import plot_differences, plot_scene, plot_spectrum, plot_whiskers
 from jitterkit.report.kernel_plots import plot_kernel, plot_kernel_image, plot_transfer
@@ -26,33 +24,6 @@ from jitterkit.report.words import angle_size, number
 
 Panels = list[Any]
 """Three ``matplotlib.axes.Axes``."""
-
-
-def template_images(
-    estimate: KernelEstimate, template: Parameters, otf: OTF
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the expected image (ny, nx) of a template without jitter, and with an estimate's.
-
-    Parameters
-    ----------
-    estimate : KernelEstimate
-        Its locus, or the normal with its moments, signs included.
-    template : Parameters
-    otf : OTF
-
-    Returns
-    -------
-    sharp, blurred : (ny, nx) array
-        For :func:`plot_estimate`.
-    """
-    sharp = np.asarray(expected_image(template.with_locus(Stable.of()), otf))
-    return sharp, blurred_image(estimate, template, otf)
-
-
-def blurred_image(estimate: KernelEstimate, template: Parameters, otf: OTF) -> np.ndarray:
-    """Return the second of :func:`template_images` alone."""
-    locus = Mvn.near(estimate.moments) if estimate.locus is None else estimate.locus
-    return np.asarray(expected_image(template.with_locus(locus), otf))
 
 
 def plot_estimate(
@@ -99,7 +70,8 @@ def plot_estimate(
     else:
         note_in_axes(axes[1], "no frequency rises\nabove the noise").set_axis_off()
     residual = np.where(used, (filled - level * model) / np.sqrt(spread), np.nan)
-    plot_residual(residual, plate_scale, axes[2], title=f"residual, rms {number(_rms(residual), 3)}σ")
+    rms = float(np.sqrt(np.nanmean(residual**2)))
+    plot_residual(residual, plate_scale, axes[2], title=f"residual, rms {number(rms, 3)}σ")
     return axes
 
 
@@ -205,7 +177,3 @@ def _fit(estimate: KernelEstimate, plate_scale: float) -> Callable:
     if kernel is None:
         return Mvn.near(estimate.moments).transfer
     return lambda fx, fy: kernel_transfer(kernel, plate_scale, fx.ravel(), fy.ravel())
-
-
-def _rms(residual: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(residual**2)))

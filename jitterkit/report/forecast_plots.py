@@ -22,12 +22,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from scipy.optimize import isotonic_regression
 
-from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Forecast, Requirement, Sweep
 from jitterkit.report.axes import INK, RUST, axes_or_new, colour_bar, finish
 from jitterkit.report.columns import unit_of
 from jitterkit.report.forecast_table import observing_time
-from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.words import MINUS
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")
@@ -203,46 +201,6 @@ def plot_requirements(
     x = np.array([one.cycles for one in every]) / (exposure or 1.0)
     ax.set_xlim(x.min() * 0.7, x.max() * 3)
     return finish(ax, title="from the pair")
-
-
-def plot_shears(
-    sweeps: dict[float, Sweep], *, still: float, plate_scale: float, exposure: float | None
-) -> Figure:
-    """Draw errors under a normal jitter, a row for each shear, with its kernel beside it.
-
-    Parameters
-    ----------
-    sweeps : dict of shear to Sweep
-        Each over ``sigma_major`` and ``angle``.
-    still, plate_scale, exposure
-        As for :func:`plot_errors`.
-
-    Returns
-    -------
-    figure : matplotlib.figure.Figure
-        An axis above each row counts FWHM of the major axis; every row has the same scales.
-    """
-    figure = Figure(figsize=(8.4, 3.3 * len(sweeps)), layout="constrained")
-    rows = figure.subplots(len(sweeps), 2, width_ratios=[2.6, 1], squeeze=False)
-    limits = (0.84e6 * still, 1.12e6 * max(float(sweep.error().max()) for sweep in sweeps.values()))
-    for (left, right), (shear, sweep) in zip(rows, sweeps.items(), strict=True):
-        scales: Any = {"still": still, "exposure": exposure, "limits": limits}
-        plot_errors(sweep, left, **scales, title=f"shear {shear:g}")
-        width = left.secondary_xaxis("top", functions=(_to_fwhm, _from_fwhm))
-        width.set_xlabel("FWHM of the major axis [arcsec]")
-        largest = float(sweep.axes["sigma_major"][-1])
-        locus = sweep.forecasts[-1, 0].parameters.locus
-        title = f"FWHM {_to_fwhm(largest):.3g}″, {sweep.axes['angle'][0]:g}°"
-        plot_kernel(locus, right, plate_scale=plate_scale, title=title)
-    return figure
-
-
-def _to_fwhm(sigma):
-    return sigma * FWHM_PER_SIGMA
-
-
-def _from_fwhm(width):
-    return width / FWHM_PER_SIGMA
 
 
 _SHORT = {"separation": "sep", "contrast": "cont", "background": "bg"}

@@ -112,7 +112,7 @@ def _template():
         "by_scale": by_scale,
         "base64": lambda data: Markup(base64.b64encode(data).decode("ascii")),
         "number": number,
-        "remarks": _remarks,
+        "remarks": lambda code: [(word.replace("_", " "), FLAGS[word]) for word in decode_flags(code)],
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
         "describe_run_fit": describe_run_fit,
         "describe_loci": describe_loci,
@@ -126,7 +126,7 @@ def _template():
         "ellipse_size": ellipse_size,
         "isfinite": math.isfinite,
         "NOTHING": NOTHING,
-        "pm": _measured,
+        "pm": lambda row, name: with_error(row[name], row[f"{name}_err"]),
         "with_error": with_error,
     }
     return environment.from_string(_resource("report.html.j2"))
@@ -138,14 +138,6 @@ def _readable(value: Any) -> Any:
         return value
     text = printable(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} … ({len(text)} characters)"
-
-
-def _measured(row: Row, name: str) -> str:
-    return with_error(row[name], row[f"{name}_err"])
-
-
-def _remarks(code: int) -> list[tuple[str, str]]:
-    return [(word.replace("_", " "), FLAGS[word]) for word in decode_flags(code)]
 
 
 def _candidates(row: Row) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from jitterkit.joint.combine import Combined
 from jitterkit.joint.result import SequenceFrame
 from jitterkit.loci import principal_axes
 from jitterkit.metric import LARGE_FACTOR, error_factor
-from jitterkit.optics.further import PLATE_SCALE
+from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import Status
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
@@ -154,6 +154,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     scatter = weighted_mean(
         np.array([f.separation for f in kept]), np.array([f.separation_err for f in kept])
     )
+    scale_err = float(np.median([f.record.stated[0] for f in kept]))  # that of most frames
     slope = fit.slope()
     statuses = [frame.record.status for frame in frames]
     return {
@@ -169,7 +170,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
             "corrected": mean + _mean_correction(kept),
-            "scale_error": math.nan if PLATE_SCALE in fit.combined.names else mean * _scale_err(kept),
+            "scale_error": math.nan if PLATE_SCALE in fit.combined.names else mean * scale_err,
             "scale_factor": _scale_factor(fit.combined),
             "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
@@ -178,11 +179,11 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "shared": {
             name: {
                 "unit": unit_of(name) if name != "diffusion" else "arcsec2",
-                "mean": _folded(name, fit.combined.value(name)),
+                "mean": direction_angle(value) if name == "theta" else value,
                 "error": fit.combined.error(name),
                 "law": describe_time_model(fit.time_models[name]),
             }
-            for name in fit.combined.names
+            for name, value in ((name, fit.combined.value(name)) for name in fit.combined.names)
         },
         "rows": None if fit.rows is None else fit.rows._asdict(),
         "locus": fit.locus,
@@ -199,11 +200,6 @@ def _scale_factor(combined: Combined) -> float:
     return error_factor(combined.covariance, *map(combined.names.index, ("separation", PLATE_SCALE)))
 
 
-def _scale_err(kept: list[Any]) -> float:
-    """Return the stated relative error of the plate scale: that of most frames."""
-    return float(np.median([frame.record.stated[0] for frame in kept]))
-
-
 def _mean_correction(kept: list[Any]) -> float:
     """Return by how much corrections change the separation [arcsec]: the mean of frames that have them."""
     separations, errors = np.array([(f.separation, f.separation_err) for f in kept]).T
@@ -211,11 +207,6 @@ def _mean_correction(kept: list[Any]) -> float:
     changes = corrected(separations, *corrections) - separations
     known = np.isfinite(changes)
     return float(np.average(changes[known], weights=errors[known] ** -2)) if known.any() else math.nan
-
-
-def _folded(name: str, value: float) -> float:
-    """Return a shared parameter as a person would give it."""
-    return direction_angle(value) if name == "theta" else value
 
 
 def _floor(floor: Floor) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """One fitted frame as a picture: data, model, residual and kernel side by side.
 
-:func:`render_frame` draws a frame at once.  A run keeps :func:`pack_picture` of a few frames and draws the
-worst of them at its end with :func:`render_pictures`; :func:`choose_pictures` says which.
+A run keeps :func:`pack_picture` of a few frames and draws the worst of them at its end with
+:func:`render_pictures`; :func:`choose_pictures` says which.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from jitterkit.report.plots import (
     small_png,
     stretch,
 )
-from jitterkit.report.row import Row, make_row
+from jitterkit.report.row import Row
 from jitterkit.report.words import number
 from jitterkit.scene import Stars
 
@@ -72,28 +72,6 @@ class _Picture:
     letters: str = ""
     locus: Locus | None = None
     locus_name: str = ""
-
-
-def render_frame(frame: Frame, result: FitResult, row: Row | None = None) -> FrameReport:
-    """Draw data, model, residual and kernel of a frame.
-
-    Parameters
-    ----------
-    frame : Frame
-    result : FitResult
-        Where it has no model, the data stand alone.
-    row : dict, optional
-        The frame's row, if the caller has one with more in it (position angle, time).
-
-    Returns
-    -------
-    report : FrameReport
-        About 0.06 MB, and free of the arrays it was made from.
-    """
-    if row is None:
-        row = make_row(result, frame.path, frame.index, metadata=frame.metadata, flags=frame.flags)
-    picture = _picture(frame, result)
-    return _Panels(picture).draw(picture, row)
 
 
 def pack_picture(frame: Frame, result: FitResult) -> bytes:

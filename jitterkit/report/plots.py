@@ -3,7 +3,7 @@
 Every function takes ``ax=None`` and returns the axes it drew on; their ``figure`` is a plain
 matplotlib figure that no global state knows, so nothing needs closing and threads may draw at once.
 Reach for :func:`plot_image` for anything on a frame's pixels; the neighbours ``kernel_plots``,
-``separation_plots``, ``field_plots`` and ``scene_plots`` draw what was measured.  Only these, this module and
+``time_plots``, ``field_plots`` and ``scene_plots`` draw what was measured.  Only these, this module and
 :mod:`~jitterkit.report.axes` import matplotlib.  *viridis* and *cividis* rise
 steadily in brightness; the two ends of the residual's red and blue also differ in place and sign on the
 colour bar.

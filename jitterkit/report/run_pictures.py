@@ -14,20 +14,20 @@ import numpy as np
 from astropy.table import QTable
 from scipy.stats import chi2
 
-from jitterkit.report.averaging_plots import (
-    plot_allan,
-    plot_root_n,
-    plot_root_n_error,
-    plot_running_mean,
-    suited_time,
-)
 from jitterkit.report.clock import Clock, fitted, separation_series
-from jitterkit.report.ellipse_plots import draw_jitter, jittered
 from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
 from jitterkit.report.residual_stack import ResidualStack, count_copies
-from jitterkit.report.separation_plots import draw_run
-from jitterkit.report.series_plots import plot_pulls, study_series
+from jitterkit.report.series_plots import (
+    plot_allan,
+    plot_pulls,
+    plot_root_n,
+    plot_root_n_error,
+    plot_running_mean,
+    study_series,
+    suited_time,
+)
+from jitterkit.report.time_plots import draw_jitter, draw_run, jittered
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
 from jitterkit.series import Floor, Trend, allan_deviation, block_scatter
 

@@ -134,13 +134,10 @@ def _numbers(candidates: Iterable[str]) -> dict[str, np.ndarray]:
             held[name] = array("d", _MISSING) * frames
         for name, numbers in held.items():
             one = frame.get(name)
-            numbers.extend(_MISSING if one is None else (_number(one[key]) for key in _KEYS))
+            values = _MISSING if one is None else [one[key] for key in _KEYS]
+            numbers.extend(math.nan if value is None else value for value in values)
         frames += 1
     return {name: np.array(numbers).reshape(-1, len(_KEYS)) for name, numbers in sorted(held.items())}
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
 
 
 _SURE = 5.0

@@ -1,8 +1,9 @@
-"""Pictures of a series: what it did, and what in it does not belong.
+"""Pictures of a series: what it did, what in it does not belong, and how far its averages can be trusted.
 
-Reach for :func:`plot_averaging`, a page of these and of :mod:`~jitterkit.report.averaging_plots`.  As in
-:mod:`~jitterkit.report.plots`, the others take ``ax=None`` and return the axes they drew on.  Values are
-separations in arcsec; times are seconds where nothing else is said.
+Reach for :func:`plot_averaging`, a page of these; for :func:`plot_allan`, and for :func:`plot_root_n` to see
+block means as they are.  :func:`plot_running_mean` and :func:`plot_root_n_error` show the mean of the first N
+frames and its error.  As in :mod:`~jitterkit.report.plots`, all but the page take ``ax=None`` and return the
+axes they drew on.  Values are separations in arcsec; times are seconds where nothing else is said.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jitterkit.report.averaging_plots import plot_allan, plot_root_n, suited_angle, suited_time
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
-from jitterkit.report.means import stretch_means
-from jitterkit.report.words import number, with_error
+from jitterkit.report.means import running_mean, stretch_means
+from jitterkit.report.words import angle_size, angle_unit, number, with_error
 from jitterkit.series import (
+    AllanDeviation,
+    BlockScatter,
     Floor,
     Outliers,
     Series,
@@ -189,3 +191,171 @@ def plot_pulls(outliers: Outliers, ax: Axes | None = None) -> Axes:
     ax.set(yscale="log", xlim=(-reach, reach), xlabel=f"residual / {over}", ylabel="frames")
     ax.set_ylim(_LEAST, 3 * max(per_sigma / min(scale, 1.0), 1.0))
     return finish(ax)
+
+
+_TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
+"""Seconds up to which a time is given in such units, and their name."""
+
+
+def plot_root_n(scatter: BlockScatter, ax: Axes | None = None, *, time_unit: str = "s") -> Axes:
+    """Draw the scatter of block means against their length, with error/sqrt(n) where errors are stated."""
+    ax = axes_or_new(ax, _SIZE)
+    scale, angle = suited_angle(scatter.scatter)
+    y, bars = scatter.scatter * scale, scatter.error * scale
+    low = np.minimum(bars, 0.9 * y)  # a bar to zero has no end on a logarithmic axis
+    n = scatter.lengths
+    ax.errorbar(n, y, [low, bars], fmt="o", color=BLUE, ms=4, elinewidth=1.0, label="of block means")
+    if np.isfinite(scatter.expected).all():
+        ax.plot(n, scatter.expected * scale, color=INK, ls="--", lw=1.2, label="errors/√n", zorder=1)
+    ax.loglog()
+    ax.set(xlabel=f"{_steps(scatter, time_unit)} in a block", ylabel=f"scatter [{angle}]")
+    return finish(ax)
+
+
+def plot_allan(
+    allan: AllanDeviation, ax: Axes | None = None, *, floor: Floor | None = None, time_unit: str = "s"
+) -> Axes:
+    """Draw an Allan deviation with its confidence band, and the noise that was fitted to the series.
+
+    Parameters
+    ----------
+    allan : AllanDeviation
+    ax : matplotlib.axes.Axes, optional
+    floor : Floor, optional
+        The curve; a floor that was detected is a dotted line, with a ring where the white noise meets it,
+        and one that was not an upper limit.
+    time_unit : str
+        Of the times.
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        Steps of the cadence below, time above.
+    """
+    ax = axes_or_new(ax, _SIZE)
+    scale, angle = suited_angle(allan.deviation)
+    n = allan.lengths
+    ax.fill_between(n, allan.low * scale, allan.high * scale, color=BLUE, alpha=0.25, lw=0)
+    ax.plot(n, allan.deviation * scale, "o-", color=BLUE, ms=3, lw=1.0, label="Allan deviation, 1σ")
+    if np.isfinite(allan.expected).all():
+        ax.plot(n, allan.expected * scale, color=INK, ls="--", lw=1.2, label="errors/√n")
+    if floor is not None:
+        ax.plot(n, floor.deviation(n) * scale, color=RUST, lw=1.8, label="fitted noise")
+        _draw_floor(ax, floor, scale, time_unit)
+    ax.loglog()
+    ax.set(xlabel=f"{_steps(allan, time_unit)} averaged", ylabel=f"Allan deviation [{angle}]")
+    per, unit = suited_time(float(allan.times[-1]), time_unit)
+    if unit != "frame":
+        per_frame = float(allan.times[0] / n[0]) / per
+        there_and_back: Any = (lambda x: x * per_frame, lambda x: x / per_frame)
+        above = ax.secondary_xaxis("top", functions=there_and_back)
+        above.set_xlabel(f"time averaged [{unit}]")
+    return finish(ax, loc="lower left")
+
+
+def _draw_floor(ax: Axes, floor: Floor, scale: float, time_unit: str) -> None:
+    if not (floor.detected and floor.floor > 0):
+        label = f"floor below {angle_size(floor.upper, 2)} (95 %)"
+        ax.axhline(floor.upper * scale, color=RUST, ls=":", lw=1.4, label=label)
+        return
+    factor, unit = angle_unit(floor.floor)
+    label = f"floor {with_error(floor.floor * factor, floor.error * factor)}{unit}"
+    ax.axhline(floor.floor * scale, color=RUST, ls=":", lw=1.4, label=label)
+    if floor.meets < 1:
+        return
+    per, unit = suited_time(floor.meets * floor.cadence, time_unit)
+    time = number(floor.meets * floor.cadence / per, 2)
+    steps = "frames" if unit == "frame" else f"steps, {time} {unit}"
+    style: Any = {"ls": "", "marker": "o", "ms": 9, "mfc": "none", "mec": INK, "mew": 1.4, "zorder": 5}
+    ax.plot(floor.meets, floor.floor * scale, **style, label=f"met at {number(floor.meets, 2)} {steps}")
+
+
+def _steps(means: AllanDeviation | BlockScatter, time_unit: str) -> str:
+    """Return what lengths are counted in."""
+    if time_unit == "frame":
+        return "frames"
+    step = float(means.times[0] / means.lengths[0])
+    per, unit = suited_time(step, time_unit)
+    return f"steps of {number(step / per, 3)} {unit}"
+
+
+def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
+    """Return how many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
+    factor, unit = angle_unit(float(np.median(sizes)))
+    return factor, unit.strip().replace("″", "arcsec")
+
+
+def suited_time(span: float, unit: str) -> tuple[float, str]:
+    """Return how many of the times' unit make the unit that suits a span, and its name."""
+    if unit != "s":
+        return 1.0, unit
+    return next((per, name) for most, per, name in _TIMES if span < most)
+
+
+_POINTS = 400
+"""Of a curve over N, evenly on a logarithmic axis."""
+
+_TELLING = 8
+"""Frames from which a scatter is known to a quarter, 1/sqrt(2 (n - 1))."""
+
+_SHOWN, _HELD = 1000, 100
+"""The axis begins with a thousandth of the frames and holds the means from a hundredth on: those of the first
+few would press the rest flat."""
+
+
+def plot_running_mean(values: np.ndarray, errors: np.ndarray, ax: Axes | None = None) -> Axes:
+    """Draw the weighted mean of the first N frames, less that of all, within its stated error.
+
+    Parameters
+    ----------
+    values, errors : (n,) arrays
+        Separations that count, in the order of time; arcsec.
+    ax : matplotlib.axes.Axes, optional
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        Tall enough for the last two decades.
+    """
+    ax = axes_or_new(ax, _SIZE)
+    n, running = _thinned(values, errors)
+    centre = running["mean"][-1]
+    held = n >= max(len(values) / _HELD, min(_TELLING, len(values) / 2))
+    scale, unit = suited_angle(running["error"][held])
+    y, bar = (running["mean"] - centre) * scale, running["error"] * scale
+    ax.fill_between(n, y - bar, y + bar, color=BLUE, alpha=0.25, lw=0, label="its stated error, 1σ")
+    ax.plot(n, y, color=BLUE, lw=1.4, label="mean of the first N frames")
+    ax.axhline(0, color=RUST, lw=1.2)
+    reach = 1.6 * float(np.max((np.abs(y) + bar)[held]))
+    first = max(1.0, len(values) / _SHOWN)
+    ax.set(xscale="log", xlabel="frames N", xlim=(first, 1.1 * len(values)), ylim=(-reach, reach))
+    ax.set_ylabel(f"mean − {number(float(centre), 7)}″ [{unit}]")
+    return finish(ax, loc="upper right")
+
+
+def plot_root_n_error(values: np.ndarray, errors: np.ndarray, ax: Axes | None = None) -> Axes:
+    """Draw the error of the weighted mean of the first N frames with what 1/sqrt(N) makes of one frame's.
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes
+        The error by the stated errors and, from eight frames on, by the scatter.  They part where errors
+        are wrong, or where what frames have in common does not average.
+    """
+    ax = axes_or_new(ax, _SIZE)
+    n, running = _thinned(values, errors)
+    scale, unit = suited_angle(running["error"])
+    line = float(np.median(errors)) * scale / np.sqrt(n)
+    ax.plot(n, line, color=INK, ls="--", lw=1.2, label="a typical frame's error/√N")
+    ax.plot(n, running["error"] * scale, color=BLUE, lw=2.0, alpha=0.8, label="stated error of the mean")
+    known = n >= _TELLING
+    by_scatter = running["error_by_scatter"][known] * scale
+    ax.plot(n[known], by_scatter, color=RUST, lw=1.2, label="error to judge by the scatter")
+    ax.set(xscale="log", yscale="log", xlabel="frames N", ylabel=f"error of the mean [{unit}]")
+    return finish(ax, loc="lower left")
+
+
+def _thinned(values: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Numbers of frames, few enough for a curve, and the running mean at them."""
+    n = np.unique(np.rint(np.geomspace(1, len(values), _POINTS)).astype(int))
+    return n, {name: column[n - 1] for name, column in running_mean(values, errors).items()}

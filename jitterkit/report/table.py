@@ -195,20 +195,13 @@ def _write_fits(path: Path, table: QTable) -> None:
             ascii_only[name] = np.char.decode(
                 np.char.encode(table[name], "ascii", "backslashreplace"), "ascii"
             )
-        ascii_only[name].info.description = _ascii(table[name].info.description or "")
+        description = (table[name].info.description or "").encode("ascii", "backslashreplace")
+        ascii_only[name].info.description = description.decode()
     plain = {str(key): value for key, value in _plain(table.meta).items()}
     ascii_only.meta = {"comments": [json.dumps({key: value}) for key, value in plain.items()]}
     with warnings.catch_warnings():  # of electron, which FITS does not know and astropy keeps in comments
         warnings.simplefilter("ignore", AstropyUserWarning)
         ascii_only.write(path, format="fits")
-
-
-def _ascii(text: str) -> str:
-    return text.encode("ascii", "backslashreplace").decode()
-
-
-def _write_parquet(path: Path, table: QTable) -> None:
-    table.write(path, format="parquet")
 
 
 def _write_json(path: Path, table: QTable) -> None:
@@ -231,7 +224,7 @@ _WRITERS: dict[str, Callable[[Path, QTable], None]] = {
     ".ecsv": _write_ecsv,
     ".csv": _write_csv,
     ".fits": _write_fits,
-    ".parquet": _write_parquet,
+    ".parquet": lambda path, table: table.write(path, format="parquet"),
     ".json": _write_json,
 }
 

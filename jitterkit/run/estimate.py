@@ -24,8 +24,6 @@ from jitterkit.refit.prior_file import CORRELATIONS
 from jitterkit.report.columns import Column, bind, bind_rows, measured, named
 from jitterkit.report.flags import FLAGS
 
-__all__ = ["BlurEstimator", "estimate_files"]
-
 _MOMENTS = ("sxx", "sxy", "syy")
 
 _POWERS = {"arcsec": 1, "arcsec2": 2}

@@ -44,8 +44,6 @@ from jitterkit.run.stacked_stars import find_stacked_stars
 
 log = logging.getLogger(__name__)
 
-__all__ = ["Run", "planned_before", "prepare_run", "process_files", "write_outputs"]
-
 
 @dataclass(frozen=True)
 class BatchSettings:

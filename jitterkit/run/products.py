@@ -24,8 +24,6 @@ from jitterkit.report.outputs import ENDS, make_directory
 from jitterkit.report.plots import png
 from jitterkit.starfield import FieldEstimate
 
-__all__ = ["Products"]
-
 
 @dataclass(frozen=True)
 class Products:

@@ -21,8 +21,6 @@ from jitterkit.report.pictures import pack_picture
 from jitterkit.report.residual_stack import ResidualStack, stack_residuals
 from jitterkit.report.row import Row, make_row
 
-__all__ = ["Record", "duplicate_marker", "recorder"]
-
 _KEPT = ("file", "path", "time", "exposure", "seconds", "digest")
 """Columns that a duplicate keeps: none with a number that could be counted twice."""
 

@@ -28,8 +28,6 @@ from jitterkit.report.row import Row
 from jitterkit.run.process import Run, keep, prepare_run, write_outputs
 from jitterkit.run.rows import Record, duplicate_marker, recorder
 
-__all__ = ["WATCH", "watch_directory"]
-
 log = logging.getLogger(__name__)
 
 _UNREADABLE = Status.UNREADABLE.name.lower()

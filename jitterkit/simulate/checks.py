@@ -1,13 +1,16 @@
-"""What cannot be simulated, or forecast: refused in a sentence before any work."""
+"""Scenes: read from a table of stars, and refused before any work where they cannot be simulated."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
+from jitterkit.instruments.background_stars import read_star_table
 from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
-from jitterkit.scene import Scene
+from jitterkit.scene import Scene, Stars
 
 
 def check_scene(scene: Scene, locus: Locus, background: float = 0.0) -> None:
@@ -91,3 +94,31 @@ def _finest(otf: OTF) -> float:
     """Return the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
     fy, fx = otf.grid.frequencies
     return float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))
+
+
+_UNITS = {"x": "arcsec", "y": "arcsec", "flux": "electron"}
+
+
+def read_stars(path: str | Path) -> Stars:
+    """Read the stars of a scene from a table.
+
+    Parameters
+    ----------
+    path : str or Path
+        ECSV or CSV with the columns ``x``, ``y`` (offsets from the frame's centre; arcsec unless the table
+        says otherwise) and ``flux`` (electrons per frame).
+
+    Returns
+    -------
+    stars : Stars
+
+    Raises
+    ------
+    FrameError
+        If the file cannot be read as such a table, or holds what no star can have.
+    """
+    x, y, flux = read_star_table(path, _UNITS)
+    if np.any(flux <= 0):
+        problem = "holds a star without light"
+        raise FrameError(ErrorCode.OUT_OF_RANGE, path, problem, "give positive fluxes")
+    return Stars.of(x, y, flux)

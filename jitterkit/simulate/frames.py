@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jitterkit.detectors import Detector
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image
@@ -23,9 +24,8 @@ from jitterkit.known_light import KnownLight
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Scene
-from jitterkit.shutter import Shutter, with_enough_nodes
+from jitterkit.shutter import Drifting, Shutter, with_enough_nodes
 from jitterkit.simulate.checks import check_reach, check_scene
-from jitterkit.simulate.rolling import drifting_shutter, line_time_of
 
 _SOURCE = "argument of the simulation"
 
@@ -204,10 +204,10 @@ def simulate_sequence(
     for index in range(frames):
         if otf is None or not np.array_equal(states[index], states[index - 1]):
             otf = instrument.optics(states[index], pad=pad, derivatives=False)
-        moved = _moved(scene, {name: values[index] for name, values in changes.items()})
+        values = scene.values | {name: column[index] for name, column in changes.items()}
         simulated = simulate_frame(
             instrument,
-            moved,
+            scene.at(list(values.values())),
             loci[index],
             aberrations=states[index],
             background=background,
@@ -230,10 +230,6 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
     return np.broadcast_to(given, (frames, width))
 
 
-def _moved(scene: Scene, changes: dict[str, float]) -> Scene:
-    return scene.at(list((scene.values | changes).values()))
-
-
 def _read_out(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:
     detector = instrument.detector
     numbers = {name: detector.nominal(name) for name in ASSUMED}
@@ -252,3 +248,38 @@ def _known(instrument: Instrument, shutter: Shutter | None, row_order: int) -> M
     line_time = line_time_of(instrument.detector, row_order) if shutter is None else float(shutter.line_time)
     numbers = {"exposure": instrument.exposure, "plate_scale": instrument.plate_scale, "line_time": line_time}
     return Metadata(row_order=row_order).override(_SOURCE, **numbers)
+
+
+def line_time_of(detector: Detector, row_order: int) -> float | None:
+    """Time [s] from a row's exposure to that of the row above it in memory; None where nobody says."""
+    return None if detector.line_time is None else detector.line_time * row_order
+
+
+def drifting_shutter(detector: Detector, velocity, row_order: int = 1) -> Drifting | None:
+    """Return the shutter of a detector under a uniform drift.
+
+    Parameters
+    ----------
+    detector : Detector
+    velocity : (2,) array or None
+        Of the image along x and y, arcsec/s.
+    row_order : {1, -1}
+        Whether the rows of the file will be those in memory, or turned over, as a TIFF's are.
+
+    Returns
+    -------
+    shutter : Drifting or None
+        None, which is a global shutter, where the detector has one or nothing drifts.
+
+    Raises
+    ------
+    ConfigurationError
+        If the velocity is not two finite numbers.
+    """
+    if velocity is None:
+        return None
+    if (shape := np.shape(velocity)) != (2,) or not np.all(np.isfinite(velocity)):
+        code = ErrorCode.OUT_OF_RANGE if shape == (2,) else ErrorCode.WRONG_SHAPE
+        raise ConfigurationError(code, f"velocity = {velocity} is not a drift; give (vx, vy) in arcsec/s.")
+    line_time = line_time_of(detector, row_order)
+    return Drifting(line_time, velocity) if line_time and np.any(velocity) else None

@@ -13,7 +13,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2, median_abs_deviation
 
-from jitterkit.kernel_estimate import is_detected
 from jitterkit.loci import axis_variances, covariance_on_axis
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.moments import Moments
@@ -111,11 +110,6 @@ is left of the trail it is invented."""
 _ROUND, _CERTAIN = 1.1, 5.0
 """Ratio of a reference's variances along and across up to which it is round, and sigma of what is not:
 optics make ellipticities of a few percent."""
-
-
-def is_blurred(excess: np.ndarray, covariance: np.ndarray) -> bool:
-    """Return whether the frame's stars differ from the reference's by more than noise."""
-    return is_detected(excess, covariance)
 
 
 def elongation(psf: Psf) -> tuple[float, float] | None:

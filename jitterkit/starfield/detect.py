@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
-from jitterkit.starfield.stamps import Stars, cut_out, stand_alone
+from jitterkit.starfield.moments import Stars, cut_out, stand_alone
 from jitterkit.vision import median_filter
 
 _BOX = 64

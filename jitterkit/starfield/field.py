@@ -22,9 +22,8 @@ from jitterkit.starfield.certainty import not_linear
 from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
-from jitterkit.starfield.moments import Moments, adaptive_moments
+from jitterkit.starfield.moments import Moments, Stars, adaptive_moments
 from jitterkit.starfield.psf import Psf, field_psf
-from jitterkit.starfield.stamps import Stars
 from jitterkit.starfield.trail import Trail, trail_against, trail_alone
 
 _NO_PATTERN = ("smear", "round", "undetermined")

@@ -19,8 +19,7 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import Locus
 from jitterkit.optics import OTF
 from jitterkit.scene import Star
-from jitterkit.starfield.moments import Moments
-from jitterkit.starfield.stamps import Stars
+from jitterkit.starfield.moments import Moments, Stars
 
 _CHUNK = 32
 """Stars per call, the last call filled up: the number of stars must not cause a new compilation."""

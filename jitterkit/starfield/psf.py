@@ -15,8 +15,7 @@ from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.frames import Frame
 from jitterkit.starfield.common import common_moments
 from jitterkit.starfield.detect import find_stars
-from jitterkit.starfield.moments import Moments, adaptive_moments
-from jitterkit.starfield.stamps import Stars
+from jitterkit.starfield.moments import Moments, Stars, adaptive_moments
 
 _ROUNDS = 3
 """Passes in which pixels that a star lacks are filled with what the others show there."""

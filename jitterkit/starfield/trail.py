@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.kernel_estimate import refuse_blurrier
+from jitterkit.kernel_estimate import is_detected, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield.certainty import (
@@ -22,15 +22,13 @@ from jitterkit.starfield.certainty import (
     compatible_with_zero,
     disagreement,
     elongation,
-    is_blurred,
     root_error,
 )
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
-from jitterkit.starfield.moments import Moments
+from jitterkit.starfield.moments import Moments, Stars
 from jitterkit.starfield.psf import Psf, stack_psf
-from jitterkit.starfield.stamps import Stars
 
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""
@@ -162,7 +160,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     excess, shared = common.moments - psf.moments, common.covariance + psf.covariance
     refuse_blurrier(excess, shared, tolerated=TOLERATED)
     own = _own_elongation(psf)
-    if not is_blurred(excess, shared):
+    if not is_detected(excess, shared):
         return _sharp(excess, shared, common, own)
     which = np.flatnonzero(common.used)
     some, theirs = stars.chosen(which), moments.chosen(which)

@@ -1,7 +1,7 @@
 """What accuracy costs: the settings that trade one for the other, measured on a scene."""
 
-from jitterkit.trade.grid import Point, front, measure_grid
+from jitterkit.trade.grid import front, measure_grid
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import PRESETS, Settings
 
-__all__ = ["PRESETS", "Point", "Settings", "TradeScene", "front", "measure_grid"]
+__all__ = ["PRESETS", "Settings", "TradeScene", "front", "measure_grid"]

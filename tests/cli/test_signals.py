@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from jitterkit.cli.signals import as_interrupt, until_interrupted
+from jitterkit.cli.runtime import as_interrupt, until_interrupted
 
 ENDS = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 

@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.estimators import estimate_moments
+from jitterkit.estimators.moments import estimate_moments
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear, Mvn, Shm, Stable

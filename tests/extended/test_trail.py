@@ -6,8 +6,8 @@ from refusals import refused
 from scipy import fft
 
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended import estimate_trail, find_trails
-from jitterkit.extended.trail import _weighted
+from jitterkit.extended import estimate_trail
+from jitterkit.extended.trail import _weighted, find_trails
 
 SIDE = 240
 

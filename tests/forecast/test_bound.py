@@ -6,7 +6,8 @@ from refusals import refused
 
 from jitterkit.detectors import Detector
 from jitterkit.errors import ErrorCode
-from jitterkit.forecast import Forecast, degenerate_directions, expected_data, forecast
+from jitterkit.forecast import Forecast, degenerate_directions, forecast
+from jitterkit.forecast.bound import expected_data
 from jitterkit.forward import expected_image, parameter_names, to_vector
 from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Smear
 from jitterkit.refit import FitOptions, Priors, fit_frame, moments_prior

@@ -14,7 +14,7 @@ from jitterkit.forecast.causes_frame import Setting
 from jitterkit.forecast.causes_information import Information
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import FixedOptics, Grid, OpticalSystem, empirical_otf, flat_band, obstructed_circle
-from jitterkit.report.causes_text import causes_sentences, remedy_sentence, verdicts
+from jitterkit.report.causes_plots import causes_sentences, remedy_sentence, verdicts
 from jitterkit.report.words import MINUS
 from jitterkit.scene import Binary, Star
 

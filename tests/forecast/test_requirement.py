@@ -8,16 +8,8 @@ from refusals import refused
 
 from jitterkit.detectors import Detector
 from jitterkit.errors import ErrorCode
-from jitterkit.forecast import (
-    forecast,
-    jitter_of_kind,
-    jitter_requirements,
-    largest_size,
-    moment_bias,
-    noise_free_fit,
-    sweep,
-)
-from jitterkit.forecast.requirement import MOTIONS
+from jitterkit.forecast import forecast, jitter_of_kind, jitter_requirements, noise_free_fit, sweep
+from jitterkit.forecast.requirement import MOTIONS, largest_size, moment_bias
 from jitterkit.loci import Linear, Mvn, PartialShm
 
 

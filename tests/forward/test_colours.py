@@ -9,7 +9,8 @@ import pytest
 from jitterkit.forward import Parameters, expected_image, image_and_jacobian, parameter_names, to_vector
 from jitterkit.likelihood import Data, deviance, normal_equations
 from jitterkit.loci import Linear, Mvn
-from jitterkit.optics import Colours, colours_of
+from jitterkit.optics import Colours
+from jitterkit.optics.colours import colours_of
 from jitterkit.refit import fit_frame
 from jitterkit.scene import Binary, FurtherStars, Star, Stars
 

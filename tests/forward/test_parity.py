@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from paper_numerics import PUBLIC_LOCI, FiveArcsineImages, FiveEqualImages, point_sampled
 
-from jitterkit.conventions import theta_from_dlux
+from jitterkit.conventions import direction_angle
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.loci import Stable
 from jitterkit.optics import Grid, expand, lines
@@ -50,7 +50,7 @@ def public(system, locus, **source):
         shape, length, angle = locus
         telescope = dLuxToliman.JitteredToliman(optics, source, length, angle, n_psfs=5, jitter_shape=shape)
         image, ours = telescope.jitter_model(), PUBLIC_LOCI[shape].of(length, angle)
-    theta = theta_from_dlux(source.position_angle)
+    theta = direction_angle(270 - source.position_angle)  # the public model's runs from +y to +x
     scene = Binary(
         source.separation, theta, source.x_position, source.y_position, 10**source.log_flux, source.contrast
     )

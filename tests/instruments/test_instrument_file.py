@@ -11,7 +11,8 @@ from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument, read_instrument
 from jitterkit.instruments.description import describe_instrument
 from jitterkit.instruments.toml import SECTIONS
-from jitterkit.optics import Colours, Pupil, flat_band, write_pupil
+from jitterkit.optics import Colours, Pupil, flat_band
+from jitterkit.optics.pupil_file import write_pupil
 
 WHOLE = """
 [instrument]

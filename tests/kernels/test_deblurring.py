@@ -6,7 +6,8 @@ from refusals import refused
 from scipy.signal import fftconvolve
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.kernels import METHODS, deblur, kernel_image
+from jitterkit.kernels import deblur, kernel_image
+from jitterkit.kernels.deblurring import METHODS
 from jitterkit.loci import Linear, Mvn, Product
 
 PLACES = np.array([[30, 22], [33, 61], [58, 40], [70, 70], [15, 75]])  # row, column

@@ -8,7 +8,8 @@ from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.kernels import kernel_cards, kernel_image, locus_of, read_kernel, write_kernel
+from jitterkit.kernels import kernel_image, locus_of, read_kernel, write_kernel
+from jitterkit.kernels.files import kernel_cards
 from jitterkit.loci import Linear, Mvn
 
 P = 0.375

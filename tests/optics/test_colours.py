@@ -7,18 +7,8 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.optics import (
-    Anchor,
-    Colours,
-    Grid,
-    OpticalSystem,
-    Spectrum,
-    blackbody_index,
-    colours_of,
-    expand,
-    flat_band,
-    lines,
-)
+from jitterkit.optics import Anchor, Colours, Grid, OpticalSystem, Spectrum, expand, flat_band, lines
+from jitterkit.optics.colours import blackbody_index, colours_of
 
 BAND = flat_band(500.0, 600.0, 5)
 STATE = np.array([10.0, -6.0])

@@ -4,7 +4,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.optics import Pupil, obstructed_circle
-from jitterkit.optics.zernike import noll_to_nm, zernike
+from jitterkit.optics.pupil import noll_to_nm, zernike
 
 
 def test_the_light_through_an_obstructed_circle_is_its_area():

@@ -4,7 +4,8 @@ from astropy.io import fits
 from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.optics import Pupil, obstructed_circle, read_pupil, write_pupil
+from jitterkit.optics import Pupil, obstructed_circle
+from jitterkit.optics.pupil_file import read_pupil, write_pupil
 
 
 def same(one: Pupil, other: Pupil) -> bool:

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import kernel_image
-from jitterkit.loci import Linear, Mvn, Stable
-from jitterkit.report.estimate_pictures import plot_estimate, plot_extended, plot_field, template_images
+from jitterkit.loci import Linear
+from jitterkit.report.estimate_pictures import plot_estimate, plot_extended, plot_field
 from jitterkit.report.plots import png
 
 PNG = b"\x89PNG"
@@ -52,13 +51,6 @@ def test_undetected_jitter_is_called_so_beneath_its_kernel(size, told, kernel, r
     assert ("undetected" in caption) == told
 
 
-def test_images_of_a_template_are_those_of_the_forward_model(make_fit):
-    truth = make_fit("mvn")[1].parameters
-    sharp, blurred = template_images(estimate(truth.locus.moments()), truth, make_fit.otf)
-    np.testing.assert_allclose(blurred, make_fit("mvn")[1].image, rtol=1e-10)
-    np.testing.assert_allclose(sharp, make_fit("stable")[1].image, rtol=1e-10)
-
-
 @pytest.mark.parametrize("moments", [[-1e-3, 0, -2e-3], [0.04, 0, -1e-3]])
 def test_moments_that_are_no_density_are_drawn_all_the_same(make_fit, moments):
     frame, result = make_fit("stable")
@@ -91,10 +83,3 @@ def test_a_field_and_a_scene_are_drawn_with_and_without_a_scale(plate_scale, rng
         scene = plot_extended(found, rng.normal(size=(64, 70)), plate_scale=plate_scale)
         assert scene[2].get_title() == "as taken"
         assert png(scene[0], 40).startswith(PNG)
-
-
-def test_a_template_of_no_jitter_keeps_its_other_parameters(make_fit):
-    truth = make_fit("stable")[1].parameters
-    moved = Parameters(truth.scene, Mvn.of(0.3), truth.aberrations, truth.background)
-    sharp, blurred = template_images(estimate([0, 0, 0], locus=Stable.of()), moved, make_fit.otf)
-    np.testing.assert_array_equal(sharp, blurred)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Ellipse
+from study_plots import plot_shears
 
 from jitterkit.forecast import Forecast, Requirement, Sweep
 from jitterkit.forward import Parameters
@@ -16,7 +17,6 @@ from jitterkit.report.forecast_plots import (
     plot_errors,
     plot_matrices,
     plot_requirements,
-    plot_shears,
     spread,
 )
 from jitterkit.scene import Binary

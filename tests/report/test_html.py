@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from drawn import render_frame
 from long_run import long_run
 from refusals import refused
 
@@ -12,7 +13,6 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import Metadata
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.html import write_report
-from jitterkit.report.pictures import render_frame
 from jitterkit.report.row import make_row
 from jitterkit.report.summary import summarise
 from jitterkit.report.table import make_table

@@ -9,10 +9,11 @@ from html.parser import HTMLParser
 from itertools import pairwise
 
 import pytest
+from drawn import render_frame
 
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.html import write_report
-from jitterkit.report.pictures import FrameReport, render_frame
+from jitterkit.report.pictures import FrameReport
 from jitterkit.report.row import make_row
 from jitterkit.report.summary import summarise
 from jitterkit.report.table import make_table

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from study_plots import plot_arcsine
 
 from jitterkit.loci import Linear, Mvn, Product, Shm, Stable
 from jitterkit.motion import Line, PowerSpectrum, Record, Split, assess_motion, split_spectrum
@@ -13,7 +14,6 @@ from jitterkit.report.motion_plots import (
     plot_pointing,
 )
 from jitterkit.report.plots import png
-from jitterkit.report.posterior_plots import plot_arcsine
 
 MOTION = PowerSpectrum(
     [0.1, 300.0], [[1e-5, 0, 2e-5], [1e-9, 0, 2e-9]], (Line(61.0, 0.02, 30.0), Line(4.0, 0.01, 90.0))

@@ -3,13 +3,14 @@ import pickle
 
 import numpy as np
 import pytest
+from drawn import render_frame
 from PIL import Image
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.frames.frame import Frame
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.report.pictures import choose_pictures, pack_picture, render_frame, render_pictures
+from jitterkit.report.pictures import choose_pictures, pack_picture, render_pictures
 
 
 @pytest.mark.parametrize("locus", ["linear", "shm", "mvn", "stable"])
@@ -30,17 +31,9 @@ def test_a_frame_without_a_fit_shows_its_data():
     assert report.picture.startswith(b"\x89PNG")
 
 
-def test_a_picture_that_was_packed_is_the_one_drawn_at_once(make_fit):
-    """But for images in single precision, which may turn a colour by one."""
-    frame, result = make_fit("linear", path="cube.fits", index=3, several=True)
-    at_once = render_frame(frame, result)
-    packed = pack_picture(frame, result)
-    (later,) = render_pictures([(at_once.row, packed)])
-    assert (later.name, later.alt) == (at_once.name, at_once.alt)
-    assert later.row is at_once.row
-    first, second = (np.asarray(Image.open(io.BytesIO(one.picture)), int) for one in (at_once, later))
-    assert np.mean(np.abs(first - second) > 1) < 1e-3
-    assert len(packed) < 3 * 4 * frame.electrons.size + 3000
+def test_a_packed_picture_holds_three_images_in_single_precision(make_fit):
+    frame, result = make_fit("linear", several=True)
+    assert len(pack_picture(frame, result)) < 3 * 4 * frame.electrons.size + 3000
 
 
 def test_pictures_drawn_one_after_the_other_are_those_drawn_alone(make_fit):

@@ -13,9 +13,9 @@ from jitterkit.report.plots import (
     stretch,
 )
 from jitterkit.report.row import make_row
-from jitterkit.report.separation_plots import plot_separations
 from jitterkit.report.summary import summarise
 from jitterkit.report.table import make_table
+from jitterkit.report.time_plots import plot_separations
 
 
 def _patch(ax, kind):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jitterkit.report.averaging_plots import plot_allan, plot_root_n
-from jitterkit.report.series_plots import plot_averaging, plot_pulls, plot_series
+from jitterkit.report.series_plots import plot_allan, plot_averaging, plot_pulls, plot_root_n, plot_series
 from jitterkit.series import (
     Series,
     allan_deviation,

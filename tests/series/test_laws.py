@@ -5,8 +5,13 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
-from jitterkit.series import NOISES, degrees_of_freedom, difference_correlation, difference_variance
-from jitterkit.series.laws import contrast_covariance
+from jitterkit.series.laws import (
+    NOISES,
+    contrast_covariance,
+    degrees_of_freedom,
+    difference_correlation,
+    difference_variance,
+)
 
 DENSITY = {"white": 2.0, "flicker": 1 / (2 * np.log(2)), "walk": 1.5 / np.pi**2}
 """One-sided spectra h f^-k whose Allan variance is one at length one (Barnes et al. 1971)."""

@@ -12,7 +12,8 @@ from jitterkit.instruments import Instrument
 from jitterkit.loci import LOCI, Linear, Mvn
 from jitterkit.optics import flat_band, obstructed_circle
 from jitterkit.scene import Binary
-from jitterkit.simulate import fits_header, simulate_frame, simulate_sequence, tiff_metadata, truth_cards
+from jitterkit.simulate import fits_header, simulate_frame, simulate_sequence, tiff_metadata
+from jitterkit.simulate.cards import truth_cards
 
 # A telescope of its own: the cards must name aberrations whose numbers do not follow each other (4 and 10),
 # and one wavelength and few pixels are enough, as no frame is fitted.

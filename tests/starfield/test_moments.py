@@ -7,8 +7,7 @@ from scipy.optimize import least_squares
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.starfield.common import common_moments
-from jitterkit.starfield.moments import Moments, adaptive_moments
-from jitterkit.starfield.stamps import Stars
+from jitterkit.starfield.moments import Moments, Stars, adaptive_moments
 
 GRID = np.arange(-16, 17)
 

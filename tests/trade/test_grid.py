@@ -18,7 +18,8 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import PartialShm
 from jitterkit.report.table import read_table
 from jitterkit.scene import Binary
-from jitterkit.trade import PRESETS, Point, Settings, TradeScene, front, grid, measure_grid
+from jitterkit.trade import PRESETS, Settings, TradeScene, front, grid, measure_grid
+from jitterkit.trade.grid import Point
 from jitterkit.trade.table import trade_table
 
 

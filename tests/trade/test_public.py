@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jitterkit.optics.public import public_image
 from jitterkit.scene import Binary
 from jitterkit.trade import public
+from jitterkit.trade.public import public_image
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
-"""Pictures of a posterior: what the draws say of one number, and what the fit said.
+"""Figures that only the studies draw: a posterior, the law of a vibration, errors of sheared normals.
 
-Reach for :func:`plot_marginal`; like its neighbours it takes ``ax=None`` and returns the axes it drew on.
-:func:`plot_arcsine` is the paper's check of its appendix B: where a vibration lingers, drawn and computed.
+Like the figures of jitterkit.report, one that fills a single pair of axes takes ``ax=None`` and returns
+the axes it drew on.
 """
 
 from __future__ import annotations
@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from jitterkit.conventions import FWHM_PER_SIGMA
+from jitterkit.forecast import Sweep
 from jitterkit.motion import arcsine_shares
 from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
+from jitterkit.report.forecast_plots import plot_errors
+from jitterkit.report.kernel_plots import plot_kernel
 
 _BINS, _REACH = 50, 4.5
 """Bars, and how many standard deviations of the draws the axis shows on either side of their median."""
@@ -92,3 +97,43 @@ def plot_arcsine(
     ax.plot((edges[1:] + edges[:-1]) / 2, arcsine_shares(edges, amplitude) / width, "o", **law)
     ax.set(xlabel="place [amplitude's unit]", ylabel="density [1/unit]", ylim=(0, None))
     return finish(ax, loc="upper center")
+
+
+def plot_shears(
+    sweeps: dict[float, Sweep], *, still: float, plate_scale: float, exposure: float | None
+) -> Figure:
+    """Draw errors under a normal jitter, a row for each shear, with its kernel beside it.
+
+    Parameters
+    ----------
+    sweeps : dict of shear to Sweep
+        Each over ``sigma_major`` and ``angle``.
+    still, plate_scale, exposure
+        As for :func:`plot_errors`.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        An axis above each row counts FWHM of the major axis; every row has the same scales.
+    """
+    figure = Figure(figsize=(8.4, 3.3 * len(sweeps)), layout="constrained")
+    rows = figure.subplots(len(sweeps), 2, width_ratios=[2.6, 1], squeeze=False)
+    limits = (0.84e6 * still, 1.12e6 * max(float(sweep.error().max()) for sweep in sweeps.values()))
+    for (left, right), (shear, sweep) in zip(rows, sweeps.items(), strict=True):
+        scales: Any = {"still": still, "exposure": exposure, "limits": limits}
+        plot_errors(sweep, left, **scales, title=f"shear {shear:g}")
+        width = left.secondary_xaxis("top", functions=(_to_fwhm, _from_fwhm))
+        width.set_xlabel("FWHM of the major axis [arcsec]")
+        largest = float(sweep.axes["sigma_major"][-1])
+        locus = sweep.forecasts[-1, 0].parameters.locus
+        title = f"FWHM {_to_fwhm(largest):.3g}″, {sweep.axes['angle'][0]:g}°"
+        plot_kernel(locus, right, plate_scale=plate_scale, title=title)
+    return figure
+
+
+def _to_fwhm(sigma):
+    return sigma * FWHM_PER_SIGMA
+
+
+def _from_fwhm(width):
+    return width / FWHM_PER_SIGMA

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-
-from jitterkit.report.posterior_plots import plot_marginal
+from study_plots import plot_marginal
 
 
 @pytest.fixture
