@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.frames.beside import bad_bits, quality_of, usable
+from jitterkit.frames.beside import MISSIONS, bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
 from jitterkit.frames.files import in_colour
@@ -113,15 +113,36 @@ class FitsImage:
                 self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
+        odd = [*[warning] * bool(warning), *self._hidden(data, mask, quality, variance)]
         if self._unverified:
             used, self._unverified = [self._pixels, *self._parts.values()], False
             self.metadata = self.metadata.warn(*(text for one in used for text in one.checksum_warnings()))
-        metadata = self._of_plane(index).warn(*[warning] * bool(warning))
+        metadata = self._of_plane(index).warn(*odd)
         if metadata.row_order == -1:
             data, mask = data[::-1], mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
         more = {"variance": variance, "variance_source": name, "quality": quality}
         return RawFrame(data, mask, metadata, hdu=self.hdu.number, **more)  # type: ignore[arg-type]
+
+    def _hidden(
+        self, data: np.ndarray, mask: np.ndarray, quality: np.ndarray | None, variance: np.ndarray | None
+    ) -> list[str]:
+        """Warn of a mask that hides a star, where no mission says that its bits are faults."""
+        from jitterkit.frames.hidden import hidden_light  # 0.2 s, and few files have masks
+
+        known = self.metadata.bad_bits
+        if known is not None and known.source.endswith(MISSIONS):
+            return []
+        bits, masked = int(self.metadata.value("bad_bits", 0)), mask
+        if quality is not None:
+            masked = masked | (quality & bits != 0)
+        if variance is not None:
+            masked = masked | ~(np.isfinite(variance) & (variance > 0))
+        found = hidden_light(data, masked, quality, bits)
+        if found is None:
+            return []
+        labels = " and ".join(part.label for part in self.group.parts.values())
+        return [f"{found.sentence(labels or 'NaN')}: {found.remedy}"]
 
     def _of_plane(self, index: int) -> Metadata:
         """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""

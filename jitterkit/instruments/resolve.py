@@ -9,6 +9,7 @@ from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.hidden import with_a_star
 from jitterkit.frames.metadata import QUANTITIES, Metadata, Sourced
 from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
@@ -52,6 +53,8 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     ------
     ConfigurationError
         If an override is unknown or unbelievable.
+    FrameError
+        If a mask whose bits nobody explains hides all stars (:func:`~jitterkit.frames.hidden.with_a_star`).
     """
     metadata = raw.metadata.apply("command line", **(overrides or {}))
     for name in ("plate_scale", "exposure"):
@@ -60,7 +63,8 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     metadata = _with_scale_error(metadata, raw.metadata, instrument)
     metadata = _with_corrections(metadata, instrument, _middle(raw, metadata))
     metadata = instrument.detector.inform(metadata)
-    return raw.with_metadata(metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias)))
+    known = raw.with_metadata(metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias)))
+    return with_a_star(known)
 
 
 def _contradiction(name: str, own: Sourced | None, used: Sourced | None) -> list[str]:
