@@ -121,8 +121,16 @@ class FitsImage:
         if metadata.row_order == -1:
             data, mask = data[::-1], mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
-        more = {"variance": variance, "variance_source": name, "quality": quality}
-        return RawFrame(data, mask, metadata, hdu=self.hdu.number, **more)  # type: ignore[arg-type]
+        return RawFrame(
+            data,
+            mask,
+            metadata,
+            hdu=self.hdu.number,
+            variance=variance,
+            variance_source=name,
+            weighted="weight" in self.group.noise,
+            quality=quality,
+        )
 
     def _hidden(
         self, data: np.ndarray, mask: np.ndarray, quality: np.ndarray | None, variance: np.ndarray | None
