@@ -102,7 +102,7 @@ _UNLIKE = 3.0
 
 _TILE, _MOST_TILES, _ENOUGH, _FEW_TILES = 16, 256, 0.5, 0.1
 """Side and number of the tiles in which both are measured, share of good pixels that a tile needs, and
-share of the tiles that scatter less than the one used."""
+share of the tiles that scatter less than the middle of those used."""
 
 
 def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
@@ -171,7 +171,7 @@ def _contradiction(
 ) -> tuple[float, float] | None:
     """Return the noise [e-] of a read variance and the light, and the scatter of pixels that denies it.
 
-    Both are of a tile where pixels scatter little: stars only add to it.  From above the scatter is that of
+    Both are of tiles where pixels scatter little: stars only add to it.  From above the scatter is that of
     pixels two apart, which interpolation between neighbours changes little, and from below that of second
     differences along x and y, in which images of stars hardly show.
     """
@@ -190,23 +190,23 @@ def _contradiction(
     values, variances = (np.where(known, one, np.nan) for one in (values, tiles(variance)[enough]))
     light, own = (np.nanmedian(one, axis=(1, 2)) for one in (values, variances))
     noise = np.sqrt(own + np.maximum(light, 0.0))
-    stated, scatter = _of_quiet_tile(noise, (values[:, :, 2:] - values[:, :, :-2]) / math.sqrt(2))
+    stated, scatter = _of_quiet_tiles(noise, (values[:, :, 2:] - values[:, :, :-2]) / math.sqrt(2))
     if stated > _UNLIKE * scatter:
         return stated, scatter
-    stated, scatter = _of_quiet_tile(noise, np.diff(np.diff(values, 2, axis=1), 2, axis=2) / 6)
+    stated, scatter = _of_quiet_tiles(noise, np.diff(np.diff(values, 2, axis=1), 2, axis=2) / 6)
     return (stated, scatter) if scatter > _UNLIKE * stated else None
 
 
-def _of_quiet_tile(noise: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
-    """Return the noise and the spread of steps of a tile where these scatter little, but are not constant."""
+def _of_quiet_tiles(noise: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
+    """Return the noise and the spread of steps of tiles where these scatter little, but are not constant."""
     away = np.abs(steps - np.nanmedian(steps, axis=(1, 2), keepdims=True))
     # of numbers that are rounded coarsely the median may be zero
     spread = np.maximum(1.4826 * np.nanmedian(away, axis=(1, 2)), 0.5 * np.nanmean(away, axis=(1, 2)))
     order = [tile for tile in np.argsort(spread) if spread[tile] > 0]
     if not order:
         return 0.0, 0.0
-    tile = order[int(_FEW_TILES * len(order))]
-    return float(noise[tile]), float(spread[tile])
+    quiet = order[: 1 + 2 * int(_FEW_TILES * len(order))]
+    return float(np.median(noise[quiet])), float(np.median(spread[quiet]))
 
 
 def _without(raw: RawFrame, warning: str) -> RawFrame:
