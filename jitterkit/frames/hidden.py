@@ -7,7 +7,7 @@ its wings, from which a fit finds a separation with an error many times larger.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +33,6 @@ _DENSER = 3.0
 
 _WIDE = 0.2
 """Share of bright pixels that a bit of stars has: saturated ones have less."""
-
-ADVICE = "give --bad-bits"
-"""Words of the remedies of a mask, which are void where its bits are given."""
 
 _SAMPLES = 1 << 18
 """Pixels of which the sky is measured."""
@@ -68,7 +65,7 @@ class HiddenLight:
         """Return what to do where the bits mark stars and not faults."""
         if not self.hiding:
             return "errors are larger by that"
-        return f"if its bits {self.hiding} mark what was detected and no faults, {ADVICE} {self.left}"
+        return f"if its bits {self.hiding} mark what was detected and no faults, give --bad-bits {self.left}"
 
     def sentence(self, label: str) -> str:
         """Return the shares in words, of a mask with a name."""
@@ -126,7 +123,7 @@ def hidden_light(
 
 
 def with_a_star(raw: RawFrame) -> RawFrame:
-    """Return a frame, or refuse one of which the mask of its file hides all stars.
+    """Return a frame, or raise FrameError where the mask of its file hides all stars.
 
     Parameters
     ----------
@@ -136,7 +133,7 @@ def with_a_star(raw: RawFrame) -> RawFrame:
     Returns
     -------
     raw : RawFrame
-        Where somebody says which bits are bad, without the warnings that advise to say it.
+        The same.
 
     Raises
     ------
@@ -147,8 +144,7 @@ def with_a_star(raw: RawFrame) -> RawFrame:
     if raw.quality is None or known is None or known.source.endswith(MISSIONS):
         return raw
     if known.precedence < PRECEDENCE.index("header"):
-        kept = tuple(text for text in raw.metadata.warnings if ADVICE not in text)
-        return raw.with_metadata(replace(raw.metadata, warnings=kept))
+        return raw
     found = hidden_light(raw.data, raw.mask, raw.quality, known.value)
     if found is None or found.bright < _ALL or not found.hiding:
         return raw
