@@ -238,7 +238,8 @@ def test_columns_may_be_separated_by_what_separates_the_names(mark, table):
     "words",
     [
         *("total rms 0.1 arcsec", "0.1 arcsec rms", "log-spaced", "sampled at 7 kHz"),
-        *("star of magnitude 3.5", "degrees of freedom: 12", "wheel of 720 rpm", "3 minutes of data", "counts: 12"),
+        *("star of magnitude 3.5", "degrees of freedom: 12", "wheel of 720 rpm"),
+        *("3 minutes of data", "counts: 12"),
     ],
 )
 def test_a_comment_about_something_else_is_no_unit_of_densities(words, table):
