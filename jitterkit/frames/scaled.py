@@ -7,6 +7,8 @@ times off.
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +16,8 @@ import numpy as np
 from jitterkit.frames.metadata import Metadata
 
 _BITS = (8, 10, 12, 14)
+"""Of the converters of cameras."""
+
 _FULL = 65535
 
 _FEW, _MANY = 1 << 12, 1 << 18
@@ -22,6 +26,10 @@ _FEW, _MANY = 1 << 12, 1 << 18
 _MOST_ODD, _FEWEST, _DISTINCT = 0.01, 64, 8
 """Share of pixels that a program has changed since, such as a stamp in the first row; pixels away from the
 most frequent value, and different values among them, that show a step."""
+
+
+_COMMON, _LEAST = 8, 3
+"""Frequent values, of whose divisors one is the step, and the step from which pixels are warned of."""
 
 
 class Scaling(NamedTuple):
@@ -51,23 +59,29 @@ def scaling_of(data: np.ndarray) -> Scaling | None:
     """
     for most in (_FEW, _MANY):
         values = _whole(data.ravel()[:: max(1, data.size // most)])
-        found = _shifted(values) or _stretched(values)
+        found = _stretched(values) or _multiplied(values)
         if found is None:
             break
     return found
 
 
-def _shifted(values: np.ndarray) -> Scaling | None:
-    """Recognise differences that are multiples of a power of two, from 4 to 4096."""
+def _multiplied(values: np.ndarray) -> Scaling | None:
+    """Recognise numbers that differ by multiples of one, from 3 on."""
     apart = _apart(values)
     if apart is None:
         return None
-    for shift in range(12, 1, -1):
-        whole = apart % (1 << shift) == 0
+    numbers, counts = np.unique(apart, return_counts=True)
+    common = numbers[np.argsort(counts)[-_COMMON:]]
+    for step in sorted({math.gcd(*map(int, pair)) for pair in itertools.combinations(common, 2)})[::-1]:
+        whole = apart % step == 0
         if whole.mean() >= 1 - _MOST_ODD and len(np.unique(apart[whole])) >= _DISTINCT:
-            step = 1 << shift
-            return Scaling(float(step), f"multiples of {step}, as of {16 - shift} bits scaled to 16")
-    return None
+            break
+    else:
+        return None
+    if step < _LEAST:
+        return None
+    bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
+    return Scaling(float(step), f"multiples of {step}{bits}")
 
 
 def _stretched(values: np.ndarray) -> Scaling | None:
@@ -80,6 +94,8 @@ def _stretched(values: np.ndarray) -> Scaling | None:
     for bits in _BITS:
         full, shift = (1 << bits) - 1, 16 - bits
         codes = np.rint(numbers * (full / _FULL)).astype(np.int64)
+        if np.mean(numbers % (1 << shift) == 0) >= 1 - _MOST_ODD:
+            return None  # they are multiples
         upper = numbers >> shift
         repeated = (upper << shift) | (upper >> (bits - shift) if bits >= shift else upper)
         for made in (np.rint(codes * (_FULL / full)), repeated):

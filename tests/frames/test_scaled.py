@@ -77,6 +77,13 @@ def test_an_offset_that_was_subtracted_hides_no_shift(tmp_path):
     assert "12 bits" in as_fits(tmp_path, data.astype(np.int32), EGAIN=4.0)[0]
 
 
+@pytest.mark.parametrize("factor", [3, 10, 100])
+def test_pixels_that_were_multiplied_are_recognised(tmp_path, factor):
+    (found,) = as_fits(tmp_path, (codes(12) * factor).astype(np.int32), EGAIN=4.0)
+    assert f"multiples of {factor}:" in found
+    assert f"--gain {4 / factor:g}" in found
+
+
 PLAIN = codes(16)
 GOOD = {
     "all 16 bits": PLAIN.astype(np.uint16),
@@ -85,6 +92,7 @@ GOOD = {
     "the sum of 4 frames of 12 bits": np.sum([codes(12, seed=n) for n in range(4)], axis=0).astype(np.int32),
     "the median of 3 frames of 14 bits": np.median([codes(14, seed=n) for n in range(3)], axis=0),
     "the mean of 3 frames of 12 bits, shifted": np.mean([codes(12, seed=n) * 16 for n in range(3)], axis=0),
+    "numbers that are twice others": (codes(12) * 2).astype(np.uint16),
     "a flat division": (codes(12) * 16 / 1.01).astype(np.float32),
     "one value": np.full(Y.shape, 4096, np.uint16),
     "few values": (4096 * (X > 30)).astype(np.uint16),
