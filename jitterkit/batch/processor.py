@@ -28,6 +28,7 @@ from jitterkit.batch.warm_start import (
     WarmStart,
     WarmStartCache,
     from_searched_frames,
+    warm_start,
 )
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_of_memory
 from jitterkit.estimators import estimator
@@ -214,7 +215,7 @@ class FrameProcessor:
         choice = choice or self.choose_scene(frame)
         if choice is None:
             return None
-        if warm := self._cache.warm_start(self.grid(frame), self.optics(frame), choice, self.options):
+        if warm := warm_start(self.optics(frame), choice, self.options):
             return warm
         # where the scene was given, nothing can change
         return WarmStart(choice.scene, choice.ambiguity_of_run) if self.scene == AUTO else None

@@ -8,6 +8,7 @@ themselves. Used as it is, pixels that are low by chance count for more, and flu
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -96,6 +97,14 @@ _FLAT = 0.1
 """Share of the photon noise that a division by a flat adds or takes away, which is no pixel's own."""
 
 
+_UNLIKE = 3.0
+"""Ratio of the stated noise to the scatter from which one is wrong: drizzling smooths by less."""
+
+_TILE, _MOST_TILES, _ENOUGH, _FEW_TILES = 16, 256, 0.5, 0.1
+"""Side and number of the tiles in which both are measured, share of good pixels that a tile needs, and
+share of the tiles that scatter less than the middle of those used."""
+
+
 def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
     """Replace the variance of a frame by the part that its light does not make.
 
@@ -146,8 +155,58 @@ def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
     if level <= 0:
         problem = f"{raw.variance_source} is smaller than the photon noise of the pixels"
         return _without(raw, f"{problem} and is not used: check the gain and the units")
+    denied = _contradiction(signal * gain.value, variance, good)
+    if denied is not None:
+        stated = f"{raw.variance_source} says a noise of {denied[0]:.3g} e-"
+        problem = f"{stated}, and pixels scatter by {denied[1]:.3g} e-"
+        if raw.weighted:
+            return _without(raw, f"{problem}: it is no inverse variance, and only its zeros are used")
+        raw = replace(raw, metadata=raw.metadata.warn(f"{problem}: check its unit and the gain"))
     known = Sourced(level**0.5, "e-", source)
     return replace(raw, variance=variance, metadata=raw.metadata.override(source, read_noise=known))
+
+
+def _contradiction(
+    electrons: np.ndarray, variance: np.ndarray, good: np.ndarray
+) -> tuple[float, float] | None:
+    """Return the noise [e-] of a read variance and the light, and the scatter of pixels that denies it.
+
+    Both are of tiles where pixels scatter little: stars only add to it.  From above the scatter is that of
+    pixels two apart, which interpolation between neighbours changes little, and from below that of second
+    differences along x and y, in which images of stars hardly show.
+    """
+    ny, nx = (n // _TILE for n in electrons.shape)
+    every = max(1, math.ceil(math.sqrt(ny * nx / _MOST_TILES)))
+
+    def tiles(image: np.ndarray) -> np.ndarray:
+        blocks = image[: ny * _TILE, : nx * _TILE].reshape(ny, _TILE, nx, _TILE)[::every, :, ::every]
+        return blocks.swapaxes(1, 2).reshape(-1, _TILE, _TILE)
+
+    values, known = tiles(electrons), tiles(good)
+    enough = known.mean(axis=(1, 2)) > _ENOUGH
+    if not enough.any():
+        return None
+    values, known = values[enough], known[enough]
+    values, variances = (np.where(known, one, np.nan) for one in (values, tiles(variance)[enough]))
+    light, own = (np.nanmedian(one, axis=(1, 2)) for one in (values, variances))
+    noise = np.sqrt(own + np.maximum(light, 0.0))
+    stated, scatter = _of_quiet_tiles(noise, (values[:, :, 2:] - values[:, :, :-2]) / math.sqrt(2))
+    if stated > _UNLIKE * scatter:
+        return stated, scatter
+    stated, scatter = _of_quiet_tiles(noise, np.diff(np.diff(values, 2, axis=1), 2, axis=2) / 6)
+    return (stated, scatter) if scatter > _UNLIKE * stated else None
+
+
+def _of_quiet_tiles(noise: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
+    """Return the noise and the spread of steps of tiles where these scatter little, but are not constant."""
+    away = np.abs(steps - np.nanmedian(steps, axis=(1, 2), keepdims=True))
+    # of numbers that are rounded coarsely the median may be zero
+    spread = np.maximum(1.4826 * np.nanmedian(away, axis=(1, 2)), 0.5 * np.nanmean(away, axis=(1, 2)))
+    order = [tile for tile in np.argsort(spread) if spread[tile] > 0]
+    if not order:
+        return 0.0, 0.0
+    quiet = order[: 1 + 2 * int(_FEW_TILES * len(order))]
+    return float(np.median(noise[quiet])), float(np.median(spread[quiet]))
 
 
 def _without(raw: RawFrame, warning: str) -> RawFrame:

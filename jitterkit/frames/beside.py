@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -81,11 +82,17 @@ _HST_GOOD = 64
 _HST_IR_GOOD = _HST_GOOD | 8192
 """WFC3/IR, in whose ramps hits of cosmic rays are excluded one by one."""
 
+MISSIONS = ("HST", "JWST")
+"""Conventions by which bits are faults of pixels, and none is what a pixel shows."""
+
 _LSST_GOOD = (
     "DETECTED", "DETECTED_NEGATIVE", "NOT_DEBLENDED", "CLIPPED", "REJECTED", "INEXACT_PSF", "BRIGHT_OBJECT",
     "PARTLY_VIGNETTED", "HIGH_VARIANCE", "INJECTED", "INJECTED_TEMPLATE", "FAKE",
 )  # fmt: skip
 """Planes of LSST and HSC that say what a pixel shows or how it was made; any other marks it as unusable."""
+
+_SHOWN = re.compile(r"(?!SAT|BAD)(\w+_)?(DETECT(ED|IONS?)(_\w+)?|(SOURCE|OBJECT|STAR|GALAX(Y|IE)|SEGM\w*)S?)")
+"""Names that other programs give such planes."""
 
 
 def bad_bits(plane: Mapping[str, Any], cards: Cards) -> tuple[int, str]:
@@ -107,7 +114,8 @@ def bad_bits(plane: Mapping[str, Any], cards: Cards) -> tuple[int, str]:
     names = {key[3:].upper(): plane[key] for key in plane if key.upper().startswith("MP_")}
     numbers = {name: bit for name, bit in names.items() if isinstance(bit, int) and 0 <= bit < 32}
     if numbers:
-        return sum({1 << bit for name, bit in numbers.items() if name not in _LSST_GOOD}), "its planes MP_*"
+        shown = {name for name in numbers if name in _LSST_GOOD or _SHOWN.fullmatch(name)}
+        return sum({1 << bit for name, bit in numbers.items() if name not in shown}), "its planes MP_*"
     name = cards.dialect.name
     if name == "JWST":
         return _JWST_BAD, name

@@ -70,8 +70,11 @@ _TOTALS = re.compile(
 _PARTS = re.compile(r"(SING(LE)?|SUB|INDIV?|COADD)_?(EXP|INT|TIM)\w*")
 """Times of all exposures that were combined, and of one of them."""
 
-_WHOLE = ("TELAPSE", "ELAPTIME", "ELAPSED", "DARKTIME")
-"""Times that are at least as long as the exposure."""
+_WHOLE = ("TELAPSE", "ELAPTIME", "ELAPSED", "DARKTIME", "KCT", "FRAMTIME", "FRMTIME")
+"""Times that are at least as long as the exposure: Andor's kinetic cycle, Spitzer's frame."""
+
+_FRAME_RATES = ("FPS", "FRAMERAT", "FRAMERATE", "FRAME_RATE", "FRMRATE")
+"""Frames per second, between whose beginnings an exposure fits."""
 
 _ROUNDED = 2.0
 """Seconds by which the time between two dates may be short, if both are written in whole seconds."""
@@ -110,6 +113,11 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
         if other is not None and (ratio if longer else 1 / ratio) > 1.1:
             found = f"{other.key} = {other.value:g} s is {'longer' if longer else 'shorter'}"
             return [f"{said}, and {found}: exposures may be combined"]
+    for rate in filter(None, map(cards.number, filter(cards.find, _FRAME_RATES))):
+        unlike = re.search(r"\b[kM]Hz\b|\b(ms|min\w*|hour|h)\b", rate.words)
+        if not unlike and rate.positive and exposure.value * rate.value > 1.1:
+            frame = f"{rate.key} = {rate.value:g} Hz leaves {1 / rate.value:.3g} s for a frame"
+            return [f"{said}, and {frame}: check its unit"]
     wholes = (cards.quantity("exposure", key) for key in _WHOLE if cards.find(key))
     whole = next((number for number in wholes if number is not None and number.positive), None)
     key, passed = (whole.key, whole.value) if whole else seconds_to_end(cards, known.time)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.frames.beside import bad_bits, quality_of, usable
+from jitterkit.frames.beside import MISSIONS, bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
 from jitterkit.frames.files import in_colour
@@ -18,6 +18,7 @@ from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import rate_of_brightness, resolve, rows_from_the_top
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.pixels import open_pixels
+from jitterkit.frames.scaled import scaled_up
 from jitterkit.frames.sections import outside_of_data
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
@@ -27,9 +28,6 @@ _MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
 
 _MOST_BAD = 0.5
 """Share of masked pixels from which a mask may have the opposite meaning."""
-
-_LEAST_STEP, _FEW, _MOST_APART = 4, 4096, 2**53
-"""Step between the values of scaled-up pixels; how many are looked at first; beyond, floats skip integers."""
 
 _NO_MOSAIC = ("", "NONE", "MONO", "MONOCHROME", "GRAY", "GREY", "L")
 
@@ -98,7 +96,7 @@ class FitsImage:
     def read(self, index: int) -> RawFrame:
         """Return one plane; the first time all HDUs that are read are compared with their checksums."""
         data, blank = self._pixels.plane(index)
-        self.metadata = self.metadata.warn(*_scaled_up(data, self.metadata))
+        self.metadata = self.metadata.warn(*scaled_up(data, self.metadata, self._pixels.scaling[0]))
         mask = np.zeros(self.shape, bool) if blank is None else blank
         mask = mask if self._outside is None else mask | self._outside
         data = data * self._factor if self._factor != 1.0 else data
@@ -113,15 +111,44 @@ class FitsImage:
                 self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
+        odd = [*[warning] * bool(warning), *self._hidden(data, mask, quality, variance)]
         if self._unverified:
             used, self._unverified = [self._pixels, *self._parts.values()], False
             self.metadata = self.metadata.warn(*(text for one in used for text in one.checksum_warnings()))
-        metadata = self._of_plane(index).warn(*[warning] * bool(warning))
+        metadata = self._of_plane(index).warn(*odd)
         if metadata.row_order == -1:
             data, mask = data[::-1], mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
-        more = {"variance": variance, "variance_source": name, "quality": quality}
-        return RawFrame(data, mask, metadata, hdu=self.hdu.number, **more)  # type: ignore[arg-type]
+        return RawFrame(
+            data,
+            mask,
+            metadata,
+            hdu=self.hdu.number,
+            variance=variance,
+            variance_source=name,
+            weighted="weight" in self.group.noise,
+            quality=quality,
+        )
+
+    def _hidden(
+        self, data: np.ndarray, mask: np.ndarray, quality: np.ndarray | None, variance: np.ndarray | None
+    ) -> list[str]:
+        """Warn of a mask that hides a star, where no mission says that its bits are faults."""
+        from jitterkit.frames.hidden import hidden_light  # 0.2 s, and few files have masks
+
+        known = self.metadata.bad_bits
+        if known is not None and known.source.endswith(MISSIONS):
+            return []
+        bits, masked = int(self.metadata.value("bad_bits", 0)), mask
+        if quality is not None:
+            masked = masked | (quality & bits != 0)
+        if variance is not None:
+            masked = masked | ~(np.isfinite(variance) & (variance > 0))
+        found = hidden_light(data, masked, quality, bits)
+        if found is None:
+            return []
+        labels = " and ".join(part.label for part in self.group.parts.values())
+        return [f"{found.sentence(labels or 'NaN')}: {found.remedy}"]
 
     def _of_plane(self, index: int) -> Metadata:
         """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""
@@ -150,26 +177,6 @@ class FitsImage:
             return None, ~np.isfinite(total), f"{name} may be an exposure time: only its zeros are used"
         variance, warning = usable(total * self._factor**2, name)
         return variance, None, warning
-
-
-def _scaled_up(data: np.ndarray, metadata: Metadata) -> list[str]:
-    """Warn of a gain beside pixels that a program has multiplied: it may be that of the converter."""
-    few = data.ravel()[:: max(1, data.size // _FEW)]
-    step = _step(few)
-    if metadata.gain is None or step < _LEAST_STEP or (step := _step(data)) < _LEAST_STEP:
-        return []
-    found = f"pixels are multiples of {step}, as of {16 - step.bit_length() + 1} bits scaled to 16"
-    gain = f"{metadata.gain.source} = {metadata.gain.value:g} e-/ADU"
-    return [f"{found}: if {gain} is that of the unscaled numbers, give --gain {metadata.gain.value / step:g}"]
-
-
-def _step(values: np.ndarray) -> int:
-    """Return the largest power of two that divides all differences of integers, at most 2^15; else 1."""
-    apart = values - values.flat[0]
-    if not np.array_equal(apart, np.rint(apart)) or not 0 < np.ptp(apart) < _MOST_APART:
-        return 1
-    bits = int(np.bitwise_or.reduce(apart.astype(np.int64), axis=None))
-    return min(bits & -bits, 1 << 15)
 
 
 def _text(cards: Cards, key: str) -> str:

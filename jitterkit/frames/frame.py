@@ -56,6 +56,8 @@ class RawFrame(Placed):
         give it.  A pixel whose variance is not finite and positive is masked.
     variance_source : str
         Where the variance comes from: ``"ERR (HDU 2)"``.
+    weighted : bool
+        Whether the variance is the inverse of a weight, which may be a relative one.
     quality : (ny, nx) array of int, optional
         Bits of each pixel; ``metadata.bad_bits`` says which of them mask it.  Kept as int64, -1 where a pixel
         is masked for another reason.
@@ -78,6 +80,7 @@ class RawFrame(Placed):
     several: bool = False
     variance: np.ndarray | None = None
     variance_source: str = "argument variance"
+    weighted: bool = False
     quality: np.ndarray | None = None
     after: int | None = None
 

@@ -19,11 +19,17 @@ ARCSEC_PER_RADIAN = 206264.80624709636
 VA_INCLUDED = ", velocity aberration included"
 """How the source of a scale ends that a pipeline has multiplied by the factor of velocity aberration."""
 
-_USUAL = (0.001, 600.0)
-"""Arcsec/pixel of telescopes and lenses, from interferometers to cameras of the whole sky."""
+_USUAL = (0.001, 100.0)
+"""Arcsec/pixel from interferometers to lenses of 10 mm; beyond, a number in mas is likelier."""
+
+_SKY = 180 * 3600
+"""Arcsec that an image can be wide."""
 
 _PIXEL, _LEAST_RATIO = (0.3, 300.0), 0.3
 """Sides of pixels [um] that detectors have, and a focal ratio that no optics have."""
+
+_USUAL_PIXEL = 30.0
+"""Side [um] of pixels, binned, that few detectors exceed."""
 
 _REDUCERS = ("REDUCER", "FOCREDUC", "FOCALRED", "BARLOW", "EXTENDER", "TELECONV")
 _NO_REDUCER = ("", "0", "0.0", "1", "1.0", "1.00", "None", "NONE", "none", "False")
@@ -48,10 +54,24 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
         ``FOCALLEN`` with ``XPIXSZ``.
     """
     known = _of_sky(cards, wcs)
-    low, high = _USUAL
-    if known is not None and not low <= known.value <= high:
-        cards.warnings.append(f"{known.source} = {known.value:.4g} arcsec/pixel is unusual: check its unit")
+    if known is not None and (why := _unlikely(cards, known.value)):
+        cards.warnings.append(f"{known.source} = {known.value:.4g} arcsec/pixel {why}: check its unit")
     return known
+
+
+def _unlikely(cards: Cards, scale: float) -> str:
+    """Return why a scale [arcsec/pixel] is hardly that of the frame; empty if it may be."""
+    shape, low, high = _shape(cards), *_USUAL
+    if shape is not None and scale * max(shape) > _SKY:
+        return f"makes the image {scale * max(shape) / 3600:.4g} degrees wide"
+    before = len(cards.warnings)
+    aperture = cards.quantity("focal_length", "APTDIA")
+    side = cards.quantity("pixel_size", "XPIXSZ") or cards.quantity("pixel_size", "PIXSIZE1")
+    del cards.warnings[before:]  # of numbers that are not used
+    focal = ARCSEC_PER_RADIAN * 1e-3 * (side.value if side and side.positive else _USUAL_PIXEL) / scale
+    if aperture is not None and focal < _LEAST_RATIO * aperture.value:
+        return f"would need a focal length of {focal:.3g} mm behind an aperture of {aperture.value:g} mm"
+    return "" if low <= scale <= high else "is unusual"
 
 
 def _of_sky(cards: Cards, wcs: Any) -> Sourced | None:

@@ -32,6 +32,7 @@ from jitterkit.frames.pages import (
     refuse_unusable,
 )
 from jitterkit.frames.planes import roles_of_labels
+from jitterkit.frames.scaled import scaled_up
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
 
@@ -129,6 +130,7 @@ class TiffFile(FrameFile):
                 stored = _plane(self._tiff, page, index)
         upright = ORIENTATIONS[orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
+        talk += scaled_up(data, self.metadata)
         if self._line is not None:
             data = self._line[0] + self._line[1] * data
         return RawFrame(data, metadata=self.metadata.warn(*talk), variance_source="")

@@ -147,6 +147,7 @@ _OTHER_NUMBER = re.compile(
     r"|\b(tenths?|hundredths?|thousandths?|tens|hundreds|thousands|millions) of\b"
     r"|\b(clock )?ticks\b|\bin (tdi )?(clocks|cycles|lines|rows|frames|fields|samples)\b|\bjiff(y|ies)\b"
     r"|\bk(adu|dn|e-|electrons?)(?!\w)"
+    r"|(^\W*|\bin )(weeks?|months?|years?|fortnights?|[km]?eV|lux)( \(?rms\)?)?(?=\W*$)"
     r"|\b(dummy|placeholder|bogus|fake)\b|(?<!if )(?<!=)(?<!= )\b(invalid|undefined|unknown|tbd"
     r"|(not|not yet|to be) (known|measured|set|available|applicable|calibrated|determined|valid))\b(?! \w)",
     re.I,
@@ -159,6 +160,9 @@ _SCALED = re.compile(
     re.I,
 )
 """A part or a multiple of a unit, in the comment: "in 0.01 s", "in units of 10 ms", "in half seconds"."""
+
+_PIXELS_ALONE = re.compile(r"(^\W*|\bin )(pixels?|pix|px|frames?|rows?|lines?|columns?)(?=\W*$)", re.I)
+"""A comment of an exposure or a level that names what it is not counted in."""
 
 _OTHER_NUMBERS = {
     "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\breciprocal\b|\b[kM]?Hz\b|\bfps\b|^\W*1/s\b|\bfraction\b"
@@ -200,6 +204,8 @@ def other_number(name: str, text: str) -> str | None:
     """
     own = re.compile(_OTHER_NUMBERS.get(name, "(?!)"), re.I)
     found = _OTHER_NUMBER.search(text) or _SCALED.search(text) or own.search(text)
+    if found is None and name in ("exposure", "line_time", "read_noise", "saturation", "bias"):
+        found = _PIXELS_ALONE.search(text)
     if found is None and name in ("gain", "read_noise", "saturation", "bias"):
         found = _ELECTRICAL.search(text)
     return None if found is None else found[0].strip()

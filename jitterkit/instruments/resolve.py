@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.hidden import with_a_star
 from jitterkit.frames.metadata import QUANTITIES, Metadata, Sourced
 from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
@@ -52,15 +54,26 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     ------
     ConfigurationError
         If an override is unknown or unbelievable.
+    FrameError
+        If a mask whose bits nobody explains hides all stars (:func:`~jitterkit.frames.hidden.with_a_star`).
     """
-    metadata = raw.metadata.apply("command line", **(overrides or {}))
+    metadata = _without_advice(raw.metadata.apply("command line", **(overrides or {})))
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
         metadata = metadata.warn(*_contradiction(name, getattr(raw.metadata, name), getattr(metadata, name)))
     metadata = _with_scale_error(metadata, raw.metadata, instrument)
     metadata = _with_corrections(metadata, instrument, _middle(raw, metadata))
     metadata = instrument.detector.inform(metadata)
-    return raw.with_metadata(metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias)))
+    known = raw.with_metadata(metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias)))
+    return with_a_star(known)
+
+
+def _without_advice(metadata: Metadata) -> Metadata:
+    """Leave out warnings that advise to give a number which was given."""
+    given = {name for name, known in metadata.known().items() if known.source.startswith("command line")}
+    options = [re.compile(rf"(give |\()--{name.replace('_', '-')}\b(?!-)") for name in given]
+    kept = tuple(text for text in metadata.warnings if not any(one.search(text) for one in options))
+    return replace(metadata, warnings=kept)
 
 
 def _contradiction(name: str, own: Sourced | None, used: Sourced | None) -> list[str]:

@@ -111,11 +111,6 @@ class Anchor(eqx.Module):
             system.further,
         )
 
-    @property
-    def nbytes(self) -> int:
-        """Memory that it takes."""
-        return sum(part.nbytes for part in jax.tree.leaves(self))
-
     def otf(self, aberrations) -> OTF:
         """Return the first-order expansion about aberrations [nm] near the state.
 

@@ -155,3 +155,50 @@ def test_bits_of_an_instrument_choose_the_mask():
     assert Detector().calibrate(raw).mask.sum() == 2
     assert np.argwhere(Detector(bad_bits=2).calibrate(raw).mask).tolist() == [[3, 4]]
     assert not Detector(bad_bits=0).calibrate(raw).mask.any()
+
+
+FIELD = np.pad(EXPECTED - 20, ((0, 64), (64, 0)))  # dark sky for the most part
+
+
+def field(variance, weighted, expected=FIELD, seed=3, frames=1):
+    """A mean of frames in electrons, with a variance that may be the inverse of a weight."""
+    rng = np.random.default_rng(seed)
+    shots = rng.poisson(expected * frames) / frames
+    data = shots + rng.normal(0, READ / np.sqrt(frames), expected.shape)
+    metadata = Metadata().override("header", unit="electron", read_noise=READ)
+    return RawFrame(data, metadata=metadata, variance=variance, variance_source="WHT", weighted=weighted)
+
+
+@pytest.mark.parametrize("weighted", [True, False])
+@pytest.mark.parametrize("factor", [1 / 100, 1 / 25, 25, 1e4])
+def test_a_noise_that_the_pixels_deny_is_named_and_as_a_weight_not_used(factor, weighted):
+    variance = np.full(FIELD.shape, factor * READ**2)
+    variance[5, 6] = 0
+    frame = Detector().calibrate(field(variance, weighted))
+    assert any("WHT" in text and "scatter" in text for text in frame.metadata.warnings)
+    assert frame.mask[5, 6]
+    own = frame.read_variance[~frame.mask] == READ**2
+    assert own.all() if weighted else not own.any()
+
+
+@pytest.mark.parametrize("weighted", [True, False])
+@pytest.mark.parametrize("factor", [1 / 5, 1 / 2, 1, 2, 5])
+@pytest.mark.parametrize("light", [0, 1])
+def test_a_noise_that_suits_the_pixels_is_used_without_a_warning(light, factor, weighted):
+    frame = Detector().calibrate(field(light * FIELD + factor * READ**2, weighted))
+    assert not any("scatter" in text for text in frame.metadata.warnings)
+    assert frame.metadata.read_noise.source.startswith("WHT")
+
+
+def test_a_pattern_that_fills_the_frame_is_no_noise():
+    """Speckles as wide as those of a diffractive pupil, in a mean of 30 frames."""
+    phases = np.random.default_rng(8).uniform(0, 2 * np.pi, (12, 12))
+    y, x = np.mgrid[:96, :96]
+    waves = sum(
+        np.exp(1j * (2 * np.pi * (i * x + j * y) / 60 + phases[i, j])) for i in range(12) for j in range(12)
+    )
+    pattern = 3.0 * np.abs(waves) ** 2
+    raw = field((pattern + READ**2) / 30, weighted=True, expected=pattern, frames=30)
+    frame = Detector().calibrate(raw)
+    assert not any("scatter" in text for text in frame.metadata.warnings)
+    assert frame.metadata.read_noise.source.startswith("WHT")

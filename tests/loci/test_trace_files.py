@@ -218,7 +218,12 @@ def test_the_units_of_columns_without_one_are_said(header, words, write):
             "microns",
             "lambda/D",
             "arcmin",
+            "units mas2",
+            "in 10 mas",
+            "units of 7.7 ms",
+            "10 log10",
         ),
+        *("in weeks", "t in years", "positions in pixels"),
         *("arcsec/s", '"/s', "gyro rates", "angular velocity", "increments per sample"),
     ],
 )
@@ -227,6 +232,27 @@ def test_a_comment_with_another_unit_is_refused_where_the_columns_have_none(word
         read_trace(write(f"# {words}\nt,x,y", T, *ANGLES))
 
 
-@pytest.mark.parametrize("words", ["s and arcseconds", "sampling rate 1000 Hz", "start: MJD 61000.5"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("s and arcseconds", "sampling rate 1000 Hz", "start: MJD 61000.5", "rate: 1000 Hz", "eV rms"),
+        *("latency 7.7 ms", "camera of 512 x 512 pixels", "0.375 arcsec per pixel", "slew of 37 deg"),
+        *("filter: -3 dB at 20 Hz", "wheel at 3000 rpm", "20 deg C", "log file 3", "recorded on day 3"),
+        *("samples: 3 minutes of 12 days", "number of counts: 12", "rms 0.123 arcsec"),
+    ],
+)
 def test_a_comment_without_another_unit_is_none(words, write):
     np.testing.assert_allclose(read_trace(write(f"# {words}\nt,x,y", T, *ANGLES))[1], ANGLES[0])
+
+
+@pytest.mark.parametrize(
+    "words", ["step {step} ms", "record of {end} ms", "peak {peak} mas", "scatter {rms} mas"]
+)
+def test_a_number_of_the_table_itself_says_its_unit(words, write):
+    t = np.arange(300) * 2.0
+    x, y = 80 * np.sin(t / 9), 50 * np.cos(t / 9)
+    numbers = {"step": 2, "end": t[-1], "peak": 80, "rms": np.hypot(np.std(x), np.std(y))}
+    with refused(ErrorCode.CONFLICT, "line 1"):
+        read_trace(write(f"# {words.format(**numbers)}\nt,x,y", t, x, y))
+    with_another = {name: 1.4 * number for name, number in numbers.items()}
+    np.testing.assert_allclose(read_trace(write(f"# {words.format(**with_another)}\nt,x,y", t, x, y))[1], x)

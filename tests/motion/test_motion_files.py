@@ -169,6 +169,8 @@ def test_two_units_for_the_same_rates_are_refused(table):
             "rpm",
             "ω",
             "cycles/min",
+            "units mas2/Hz",
+            "log of the density",
         ),
     ],
 )
@@ -230,3 +232,28 @@ def test_columns_may_be_separated_by_what_separates_the_names(mark, table):
     np.testing.assert_allclose(trace.t, np.arange(12) / 10)
     np.testing.assert_allclose(trace.x, np.arange(12) / 1000)
     np.testing.assert_allclose(trace.y, -0.001)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("total rms 0.1 arcsec", "0.1 arcsec rms", "log-spaced", "sampled at 7 kHz"),
+        *("star of magnitude 3.5", "degrees of freedom: 12", "wheel of 720 rpm"),
+        *("3 minutes of data", "counts: 12"),
+    ],
+)
+def test_a_comment_about_something_else_is_no_unit_of_densities(words, table):
+    spectrum = read_motion(table(f"# {words}\nf,x,y\n1,2,3\n10,0.2,0.3\n"))
+    np.testing.assert_allclose(spectrum.density[:, 0], [2, 0.2])
+
+
+@pytest.mark.parametrize("words", ["angle in deg", "deg from +x", "wheel of 720 rpm", "sampled at 7 kHz"])
+def test_a_comment_about_something_else_is_no_unit_of_lines(words, table):
+    spectrum = read_motion(table(f"# {words}\nfrequency,amplitude,angle\n12,0.1,30\n"))
+    assert (spectrum.lines[0].frequency, spectrum.lines[0].amplitude) == (12, 0.1)
+
+
+@pytest.mark.parametrize("words", ["amplitude and angle in deg", "up to 44 kHz", "fit rms 3"])
+def test_a_comment_that_may_be_about_lines_is_refused(words, table):
+    with refused(ErrorCode.CONFLICT, "line 1"):
+        read_motion(table(f"# {words}\nfrequency,amplitude,angle\n12,0.1,30\n44,0.2,30\n"))
