@@ -10,18 +10,27 @@ rises with the light.  :func:`write_calibration` leaves maps and an instrument f
 """
 
 from jitterkit.calibration.calibration import FLAGS, Calibration, Settings, calibrate
-from jitterkit.calibration.master import combine
+from jitterkit.calibration.level import Level
+from jitterkit.calibration.linearity import Linearity, fit_linearity
+from jitterkit.calibration.master import Master, MeasuredMap, combine
 from jitterkit.calibration.products import together, write_calibration
-from jitterkit.calibration.stack import Stack, open_stacks
-from jitterkit.calibration.transfer import photon_transfer
+from jitterkit.calibration.stack import Shot, Stack, open_stacks
+from jitterkit.calibration.transfer import PhotonTransfer, photon_transfer
 
 __all__ = [
     "FLAGS",
     "Calibration",
+    "Level",
+    "Linearity",
+    "Master",
+    "MeasuredMap",
+    "PhotonTransfer",
     "Settings",
+    "Shot",
     "Stack",
     "calibrate",
     "combine",
+    "fit_linearity",
     "open_stacks",
     "photon_transfer",
     "together",

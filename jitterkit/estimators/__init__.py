@@ -21,7 +21,10 @@ from jitterkit.kernel_estimate import KernelEstimate
 __all__ = [
     "ESTIMATORS",
     "KernelEstimate",
+    "estimate_moments",
     "estimate_mtf_ratio",
+    "estimate_nnls",
+    "estimate_richardson_lucy",
     "estimate_score",
     "estimator",
 ]

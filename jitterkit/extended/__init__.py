@@ -17,16 +17,22 @@ from jitterkit.extended.blind import estimate_blind
 from jitterkit.extended.cepstrum import estimate_cepstrum
 from jitterkit.extended.radon import estimate_radon
 from jitterkit.extended.reference import estimate_from_reference
-from jitterkit.extended.registration import drifts, register
-from jitterkit.extended.trail import estimate_trail
+from jitterkit.extended.registration import Drift, drifts, register
+from jitterkit.extended.trail import Trail, estimate_trail, find_trails
 from jitterkit.kernel_estimate import KernelEstimate
 
 __all__ = [
     "BLIND",
+    "Drift",
+    "Trail",
     "drifts",
+    "estimate_autocorrelation",
     "estimate_blind",
+    "estimate_cepstrum",
     "estimate_from_reference",
+    "estimate_radon",
     "estimate_trail",
+    "find_trails",
     "register",
 ]
 

@@ -5,15 +5,32 @@ says what it confuses, :func:`systematic_errors` what the model leaves out, :fun
 :func:`jitter_requirements` asks how much jitter may be, and :func:`noise_free_fit` what a wrong locus does.
 """
 
-from jitterkit.forecast.bound import Direction, Forecast, Sweep, degenerate_directions, forecast, sweep
+from jitterkit.forecast.bound import (
+    Direction,
+    Forecast,
+    Sweep,
+    degenerate_directions,
+    expected_data,
+    forecast,
+    sweep,
+)
 from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
-from jitterkit.forecast.requirement import Requirement, jitter_of_kind, jitter_requirements
-from jitterkit.forecast.study import Panel, cross_fit, linearised_draws, refitted_draws
+from jitterkit.forecast.requirement import (
+    KINDS,
+    Requirement,
+    jitter_of_kind,
+    jitter_requirements,
+    largest_size,
+    moment_bias,
+)
+from jitterkit.forecast.study import Draws, Panel, cross_fit, linearised_draws, refitted_draws
 from jitterkit.forecast.systematics import SystematicError, systematic_errors
 
 __all__ = [
+    "KINDS",
     "CrossFit",
     "Direction",
+    "Draws",
     "Forecast",
     "Panel",
     "Requirement",
@@ -21,10 +38,13 @@ __all__ = [
     "SystematicError",
     "cross_fit",
     "degenerate_directions",
+    "expected_data",
     "forecast",
     "jitter_of_kind",
     "jitter_requirements",
+    "largest_size",
     "linearised_draws",
+    "moment_bias",
     "noise_free_fit",
     "refitted_draws",
     "sweep",

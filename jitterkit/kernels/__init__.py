@@ -5,17 +5,21 @@ stpsf, GalSim and dLux, :func:`kernel_quality` says how good it is, and :func:`d
 looks like without it.
 """
 
-from jitterkit.kernels.deblurring import deblur, fill_masked
-from jitterkit.kernels.files import in_rows, read_kernel, write_kernel
+from jitterkit.kernels.deblurring import METHODS, deblur, fill_masked
+from jitterkit.kernels.files import StoredKernel, in_rows, kernel_cards, read_kernel, write_kernel
 from jitterkit.kernels.image import kernel_image, kernel_moments, locus_of
-from jitterkit.kernels.quality import kernel_quality, kernel_transfer
+from jitterkit.kernels.quality import KernelQuality, kernel_quality, kernel_transfer
 from jitterkit.kernels.ratio import TransferRatio, transfer_ratio
 
 __all__ = [
+    "METHODS",
+    "KernelQuality",
+    "StoredKernel",
     "TransferRatio",
     "deblur",
     "fill_masked",
     "in_rows",
+    "kernel_cards",
     "kernel_image",
     "kernel_moments",
     "kernel_quality",

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jitterkit.optics.anchor import Anchor, AnchoredOptics
-    from jitterkit.optics.colours import Colours
+    from jitterkit.optics.colours import Colours, blackbody_index, colours_of
     from jitterkit.optics.dlux import pupil_from_dlux
     from jitterkit.optics.empirical import empirical_otf
     from jitterkit.optics.expansion import expand, grid_for
     from jitterkit.optics.grid import DEFAULT_PAD, Grid
     from jitterkit.optics.otf import OTF
     from jitterkit.optics.pupil import Pupil, obstructed_circle
+    from jitterkit.optics.pupil_file import read_pupil, write_pupil
     from jitterkit.optics.spectrum import Spectrum, flat_band, lines
     from jitterkit.optics.system import FixedOptics, OpticalSystem, Optics
     from jitterkit.optics.toliman import toliman_pupil
@@ -38,6 +39,8 @@ __all__ = [
     "Optics",
     "Pupil",
     "Spectrum",
+    "blackbody_index",
+    "colours_of",
     "empirical_otf",
     "expand",
     "flat_band",
@@ -45,11 +48,13 @@ __all__ = [
     "lines",
     "obstructed_circle",
     "pupil_from_dlux",
+    "read_pupil",
     "toliman_pupil",
+    "write_pupil",
 ]
 
 _MODULES = (
-    *("spectrum", "colours", "grid", "pupil", "toliman"),
+    *("spectrum", "colours", "grid", "pupil", "pupil_file", "toliman"),
     *("dlux", "otf", "expansion", "empirical", "system", "anchor"),
 )
 """Where the names are; the first three load no JAX, which takes half of the time of ``jitterkit info``."""

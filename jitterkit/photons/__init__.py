@@ -8,7 +8,7 @@
 CSV files by :func:`read_curve`.  Nothing is ever fetched: synphot (extra ``spectra``) is given every number.
 """
 
-from jitterkit.photons.budget import Line, compare, count_photons
+from jitterkit.photons.budget import Line, PhotonBudget, compare, count_photons
 from jitterkit.photons.curve import Curve, band_of, flat_curve, read_curve
 from jitterkit.photons.stars import blackbody, tabulated
 from jitterkit.photons.throughput import IMX183_QE, Throughput, annulus_area, collecting_area
@@ -17,6 +17,7 @@ __all__ = [
     "IMX183_QE",
     "Curve",
     "Line",
+    "PhotonBudget",
     "Throughput",
     "annulus_area",
     "band_of",
