@@ -173,7 +173,22 @@ class WarmStartCache:
 
 
 def warm_start(optics: Optics, choice: SceneChoice, options: FitOptions) -> WarmStart | None:
-    """Return what a reference frame with a scene shows of its optics; None if they cannot change."""
+    """Return the warm start that one reference frame gives.
+
+    Parameters
+    ----------
+    optics : Optics
+        Of the frame's grid.
+    choice : SceneChoice
+        The frame's scene, with the parameters that fit it.
+    options : FitOptions
+        Of the fits to come.
+
+    Returns
+    -------
+    warm_start : WarmStart or None
+        None if the optics cannot change.
+    """
     parameters = choice.start.parameters
     if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):
         return None

@@ -134,7 +134,7 @@ def slope_products(parameters: Parameters, otf: OTF, weight, free: tuple[int, ..
 
 @eqx.filter_jit
 def single_slopes(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
-    """Image and its derivatives, both in 32 bits, with the least padding that the optics have."""
+    """Image (ny, nx) and derivatives (p, ny, nx), both in 32 bits, with the least padding the optics have."""
     parameters, otf = single((parameters, otf.coarse or otf))
     return image_and_jacobian(parameters, otf, free)
 

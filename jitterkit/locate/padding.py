@@ -18,13 +18,13 @@ _PADDINGS = (16, 24, 32)
 """Fine samples on each side."""
 
 _WORTH = 0.75
-"""Share of the samples that a smaller grid may have: making it takes as long as some fifty frames save."""
+"""Share of the samples that a smaller grid may have: making it takes what thirty frames of TOLIMAN save."""
 
 _WRAPPED = 0.1
 """Chi-squared, without read noise, of the light that may wrap around: errors of TOLIMAN, a small and an
 18-segment telescope then differ by 2e-4 of themselves at most."""
 
-_DARK = 1e-5
+DARK = 1e-5
 """Share of the brightest pixel that no variance falls below."""
 
 
@@ -54,6 +54,6 @@ def grid_for_derivatives(parameters: Parameters, otf: OTF) -> Grid | None:
         cut = on_grid(otf, grid)
         off = [expected_image(one, cut) - image for one, image in zip(moved, images, strict=True)]
         pairs = zip(off, images, strict=True)
-        if all(np.sum(by**2 / np.maximum(image, _DARK * image.max())) < _WRAPPED for by, image in pairs):
+        if all(np.sum(by**2 / np.maximum(image, DARK * image.max())) < _WRAPPED for by, image in pairs):
             return grid
     return None
