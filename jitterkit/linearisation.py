@@ -69,6 +69,7 @@ def relinearised_scoring(
     max_steps: int = 50,
     tolerance: float = 1e-4,
     known: Float[Array | np.ndarray, "p p"] | None = None,
+    errors: bool = True,
     keep_slopes: bool = False,
 ) -> Expanded:
     """Maximise the posterior, and expand the optics again at the maximum, until the expansion is exact there.
@@ -78,7 +79,7 @@ def relinearised_scoring(
 
     Parameters
     ----------
-    start, otf, data, free, prior, max_steps, tolerance, known
+    start, otf, data, free, prior, max_steps, tolerance, known, errors
         As for :func:`~jitterkit.scoring.fisher_scoring`.
     optics : Optics
         Expanded again where ``otf`` is not exact enough.
@@ -99,7 +100,15 @@ def relinearised_scoring(
     last = np.inf
     for left in reversed(range(max_expansions)):
         end = fisher_scoring(
-            start, otf, data, free, prior, max_steps=max_steps, tolerance=tolerance, known=known
+            start,
+            otf,
+            data,
+            free,
+            prior,
+            max_steps=max_steps,
+            tolerance=tolerance,
+            known=known,
+            errors=errors,
         )
         end = jax.tree.map(np.asarray, end)  # what follows are small sums, which JAX does slowly
         iterations += int(end.iterations)

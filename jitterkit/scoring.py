@@ -159,6 +159,7 @@ def fisher_scoring(
     max_steps: int = 50,
     tolerance: float = 1e-4,
     known: Float[Array | np.ndarray, "p p"] | None = None,
+    errors: bool = True,
 ) -> ScoringResult:
     """Maximise the posterior from a starting point.
 
@@ -177,6 +178,8 @@ def fisher_scoring(
         Length of a step, in standard errors, below which the iteration has converged.
     known : (p, p) array, optional
         Information near the start, to begin with: it is renewed where it turns out to be wrong.
+    errors : bool
+        Whether errors at the end are wanted; otherwise the information is the last that served for a step.
 
     Returns
     -------
@@ -184,11 +187,12 @@ def fisher_scoring(
     """
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
-    return _scoring_loop(start, otf, data, free, prior, known, np.asarray(max_steps), np.asarray(tolerance))
+    limits = np.asarray(max_steps), np.asarray(tolerance), np.asarray(_FINAL_ERROR if errors else np.inf)
+    return _scoring_loop(start, otf, data, free, prior, known, *limits)
 
 
 @eqx.filter_jit
-def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance) -> ScoringResult:
+def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance, final_error) -> ScoringResult:
     vector, unravel = to_vector(start)
     index = np.asarray(free, int)
 
@@ -261,7 +265,7 @@ def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance) ->
         state = jax.lax.while_loop(
             lambda s: ~s.converged & s.usable & (s.iterations < max_steps), step, state
         )
-        return state._replace(finished=out_of_steps | (state.converged & (state.wrong < _FINAL_ERROR)))
+        return state._replace(finished=out_of_steps | (state.converged & (state.wrong < final_error)))
 
     # what rounding leaves to be decided: of the deviance, and of a step in standard errors
     rounding = 10 * jnp.finfo(vector.dtype).eps

@@ -282,7 +282,7 @@ class FrameProcessor:
 
     def _fit(self, frame: Frame) -> Fitted:
         """Locate, estimate, fit and diagnose a frame."""
-        otf, start = self.optics(frame).nominal, self.estimate(frame, rough=True)
+        otf, start = self.optics(frame).nominal, self.estimate(frame, rough=not self.options.may_be_still)
         if isinstance(start, FitResult):
             return Fitted(start, otf)
         result = steps.fit(start, locus=self.locus, options=self.options_of(frame))

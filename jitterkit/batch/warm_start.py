@@ -96,19 +96,17 @@ class WarmStart:
         """
         if self.reference is None or (start := self.reference.locate(data)) is None:
             return None
-        if not np.all(np.isfinite(start.covariance)):
-            return None
         if rough and (excess := start.excess(start.parameters)) < MISFIT:
             parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
             estimate = KernelEstimate(moments, start.covariance, SCORE)
         else:
-            estimate, parameters = estimate_from_normal(
-                start.parameters, start.covariance, start.otf, start.data, hold
-            )
+            estimate, parameters = estimate_from_normal(start.parameters, start.otf, start.data, hold)
             excess = start.excess(parameters)
             if not excess < MISFIT:
                 return None
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
+        if not np.all(np.isfinite(estimate.covariance)):
+            return None
         estimate = replace(estimate, source=frame.name, digest=frame.digest)
         parameters, ambiguity = start.in_frame(parameters), self.ambiguity
         if self.coarse is not None and isinstance(optics, AnchoredOptics) and self.reference.is_near(start):

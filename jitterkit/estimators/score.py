@@ -79,19 +79,17 @@ def estimate_score(
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     if shape is not None:
         return _of_known_shape(normal, shape, otf, data, hold)
-    return estimate_from_normal(normal, covariance, otf, data, hold)[0]
+    return estimate_from_normal(normal, otf, data, hold)[0]
 
 
 def estimate_from_normal(
-    normal: Parameters, covariance: np.ndarray, otf: OTF, data: Data, hold: Collection[str]
+    normal: Parameters, otf: OTF, data: Data, hold: Collection[str]
 ) -> tuple[KernelEstimate, Parameters]:
     """Estimate second moments, and test the shape of the blur, from the fit of a normal.
 
     Parameters
     ----------
     normal : Parameters
-    covariance : (3, 3) array
-        Of its moments, arcsec⁴.
     otf : OTF
         Expanded near there.
     data : Data
@@ -105,10 +103,10 @@ def estimate_from_normal(
     parameters : Parameters
         All that was fitted with its blur.
     """
-    moments = np.asarray(normal.locus.moments())
+    step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data, ORDERS)
+    moments, covariance = np.asarray(normal.locus.moments()), step.covariance()
     if not is_detected(moments, covariance):
         return KernelEstimate(moments, covariance, "score"), normal
-    step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data, ORDERS)
     found, blur = step.shape(), None
     if is_decisive(found.error):
         blur = shaped_blur(step, otf, data, hold)

@@ -146,6 +146,11 @@ class CumulantStep:
             np.asarray(equations.information)[np.ix_(back, back)],
         )
 
+    def covariance(self) -> np.ndarray:
+        """Return the covariance (3, 3) of the moments of a normal that was fitted, arcsec⁴."""
+        size, indices = len(self.names), [self.names.index(name) for name in Mvn.names]
+        return invert_information(self.information[:size, :size])[0][np.ix_(indices, indices)]
+
     def shape(self) -> Shape:
         """Return the excess kurtosis of a blur that was fitted with a normal, everything free beside it.
 

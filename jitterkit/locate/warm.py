@@ -66,6 +66,8 @@ class RegistrationResult:
     otf : OTF
         On the cut-out's grid, about aberrations very near these.
     information : (p, p) array
+        Of a point on the way there: errors by it were off by 8 % at most for TOLIMAN, at blurs of 0.1 to 0.4
+        arcsec rms.
     names : tuple of str
         Of what was fitted.
     offset : (y, x)
@@ -81,7 +83,7 @@ class RegistrationResult:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Return the covariance (3, 3) of the moments ``(Sxx, Sxy, Syy)``, arcsec⁴."""
+        """Return the covariance (3, 3) of the moments ``(Sxx, Sxy, Syy)``, arcsec⁴, by that information."""
         indices = [self.names.index(name) for name in Mvn.names]
         return invert_information(self.information)[0][np.ix_(indices, indices)]
 
@@ -242,6 +244,7 @@ class ReferenceFrame:
             max_steps=_STEPS,
             tolerance=_TOLERANCE,
             known=self.information * np.outer(root, root),
+            errors=False,
         )
         if not bool(end.converged):
             return None

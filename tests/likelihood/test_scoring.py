@@ -90,6 +90,18 @@ def test_information_that_is_wrong_is_renewed_and_changes_no_end(truth, otf, dat
     np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(end.information))), errors, rtol=0.01)
 
 
+def test_without_errors_it_ends_at_the_same_place_with_information_that_served_a_step(truth, otf, data):
+    start = Parameters(Binary(4.05, 40.5, 0.15, -0.05, 9e5, 1.9), Mvn.of(0.2, 0.2), [1.0, -1.0])
+    free = free_of(start, otf)
+    common = start, otf, data, free, Prior.none(len(free))
+    right, quick = fisher_scoring(*common), fisher_scoring(*common, errors=False)
+    errors = np.sqrt(np.diag(np.linalg.inv(right.information)))
+    (there, _), (here, _) = to_vector(quick.parameters), to_vector(right.parameters)
+    np.testing.assert_allclose(np.asarray(there - here)[np.array(free)] / errors, 0, atol=1e-3)
+    assert not np.array_equal(quick.information, right.information)
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(quick.information))), errors, rtol=0.25)
+
+
 @pytest.mark.parametrize(
     "parameters",
     [

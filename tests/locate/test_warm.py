@@ -58,8 +58,7 @@ def estimated(reference, frame):
     data = frame if isinstance(frame, Data) else Data.of(frame)
     if (start := reference.locate(data)) is None:
         return None
-    known = (start.covariance, start.otf, start.data, ())
-    estimate, parameters = estimate_from_normal(start.parameters, *known)
+    estimate, parameters = estimate_from_normal(start.parameters, start.otf, start.data, ())
     return (estimate, start.in_frame(parameters)) if start.excess(parameters) < MISFIT else None
 
 
