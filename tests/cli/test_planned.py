@@ -90,8 +90,13 @@ def test_explain_alone_changes_nothing(frames, tmp_path):
         (["--tolerance", "1 parsec"], ErrorCode.UNKNOWN_UNIT, ["--tolerance 1 parsec"]),
         (["--tolerance", "-3%"], ErrorCode.OUT_OF_RANGE, ["--tolerance -3%"]),
         (["--budget", "20"], ErrorCode.UNKNOWN_UNIT, ["--budget 20", "20ms"]),
-        (["--tolerance", "1e-6uas"], ErrorCode.OUT_OF_RANGE, ["1e-06 uas"]),
-        pytest.param(["--budget", "1us"], ErrorCode.OUT_OF_RANGE, ["0.001 ms"], marks=pytest.mark.slow),
+        *(
+            pytest.param(*those, marks=pytest.mark.slow)
+            for those in (
+                (["--tolerance", "1e-6uas"], ErrorCode.OUT_OF_RANGE, ["1e-06 uas"]),
+                (["--budget", "1us"], ErrorCode.OUT_OF_RANGE, ["0.001 ms"]),
+            )
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_written(

@@ -185,9 +185,8 @@ def behind(pattern, coins, shift):
     return [frame + pattern + rng.normal(0, 1, coins.shape) for frame in (coins, soft)]
 
 
-@pytest.mark.parametrize(
-    ("strength", "shift"), [(1.0, (0, 0)), pytest.param(10.0, (2, -3), marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("strength", "shift"), [(1.0, (0, 0)), (10.0, (2, -3))])
+@pytest.mark.slow
 def test_a_pattern_that_stands_still_is_not_taken_for_a_sharp_scene(coins, shift, strength):
     texture = gaussian_filter(np.random.default_rng(3).standard_normal(coins.shape), 2) / 0.14
     with pytest.raises(UndeterminedError) as caught:
@@ -250,6 +249,7 @@ def test_a_copy_of_a_frame_is_no_blur_and_not_blurrier(coins):
         assert estimate.errors.max() < 1e-5
 
 
+@pytest.mark.slow
 def test_rays_in_the_sharp_frame_do_not_make_it_blurrier(coins):
     sharp, image, _ = copies(coins, np.zeros((1, 2), int))
     sharp = counted(sharp, 10000, 1)

@@ -20,11 +20,11 @@ SIGMA = 0.225 / FWHM_PER_SIGMA
 @pytest.mark.parametrize(
     ("truth", "fitted", "expected"),
     [
-        (Mvn.sheared(SIGMA, 0.1, 0), "stable", -591),
         (Linear.of(0.375), "mvn", 7.4),
         *(
             pytest.param(*more, marks=pytest.mark.slow)
             for more in (
+                (Mvn.sheared(SIGMA, 0.1, 0), "stable", -591),
                 (Mvn.sheared(SIGMA, 0.7, 45), "linear", -79),
                 (Shm.of(0.75), "mvn", 386),
                 (Linear.of(0.75), "shm", -32),

@@ -212,6 +212,7 @@ def test_frames_that_cannot_be_used_keep_their_rows(optics, rng):
     assert abs(fit.separation[0] - 5.0) < 4 * fit.separation[1]
 
 
+@pytest.mark.slow
 def test_frames_of_one_star_have_no_separation(optics, rng):
     frames = exposures(optics, 3, rng)
     truth = Parameters(Star(0.3, -0.2, 2e6), Linear.of(0.8, 70.0), np.zeros(2))

@@ -73,7 +73,8 @@ def aberrated(scene, locus, rng, name="toliman", rms=8.0):
     return Data.of(frame), processor.optics(frame)
 
 
-@pytest.mark.parametrize("length", [0.0, pytest.param(0.375, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("length", [0.0, 0.375])
+@pytest.mark.slow
 def test_a_star_of_unknown_wavefront_is_no_pair(length):
     # a rough fit with the derivatives of a flat wavefront found a companion of 12 and of 8 errors
     rng = np.random.default_rng(1)
@@ -94,7 +95,8 @@ def test_a_star_behind_a_symmetric_pupil_is_found_through_a_large_wavefront():
     assert start.describes(data)
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [3, 2])
+@pytest.mark.slow
 def test_a_rough_start_describes_a_pair_of_unknown_wavefront(seed):
     # else everything is fitted that is no such pair: a minute
     pair = Binary(9.8, 30.0, 0.3, -0.2, 1e7, 3.37)

@@ -145,6 +145,7 @@ def correlation(covariance):
     return covariance / np.outer(spread, spread)
 
 
+@pytest.mark.slow
 def test_what_is_left_uncertain_of_an_error_is_the_scatter_between_batches(bright):
     _, _, posterior = bright
     batches = posterior.draws.reshape(20, -1, len(posterior.names))

@@ -246,6 +246,7 @@ def test_a_reference_on_other_pixels_is_refused(trailed, sharp):
         estimate_field(frame, reference=reference)
 
 
+@pytest.mark.slow
 def test_a_flat_of_one_value_changes_nothing_but_the_unit(field, trail, sharp):
     """What is counted is what was collected: electrons, noise and errors scale together."""
     counted, _ = field(np.random.default_rng(9), trail(4, 30), stars=40, side=400)

@@ -39,7 +39,8 @@ def planner(example, monkeypatch):
     return Planner([example])
 
 
-@pytest.mark.parametrize("allowed", [pytest.param(5e-6, marks=pytest.mark.slow), 1e-4])
+@pytest.mark.parametrize("allowed", [5e-6, 1e-4])
+@pytest.mark.slow
 def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, one, allowed):
     found = planner.cheapest(allowed).settings
     whole = fitted(Settings(), example, one).error("separation")
