@@ -87,15 +87,20 @@ def _list_doubts(run) -> None:
 
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
-    from jitterkit.report.sequence import describe_loci, describe_run_fit, describe_scatter
+    from jitterkit.report.sequence import (
+        describe_loci,
+        describe_misfits,
+        describe_run_fit,
+        describe_scatter,
+    )
 
     fitted = int(sum(run.table["status"] == "ok"))
     separation, jitter = run.summary["separation"], run.summary["jitter"]
     if pairs := separation["n"]:
         value = with_error(separation["mean"], separation["error"])
         typer.echo(f"separation {value} arcsec from {pairs} frames{by_scale(separation['scale_error'])}")
-        if scatter := describe_scatter(run.table, separation):
-            typer.echo(scatter)
+        for sentence in filter(None, (describe_misfits(separation), describe_scatter(run.table, separation))):
+            typer.echo(sentence)
         if (right := run.summary["separation_corrected"])["n"]:
             value = with_error(right["mean"], right["error"])
             typer.echo(f"separation_corrected {value} arcsec from {right['n']} frames")

@@ -125,6 +125,7 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     from jitterkit.report import joint_table
     from jitterkit.report.joint_plots import plot_run
     from jitterkit.report.outputs import make_directory
+    from jitterkit.report.sequence import describe_run_fit
     from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
     from jitterkit.report.table import write_table
@@ -149,6 +150,8 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     typer.echo(f"separation {with_error(*fit.separation)} arcsec from {summary['counted']} frames{scale}")
     if (right := summary["separation"]["corrected"]) == right:  # not NaN
         typer.echo(f"separation_corrected {with_error(right, fit.separation[1])} arcsec")
+    if misfit := describe_run_fit(summary["fit"]):
+        typer.echo(misfit)
     for sentence in joint_table.describe_joint_fit(summary):
         log(sentence)
     log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

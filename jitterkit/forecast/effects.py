@@ -16,6 +16,7 @@ import equinox as eqx
 import numpy as np
 
 from jitterkit.conventions import offsets
+from jitterkit.detectors.response import broaden, couple
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.instruments import Instrument
@@ -221,6 +222,10 @@ def _pixel_grid(model: Modelled, size: float):
     return [size * np.hypot(*slopes)]
 
 
+def _charge(change: Callable[[np.ndarray, float], np.ndarray], model: Modelled, size: float):
+    return [change(model.image, size) - model.image]
+
+
 def _skewness(model: Modelled, size: float):
     sigma, _, angle = principal_axes(model.parameters.locus.moments())
     if not sigma > 0:
@@ -259,6 +264,9 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "third_star": _Kind(10 ** (-0.4 * 8), "", _third_star, together=False),
     "flat": _Kind(1e-3, "", _flat, per_pixel=True),
     "pixel_grid": _Kind(1e-3, "pix", _pixel_grid, per_pixel=True),
+    "brighter_fatter": _Kind(1e-6, "pix/electron", partial(_charge, broaden)),
+    "coupling": _Kind(5e-3, "", partial(_charge, couple)),
+    "nonlinearity": _Kind(1e-2, "", partial(_charge, lambda held, by: held * (1 - by * held / held.max()))),
     "skewness": _Kind(0.2, "", _skewness, hold=Skewed.names[3:]),
     "velocity_aberration": _Kind(1e-4, "", partial(_separation, lambda now, by: now * (1 - by))),
     "orbit": _Kind(57e-6, "arcsec", partial(_separation, lambda now, by: now + by)),

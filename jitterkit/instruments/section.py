@@ -133,7 +133,15 @@ class Section:
 
     def path(self, key: str) -> Path:
         """Return the path of a file that exists, relative to the TOML's directory."""
-        path = self.file.parent / str(self.text(key))
+        return self._existing(key, self.text(key))
+
+    def paths(self, key: str) -> list[Path]:
+        """Return the paths of files that exist, of one text or a list of them."""
+        given = self.texts(key) if isinstance(self.values[key], list) else (self.text(key),)
+        return [self._existing(key, name) for name in given or ()]
+
+    def _existing(self, key: str, name: Any) -> Path:
+        path = self.file.parent / str(name)
         if not path.is_file():
             self.refuse(
                 ErrorCode.NOT_FOUND, key, f"there is no file {path}: give a path relative to {self.file.name}"

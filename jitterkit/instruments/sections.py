@@ -45,7 +45,7 @@ from jitterkit.detectors.characteristics import ONLY_MAPS
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import open_frames
 from jitterkit.instruments.section import Section
-from jitterkit.optics.colours import INDEX_ERROR, WAVELENGTH_ERROR, Colours, colours_of
+from jitterkit.optics.colours import INDEX_ERROR, WAVELENGTH_ERROR, Colours, colours_of, mean_spectrum
 from jitterkit.optics.spectrum import Spectrum, flat_band
 from jitterkit.optics.spectrum_file import read_spectrum
 
@@ -150,21 +150,23 @@ def read_spectrum_section(section: Section) -> dict[str, Any]:
     for key, wanted in (("samples", ("band", "file")), ("weights", ("lines",))):
         if key in section and kinds[0] not in wanted:
             section.refuse(ErrorCode.CONFLICT, key, f"leave it out: it does not go with {kinds[0]}")
-    spectrum = _spectrum_of_kind(section, kinds[0])
-    return {"spectrum": spectrum, "colours": _colours(section, spectrum)}
+    spectrum, indices = _spectrum_of_kind(section, kinds[0])
+    return {"spectrum": spectrum, "colours": _colours(section, spectrum, indices)}
 
 
-def _colours(section: Section, spectrum: Spectrum) -> Colours:
-    """Return what a file says of the stars' spectra."""
+def _colours(section: Section, spectrum: Spectrum, indices: tuple[float, ...]) -> Colours:
+    """Return what a file says of the stars' spectra; their indices where two spectra give them."""
     given = [key for key in ("temperatures", "indices") if key in section]
     if len(given) > 1:
         section.refuse(ErrorCode.CONFLICT, "indices", "leave it out: temperatures say it")
+    if given and indices:
+        section.refuse(ErrorCode.CONFLICT, given[0], "leave it out: the files of A and B say it")
     error = section.number("index_err", INDEX_ERROR)
     wavelength = section.number("wavelength_err", WAVELENGTH_ERROR)
     for key, value in (("index_err", error), ("wavelength_err", wavelength)):
         if not 0 <= value < math.inf:
             section.refuse(ErrorCode.OUT_OF_RANGE, key, "give zero or a positive number")
-    numbers = section.numbers(given[0]) if given else [0.0]
+    numbers = section.numbers(given[0]) if given else list(indices or (0.0,))
     if len(numbers) > 2 or not numbers:
         section.refuse(ErrorCode.WRONG_SHAPE, given[0], "give one number, or those of A and B")
     try:
@@ -175,17 +177,22 @@ def _colours(section: Section, spectrum: Spectrum) -> Colours:
         raise ConfigurationError(problem.code, f"{section.file}: [spectrum] {problem}") from None
 
 
-def _spectrum_of_kind(section: Section, kind: str) -> Spectrum:
+def _spectrum_of_kind(section: Section, kind: str) -> tuple[Spectrum, tuple[float, ...]]:
+    """Return the spectrum, and the indices of A and B where each has a file of its own."""
     samples = section.integer("samples", 13)
     if samples < 1:
         section.refuse(ErrorCode.OUT_OF_RANGE, "samples", "give at least 1; 13 suit TOLIMAN")
     if kind == "file":
-        return read_spectrum(section.path("file"), samples)
+        files = section.paths("file")
+        if not 1 <= len(files) <= 2:
+            section.refuse(ErrorCode.WRONG_SHAPE, "file", "give one file, or those of A and B")
+        spectra = [read_spectrum(file, samples) for file in files]
+        return (spectra[0], ()) if len(files) == 1 else mean_spectrum(spectra, samples)
     if kind == "lines":
         wavelengths = section.numbers("lines")
         weights = section.numbers("weights", len(wavelengths)) if "weights" in section else None
-        return Spectrum(tuple(wavelengths), tuple(weights or [1.0] * len(wavelengths)))
+        return Spectrum(tuple(wavelengths), tuple(weights or [1.0] * len(wavelengths))), ()
     low, high = section.numbers("band", 2)
     if not 0 < low < high:
         section.refuse(ErrorCode.OUT_OF_RANGE, "band", "give [shortest, longest], in nm")
-    return flat_band(low, high, samples)
+    return flat_band(low, high, samples), ()

@@ -47,6 +47,8 @@ class FrameRecord:
         Whether it has a likelihood summary of the shared parameters.
     reason : str
         Value of the error code of a frame that is not ok; empty for one that is.
+    dof : float
+        Degrees of freedom of chi-squared.
     """
 
     name: str
@@ -64,6 +66,7 @@ class FrameRecord:
     stated: np.ndarray = field(default_factory=lambda: np.full(len(STATED), np.nan))
     has_summary: bool = False
     reason: str = ""
+    dof: float = float("nan")
 
     @classmethod
     def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
@@ -89,6 +92,7 @@ class FrameRecord:
                 np.sqrt(np.diag(covariance)),
                 fit.chi2_dof,
                 reason=fit.reason,
+                dof=fit.dof,
                 **more,
             )
 
@@ -104,7 +108,7 @@ class Records:
 
     def __init__(self, own: tuple[str, ...]) -> None:
         self.own = own
-        self._numbers = RecordFile(14 + len(STATED) + 2 * len(own))
+        self._numbers = RecordFile(15 + len(STATED) + 2 * len(own))
         self._names: list[str] = []
         self._words: dict[int, tuple[str, tuple[str, ...], str]] = {}
 
@@ -124,6 +128,7 @@ class Records:
             record.position,
             record.velocity,
             record.stated,
+            [record.dof],
         )
         if record.status is not Status.OK or record.flags:
             self._words[len(self)] = (record.message, record.flags, record.reason)
@@ -150,7 +155,8 @@ class Records:
                 chi2_dof,
                 numbers[10 + 2 * m : 12 + 2 * m],
                 numbers[12 + 2 * m : 14 + 2 * m],
-                numbers[14 + 2 * m :],
+                numbers[14 + 2 * m : -1],
                 bool(numbers[2]),
                 reason,
+                float(numbers[-1]),
             )

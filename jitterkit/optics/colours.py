@@ -165,3 +165,29 @@ def colours_of(temperatures: Sequence[float], spectrum: Spectrum, sigma: float =
     beside = _photons(middle, spectrum)
     indices = tuple(_index(_photons(one, spectrum) / beside, mean) for one in temperatures)
     return Colours(indices, sigma, middle)
+
+
+def mean_spectrum(spectra: Sequence[Spectrum], samples: int) -> tuple[Spectrum, tuple[float, ...]]:
+    """Return the mean of the stars' spectra at so many wavelengths, and the index of each about it.
+
+    Parameters
+    ----------
+    spectra : sequence of Spectrum
+        Detected photons of each star, with as many wavelengths each.
+    samples : int
+
+    Returns
+    -------
+    mean : Spectrum
+        A star counts as much as any other.
+    indices : tuple of float
+        With them each star has the mean wavenumber of its own spectrum.
+    """
+    both = Spectrum(
+        tuple(nm for one in spectra for nm in one.wavelengths),
+        tuple(share for one in spectra for share in one.weights),
+    )
+    tilt = wavenumber_offsets(both)
+    spread = float(np.dot(both.weights, tilt**2))
+    parts = zip(np.split(tilt, len(spectra)), spectra, strict=True)
+    return both.sampled(samples), tuple(float(np.dot(one.weights, part)) / spread for part, one in parts)

@@ -29,7 +29,7 @@ from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_picture
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.row import FailureKind, Row, group_failures
 from jitterkit.report.run_pictures import run_pictures
-from jitterkit.report.sequence import describe_loci, describe_run_fit
+from jitterkit.report.sequence import describe_loci, describe_misfits, describe_run_fit
 from jitterkit.report.table import aberration_names
 from jitterkit.report.words import NOTHING, angle_size, by_scale, ellipse_size, number, with_error
 
@@ -114,6 +114,7 @@ def _template():
         "number": number,
         "remarks": lambda code: [(word.replace("_", " "), FLAGS[word]) for word in decode_flags(code)],
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
+        "describe_misfits": describe_misfits,
         "describe_run_fit": describe_run_fit,
         "describe_loci": describe_loci,
         "status": lambda name: name.replace("_", " "),

@@ -27,6 +27,7 @@ from jitterkit.refit import Status
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
 from jitterkit.report.means import corrected, weighted_mean
+from jitterkit.report.sequence import assess_run_fit
 from jitterkit.report.words import angle_size, number
 from jitterkit.series import Floor, Series, fit_floor
 
@@ -138,15 +139,17 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     -------
     summary : dict
         ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being
-        the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, and
-        how many of them are ``with_model_error``, and the ``scale_error`` that the plate scale adds, which
-        is that of one frame, and it ``corrected`` for velocity aberration and orbital motion, by the mean of
-        what they are in the frames, and the ``scale_factor`` by which a fitted plate scale makes its error
-        larger than a known one; ``shared``, value, error and law of each shared parameter
-        (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its averages
-        [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation changes per
-        arcsec/s of drift [s], and ``unknown``, the error of that drift [arcsec/s]; ``passes``, and by how
-        many errors the last ``moved`` anything; ``seconds``.
+        the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, how
+        many of them are ``with_model_error`` or have the flag ``misfit``, the ``scale_error`` that the plate
+        scale adds, which is that of one frame, the ``scale_factor`` by which a fitted plate scale makes its
+        error larger than a known one, and it ``corrected`` for velocity aberration and orbital motion, by
+        the mean of what they are in the frames (NaN if some are ``uncorrected``: they lack what others
+        have); ``fit``, the mean chi-squared of the frames, from
+        :func:`~jitterkit.report.sequence.assess_run_fit`; ``shared``, value, error and law of each shared
+        parameter (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its
+        averages [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation
+        changes per arcsec/s of drift [s], and ``unknown``, the error of that drift [arcsec/s]; ``passes``,
+        and by how many errors the last ``moved`` anything; ``seconds``.
     """
     frames = list(fit.frames())
     mean, error = fit.separation
@@ -156,6 +159,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
     )
     scale_err = float(np.median([f.record.stated[0] for f in kept]))  # that of most frames
     slope = fit.slope()
+    correction, uncorrected = _mean_correction(kept)
     statuses = [frame.record.status for frame in frames]
     return {
         "frames": len(frames),
@@ -169,11 +173,18 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
             "error_of_a_frame": scatter["typical_error"],
             "chi2_dof": scatter["chi2_dof"],
             "error_by_scatter": error * math.sqrt(scatter["chi2_dof"]),
-            "corrected": mean + _mean_correction(kept),
+            "corrected": mean + correction,
+            "uncorrected": uncorrected,
+            "misfit": sum("misfit" in f.record.flags for f in kept),
             "scale_error": math.nan if PLATE_SCALE in fit.combined.names else mean * scale_err,
             "scale_factor": _scale_factor(fit.combined),
             "with_model_error": sum("model_error" in f.record.flags for f in kept),
         },
+        "fit": assess_run_fit(
+            np.array([f.record.chi2_dof for f in kept]),
+            np.array([f.record.dof for f in kept]),
+            np.array([f.separation_err for f in kept]),
+        ),
         "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},
         "floor": None if floor is None else _floor(floor),
         "shared": {
@@ -200,13 +211,17 @@ def _scale_factor(combined: Combined) -> float:
     return error_factor(combined.covariance, *map(combined.names.index, ("separation", PLATE_SCALE)))
 
 
-def _mean_correction(kept: list[Any]) -> float:
-    """Return by how much corrections change the separation [arcsec]: the mean of frames that have them."""
+def _mean_correction(kept: list[Any]) -> tuple[float, int]:
+    """Return by how much corrections change the separation [arcsec], and how many frames lack one.
+
+    It is NaN if no frame has corrections, or only some have: the mean of these is not that of the others.
+    """
     separations, errors = np.array([(f.separation, f.separation_err) for f in kept]).T
     _, *corrections = np.array([f.record.stated for f in kept]).T
     changes = corrected(separations, *corrections) - separations
     known = np.isfinite(changes)
-    return float(np.average(changes[known], weights=errors[known] ** -2)) if known.any() else math.nan
+    lacking = int(np.sum(~known)) if np.any(np.isfinite(corrections)) else 0
+    return float(np.average(changes, weights=errors**-2)) if known.all() else math.nan, lacking
 
 
 def _floor(floor: Floor) -> dict[str, Any]:
@@ -246,6 +261,13 @@ def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
             f"Errors of the model were allowed for in {separation['with_model_error']} frames. They are "
             "alike in all of them and do not average out: the separation may be off by up to the error of "
             f"one frame, {angle_size(separation['error_of_a_frame'], 2)}."
+        )
+    if separation["misfit"]:
+        sentences.append(f"{separation['misfit']:,} of the frames that count have the flag misfit.")
+    if separation["uncorrected"]:
+        sentences.append(
+            f"There is no separation_corrected: {separation['uncorrected']:,} frames lack a correction that "
+            "others have."
         )
     if separation["scale_factor"] > LARGE_FACTOR:
         sentences.append(

@@ -235,6 +235,17 @@ def describe_scatter(table: QTable, separation: dict[str, Any]) -> str:
     )
 
 
+def describe_misfits(separation: dict[str, Any]) -> str:
+    """Return in a sentence how many frames have the flag ``misfit``, and the mean of the others."""
+    count, others = separation["misfit"], separation["without_misfit"]
+    if not count:
+        return ""
+    if not others["n"]:
+        return "All of them have the flag misfit."
+    value = with_error(others["mean"], others["error"])
+    return f"{count:,} of them have the flag misfit: without these {value} arcsec."
+
+
 def describe_run_fit(fit: dict[str, Any]) -> str:
     """Return in a few sentences what shows that a run's model lacks something; nothing where nothing does."""
     return " ".join(filter(None, (_describe_misfit(fit), _describe_stars(fit.get("further_stars", [])))))

@@ -16,6 +16,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.frames.whole import replacing
+from jitterkit.report.flags import encode_flags
 from jitterkit.report.means import corrected, weighted_mean
 from jitterkit.report.residual_stack import ResidualStack, count_copies
 from jitterkit.report.sequence import assess_run_fit, compare_loci
@@ -37,7 +38,8 @@ def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, An
         ``frames``; ``status`` and ``locus``, the number of each; ``separation`` [arcsec], ``theta`` and
         ``pa`` [deg] as :func:`weighted_mean` has them, with their ``unit``; ``model_error`` of the
         separation, the median of what errors of the model make of a frame's, which no mean makes smaller;
-        its ``scale_error``, likewise of what the error of the plate scale makes of it;
+        its ``scale_error``, likewise of what the error of the plate scale makes of it; the number of frames
+        with the flag ``misfit``, and ``without_misfit`` the mean of the others;
         ``separation_corrected``, of the frames with the corrections that any frame has;
         ``jitter``, the plain mean of the second moments [arcsec²] and its principal axes [arcsec, deg];
         ``shape``, the excess kurtosis as :func:`weighted_mean` has it; ``loci``, what the frames say
@@ -52,10 +54,11 @@ def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, An
     ±180 deg, so north is no special place.
     """
     counts = np.asarray(table["status"]) == "ok"
-    used = ["locus", "chi2_dof", "dof", "sxx", "sxy", "syy", "va_factor", "orbit_change"]
+    used = ["locus", "flags", "chi2_dof", "dof", "sxx", "sxy", "syy", "va_factor", "orbit_change"]
     used += [name + end for name in ("separation", "theta", "pa", "shape") for end in ("", "_err")]
     good = table[used][counts]  # not the texts: of 60,000 frames they are most of the memory
     separations, errors = _pair(good, "separation", "arcsec")
+    misfit = np.asarray(good["flags"], int) & encode_flags(["misfit"]) > 0
     right = corrected(separations, np.asarray(good["va_factor"]), good["orbit_change"].to_value("arcsec"))
     candidates = np.asarray(table["candidates"])
     return {
@@ -67,6 +70,8 @@ def summarise(table: QTable, stack: ResidualStack | None = None) -> dict[str, An
             **weighted_mean(separations, errors),
             "model_error": _median(table["separation_model_err"].to_value("arcsec")[counts]),
             "scale_error": _median(table["separation_scale_err"].to_value("arcsec")[counts]),
+            "misfit": int(misfit[np.isfinite(separations)].sum()),
+            "without_misfit": weighted_mean(separations[~misfit], errors[~misfit]),
         },
         "separation_corrected": {"unit": "arcsec", **weighted_mean(right, errors)},
         "theta": {"unit": "deg", **_mean_direction(*_pair(good, "theta", "deg"))},

@@ -59,6 +59,9 @@ def refitted(model, change, hold):
         ("focus_change", 2.0),
         ("noll9", 0.3),
         ("skewness", 0.1),
+        ("brighter_fatter", 2e-8),
+        ("coupling", 2e-4),
+        ("nonlinearity", 1e-3),
     ],
 )
 def test_the_bias_is_that_of_a_refit_of_the_changed_image(model, telescope, parameters, name, size):
@@ -131,6 +134,22 @@ def test_errors_of_pixels_as_large_as_their_noise_bias_and_fit_as_noise_does(tel
     one = _assess(response, effect, 1e-6)
     assert one.bias == pytest.approx(math.sqrt(response.covariance()[0, 0]), rel=1e-9)
     assert one.chi2 == pytest.approx(np.sum(response.weights > 0) - len(response.names), rel=1e-9)
+
+
+def test_effects_of_charge_are_what_their_sizes_say(model):
+    size = {"brighter_fatter": 1e-6, "coupling": 5e-3, "nonlinearity": 0.01}
+    changes = {one.name: one.changes[0] for one in effects_of(model, size) if one.name in size}
+    row, column = np.unravel_index(model.image.argmax(), model.image.shape)
+    brightest = model.image[row, column]
+    around = np.array([model.image[row + dy, column + dx] for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0))])
+    moved = size["brighter_fatter"] * (brightest - around)  # of each border, in pixels
+    lost = {
+        "brighter_fatter": np.sum(moved * (brightest + around) / 2),
+        "coupling": size["coupling"] * np.sum(brightest - around),
+        "nonlinearity": size["nonlinearity"] * brightest,
+    }
+    for name, share in lost.items():
+        assert changes[name][row, column] == pytest.approx(-share, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["flat", "third_star", "noll9", "noll4", "focus_change", "astigmatism_b"])

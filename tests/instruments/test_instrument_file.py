@@ -362,6 +362,34 @@ def test_colours_are_read_as_indices_or_temperatures(toml, line, known):
     assert read.indices == pytest.approx(known.indices, abs=1e-12)
 
 
+def two_files(folder, names='"a.csv", "b.csv"', extra=""):
+    """Name files of stars whose photons rise and fall with the wavelength: of A, B, and A once more."""
+    nm = np.linspace(500, 600, 201)
+    for name, index in (("a", 0.1), ("b", -0.1), ("c", 0.1)):
+        rows = [f"{at},{1 + index * (1 - 550 / at)}" for at in nm]
+        (folder / f"{name}.csv").write_text("nm,photons\n" + "\n".join(rows), encoding="utf-8")
+    return WHOLE.replace("band = [500, 600]", f"file = [{names}]\n{extra}")
+
+
+def test_each_star_may_have_a_spectrum_from_a_file(toml, tmp_path):
+    read = read_instrument(toml(two_files(tmp_path)))
+    assert read.colours.indices == pytest.approx([0.1, -0.1], rel=1e-2)
+    assert read.spectrum.wavelengths == pytest.approx(flat_band(500, 600, 5).wavelengths, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("names", "extra", "code", "value"),
+    [
+        ('"a.csv", "b.csv"', "temperatures = [5000]", ErrorCode.CONFLICT, "temperatures"),
+        ('"a.csv", "b.csv", "c.csv"', "", ErrorCode.WRONG_SHAPE, "file"),
+        ('"a.csv", "none.csv"', "", ErrorCode.NOT_FOUND, "none.csv"),
+    ],
+)
+def test_impossible_files_of_stars_are_refused(toml, tmp_path, names, extra, code, value):
+    with refused(code, "bed.toml", value):
+        read_instrument(toml(two_files(tmp_path, names, extra)))
+
+
 @pytest.mark.parametrize(
     ("lines", "code", "values"),
     [

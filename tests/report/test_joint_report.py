@@ -24,6 +24,7 @@ from jitterkit.refit import Status
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.joint_plots import plot_run
 from jitterkit.report.joint_table import describe_joint_fit, frame_table, joint_summary, separation_series
+from jitterkit.report.sequence import describe_run_fit
 from jitterkit.report.table import read_table, write_table
 from jitterkit.series import fit_floor
 
@@ -31,7 +32,9 @@ OWN = ("x", "y", "flux", "linear_c", "linear_s")
 ERROR = 1e-4
 
 
-def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3):
+def made(
+    rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3, bare=(), chi2_dof=1.0, flags=()
+):
     """A sequence whose separations scatter by their errors; one frame in the middle could not be read."""
     summaries, records = LikelihoodSummaries(("separation", "noll4")), Records(OWN)
     information = np.diag([ERROR**-2, 25.0])
@@ -50,8 +53,9 @@ def made(rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3):
         own = np.array([0.3 * time, 0.4 * time, 1e5, 0.04, 0.0])
         records.append(
             FrameRecord(
-                f"frame {i}", time, Status.OK, "fitted", (), own, np.full(5, 0.1), np.array([0.01, 0.0, 0.0]),
-                np.full(3, 1e-3), 1.0, own[:2], np.array([-0.3, 0.0]), np.array(stated), has_summary=True,
+                f"frame {i}", time, Status.OK, "fitted", flags, own, np.full(5, 0.1),
+                np.array([0.01, 0.0, 0.0]), np.full(3, 1e-3), chi2_dof, own[:2], np.array([-0.3, 0.0]),
+                np.full(3, np.nan) if i in bare else np.array(stated), has_summary=True, dof=16e3,
             )
         )  # fmt: skip
     time_models = {"separation": Constant(), "noll4": OrnsteinUhlenbeck(1.0, 2.0)}
@@ -90,6 +94,22 @@ def test_a_sequence_is_corrected_for_the_sky(rng):
     assert row["separation_corrected"].value == pytest.approx(row["separation"].value * 1.0001 - 0.25)
     assert (row["va_factor"], row["orbit_change"].value) == (1.0001, 0.25)
     assert np.isnan(joint_summary(made(rng))["separation"]["corrected"])
+
+
+def test_a_sequence_of_which_some_frames_lack_a_correction_is_not_corrected(rng):
+    summary = joint_summary(made(rng, stated=(np.nan, 1.0001, np.nan), bare=(3, 4)))
+    assert np.isnan(summary["separation"]["corrected"])
+    assert any("2 frames lack" in sentence for sentence in describe_joint_fit(summary))
+
+
+@pytest.mark.parametrize(("chi2_dof", "flags", "said"), [(1.0, (), False), (1.02, ("misfit",), True)])
+def test_a_sequence_says_that_its_mean_chi_squared_is_too_high(rng, chi2_dof, flags, said):
+    summary = joint_summary(made(rng, chi2_dof=chi2_dof, flags=flags))
+    # 0.02 of 16,000 degrees, whose chi-squared scatters by root 32,000, in each of 29 frames
+    expected = (chi2_dof - 1) * 16e3 / np.sqrt(32e3) * np.sqrt(29)
+    assert summary["fit"]["sigmas"] == pytest.approx(expected)
+    assert bool(describe_run_fit(summary["fit"])) == said
+    assert any("29 of the frames" in sentence for sentence in describe_joint_fit(summary)) == said
 
 
 def test_the_error_of_the_plate_scale_is_not_averaged_down(rng):

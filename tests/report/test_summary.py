@@ -7,9 +7,10 @@ import pytest
 
 from jitterkit.frames import Metadata
 from jitterkit.refit.result import Candidate, FitResult, Status
+from jitterkit.report.flags import encode_flags
 from jitterkit.report.means import weighted_mean
 from jitterkit.report.row import make_row
-from jitterkit.report.sequence import describe_loci, describe_scatter
+from jitterkit.report.sequence import describe_loci, describe_misfits, describe_scatter
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table
 
@@ -39,6 +40,23 @@ def test_a_frame_of_another_target_is_named(make_fit, other, said):
     assert bool(text) == ("f [2]" in text) == said
     # about their mean of 6.75 the four deviate by 0.75 thrice and by 2.25: the rms over root 4 is 0.75
     assert ("750 mas" in text) == said
+
+
+@pytest.mark.parametrize(("flagged", "said"), [([], ""), ([2], "1 of them"), ([0, 1, 2], "All of them")])
+def test_frames_with_a_misfit_are_counted_apart(make_fit, flagged, said):
+    table = _table(make_fit, [6.0, 6.002, 7.0], [1e-3, 1e-3, 1e-3])
+    table["flags"] = [
+        encode_flags(["misfit", "saturated"] if i in flagged else ["saturated"]) for i in range(3)
+    ]
+    separation = summarise(table)["separation"]
+    assert (separation["n"], separation["misfit"]) == (3, len(flagged))
+    others = separation["without_misfit"]
+    assert others["n"] == 3 - len(flagged)
+    if flagged == [2]:
+        assert others["mean"] == pytest.approx(6.001)
+        assert "6.0010" in describe_misfits(separation)
+    assert describe_misfits(separation).startswith(said)
+    assert bool(describe_misfits(separation)) == bool(said)
 
 
 def test_scatter_matches_honest_errors(rng):
