@@ -248,13 +248,16 @@ def describe_misfits(separation: dict[str, Any]) -> str:
 
 def describe_run_fit(fit: dict[str, Any]) -> str:
     """Return in a few sentences what shows that a run's model lacks something; nothing where nothing does."""
-    return " ".join(filter(None, (_describe_misfit(fit), _describe_stars(fit.get("further_stars", [])))))
+    return " ".join(filter(None, (_describe_misfit(fit), _describe_stars(fit))))
 
 
-def _describe_stars(stars: list[dict[str, float]]) -> str:
-    """Return what stars the frames show together, and what to do."""
-    if not stars:
+def _describe_stars(fit: dict[str, Any]) -> str:
+    """Return what stars the frames show together, what they do to the separation, and what to do."""
+    if not (stars := fit.get("further_stars")):
         return ""
+    without = fit["without_further_stars"]
+    bias, error = (angle_size(without[name], 2) for name in ("bias", "bias_err"))
+    mean = with_error(without["mean"], without["error"])
     each = [
         f"{with_error(star['delta_mag'], star['delta_mag_err'])} mag fainter than A, "
         f"{angle_size(star['separation'], 3)} from it ({number(star['sigmas'], 2)} sigmas)"
@@ -263,8 +266,9 @@ def _describe_stars(stars: list[dict[str, float]]) -> str:
     what = f"a star {each[0]}" if len(each) == 1 else f"{len(each)} stars: {'; '.join(each)}"
     them = "it" if len(each) == 1 else "them"
     return (
-        f"Together the frames show {what}, which the fits lack. Give a copy of {FURTHER_STARS} as stars in "
-        f"[sky] of the instrument file and process the frames again to leave {them} out."
+        f"Together the frames show {what}, which the fits lack. By {them} the mean separation is off by "
+        f"{bias} ± {error}: {mean} arcsec without. Give a copy of {FURTHER_STARS} as stars in [sky] of the "
+        f"instrument file and process the frames again to leave {them} out of every frame."
     )
 
 

@@ -40,7 +40,7 @@ from jitterkit.report.row import Row
 from jitterkit.report.summary import summarise, write_summary
 from jitterkit.report.table import make_table, star_table, write_table
 from jitterkit.run.rows import Record, duplicate_marker, recorder
-from jitterkit.run.stacked_stars import find_stacked_stars
+from jitterkit.run.stacked_stars import StackedStars, find_stacked_stars
 
 log = logging.getLogger(__name__)
 
@@ -225,11 +225,8 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
         write_table(directory / STARS, stars, overwrite=True)
     (directory / FURTHER_STARS).unlink(missing_ok=True)  # of the run so far
     if (further := _stacked_stars(stacks, table, processor)) is not None:
-        write_table(directory / FURTHER_STARS, further, overwrite=True)
-        cells = (further[name].value.tolist() for name in further.colnames)
-        summary["fit"]["further_stars"] = [
-            dict(zip(further.colnames, star, strict=True)) for star in zip(*cells, strict=True)
-        ]
+        write_table(directory / FURTHER_STARS, further.table, overwrite=True)
+        summary["fit"] |= further.described(summary["separation"])
     write_summary(directory / SUMMARY, summary, overwrite=True)
     duplicates = table[np.asarray(table["status"]) == "duplicate"]
     names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))
@@ -242,7 +239,7 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
 
 def _stacked_stars(
     stacks: Mapping[str, ResidualStack], table: QTable, processor: FrameProcessor
-) -> QTable | None:
+) -> StackedStars | None:
     """Search for stars in the stack; what goes wrong there must not cost a run its outputs."""
     try:
         return find_stacked_stars(stacks, table, processor)

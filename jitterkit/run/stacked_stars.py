@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +14,11 @@ from astropy.table import QTable
 from jitterkit.batch import FrameProcessor
 from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.likelihood import Data
-from jitterkit.locate import Residual, polished, with_further_stars
+from jitterkit.locate import Residual, Start, polished, with_further_stars
 from jitterkit.loci import Mvn
+from jitterkit.metric import invert_information
+from jitterkit.optics import Optics
+from jitterkit.refit import FitOptions, fit_frame
 from jitterkit.report.columns import Column, aberration_column, bind_rows, measured
 from jitterkit.report.residual_stack import FEWEST, ResidualStack, count_copies, most_stacked
 from jitterkit.scene import Binary
@@ -29,9 +34,34 @@ _SEEN = 0.9
 """Share of the frames that must use a pixel of the stack for it to count."""
 
 
+class StackedStars(NamedTuple):
+    """Stars that no frame of a run shows.
+
+    Attributes
+    ----------
+    table : QTable
+        As ``[sky] stars`` of an instrument file takes it, with errors and significance.
+    bias, bias_err : float
+        Of a separation that was fitted without them, arcsec.
+    """
+
+    table: QTable
+    bias: float
+    bias_err: float
+
+    def described(self, separation: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a run's summary says of them, whose mean separation is given."""
+        cells = (self.table[name].value.tolist() for name in self.table.colnames)
+        stars = [dict(zip(self.table.colnames, star, strict=True)) for star in zip(*cells, strict=True)]
+        error = float(np.hypot(separation["error"], self.bias_err))
+        without = {"bias": self.bias, "bias_err": self.bias_err}
+        without |= {"mean": separation["mean"] - self.bias, "error": error}
+        return {"further_stars": stars, "without_further_stars": without}
+
+
 def find_stacked_stars(
     stacks: Mapping[str, ResidualStack], table: QTable, processor: FrameProcessor
-) -> QTable | None:
+) -> StackedStars | None:
     """Find stars beside a pair in the residuals of a run.
 
     Parameters
@@ -46,8 +76,8 @@ def find_stacked_stars(
 
     Returns
     -------
-    stars : QTable or None
-        As ``[sky] stars`` of an instrument file takes it, with errors and significance; None for none.
+    stars : StackedStars or None
+        None for none.
 
     Notes
     -----
@@ -100,7 +130,38 @@ def find_stacked_stars(
     errors = np.sqrt(np.einsum("ijk,kl,ijl->ij", slopes, found.covariance_of(names), slopes))
     sigmas = 2.5 / np.log(10) / errors[2]
     columns = zip(*np.stack([np.asarray(relative(values)), errors], 1).reshape(6, -1), sigmas, strict=True)
-    return bind_rows(_COLUMNS, columns)
+    return StackedStars(bind_rows(_COLUMNS, columns), *bias_without(found, data, system, hold))
+
+
+def bias_without(found: Start, data: Data, optics: Optics, hold: Collection[str]) -> tuple[float, float]:
+    """Return the bias of a separation that is fitted without further stars, and its error.
+
+    Parameters
+    ----------
+    found : Start
+        Fitted with a pair and further stars.
+    data, optics, hold
+        Of that fit.
+
+    Returns
+    -------
+    bias, bias_err : float
+        arcsec.
+    """
+    parameters, scene = found.parameters, found.parameters.scene
+    assert scene.others is not None
+    alone = eqx.tree_at(lambda p: p.scene.others, parameters, None)
+    clean = Data(expected_image(parameters, found.otf), data.read_variance, data.used)
+    fitted = fit_frame(clean, optics, alone, found.otf, FitOptions(hold=tuple(hold)))
+    # of the error: what is fitted takes up the light of a star by the regression on it
+    further = scene.others.named(len(scene.colours) + 1)
+    kept = [name for name in found.names if name not in further]
+    light = [name for name in further if name.startswith("flux_")]
+    rows, columns = ([found.names.index(name) for name in names] for names in (kept, light))
+    covariance, _ = invert_information(found.information[np.ix_(rows, rows)])
+    per_flux = covariance[kept.index("separation")] @ found.information[np.ix_(rows, columns)]
+    error = float(np.sqrt(per_flux @ found.covariance_of(light) @ per_flux))
+    return fitted.of_scene("separation") - scene.values["separation"], error
 
 
 def _about_centre(used: np.ndarray) -> slice:

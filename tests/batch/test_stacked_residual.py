@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from functools import partial
 
+import equinox as eqx
 import numpy as np
 import pytest
 from astropy.table import QTable
@@ -12,12 +13,17 @@ from astropy.table import QTable
 from jitterkit.batch.executor import execute
 from jitterkit.batch.store import Store
 from jitterkit.cli.run import finalize
-from jitterkit.forward import expected_image
+from jitterkit.forward import Parameters, expected_image
 from jitterkit.frames import write_fits
 from jitterkit.instruments import read_instrument
+from jitterkit.likelihood import Data
+from jitterkit.locate import polished
+from jitterkit.loci import Mvn
+from jitterkit.refit import fit_frame
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.run import process_files
-from jitterkit.scene import Star
+from jitterkit.run.stacked_stars import bias_without
+from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.simulate import fits_header
 
 FRAMES, FLAT = 48, 0.007
@@ -89,6 +95,10 @@ def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, proces
         assert star[name] == table[name][0].value
         assert abs(star[name] - value) < 3.5 * star[f"{name}_err"], name
     assert star["sigmas"] > 10
+    without, one = run.summary["fit"]["without_further_stars"], run.summary["separation"]
+    assert without["mean"] == one["mean"] - without["bias"]
+    assert without["error"] == np.hypot(one["error"], without["bias_err"])
+    assert abs(without["mean"] - 8.0) < 3.5 * without["error"]
     finalize(run, telescope)
     assert "copy of further_stars.ecsv as stars in [sky]" in capsys.readouterr().out
     (tmp_path / "again.toml").write_text(
@@ -99,6 +109,22 @@ def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, proces
     assert run.summary["status"] == {"ok": FAINT_FRAMES}
     assert "further_stars" not in run.summary["fit"]
     assert not (run.directory / "further_stars.ecsv").exists()
+
+
+@pytest.mark.parametrize("place", [(2.0, 4.0), (-5.0, 1.0)])
+def test_the_bias_by_a_star_is_that_of_a_fit_without_it(telescope, place):
+    system, fainter = telescope.system(), 10 ** (-0.4 * 8.0)
+    state, jitter = [5.0, -8.0], Mvn.of(0.15, 0.1, 20.0)
+    third = FurtherStars(*(np.array([part]) for part in (*place, 2e9 * fainter)))
+    truth = Parameters(Binary(8.0, 30.0, 0.3, -0.2, 2e9, 3.37, third), jitter, state, 5.0)
+    otf = system.otf(np.array(state))
+    data = Data(np.asarray(expected_image(truth.completed(otf), otf)), 4.0)
+    found = polished(data, system, otf, otf.with_colours(truth.scene), jitter, ())
+    alone = eqx.tree_at(lambda p: p.scene, truth, Binary(8.0, 30.0, 0.3, -0.2, 2e9, 3.37))
+    fitted = fit_frame(data, system, alone, otf)
+    bias, error = bias_without(found, data, system, ())
+    assert fitted.of_scene("separation") - 8.0 == pytest.approx(bias, rel=0.02)
+    assert 0 < error < 0.05 * abs(bias)
 
 
 def stacks(run):
