@@ -98,6 +98,21 @@ def test_the_least_file_leaves_the_detector_unknown(toml):
     assert bed.spectrum.wavelengths == (633.0,)
 
 
+@pytest.mark.parametrize(
+    ("was", "becomes", "said"),
+    [
+        ("[633]", "[633]", ""),
+        ("[633]", "[6330]", "43.5 pixels"),
+        ("= 0.3", "= 8.3e-5", "1.57e+04 pixels"),
+        ("diameter = 0.1", "diameter = 100", "0.00435 pixels"),
+    ],
+)
+def test_a_resolution_that_no_camera_samples_is_said(toml, caplog, was, becomes, said):
+    """Angstroms, degrees and millimetres; 633 nm over 0.1 m are 1.306 arcsec."""
+    read_instrument(toml(LEAST.replace(was, becomes)))
+    assert [said in text and "units" in text for text in caplog.messages] == [True] * bool(said)
+
+
 def test_a_base_fills_what_is_not_said_and_keeps_its_sources(toml):
     bed = read_instrument(toml('[instrument]\nbase = "smallsat"\nexposure = 2\n[detector]\ngain = 1.0\n'))
     base = load_instrument("smallsat")
