@@ -153,6 +153,12 @@ def read_instrument(path: str | Path) -> Instrument:
             read_detector(sections["detector"], detector) if "detector" in sections else detector
         )
         made = _assemble(path, fields, base)
+        if "psf" in sections:
+            pitch = made.plate_scale / made.psf_options.get("oversample", 1)
+            made = replace(
+                made,
+                psf_from=partial(fields["psf_from"], pitch=pitch, whole="enclosed" not in made.psf_options),
+            )
     except ConfigurationError as error:
         text = str(error)
         raise ConfigurationError(
