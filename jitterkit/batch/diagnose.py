@@ -159,6 +159,7 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
         result = replace(result, flags=(*result.flags, "misfit"))
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
         cause = TOO_LOW if too_low else scale_hint(frame, plate_scale)
+        cause = "" if "noise_correlated" in result.flags else cause
         jitter = "" if cause or outliers else _jitter_hint(result)
         # the wings of a blur look like sky, and so does a wrong unit
         sky = "" if jitter or NORMALISED in frame.flags else _sky_hint(frame, result)

@@ -6,6 +6,8 @@ import copy
 import math
 from typing import Self
 
+import numpy as np
+
 from jitterkit.batch.diagnose import TOO_LOW, classify, scale_hint
 from jitterkit.batch.plan import Batch
 from jitterkit.batch.processor import FrameProcessor
@@ -74,8 +76,11 @@ class TemplateBlurEstimator:
         # what was registered to another frame is known to fit, if not too well
         registered = found.searched is None and self.name == SCORE
         if not registered or found.excess < -MISFIT:
-            misfit = pearson(found.blurred(), found.data)
-            if misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread and found.data.model_variance is None:
+            image = np.asarray(found.blurred())
+            misfit = pearson(image, found.data)
+            if correlated := misfit.correlated_noise(image):
+                remarks.append(correlated)
+            elif misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread and found.data.model_variance is None:
                 remarks.append(f"chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}")
             if not registered and not _per_pixel(misfit) <= POOR:
                 best = _per_pixel(self._fitted(found))

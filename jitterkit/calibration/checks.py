@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jitterkit.calibration.stack import SETTINGS, Shot, Stack, differ
+from jitterkit.calibration.stack import SETTINGS, WITHOUT_BIAS, Shot, Stack, differ
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 _ODD = 10.0
@@ -94,6 +94,13 @@ def _check_alike(stack: Stack) -> None:
 def _check_against(bias: Stack, darks: Sequence[Stack], flats: Sequence[Stack]) -> None:
     scatter = float(np.median([shot.scatter for shot in bias.shots]))
     for stack in (*darks, *flats):
+        reduced = next((shot for shot in stack.shots if WITHOUT_BIAS in shot.settings), None)
+        if reduced is not None and abs(bias.level) > scatter:
+            raise ConfigurationError(
+                ErrorCode.WRONG_INSTRUMENT,
+                f"{_file(reduced)}: lacks the bias of {bias.level:.5g} ADU ({reduced.settings[WITHOUT_BIAS]} "
+                f"0); give the {stack.kind} frames as they were read.",
+            )
         if stack.level < bias.level - _ODD * scatter:
             raise ConfigurationError(
                 ErrorCode.WRONG_INSTRUMENT,

@@ -33,8 +33,8 @@ ROUNDING = 1 / 12
 at a noise of 0.5 ADU and to 40 % at 0.4, and better over pixels whose levels differ by a fraction of one."""
 
 _PILED = 0.02
-"""Share of the pixels at one and the same largest value from which a frame is saturated; a normal of one
-ADU has 0.02 % there."""
+"""Share of the pixels at one and the same largest value from which a frame is saturated, or cut at zero; a
+normal of one ADU has 0.02 % there."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,8 @@ class Shot:
         Mean of its pixels without outliers, and 1.4826 times their median deviation [ADU].
     piled : float
         Share of its pixels at its largest value.
+    floored : float
+        Share of its pixels that are zero, if none is negative.
     exposure, gain : float, optional
         As its header says [s], [e-/ADU].
     whole : bool
@@ -68,6 +70,7 @@ class Shot:
     level: float
     scatter: float
     piled: float = 0.0
+    floored: float = 0.0
     exposure: float | None = None
     gain: float | None = None
     whole: bool = True
@@ -81,6 +84,11 @@ class Shot:
     def saturated(self) -> bool:
         """Return whether its pixels pile up at one value, the largest."""
         return self.piled > _PILED
+
+    @property
+    def clipped(self) -> bool:
+        """Return whether its pixels pile up at zero."""
+        return self.floored > _PILED
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +203,8 @@ def look(name: str, data: np.ndarray, exposure: float | None) -> Shot:
     whole = bool(np.all(sample == np.rint(sample)))
     piled = float(np.mean(sample == sample.max()))
     digest = sha256(sample.tobytes()).hexdigest() if np.ptp(sample) else ""
-    return Shot(name, level, scatter, piled, exposure, whole=whole, digest=digest)
+    floored = float(np.mean(sample == 0)) if sample.min() == 0 else 0.0
+    return Shot(name, level, scatter, piled, floored, exposure, whole=whole, digest=digest)
 
 
 _SAME_EXPOSURE = 1e-6
@@ -285,7 +294,10 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None, file: FrameFile) -> 
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     shot, known = look(raw.name, raw.data, seconds), raw.metadata
     shot = replace(shot, path=raw.path, index=raw.index, gain=known.value("gain"))
-    return replace(shot, warnings=(*known.warnings, *unlike), settings=settings_of(file.text))
+    settings = settings_of(file.text)
+    if known.bias is not None and "was subtracted" in known.bias.source:
+        settings[WITHOUT_BIAS] = known.bias.source
+    return replace(shot, warnings=(*known.warnings, *unlike), settings=settings)
 
 
 def _grouped(shots: list[Shot]) -> list[tuple[Shot, ...]]:
@@ -322,6 +334,9 @@ SETTINGS = (
 """Cards that are alike in frames of one camera at one setting."""
 
 TEMPERATURE, FILTER = "CCD-TEMP", "FILTER"
+
+WITHOUT_BIAS = "without bias"
+"""Setting of a frame whose header says that its bias was subtracted: the card."""
 
 
 def check_kind(raw: RawFrame, kind: str, text: Callable[[str], str]) -> tuple[str, ...]:

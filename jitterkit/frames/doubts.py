@@ -13,6 +13,7 @@ from jitterkit.frames.cards import Cards, parse_number
 from jitterkit.frames.dialects import ALIASES
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.times import seconds_to_end
+from jitterkit.frames.units import factor
 
 
 def doubts(cards: Cards, known: Metadata) -> list[str]:
@@ -64,10 +65,13 @@ _OF_SEVERAL = re.compile(
 )
 """Comment of an exposure that is that of several."""
 
+_OF_CUBE = re.compile(r"\b(total|cube|stack|sequence|series|all (frames|planes|images))\b", re.I)
+"""Comment of the exposure of a cube that is that of all its planes."""
+
 _TOTALS = re.compile(
     r"LIVETIME|ESO PRO EXPTTOT|T(OT(AL)?)?_?EXP(T|TIME?|OSURE)?|EXP_?TOT(AL)?|TOT(AL)?_?(INT|TIM)\w*"
 )
-_PARTS = re.compile(r"(SING(LE)?|SUB|INDIV?|COADD)_?(EXP|INT|TIM)\w*")
+_PARTS = re.compile(r"(SING(LE)?|SUB|INDIV?|COADD)_?(EXP|INT|TIM)\w*|ESO DET (\w+ )?DIT\d?")
 """Times of all exposures that were combined, and of one of them."""
 
 _WHOLE = ("TELAPSE", "ELAPTIME", "ELAPSED", "DARKTIME", "KCT", "FRAMTIME", "FRMTIME")
@@ -92,7 +96,7 @@ def _combined(cards: Cards) -> list[str]:
             return [f"{key} = {cards.text(key)} exposures are combined in the image: {unsure}"]
     for key in filter(cards.find, (key for key in ALIASES["exposure"] if isinstance(key, str))):
         comment = (cards.find(key) or ("", ""))[1]
-        if _OF_SEVERAL.search(comment):
+        if _OF_SEVERAL.search(comment) or (max(planes, default=1) > 1 and _OF_CUBE.search(comment)):
             return [f"{key} is of several exposures by its comment {comment!r}: {unsure}"]
     for key, pattern in _STACKERS.items():
         if any(re.search(pattern, str(header.get(key, ""))) for header, _ in cards.layers):
@@ -185,13 +189,15 @@ _ALIKE: Mapping[str, re.Pattern[str]] = {
     for name, pattern in {
         "exposure": r"(TRU)?ITIME|(INT|INTEG|EXP|EXPOS|EXPOSURE|ACC|ACQ|SHUT|FRAME)[_ ]?(T|TIM|TIME)|EXPTIMES"
         r"|EXP|EXPOSE?D?|EXP_?DUR|DURATION|T_?EXP(TIME)?|TOT(AL)?_?EXP\w*|EXPOINUS|ONTIME|ELAPTIME"
-        r"|(ESO DET (\w+ )?)?DIT\d?|EXP_?(MS|US|SEC)",
+        r"|(ESO DET (\w+ )?)?DIT\d?|EXP_?(MS|US|SEC)|FPS|FRA?ME?_?RATE?",
         "gain": r"(CCD|SYS|CONV|AMP|INV|CAL|DET|EFF|E)?_?GAIN_?(EFF|[A-H]|\d{1,2})?|GTGAIN\d+|GAIN_E_ADU"
         r"|ESO (QC )?DET \w+ (GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS",
         "read_noise": r"(RD|READ|R|DET|CCD)_?(NOI|NOISE?|NSE?)_?([A-H]|\d{1,2})?|GTRON\d+"
         r"|RON_?([A-H]|\d{1,2})?|ESO (QC )?DET \w+ RON",
         "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATURATI|(ESO DET )?SAT_?(LEV(EL)?|LVL|LIM(IT)?)"
         r"|FULLWELL|MAX_?(ADU|COUNT|CNT)S?|GOODMAX|LIN_?LIM(IT)?",
+        "bias": r"(BIAS|BLACK|BLK|OVSCA?N?|OVERSCA?N?)_?(LE?VE?LL?|LEV|VAL(UE)?|MEAN|MED(IAN)?|AVG|ADU)?_?"
+        r"([A-H]|\d)?",
         "plate_scale": r"(ESO INS )?([XYAP]|SKY|IMG?|CCD|SPAT|[XYA]?_?PIX(EL)?|PLATE|PLT)_?SC(A|AL|ALE|L)?"
         r"_?[XY12]?|SCALE_?[XY12]|SECP?PIX\w?|[XY]_?SCALE|A(RC)?SEC_?P?(ER)?_?(PIX|X)|IFOV|CDELT1|CD1_1",
     }.items()
@@ -201,7 +207,8 @@ _ALIKE: Mapping[str, re.Pattern[str]] = {
 
 def _unread(cards: Cards, known: Metadata) -> list[str]:
     """Warn of a number that seems to stand in a keyword that is not read, where no other keyword has it."""
-    needless = ("gain", "saturation") if known.value("unit") in ("electron", "electron/s") else ()
+    calibrated = known.value("unit") in ("electron", "electron/s")
+    needless = ("gain", "saturation", "bias") if calibrated else ("bias",) if known.bias is not None else ()
     missing = [name for name in _ALIKE if not known.value(name) and name not in needless]
     keys, warnings = cards.names() if missing else {}, []
     for name in missing:
@@ -215,8 +222,9 @@ def _unread(cards: Cards, known: Metadata) -> list[str]:
 
 
 def _is_stated(cards: Cards, key: str) -> bool:
-    """Return whether a card has a number that is no default, and no step along axes that the header names."""
+    """Return whether a card has a number that is no default, and no step along axes that are no angles."""
     number = parse_number((cards.find(key) or ("",))[0])
     if number is None or number[0] == 0:
         return False
-    return not key.startswith("CD") or (abs(number[0]) != 1 and not cards.text("CTYPE1"))
+    angles = not cards.text("CTYPE1") or factor("plate_scale", cards.text("CUNIT1"))
+    return not key.startswith("CD") or (abs(number[0]) != 1 and bool(angles))

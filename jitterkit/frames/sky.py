@@ -34,19 +34,19 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
     scale : float
         Square root of the pixel's area in the middle of the frame, distortion included [arcsec/pixel].
     warnings : list of str
-        Name the two sides where they differ by more than 1 %, and the scales over the frame where these do by
-        more than 0.1 %.  Name the reference pixel where it lies more than a field outside of the frame and
-        the frame's pixels differ from it by more than 1 %: a projection alone does so at several degrees
-        only, and a distortion is then extended over more than a field.
+        Name the two sides where the scale differs with the direction by more than 0.1 %, and the scales over
+        the frame where these do by as much.  Name the reference pixel where it lies more than a field outside
+        of the frame and the frame's pixels differ from it by more than 1 %: a projection alone does so at
+        several degrees only, and a distortion is then extended over more than a field.
     """
     matrix = np.asarray(wcs.pixel_scale_matrix, dtype=float) * 3600.0
     scale, warnings = math.sqrt(abs(np.linalg.det(matrix))), []
-    sides = np.linalg.norm(matrix, axis=0)
+    middle = matrix
     even = shape is None or not scale > 0 or _is_even(wcs, shape)
     local = None if shape is None or even else local_pixels(wcs, shape)
     if local is not None:
         scales = np.sqrt(np.abs(np.linalg.det(local)))
-        sides = np.linalg.norm(local[0], axis=0)
+        middle = local[0]
         scale = float(scales[0]) if abs(scales[0] / scale - 1) > _SAME else scale
         if np.ptp(scales) > _VARIES * scale:
             found = (
@@ -59,9 +59,13 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
             differ = f"differ by {off:.2g} from those of" if off < np.inf else "are off the sky of"
             found = f"pixels {differ} the WCS's reference pixel, {far:.3g} fields outside of the frame"
             warnings.append(f"{found}: scale and position angle are right only if the WCS holds so far out")
-    if abs(sides[0] - sides[1]) > 0.01 * scale:
-        found = f"pixels are {sides[0]:g} x {sides[1]:g} arcsec, not square"
-        warnings.append(f"{found}; {scale:g} arcsec is used")
+    sides = np.linalg.norm(middle, axis=0)
+    longest, shortest = np.linalg.svd(middle, compute_uv=False) if scale > 0 else (0.0, 0.0)
+    if longest - shortest > _VARIES * scale:
+        found = f"pixels are {sides[0]:.5g} x {sides[1]:.5g} arcsec, not square"
+        if abs(sides[0] - sides[1]) < 0.5 * (longest - shortest):
+            found = f"pixels are not square, but {longest:.5g} x {shortest:.5g} arcsec along oblique axes"
+        warnings.append(f"{found}; {scale:.5g} arcsec is used in all directions")
     return scale, warnings
 
 

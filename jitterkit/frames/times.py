@@ -1,7 +1,8 @@
 """The time of an exposure, from the many ways headers write it.
 
 :func:`resolve_time` returns ISO 8601 in UTC.  The start of the exposure is preferred: DATE-BEG, DATE-OBS
-(with TIME-OBS or UT where the date stands alone), MJD-BEG, MJD-OBS; then the middle: DATE-AVG, MJD-AVG.
+(with TIME-OBS or UT where the date stands alone), MJD-BEG, MJD-OBS; then the middle: DATE-AVG, MJD-AVG; then
+MJD and JD.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def resolve_time(cards: Cards) -> Sourced | None:
         Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.
     """
     day = None
-    for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG"):
+    for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG", "MJD", "JD"):
         known = (_date if key.startswith("DATE") else _mjd)(cards, key)
         if known is not None and "T" in known.value and (day is None or known.value[:10] == day.value[:10]):
             return _agreeing(cards, key, known)

@@ -91,10 +91,11 @@ _MILLIMETRES = _spelled(
         10.0: "cm centimeter centimeters centimetre centimetres",
         1000.0: "m meter meters metre metres",
         25.4: "in inch inches",
+        304.8: "ft foot feet",
         1e-3: "um µm micron microns micrometer micrometers micrometre micrometres",
     }
 )
-_METRES = {word: value / 1e3 for word, value in _MILLIMETRES.items() if "in" not in word} | _spelled(
+_METRES = {word: mm / 1e3 for word, mm in _MILLIMETRES.items() if mm not in (25.4, 304.8)} | _spelled(
     {1e-9: "nm nanometer nanometers nanometre nanometres"}
 )
 _PIXELS = ("", "/pixel", "/pixels", "/pix", "/px", "/p")

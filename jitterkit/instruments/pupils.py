@@ -26,6 +26,10 @@ _SHARE, _FALLEN = 0.01, 0.7
 """Share of the light that a level as at the edge would have, and ratio of the edge to what lies a quarter of
 the way to the middle, from which it is no star's wing: one that falls with the distance squared has 0.56."""
 
+_SAME, _CUT, _POWERS = 0.01, 0.02, (2.5, 4.0)
+"""Relative difference of two scales, share of the light that may be cut off, and powers of the distance with
+which wings fall: of a hard aperture with the third."""
+
 
 def toliman(**options: int) -> Pupil:
     """Make TOLIMAN's diffractive pupil; see :func:`jitterkit.optics.toliman.toliman_pupil`."""
@@ -62,23 +66,47 @@ def from_file(path: Path, diameter: float | None = None) -> Pupil:
     return read_pupil(path, diameter)
 
 
-def star(path: Path, hdu: int | None = None) -> np.ndarray:
+def star(path: Path, hdu: int | None = None, pitch: float | None = None, *, whole: bool = True) -> np.ndarray:
     """Read a star image ``(ny, nx)`` from a FITS or TIFF file, less the bias that its header names.
+
+    Parameters
+    ----------
+    path : Path
+    hdu : int, optional
+    pitch : float, optional
+        arcsec that a sample is said to be wide; a header that contradicts it is warned of.
+    whole : bool
+        Whether the image is taken to hold all light; if much lies beyond its edge, that is warned of.
 
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked, or :func:`check_star` refuses it.
+        If a pixel of it is masked, its samples are light at points, or :func:`check_star` refuses it.
     FrameError
         If it cannot be read.
     """
     with open_frames(path, hdu=hdu) as frames:
-        frame = frames[0]
+        frame, points = frames[0], frames.text("DET_SAMP")
+    if points:
+        problem = f"{path}: has the light at points, by DET_SAMP = {points}, and not that of whole pixels"
+        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; convert it by 'jitterkit instrument'.")
     if frame.mask.any():
         problem = f"{path}: {int(frame.mask.sum())} pixels of the star have no value"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
     image = frame.data - frame.metadata.value("bias", 0.0)
     check_star(path, image)
+    scale = frame.metadata.plate_scale
+    if scale is not None and pitch is not None and abs(scale.value / pitch - 1) > _SAME:
+        _LOG.warning(
+            "%s: a sample is %.4g arcsec wide by its %s, and %.4g by plate_scale and oversample, which are "
+            "used.", path, scale.value, scale.source, pitch
+        )  # fmt: skip
+    beyond = _beyond(image)
+    if whole and beyond > _CUT:
+        _LOG.warning(
+            "%s: about %.0f %% of the star's light lie beyond the edge, so that fluxes are too small; say "
+            "enclosed, the share inside.", path, 100 * beyond
+        )  # fmt: skip
     return image
 
 
@@ -118,6 +146,17 @@ def check_star(path: Path, image: np.ndarray) -> None:
             "%s: the star's image does not fall towards its edge, which stands at %.3g: if that is "
             "background, fluxes are wrong by %.0f %%; subtract it.", path, edge, 100 * share
         )  # fmt: skip
+
+
+def _beyond(image: np.ndarray) -> float:
+    """Return the share of the light outside, if a wing goes on to fall as it does towards the edge."""
+    ny, nx = image.shape
+    edge, inside = _edge(image), _edge(image[ny // 8 : ny - ny // 8, nx // 8 : nx - nx // 8])
+    if not 0 < edge < _FALLEN * inside:
+        return 0.0
+    power = np.clip(np.log(inside / edge) / np.log(4 / 3), *_POWERS)
+    outside = 0.5 * np.pi * edge * image.size / (power - 2)
+    return float(outside / (image.sum() + outside))
 
 
 def _edge(image: np.ndarray) -> float:

@@ -53,6 +53,7 @@ Files are looked for beside the TOML.
 
 from __future__ import annotations
 
+import logging
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -60,14 +61,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode, reading_code
+from jitterkit.frames.scale import ARCSEC_PER_RADIAN
 from jitterkit.instruments import pupils
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import preset
 from jitterkit.instruments.section import Section, refuse_unknown
 from jitterkit.instruments.sections import DETECTOR_KEYS, SPECTRUM_KEYS, read_detector, read_spectrum_section
 from jitterkit.instruments.sky import SKY_KEYS, read_sky
+
+_LOG = logging.getLogger(__name__)
 
 SECTIONS: Mapping[str, Mapping[str, str]] = {
     "instrument": {
@@ -146,12 +152,26 @@ def read_instrument(path: str | Path) -> Instrument:
         fields["detector"] = (
             read_detector(sections["detector"], detector) if "detector" in sections else detector
         )
-        return _assemble(path, fields, base)
+        made = _assemble(path, fields, base)
+        if "psf" in sections:
+            pitch = made.plate_scale / made.psf_options.get("oversample", 1)
+            made = replace(
+                made,
+                psf_from=partial(fields["psf_from"], pitch=pitch, whole="enclosed" not in made.psf_options),
+            )
     except ConfigurationError as error:
         text = str(error)
         raise ConfigurationError(
             error.code, text if text.startswith(str(path)) else f"{path}: {text}"
         ) from None
+    if "telescope" in sections and (diameter := sections["telescope"].number("diameter")) and made.spectrum:
+        width = np.mean(made.spectrum.wavelengths) * 1e-9 / diameter * ARCSEC_PER_RADIAN / made.plate_scale
+        if not _WIDTHS[0] < width < _WIDTHS[1]:
+            _LOG.warning(
+                "%s: the resolution, wavelength over diameter, is %.3g pixels: check the units of diameter "
+                "(m), wavelengths (nm) and plate_scale (arcsec).", path, width
+            )  # fmt: skip
+    return made
 
 
 def _sections(path: Path) -> dict[str, Section]:
@@ -206,6 +226,9 @@ def _head(section: Section, stem: str) -> dict[str, Any]:
     fields = {name: value for name, value in fields.items() if value is not None}
     return {**fields, "sources": {name: section.source(name) for name in fields}}
 
+
+_WIDTHS = (0.1, 16.0)
+"""Pixels from lenses to oversampled images."""
 
 _LARGEST = 100.0
 """Metres; a larger one is in mm."""

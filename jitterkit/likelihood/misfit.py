@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -36,6 +37,44 @@ class Misfit(NamedTuple):
     pixels: int
     spread: float
     residual: np.ndarray
+
+    def correlated_noise(self, image) -> str:
+        """Say that the noise of neighbouring pixels is correlated, as resampling and smoothing leave it.
+
+        Parameters
+        ----------
+        image : (ny, nx) array
+            The expected image.
+
+        Returns
+        -------
+        remark : str
+            A sentence; empty where chance may explain it, or dark pixels do not fit.
+
+        Notes
+        -----
+        Residuals of the darker half, where an error of the model hardly shows, are multiplied with their
+        neighbours', less those a few pixels away: a gradient of the sky and a pattern of whole rows cancel.
+        """
+        counted = np.isfinite(self.residual)
+        level = np.median(image[counted]) if counted.any() else 0.0
+        known = np.where(counted & (image <= level), self.residual, np.nan)
+        products = [one[:-_APART] * (one[1 : 1 - _APART] - one[_APART:]) for one in (known, known.T)]
+        pairs = np.concatenate([of_axis[np.isfinite(of_axis)] for of_axis in products])
+        dark, power = max(np.isfinite(known).sum(), 1), float(np.nansum(known**2))
+        fits = power < dark + MISFIT * self.spread * math.sqrt(dark / max(self.pixels, 1))
+        chance = float(np.sqrt(np.sum(pairs**2)))
+        share = float(np.sum(pairs)) / max(len(pairs), 1) / max(power / dark, 1e-300)
+        if not (fits and share > _CORRELATED and np.sum(pairs) > MISFIT * chance):
+            return ""
+        return (
+            f"The noise of neighbouring pixels is correlated ({share:.2g}), as resampling or smoothing "
+            "leaves it: that is part of the blur, and errors are not valid."
+        )
+
+
+_APART, _CORRELATED = 4, 0.1
+"""Pixels beyond which smoothing does not reach, and a correlation that changes errors little."""
 
 
 def pearson(image, data: Data) -> Misfit:

@@ -155,7 +155,9 @@ _NO_NANOMETRES = re.compile(
     re.I,
 )
 _NO_PHOTONS = re.compile(
-    r"erg|joule|watt|\bw/|jy|flam|f_?lambda|fnu|energy|(?<![a-z])mag(s|nitude\w*)?(?![a-z])", re.I
+    r"erg|joule|watt|(?<![a-z])w(?![a-z])|jy|flam|f_?lambda|fnu|energy|(?<![a-z])mag(s|nitude\w*)?(?![a-z])"
+    r"|(?<!photon.)(?<!photons.)(?<!photon)flux(?!.*(photon|electron|count|(?<![a-z])ph(?![a-z])))",
+    re.I,
 )
 
 

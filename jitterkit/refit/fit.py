@@ -256,7 +256,7 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitR
     flags += ["aberrations_held"] if not set(aberrations) <= set(names) else []
     chi2_dof = misfit.chi2 / dof if dof > 0 else np.nan
     status, message = _classify(converged, chi2_dof, sound)
-    return FitResult(
+    result = FitResult(
         status,
         message,
         tuple(flags),
@@ -273,6 +273,7 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitR
         seconds=seconds,
         objective=float(end.objective),
     )
+    return result.remarked(misfit.correlated_noise(image), "noise_correlated")
 
 
 def _flag_prior_conflict(

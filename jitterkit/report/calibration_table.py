@@ -92,6 +92,9 @@ def _of_gradient(calibration: Calibration) -> str:
 _NO_LINE = 100.0
 """chi2 of a degree of freedom from which the gain is doubted: the brighter-fatter effect makes tens."""
 
+_RISING, _BENT = 1.5, 5.0
+"""Ratio of levels that are not full, and per cent off a line that no detector is."""
+
 
 def _of_transfer(calibration: Calibration) -> list[str]:
     transfer = calibration.transfer
@@ -109,6 +112,12 @@ def _of_transfer(calibration: Calibration) -> list[str]:
                 "The variances do not lie on a line, so that the gain and all in electrons may be wrong: "
                 "give single exposures as they were read, neither scaled nor averaged, of one setting."
             )
+    marked = [level.signal for level in transfer.levels if level.saturated]
+    if len(marked) > 1 and marked[-1] > _RISING * marked[0]:
+        sentences.append(
+            f"The {full} levels left out differ by a factor of {marked[-1] / marked[0]:.2g}, and full pixels "
+            "do not: if frames were stretched, or lack a bias that others have, the gain is wrong."
+        )
     if transfer.linearity is None:
         sentences.append(
             "Linearity is not measured: it takes three exposure times below saturation, of one lamp."
@@ -116,6 +125,10 @@ def _of_transfer(calibration: Calibration) -> list[str]:
     elif not transfer.linearity.coefficients:
         worst = 100 * float(np.max(np.abs(transfer.linearity.residuals)))
         sentences.append(f"No non-linearity is significant; the levels lie within {worst:.2g} % of a line.")
+        if worst > _BENT:
+            sentences.append(
+                "No detector does that: check the exposures, and that all frames have one bias level."
+            )
     if not transfer.coupling and math.isfinite(transfer.coupling_error):
         sentences.append(
             f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."
@@ -138,6 +151,11 @@ def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
             sentences.append(
                 f"The {kind} frames are not whole numbers: of frames that were averaged or scaled, noise and "
                 "gain are not the detector's."
+            )
+        if kind != "flat" and any(shot.clipped for shot in shots):
+            sentences.append(
+                f"The {kind} frames are cut off at zero, so that level and read noise are wrong: give the "
+                "camera a higher offset."
             )
     return sentences
 

@@ -36,6 +36,8 @@ FLAGS: dict[str, str] = {
     "model_error": "errors of the optics were allowed for: errors are larger than by noise alone",
     "scale_degenerate": "the fitted plate scale makes the error of the separation more than twice as large",
     "prior_namesake": "the prior was estimated from a frame of this name with other pixels",
+    "noise_correlated": "the noise of neighbouring pixels is correlated, as resampling or smoothing leaves "
+    "it: that is part of the blur, and errors are not valid",
 }
 
 

@@ -302,7 +302,8 @@ def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
     if abs(chi2_dof - 1) > off:
         sentences.append(
             f"The separations scatter by {number(math.sqrt(chi2_dof), 3)} times their errors: something is "
-            "not in the model."
+            "not in the model. Of a field that rotates give --law theta=polynomial:1; frames of another "
+            "target or camera belong in another run."
         )
     return sentences
 

@@ -197,3 +197,29 @@ def test_the_gain_by_which_electrons_were_counted_is_written(frames, tmp_path):
     detector = load_instrument(tmp_path / "out" / "detector.toml").detector
     assert detector.gain == 2
     assert float(np.median(detector.read_noise)) == pytest.approx(2.4 * 2 / 3.7, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["plain", "gamma", "subtracted", "cut off"])
+def test_frames_that_a_program_has_changed_are_said(tmp_path, rng, kind):
+    """Of a camera of 2 e-/ADU, a stretch, a bias that flats lack, and one that is cut off shift the gain."""
+    level = 0.0 if kind == "cut off" else 300.0
+    write_fits(tmp_path / "bias.fits", np.clip(level + rng.normal(0, 2.5, (4, 96, 96)), 0, None).round())
+    (tmp_path / "flat").mkdir()
+    for light in (2000, 5000, 10000, 20000, 30000):
+        pixels = level + rng.poisson(light, (2, 96, 96)) / 2 + rng.normal(0, 2.5, (2, 96, 96))
+        pixels = 65535 * (pixels / 65535) ** (1 / 2.2) if kind == "gamma" else pixels
+        pixels = pixels - level if kind == "subtracted" else pixels
+        write_fits(tmp_path / "flat" / f"{light}.fits", pixels.round(), header={"EXPTIME": light / 1e3})
+    frames = ("--bias", str(tmp_path / "bias.fits"), "--flat", str(tmp_path / "flat"))
+    done = runner.invoke(app, [*frames, "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    said = {"gamma": "full pixels", "subtracted": "No detector does that", "cut off": "cut off at zero"}
+    assert {name for name, words in said.items() if words in done.stderr} == {kind} - {"plain"}, done.stderr
+
+
+def test_flats_without_the_bias_that_biases_have_are_refused(tmp_path, rng, check_error):
+    write_fits(tmp_path / "bias.fits", (300 + rng.normal(0, 2.5, (4, 32, 32))).round())
+    header = {"EXPTIME": 1.0, "CALSTAT": "B"}
+    write_fits(tmp_path / "flat.fits", rng.poisson(2000, (2, 32, 32)) / 2.0, header=header)
+    done = run("--bias", tmp_path / "bias.fits", "--flat", tmp_path / "flat.fits", "-o", tmp_path / "out")
+    check_error(done, ErrorCode.WRONG_INSTRUMENT, "flat.fits", "CALSTAT = 'B'")

@@ -122,6 +122,7 @@ NUMBERS = [
         ("35 mm equivalent", "35 mm"), ("without reducer", "without reducer"))],
     *[({"FOCALLEN": (39.37, comment), "XPIXSZ": 3.8}, "plate_scale", um(3.8 * 1000 / (39.37 * 25.4)), "")
       for comment in ("inch", "focal length in inches")],
+    ({"FOCALLEN": (10.0, "[ft]"), "XPIXSZ": 3.8}, "plate_scale", um(3.8 * 1000 / (10 * 304.8)), ""),
     *[({"PIXSCALE": (0.4, comment)}, "plate_scale", None, named) for comment, named in (
         ("[arcsec] field of view", "field of view"), ("pix/arcsec", "pix/arcsec"),
         ("arcsec/micron", "micron"), ("[arcsec/2 pixels]", "2 pixels"), ("deg/1000 px", "1000"),
@@ -138,6 +139,18 @@ NUMBERS = [
         ("GAINA", 1.5, "gain"),
         ("RDNOISE2", 5.0, "read_noise"), ("SATURATA", 4e4, "saturation"), ("XPIXSCAL", 0.4, "plate_scale"),
         ("PLTSCALE", 67.2, "plate_scale"), ("CDELT1", -1.1e-4, "plate_scale"))],
+    *[({"CDELT1": 0.4, "CTYPE1": "LINEAR", "CUNIT1": unit}, "plate_scale", None, "CDELT1 = 0.4")
+      for unit in ("arcsec", "deg", "mas")],
+    *[({key: 100}, "bias", None, f"{key} = 100") for key in ("BLKLEVEL", "BLACKLVL", "BIAS", "BIASLEVL")],
+    *[({key: 25.0}, "exposure", None, f"{key} = 25") for key in ("FPS", "FRAMERAT")],
+    ({"EXPTIME": 2.0, "CDELT1": 0.4, "CTYPE1": "LINEAR", "CUNIT1": "mm"}, "exposure", 2.0, ""),
+    ({"EXPTIME": 2.0, "BIASSEC": "[1:8,1:8]", "BIAS": "bias.fits", "BLACKBOX": 3}, "exposure", 2.0, ""),
+    ({"BIASLVL": 300, "BLKLEVEL": 100}, "bias", 300.0, ""), ({"SUBBIAS": True, "BIAS": 100}, "bias", 0.0, ""),
+    # the exposure of a cube that is that of all its planes
+    *[({"EXPTIME": (20.0, "total exposure"), "NAXIS3": planes}, "exposure", 20.0, named)
+      for planes, named in ((2, "'total exposure'"), (1, ""))],
+    *[({"EXPTIME": 20.0, "HIERARCH ESO DET DIT": dit}, "exposure", 20.0, named)
+      for dit, named in ((2.0, "DIT = 2"), (20.0, ""))],
     ({"EXPTIME": 0.0, "EXPOINUS": 500}, "exposure", 0.0, "EXPOINUS = 500"),
     *[({"EXPTIME": 2.0, key: value}, "exposure", 2.0, "") for key, value in (
         ("ITIME", 1.0), ("CDELT1", 1.0), ("GAIN1", "low"), ("BSCALE", 1.0), ("EXPNUM", 7), ("EMGAIN", 3))],
@@ -178,6 +191,9 @@ DAY = "2023-05-10T19:00:48"
 TIMES = [  # cards, time in UTC, what a warning names
     ({"DATE-OBS": DAY, "JD": 2460000.5}, DAY, "JD contradicts"),
     ({"DATE-OBS": DAY, "JD": 2460075.2922}, DAY, ""),
+    ({"JD": 2460075.25}, "2023-05-10T18:00:00.000", ""), ({"MJD": 60074.75}, "2023-05-10T18:00:00.000", ""),
+    ({"DATE-OBS": "2023-05-10", "JD": 2460075.25}, "2023-05-10T18:00:00.000", ""),
+    ({"MJD": (60074.75, "mid exposure")}, "2023-05-10T18:00:00.000", "'mid'"),
     ({"DATE-OBS": DAY, "UT": "10:00:48"}, DAY, "UT = 10:00:48"),
     ({"DATE-OBS": DAY, "UT": "19:00:48"}, DAY, ""),
     ({"DATE-OBS": "2023-05-10", "TIME-OBS": "19:00:48", "UT": "10:00:48"}, DAY, "UT = 10:00:48"),

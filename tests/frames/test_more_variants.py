@@ -297,11 +297,14 @@ SKIES = [  # cards, arcsec/pixel in the middle, position angle of +y (None: not 
     ({**CDELT, "CTYPE2": "DEC--SIN"}, None, None, "cannot be used"),
     ({**CDELT, "PIXSCALE": 0.8}, 0.4, 0.0, "PIXSCALE"),
     ({**CDELT, "FOCALLEN": 1000, "XPIXSZ": 3.8}, 0.4, 0.0, "FOCALLEN"),
+    *[({**CD, "CD2_2": STEP * (1 + part)}, 0.4 * (1 + part)**0.5, 0.0, named)
+      for part, named in ((5e-4, ""), (3e-3, "0.4 x 0.4012 arcsec, not square"))],
+    ({**CD, "CD1_2": 3e-3 * STEP, "CD2_1": -3e-3 * STEP}, 0.4, None, "oblique"),
     ({**CDELT, **SIP}, 0.4, 0.0, ""),
     ({**CDELT, **SIP, "A_1_0": 0.1, "B_0_1": 0.1}, 0.44, 0.0, ""),
     ({**CDELT, **SIP, "A_2_0": 1e-3, "CRPIX1": -467.5}, 0.4 * 2**0.5, 0.0, "over the frame"),
     ({**CDELT, **SIP, "A_2_0": 1e-5, "CRPIX1": -1967.5}, 0.4 * 1.04**0.5, None, "fields outside"),
-    ({**CDELT, **SIP, "A_2_0": 1e-6, "CRPIX1": -1967.5}, 0.4 * 1.004**0.5, None, ""),
+    ({**CDELT, **SIP, "A_2_0": 1e-6, "CRPIX1": -1967.5}, 0.4 * 1.004**0.5, None, "not square"),
     *[({**CDELT, "CRPIX2": 32.5 - math.tan(far) * math.degrees(1) / STEP},
        0.4 * math.cos(far)**1.5, 0.0, named)
       for far, named in ((0.02, ""), (0.12, "fields outside"))],

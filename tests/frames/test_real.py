@@ -124,7 +124,8 @@ def test_negative_integers_and_a_malformed_date_are_read_with_a_warning():
     frame = only("stars/long.fits")
     assert (frame.data.min(), frame.data.max()) == (-401, 4954)
     assert frame.metadata.exposure.value == 60
-    assert frame.metadata.time is None
+    assert frame.metadata.time.value == "2002-07-26T19:36:36.576"  # of JD, "end of obs"
+    assert any("JD is not the beginning" in text for text in frame.metadata.warnings)
     assert any("DATE-OBS = '26/07/102'" in text for text in frame.metadata.warnings)
 
 

@@ -98,6 +98,21 @@ def test_the_least_file_leaves_the_detector_unknown(toml):
     assert bed.spectrum.wavelengths == (633.0,)
 
 
+@pytest.mark.parametrize(
+    ("was", "becomes", "said"),
+    [
+        ("[633]", "[633]", ""),
+        ("[633]", "[6330]", "43.5 pixels"),
+        ("= 0.3", "= 8.3e-5", "1.57e+04 pixels"),
+        ("diameter = 0.1", "diameter = 100", "0.00435 pixels"),
+    ],
+)
+def test_a_resolution_that_no_camera_samples_is_said(toml, caplog, was, becomes, said):
+    """Angstroms, degrees and millimetres; 633 nm over 0.1 m are 1.306 arcsec."""
+    read_instrument(toml(LEAST.replace(was, becomes)))
+    assert [said in text and "units" in text for text in caplog.messages] == [True] * bool(said)
+
+
 def test_a_base_fills_what_is_not_said_and_keeps_its_sources(toml):
     bed = read_instrument(toml('[instrument]\nbase = "smallsat"\nexposure = 2\n[detector]\ngain = 1.0\n'))
     base = load_instrument("smallsat")
@@ -293,14 +308,40 @@ def test_a_background_left_under_a_star_is_said(level, said, tmp_path, caplog):
         assert f"wrong by {expected:.0f} %" in caplog.messages[0]
 
 
-@pytest.mark.parametrize("power", [2, 3, 4])
-def test_the_wings_of_a_star_are_no_background(power, tmp_path, caplog):
+@pytest.mark.parametrize("power", [3, 4, 5])
+@pytest.mark.parametrize("whole", [True, False])
+def test_the_wings_of_a_star_are_no_background_and_light_beyond_the_edge_is_said(
+    power, whole, tmp_path, caplog
+):
+    """Of a Moffat profile (1 + r²/a²)^(-p/2), (1 + R²/a²)^(1-p/2) lies beyond the radius R."""
     from jitterkit.instruments.pupils import star
 
     y, x = np.mgrid[-20:21, -20:21]
     write_fits(tmp_path / "star.fits", 1e4 / (1 + (x**2 + y**2) / 4) ** (power / 2))
-    star(tmp_path / "star.fits")
-    assert not caplog.messages
+    beyond = 100 * (1 + 41**2 / np.pi / 4) ** (1 - power / 2)
+    star(tmp_path / "star.fits", whole=whole)
+    said = [float(text.split("about ")[1].split(" %")[0]) for text in caplog.messages]
+    assert said == ([pytest.approx(beyond, rel=0.3)] if whole and beyond > 2 else [])
+
+
+@pytest.mark.parametrize(
+    ("header", "said"), [({"PIXELSCL": 0.075}, False), ({"PIXELSCL": 0.3}, True), ({}, False)]
+)
+def test_a_star_on_another_scale_than_the_instrument_files_is_said(header, said, toml, tmp_path, caplog):
+    y, x = np.mgrid[-20:21, -20:21]
+    write_fits(tmp_path / "star.fits", np.exp(-(x**2 + y**2) / 50), header=header)
+    text = '[instrument]\nplate_scale = 0.3\n[psf]\nfile = "star.fits"\noversample = 4\n'
+    read_instrument(toml(text)).psf_from()
+    assert [("0.3 arcsec" in text, "0.075" in text) for text in caplog.messages] == [(True, True)] * said
+
+
+def test_a_star_of_light_at_points_is_no_psf(tmp_path):
+    """stpsf's image with four samples per pixel lacks 1/12 pix² of blur by the pixel."""
+    from jitterkit.instruments.pupils import star
+
+    write_fits(tmp_path / "stpsf.fits", np.outer(np.hanning(41), np.hanning(41)), header={"DET_SAMP": 4})
+    with refused(ErrorCode.SAMPLING, tmp_path / "stpsf.fits", "DET_SAMP = 4", "jitterkit instrument"):
+        star(tmp_path / "stpsf.fits")
 
 
 @pytest.mark.parametrize(("section", "key"), [(name, key) for name, keys in SECTIONS.items() for key in keys])

@@ -86,8 +86,10 @@ def test_a_file_that_cannot_be_read_is_distinguished_from_one_that_is_not_there(
             ("lambda (m),photons", "m"),
             ("wavenumber,photons", "wavenumber"),
         ),
-        *(("wavelength_nm,flux_erg", "erg"), ("nm,W/m2/nm", "W/"), ("wavelength_nm,F_lambda", "F_lambda")),
+        *(("wavelength_nm,signal_erg", "erg"), ("nm,W/m2/nm", "W/"), ("wavelength_nm,F_lambda", "F_lambda")),
         ("wavelength_nm,AB_mag", "mag"),
+        ("wavelength_nm,flux", "flux"),
+        ("wavelength_nm,signal_W", "W"),
     ],
 )
 def test_names_that_say_other_units_are_refused(names, said, tmp_path):
@@ -100,7 +102,10 @@ def test_names_that_say_other_units_are_refused(names, said, tmp_path):
 
 @pytest.mark.parametrize(
     "names",
-    ["wavelength_nm,photons", "Wavelength (nm),QE", "wave,counts", "lambda,transmission", "wave,of image"],
+    [
+        *("wavelength_nm,photons", "Wavelength (nm),QE", "wave,counts", "lambda,transmission"),
+        *("wave,of image", "nm,photon_flux", "nm,flux [ph/s]"),
+    ],
 )
 def test_names_that_say_nothing_else_are_read(names, tmp_path):
     path = tmp_path / "a.csv"
