@@ -38,6 +38,25 @@ _STALLED_RATIO, _STALLED_ROUNDS = 0.9, 2
 fit is abandoned that would still be poor if all that are left did as well as the best of these."""
 
 
+class Stall:
+    """Whether rounds that each lower the deviance per pixel may still end at a frame's noise.
+
+    Parameters
+    ----------
+    level : float
+        Of the start; infinite if there is none.
+    """
+
+    def __init__(self, level: float = np.inf) -> None:
+        self._level, self._ratios = level, [0.0]
+
+    def is_hopeless(self, level: float, left: int) -> bool:
+        """Return whether the deviance per pixel stays poor in all rounds that are left, as of the latest."""
+        self._ratios = [*self._ratios, level / self._level][-_STALLED_ROUNDS:]
+        self._level, rate = level, min(1.0, *self._ratios)
+        return rate > _STALLED_RATIO and level * rate**left > POOR
+
+
 class Expanded(NamedTuple):
     """Hold the maximum, and the optics in which it was found.
 
@@ -96,8 +115,7 @@ def relinearised_scoring(
     expanded : Expanded
     """
     iterations, before, way, slopes_at = 0, np.inf, None, np.asarray(otf.state)
-    ratios: list[float] = []
-    last = np.inf
+    stall = Stall()
     for left in reversed(range(max_expansions)):
         end = fisher_scoring(
             start,
@@ -117,9 +135,7 @@ def relinearised_scoring(
         if error < max_error:
             return Expanded(end, otf, iterations)
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
-        ratios, last = [*ratios, level / last][-_STALLED_ROUNDS:], level
-        rate = min(1.0, *ratios)
-        if not left or (rate > _STALLED_RATIO and level * rate**left > POOR):
+        if stall.is_hopeless(level, left) or not left:
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)

@@ -14,6 +14,7 @@ import numpy as np
 
 from jitterkit.forward import expected_image
 from jitterkit.likelihood import Data
+from jitterkit.linearisation import Stall
 from jitterkit.locate.matched_filter import resolution
 from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual
@@ -205,7 +206,8 @@ def with_further_stars(
         return polished(data, optics, near.otf, scene.canonical(), near.parameters.locus, hold)
 
     found, is_field = start, isinstance(start.parameters.scene, Stars)
-    for _ in range(_FURTHER_ROUNDS):
+    stall = Stall(start.deviance_dof)
+    for rounds in reversed(range(_FURTHER_ROUNDS)):
         scene = found.parameters.scene
         image = np.asarray(expected_image(found.parameters, found.otf))
         left = Residual(data, image, found.otf, found.parameters.locus)
@@ -228,6 +230,8 @@ def with_further_stars(
             if not is_field:
                 break
             found = settled(found, found.parameters.scene.with_others(sound))
+        if stall.is_hopeless(found.deviance_dof, rounds):
+            break
     return found if is_field else start
 
 

@@ -20,7 +20,7 @@ from jitterkit.likelihood import Data
 from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import ModelError, Residual, allow_for_model, most_outliers
 from jitterkit.optics.otf import OTF
-from jitterkit.refit.result import FitResult
+from jitterkit.refit.result import FitResult, Status
 
 __all__ = ["OUTLIERS", "Fit", "Fitted", "find_rays", "fit_without_outliers", "left_out"]
 
@@ -32,6 +32,10 @@ _ROUNDS = 3
 
 _SEED, _TRACK = 8.0, 3.0
 """Sigmas from which a pixel starts a track (one in 1e15 of normal noise does), and continues one."""
+
+_SHARE = 0.1
+"""Of the excess of a poor fit's chi-squared, in pixels without which a frame is fitted again.  They bend
+a fit about themselves, but what no scene describes has a few of them too."""
 
 _MOST = 0.01
 """Share of the pixels above which it is the model that does not fit."""
@@ -124,12 +128,20 @@ def fit_without_outliers(
             assert fitted.result.parameters is not None
             hit = residual.outliers(background_of(fitted.result.parameters, residual.otf.grid))
             found = outliers + int(hit.sum())
-            if found == outliers or found + fitted.left_out > most:
+            if found == outliers or found + fitted.left_out > most or not _may_matter(hit, fitted.result):
                 break
             frame, outliers = _masked(frame, hit, OUTLIERS), found
         fitted = fit(frame)
     remarked = fitted.result.remarked(left_out(outliers + fitted.left_out), OUTLIERS)
     return frame, replace(fitted, result=remarked)
+
+
+def _may_matter(hit: np.ndarray, result: FitResult) -> bool:
+    """Return whether a fit without some pixels may be better than poor, if it is poor with them."""
+    assert result.residual is not None
+    squares = np.nan_to_num(result.residual) ** 2
+    excess = max(float(squares.sum()) - result.dof, 0.0)
+    return result.status is not Status.POOR_FIT or float(squares[hit].sum()) > _SHARE * excess
 
 
 def _without_known_light(whole: Frame, fitted: Fitted, fit: Fit, known: KnownLight) -> tuple[Frame, Fitted]:

@@ -67,6 +67,26 @@ def test_rounds_together_leave_out_no_more_than_one_may(processor, rng, drawn, m
     assert "3 pixels" in result.message
 
 
+def test_what_no_scene_describes_is_not_fitted_again_for_a_few_of_its_pixels(
+    processor, rng, drawn, monkeypatch
+):
+    """An extended source through the same telescope: a hundred errors of chi-squared in every pixel."""
+    fits, fit = [], type(processor)._fit
+
+    def counted(self, frame):
+        fits.append(frame)
+        return fit(self, frame)
+
+    monkeypatch.setattr(type(processor), "_fit", counted)
+    raw = drawn(rng).raw
+    y, x = np.indices(raw.data.shape)
+    disc = 3000.0 * (np.hypot(y - 24, x - 20) < 12)
+    disc[5, 5] = disc[40, 30] = 3500.0
+    result = processor.process(replace(raw, data=rng.poisson(disc + 20.0).astype(raw.data.dtype))).result
+    assert result.status is Status.POOR_FIT
+    assert len(fits) == 1
+
+
 def test_a_pixel_on_a_star_is_not_left_out_but_named(processor, rng, drawn):
     """What a model of the optics may be wrong by, a quarter of the light there, is no outlier."""
     simulated = drawn(rng, flux=2e5)

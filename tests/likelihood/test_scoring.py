@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import GRADIENT, Parameters, expected_image, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance, deviance_and_score, normal_equations
+from jitterkit.linearisation import Stall
 from jitterkit.loci import Linear, Mvn, PartialShm, Stable
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
@@ -194,3 +195,18 @@ def test_it_settles_in_32_bits_where_rounding_hides_every_step(seed, otf):
         assert bool(end.converged)
         error = float(np.linalg.inv(np.asarray(end.information, float))[0, 0]) ** 0.5
         assert abs(float(end.parameters.scene.separation) - 4.0) < 4 * error
+
+
+@pytest.mark.parametrize(
+    ("levels", "hopeless"),
+    [
+        ((698.0, 638.0, 617.0, 602.0), True),  # stars of a field by another telescope
+        ((50.0, 49.0, 20.0, 5.0), False),  # one slow round
+        ((50.0, 20.0, 5.0, 4.9), False),
+        ((1.6, 1.56, 1.52, 1.505), False),  # slow, but near
+    ],
+)
+def test_rounds_that_do_not_come_nearer_in_time_are_hopeless(levels, hopeless):
+    stall = Stall(levels[0])
+    told = [stall.is_hopeless(level, left) for level, left in zip(levels[1:], (6, 5, 4), strict=True)]
+    assert told == [False, hopeless, hopeless]
