@@ -24,6 +24,7 @@ from jitterkit.optics import OTF
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, SceneChoice, Status, single_star
 from jitterkit.refit.evidence import minor_variance
+from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
 
@@ -125,7 +126,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     """
     result = _flag_further_stars(result)
     result = _flag_varying_blur(found, result)
-    result = classify(frame, result, plate_scale)
+    result = classify(frame, result, plate_scale, found)
     result = flag_faint_companion(result, found.optics.nominal)
     result = _flag_plate_scale(result)
     if not result.status.usable or "jitter_undetected" in result.flags:
@@ -134,7 +135,9 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     return result if minor > LIMITS.below * error else result.remarked(found.ambiguity, "maybe_pair")
 
 
-def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
+def classify(
+    frame: Frame, result: FitResult, plate_scale: float, found: SceneEstimate | None = None
+) -> FitResult:
     """Say why a frame does not fit where that can be determined, and that a pair is not one.
 
     Parameters
@@ -143,6 +146,8 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
     result : FitResult
     plate_scale : float
         The instrument's, arcsec.
+    found : SceneEstimate, optional
+        Where the fit started: with it, a wavefront error is looked for that explains the misfit.
     """
     if result.parameters is None:
         return result
@@ -159,7 +164,12 @@ def classify(frame: Frame, result: FitResult, plate_scale: float) -> FitResult:
         result = replace(result, flags=(*result.flags, "misfit"))
     if result.status is Status.POOR_FIT or "misfit" in result.flags:
         cause = TOO_LOW if too_low else scale_hint(frame, plate_scale)
-        cause = "" if "noise_correlated" in result.flags else cause
+        correlated = "noise_correlated" in result.flags
+        cause = "" if correlated else cause
+        if not (cause or correlated or found is None or result.model_error) and (
+            wavefront := describe_lacking_wavefront(result, found.data, found.optics, found.otf)
+        ):
+            return replace(result, message=f"{result.message} {wavefront}")
         jitter = "" if cause or outliers else _jitter_hint(result)
         # the wings of a blur look like sky, and so does a wrong unit
         sky = "" if jitter or NORMALISED in frame.flags else _sky_hint(frame, result)

@@ -16,7 +16,13 @@ from jitterkit.errors import ErrorCode
 _MIN_SERIES = 25
 """Number of frames from which averages are studied."""
 
-OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN = ("sequence.ecsv", "sequence.json", "averaging.png", "run.png")
+OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN, RESIDUAL = (
+    "sequence.ecsv",
+    "sequence.json",
+    "averaging.png",
+    "run.png",
+    "residual.png",
+)
 
 _LOCUS = typer.Option(metavar="NAME", help=f"Jitter of every frame: {', '.join(locus_sizes())}.")
 
@@ -43,9 +49,9 @@ def sequence(
     """Fit frames of one pair together: shared separation, optics and detector; own position and jitter.
 
     The frames share one direction of the pair; for a field that rotates, give --law theta=polynomial:1.
-    Writes sequence.ecsv (a row per frame), sequence.json, run.png (changes during the run) and, from 25
-    frames on, averaging.png (scatter and Allan deviation). Exit status: 0 if every frame counts, 1 if some do
-    not, 2 if the command cannot be carried out.
+    Writes sequence.ecsv (a row per frame), sequence.json, run.png (changes during the run); from 8
+    frames on residual.png (their stacked residual), from 25 on averaging.png (scatter and Allan deviation).
+    Exit status: 0 if every frame counts, 1 if some do not, 2 if the command cannot be carried out.
 
     Parameters
     ----------
@@ -78,6 +84,7 @@ def sequence(
     from jitterkit.joint import FrameFitter, SequenceOptions, refit_sequence
     from jitterkit.loci.trace_locus import read_trace
     from jitterkit.refit import Status
+    from jitterkit.report.residual_stack import LatestPass, most_stacked
 
     processor = FrameProcessor(telescope, detector.metadata())
     exposures = FileExposures(files, processor, hdu=hdu, cadence=cadence)
@@ -93,8 +100,11 @@ def sequence(
         model_error=error,
         known_light=processor.known_light,
     )
+    latest = LatestPass(processor.plate_scale)
     with progress_bar(len(exposures.files), "files") as advance:
-        fit = refit_sequence(exposures, fitter, how, lambda number, name: advance(f"pass {number}: {name}"))
+        fit = refit_sequence(
+            exposures, fitter, how, lambda number, name: advance(f"pass {number}: {name}"), latest.add
+        )
     if not exposures.timed:
         log(
             "No header holds a time of day: the frames are used in the natural order of their names, without "
@@ -102,7 +112,7 @@ def sequence(
         )
     for sentence in filter(None, (exposures.jump, exposures.overlap)):
         log(sentence)
-    _write_outputs(fit, output, overwrite)
+    _write_outputs(fit, most_stacked(latest.stacks), output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
     if not fit.combined.kept.all() or len(fit.summaries) + duplicates < len(fit.records):
         raise typer.Exit(SOME_FAILED)
@@ -120,11 +130,13 @@ def _time_models(texts: list[str]) -> dict[str, Any]:
     return time_models
 
 
-def _write_outputs(fit, output: Path, overwrite: bool) -> None:
+def _write_outputs(fit, stack, output: Path, overwrite: bool) -> None:
     """Write table, summary and pictures; print the separation on stdout, and log the rest."""
     from jitterkit.report import joint_table
     from jitterkit.report.joint_plots import plot_run
     from jitterkit.report.outputs import make_directory
+    from jitterkit.report.residual_stack import FEWEST
+    from jitterkit.report.run_pictures import plot_stack
     from jitterkit.report.sequence import describe_run_fit
     from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
@@ -134,11 +146,15 @@ def _write_outputs(fit, output: Path, overwrite: bool) -> None:
     make_directory(output, OUTPUTS, overwrite)
     series = joint_table.separation_series(fit)
     floor = joint_table.averaging_floor(series)
-    summary = joint_table.joint_summary(fit, floor)
+    summary = joint_table.joint_summary(fit, floor, stack)
     table = joint_table.frame_table(fit, {"command": command_line()})
     write_table(output / TABLE, table, overwrite=overwrite)
     write_summary(output / SUMMARY, summary, overwrite=overwrite)
     options.write_picture(output / RUN, plot_run(fit)[0], overwrite)
+    if (picture := plot_stack(stack, summary["fit"])) is not None:
+        options.write_picture(output / RESIDUAL, picture, overwrite)
+    else:
+        log(f"{RESIDUAL} is not drawn: it needs {FEWEST} frames.")
     if series is not None and len(series.values) >= _MIN_SERIES:
         options.write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
     else:

@@ -90,6 +90,7 @@ def refit_sequence(
     fitter: FrameFitter,
     options: SequenceOptions | None = None,
     watch: Callable[[int, str], None] | None = None,
+    keep: Callable[[int, Frame, FitResult], None] | None = None,
 ) -> SequenceFit:
     """Fit the frames of a sequence together.
 
@@ -102,6 +103,8 @@ def refit_sequence(
     options : SequenceOptions, optional
     watch : callable, optional
         Called with the number of the pass and the frame's name, frame by frame.
+    keep : callable, optional
+        Called with the number of the pass, the frame and its fit, for each frame that could be fitted.
 
     Returns
     -------
@@ -119,15 +122,16 @@ def refit_sequence(
     *Fails when* a single frame is far from linear in the shared parameters: its summary is the
     quadratic form at the joint maximum, not at its own.
     """
-    return _Run(exposures, fitter, options or SequenceOptions(), watch).fit()
+    return _Run(exposures, fitter, options or SequenceOptions(), watch, keep).fit()
 
 
 class _Run:
     """Run one joint fit."""
 
-    def __init__(self, exposures, fitter: FrameFitter, options: SequenceOptions, watch) -> None:
+    def __init__(self, exposures, fitter: FrameFitter, options: SequenceOptions, watch, keep) -> None:
         self.exposures, self.fitter, self.options = exposures, fitter, options
         self.watch = watch or (lambda number, name: None)
+        self.keep = keep or (lambda number, frame, fit: None)
         self.template: Parameters | None = None
         self.left_out: dict[int, np.ndarray] = {}  # by the frame's index: flat indices of outlier pixels
         self.shutters = Shutters(fitter.optics.nominal.grid, options.rolling, options.telemetry)
@@ -205,6 +209,7 @@ class _Run:
             if summary is None:
                 continue
             summaries.append(summary)
+            self.keep(1, frame, fit)
             here = fit
             if run is None:
                 self.template = fit.parameters
@@ -248,6 +253,7 @@ class _Run:
             )
             if summary is not None:
                 summaries.append(summary)
+                self.keep(number, frame, fit)
         return _require_fitted(summaries, records)
 
     def _without_outliers(

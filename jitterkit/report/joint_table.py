@@ -27,6 +27,7 @@ from jitterkit.refit import Status
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
 from jitterkit.report.flags import encode_flags, flag_meanings
 from jitterkit.report.means import corrected, weighted_mean
+from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.sequence import assess_run_fit
 from jitterkit.report.words import angle_size, number
 from jitterkit.series import Floor, Series, fit_floor
@@ -132,8 +133,18 @@ def separation_series(fit: SequenceFit) -> Series | None:
     return Series.of(*np.array(kept).T) if len(kept) >= _SERIES else None
 
 
-def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any]:
+def joint_summary(
+    fit: SequenceFit, floor: Floor | None = None, stack: ResidualStack | None = None
+) -> dict[str, Any]:
     """Return what the frames say together, as ``sequence.json`` holds it.
+
+    Parameters
+    ----------
+    fit : SequenceFit
+    floor : Floor, optional
+        Under the averages of the separation.
+    stack : ResidualStack, optional
+        Of the residuals of its last pass.
 
     Returns
     -------
@@ -144,7 +155,7 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         scale adds, which is that of one frame, the ``scale_factor`` by which a fitted plate scale makes its
         error larger than a known one, and it ``corrected`` for velocity aberration and orbital motion, by
         the mean of what they are in the frames (NaN if some are ``uncorrected``: they lack what others
-        have); ``fit``, the mean chi-squared of the frames, from
+        have); ``fit``, how well the frames fit, from
         :func:`~jitterkit.report.sequence.assess_run_fit`; ``shared``, value, error and law of each shared
         parameter (diffusion is a variance, arcsec²); ``slope`` of the separation, arcsec/s; ``floor`` of its
         averages [arcsec]; ``rows``, of a rolling shutter, with ``leverage``, by how much the separation
@@ -183,7 +194,8 @@ def joint_summary(fit: SequenceFit, floor: Floor | None = None) -> dict[str, Any
         "fit": assess_run_fit(
             np.array([f.record.chi2_dof for f in kept]),
             np.array([f.record.dof for f in kept]),
-            np.array([f.separation_err for f in kept]),
+            np.array([error * math.sqrt(len(kept))]),  # of a frame that is fitted alone
+            stack,
         ),
         "slope": {"unit": "arcsec/s", "rate": slope.rate, "error": slope.error, "chi2": slope.chi2},
         "floor": None if floor is None else _floor(floor),

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import ndimage, special
 
 if TYPE_CHECKING:  # at run time a table is read without JAX
+    from jitterkit.frames import Frame
     from jitterkit.refit import FitResult
 
 _STEPS = 256
@@ -208,6 +209,37 @@ def stack_residuals(
             name = f"{scene.name}{' and others' * (scene.others is not None)} at {scale:.3g} arcsec"
             stacks = join_stacks(stacks, {name: ResidualStack.of(result, scale, variance, shape)})
     return stacks
+
+
+def to_stack(frame: Frame, result: FitResult, plate_scale: float) -> tuple[FitResult, float, float]:
+    """Return a fit as :func:`stack_residuals` takes it; its frame may lack the plate scale [arcsec]."""
+    variance = float(np.mean(frame.read_variance, where=~frame.mask))
+    return result, frame.plate_scale or plate_scale, variance
+
+
+class LatestPass:
+    """Stack the residuals of frames that are fitted several times, of their latest fits.
+
+    Parameters
+    ----------
+    plate_scale : float
+        The instrument's, arcsec per pixel.
+
+    Attributes
+    ----------
+    stacks : dict
+        As :func:`stack_residuals` returns them.
+    """
+
+    def __init__(self, plate_scale: float) -> None:
+        self.stacks: dict[str, ResidualStack] = {}
+        self._plate_scale, self._number = plate_scale, 0
+
+    def add(self, number: int, frame: Frame, result: FitResult) -> None:
+        """Add a frame's fit in a pass; the first of a later pass removes those of the one before."""
+        before = self.stacks if number == self._number else {}
+        fitted = [to_stack(frame, result, self._plate_scale)]
+        self.stacks, self._number = join_stacks(before, stack_residuals(fitted, frame.shape)), number
 
 
 def join_stacks(

@@ -93,7 +93,7 @@ def run_pictures(
         *(_averages(table, summary, clock) if pairs.sum() >= 2 else []),
         *(_jitter(table, summary, clock) if jittered(table).sum() >= _RUNNING else []),
         *(_fits(table, usable) if usable.sum() >= _MANY else []),
-        *([] if stack is None else _stacked(stack, table, summary["fit"])),
+        *_stacked(stack, table, summary["fit"]),
     ]
 
 
@@ -206,11 +206,32 @@ def _fits(table: QTable, usable: np.ndarray) -> Iterator[RunPicture]:
         yield _drawn("fit", plot_chi2(*shown), alt, _describe_tail(*shown))
 
 
-def _stacked(stack: ResidualStack, table: QTable, fit: dict[str, Any]) -> Iterator[RunPicture]:
-    significance, title = fit["structure_sigmas"], f"stacked residual of {fit['stack_frames']:,} frames"
-    if np.isfinite(significance):
-        ax = plot_residual(stack.sigmas(count_copies(table)), stack.plate_scale, title=title)
-        caption = f"Significance of what the frames have in common: {number(significance, 2)} sigmas."
+def plot_stack(stack: ResidualStack | None, fit: dict[str, Any], copies: float = 1.0) -> Any:
+    """Draw the stacked residual of a run.
+
+    Parameters
+    ----------
+    stack : ResidualStack or None
+    fit : dict
+        From :func:`~jitterkit.report.sequence.assess_run_fit`, with the stack.
+    copies : float
+        How often a frame is in it.
+
+    Returns
+    -------
+    ax : matplotlib.axes.Axes or None
+        None for too few frames.
+    """
+    if stack is None or not np.isfinite(fit["structure_sigmas"]):
+        return None
+    title = f"stacked residual of {fit['stack_frames']:,} frames"
+    return plot_residual(stack.sigmas(copies), stack.plate_scale, title=title)
+
+
+def _stacked(stack: ResidualStack | None, table: QTable, fit: dict[str, Any]) -> Iterator[RunPicture]:
+    if (ax := plot_stack(stack, fit, count_copies(table))) is not None:
+        significance = number(fit["structure_sigmas"], 2)
+        caption = f"Significance of what the frames have in common: {significance} sigmas."
         yield _drawn("fit", ax, "Sum of the residuals of frames, about their stars", caption)
 
 

@@ -9,8 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-import numpy as np
-
 from jitterkit.batch import FrameProcessor, ProcessedFrame
 from jitterkit.batch.executor import Outcome
 from jitterkit.batch.plan import Batch
@@ -18,7 +16,7 @@ from jitterkit.batch.store import Rank, wanted
 from jitterkit.frames.duplicates import Duplicates
 from jitterkit.refit import FitResult
 from jitterkit.report.pictures import pack_picture
-from jitterkit.report.residual_stack import ResidualStack, stack_residuals
+from jitterkit.report.residual_stack import ResidualStack, stack_residuals, to_stack
 from jitterkit.report.row import Row, make_row
 
 _KEPT = ("file", "path", "time", "exposure", "seconds", "digest")
@@ -79,10 +77,7 @@ def _record(
         assert frame is not None  # else it cannot be drawn
         pictures[index] = pack_picture(frame, result)
     usable = [(one.frame, one.result) for one in frames if one.frame is not None and one.result.status.usable]
-    fitted = (
-        (result, frame.plate_scale or plate_scale, float(np.mean(frame.read_variance, where=~frame.mask)))
-        for frame, result in usable
-    )
+    fitted = (to_stack(frame, result, plate_scale) for frame, result in usable)
     return Record(batch, rows, pictures, stack_residuals(fitted, shape))
 
 

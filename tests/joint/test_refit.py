@@ -30,6 +30,9 @@ from jitterkit.joint.refit import _record, _require_fitted
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics import Colours
 from jitterkit.refit import FitResult, Priors, Status
+from jitterkit.report.joint_table import joint_summary
+from jitterkit.report.residual_stack import LatestPass, most_stacked
+from jitterkit.report.sequence import describe_run_fit
 from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.shutter import Drifting
 
@@ -395,3 +398,36 @@ def test_what_is_known_of_the_colours_counts_once(telescope, rng):
     slots = [names.index(name) for name in Binary.colours]
     np.testing.assert_allclose(errors[slots], 0.3, rtol=0.1)  # 1.8e4 photons tell a little
     np.testing.assert_allclose(joint.combined.values[slots], [0.4, 0.9], atol=0.3)
+
+
+@pytest.mark.parametrize(("error", "shown"), [(0.0, False), (0.006, True)])
+def test_what_the_residuals_of_the_last_pass_have_in_common_is_seen(optics, rng, error, shown):
+    # an error of the flat field of 0.6 % adds 2e6 x 3.6e-5 = 72 to the chi-squared of a frame, of 2,100: one
+    # sigma; to that of the stack of 12 frames 12 times as much
+    flat = 1 + error * rng.standard_normal((48, 44))
+    frames = [
+        one._replace(
+            frame=replace(one.frame, electrons=rng.poisson(one.frame.electrons * flat).astype(float))
+        )
+        for one in exposures(optics, 12, None)
+    ]
+    latest, passes = LatestPass(0.375), []
+
+    def keep(number, frame, fit):
+        passes.append(number)
+        latest.add(number, frame, fit)
+
+    fit = refit_sequence(frames, FrameFitter(optics), keep=keep)
+    stack = most_stacked(latest.stacks)
+    assert sorted(set(passes)) == list(range(1, fit.passes + 1))
+    assert stack.frames == 12
+    found = joint_summary(fit, stack=stack)["fit"]
+    assert found["stack_frames"] == 12
+    assert (found["structure_sigmas"] > 5) == shown
+    assert abs(found["structure_sigmas"]) < 4 or shown
+    assert ("stacked residual" in describe_run_fit(found)) == shown
+    if (
+        shown
+    ):  # 0.2 errors of a frame for each root of the chi-squared that all have: of 72, less what is fitted
+        frame_error = fit.separation[1] * np.sqrt(12)
+        assert 6.5 < found["may_hide"] / (0.2 * frame_error) < 9.5
