@@ -11,6 +11,7 @@ from jitterkit.batch import FrameProcessor, diagnose
 from jitterkit.frames import RawFrame
 from jitterkit.optics import flat_band
 from jitterkit.optics.pupil import Pupil, open_pupil
+from jitterkit.refit import lacking_wavefront
 from jitterkit.refit.lacking_wavefront import _chosen
 
 SAMPLES, FLUX, SHAPE, SCALE = 64, 3e6, (48, 44), 0.375
@@ -98,6 +99,12 @@ def test_no_other_cause_is_taken_for_a_wavefront(processed, cause):
     result = processed(0.0, **cause)
     assert "misfit" in result.flags
     assert "would explain" not in result.message
+
+
+def test_a_pupil_that_has_all_modes_may_still_change_its_focus(processed, monkeypatch):
+    monkeypatch.setattr(lacking_wavefront, "_LAST", 10)
+    found, _ = causes(processed(mode(4, 15.0), mode(4, -15.0)).message)
+    assert found.keys() == {"focus"}
 
 
 def test_a_frame_that_fits_is_not_tested(processed, monkeypatch):
