@@ -42,6 +42,8 @@ class Limits:
     separation: float = 5.0
     """Contrast, and separation in resolutions, of a companion as errors of the optics make them: 15 to 17 nm
     made some of 330 to 510 at three resolutions."""
+    further: float = 30.0
+    """Ratio of light to a further star that may be no star, within that separation."""
     below: float = 5.0
     """Standard errors below zero from which a background, or a variance of the pointing, is none."""
     misfit: float = 5.0
@@ -124,7 +126,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     plate_scale : float
         The instrument's, arcsec.
     """
-    result = _flag_further_stars(result)
+    result = _flag_further_stars(result, found.optics.nominal)
     result = _flag_varying_blur(found, result)
     result = classify(frame, result, plate_scale, found)
     result = flag_faint_companion(result, found.optics.nominal)
@@ -217,7 +219,7 @@ def scale_hint(frame: Frame, expected: float) -> str:
     )
 
 
-def _flag_further_stars(result: FitResult) -> FitResult:
+def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
     """Add a remark to a result where stars beside those of the scene were fitted."""
     scene = None if result.parameters is None else result.parameters.scene
     if scene is None or scene.others is None or isinstance(scene, Stars):
@@ -233,6 +235,12 @@ def _flag_further_stars(result: FitResult) -> FitResult:
     count = len(scene.others.x)
     which = "the brightest " * (count > 1)
     remark = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
+    near = np.hypot(x[:2] - x[brightest], y[:2] - y[brightest]) < LIMITS.separation * resolution(otf)
+    if np.any(near & (flux[:2] > LIMITS.further * flux[brightest])):
+        remark += (
+            " So near to a star it may be an error of the optics, or of pixels that do not respond in "
+            "proportion to the light; then the jitter is wrong too."
+        )
     return result.remarked(remark, "further_stars")
 
 

@@ -46,6 +46,8 @@ class SceneEstimate:
     excess : float
         Of chi-squared, in its standard deviations, where the frame was registered to another: of the pixels
         that were used for that.
+    correlated : str
+        A sentence where the noise of such a frame is correlated.
     """
 
     data: Data
@@ -57,6 +59,7 @@ class SceneEstimate:
     fit: FitResult | None = None
     left_out: int = 0
     excess: float = math.nan
+    correlated: str = ""
 
     @cached_property
     def otf(self) -> OTF:

@@ -74,13 +74,13 @@ class TemplateBlurEstimator:
         if found.left_out:
             frame = frame.with_fields(flags=(*frame.flags, OUTLIERS))
         # what was registered to another frame is known to fit, if not too well
-        registered = found.searched is None and self.name == SCORE
+        registered, correlated = found.searched is None and self.name == SCORE, found.correlated
         if not registered or found.excess < -MISFIT:
             image = np.asarray(found.blurred())
             misfit = pearson(image, found.data)
-            if correlated := misfit.correlated_noise(image):
-                remarks.append(correlated)
-            elif misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread and found.data.model_variance is None:
+            correlated = correlated or misfit.correlated_noise(image)
+            too_low = misfit.chi2 - misfit.pixels < -MISFIT * misfit.spread
+            if too_low and not correlated and found.data.model_variance is None:
                 remarks.append(f"chi²/dof is {_per_pixel(misfit):.3g}. {TOO_LOW}")
             if not registered and not _per_pixel(misfit) <= POOR:
                 best = _per_pixel(self._fitted(found))
@@ -90,7 +90,7 @@ class TemplateBlurEstimator:
                     f"The template with this blur leaves chi²/dof of {_per_pixel(misfit):.3g}, with "
                     f"everything fitted {best:.3g}: the picture's residual is the template's."
                 )
-        message = " ".join(filter(None, remarks))
+        message = " ".join(filter(None, [*remarks, correlated]))
         scale, scene = frame.plate_scale or self.plate_scale, found.parameters.scene.name
         return BlurMeasurement.from_estimate(frame, found.estimate, scale, found, message, scene)
 

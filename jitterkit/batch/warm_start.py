@@ -96,12 +96,14 @@ class WarmStart:
         """
         if self.reference is None or (start := self.reference.locate(data)) is None:
             return None
-        if rough and (excess := start.excess(start.parameters)) < MISFIT:
-            parameters, moments = start.parameters, np.asarray(start.parameters.locus.moments())
+        parameters = start.parameters
+        excess, correlated = start.misfit(parameters) if rough else (np.inf, "")
+        if excess < MISFIT:
+            moments = np.asarray(parameters.locus.moments())
             estimate = KernelEstimate(moments, start.covariance, SCORE)
         else:
-            estimate, parameters = estimate_from_normal(start.parameters, start.otf, start.data, hold)
-            excess = start.excess(parameters)
+            estimate, parameters = estimate_from_normal(parameters, start.otf, start.data, hold)
+            excess, correlated = start.misfit(parameters)
             if not excess < MISFIT:
                 return None
             parameters = parameters.with_locus(Mvn.near(jnp.asarray(estimate.moments)))
@@ -111,7 +113,9 @@ class WarmStart:
         parameters, ambiguity = start.in_frame(parameters), self.ambiguity
         if self.coarse is not None and isinstance(optics, AnchoredOptics) and self.reference.is_near(start):
             optics = replace(optics, coarse=self.coarse)
-        return SceneEstimate(data, parameters, estimate, optics, ambiguity=ambiguity, excess=excess)
+        return SceneEstimate(
+            data, parameters, estimate, optics, ambiguity=ambiguity, excess=excess, correlated=correlated
+        )
 
 
 SearchedFrame = tuple[Frame, SceneChoice]

@@ -14,6 +14,7 @@ import numpy as np
 
 from jitterkit.calibration.level import Level
 from jitterkit.calibration.linearity import Linearity, fit_linearity
+from jitterkit.detectors.response import LIMIT
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 _COLLAPSE = 0.9
@@ -237,6 +238,10 @@ def _coupling(used: list[Level], x: np.ndarray, slope: float) -> tuple[float, fl
     # the smaller root of ratio ((1-4a)² + 4a²) = 2a (1-4a)
     b = 2 + 8 * ratio
     share = (b - math.sqrt(max(b**2 - 4 * ratio * (8 + 20 * ratio), 0.0))) / (2 * (8 + 20 * ratio))
+    if share >= LIMIT:
+        problem = f"the noise of neighbouring pixels of the flats is correlated ({ratio:.2g})"
+        remedy = "they were smoothed or resampled: give flats as they were read"
+        raise ConfigurationError(ErrorCode.IMPLAUSIBLE, f"{problem}; {remedy}.")
     return share, ratio_error / 2
 
 

@@ -25,7 +25,7 @@ from jitterkit.likelihood.equations import (
     single_slopes,
     slope_products,
 )
-from jitterkit.likelihood.misfit import MISFIT, POOR, Misfit, chi_squared, pearson
+from jitterkit.likelihood.misfit import MISFIT, POOR, Misfit, pearson
 
 __all__ = [
     "MISFIT",
@@ -33,7 +33,6 @@ __all__ = [
     "Data",
     "Misfit",
     "NormalEquations",
-    "chi_squared",
     "deviance",
     "deviance_and_score",
     "equations_of",

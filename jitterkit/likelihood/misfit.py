@@ -86,11 +86,6 @@ def pearson(image, data: Data) -> Misfit:
     return Misfit(float(chi2), int(pixels), float(spread), np.asarray(residual))
 
 
-def chi_squared(image, data: Data):
-    """The numbers of :func:`pearson`, for use within a compiled program: chi-squared, pixels and spread."""
-    return _pearson(image, data)[:3]
-
-
 @eqx.filter_jit
 def _pearson(image, data: Data):
     mean = mean_counts(image, data)

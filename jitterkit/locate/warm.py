@@ -23,7 +23,7 @@ from jitterkit.forward import (
     free_parameters,
     parameter_names,
 )
-from jitterkit.likelihood import Data, chi_squared, known_information, single_slopes
+from jitterkit.likelihood import Data, known_information, pearson, single_slopes
 from jitterkit.linearisation import relinearised_scoring
 from jitterkit.locate.cut_out import SPARE, inner, off_centre, window
 from jitterkit.locate.padding import DARK, MAY_MOVE
@@ -87,9 +87,15 @@ class RegistrationResult:
         indices = [self.names.index(name) for name in Mvn.names]
         return invert_information(self.information)[0][np.ix_(indices, indices)]
 
-    def excess(self, parameters: Parameters) -> float:
-        """Return the excess of chi-squared [its standard deviations] by parameters about the centre."""
-        return float(_excess(parameters, self.otf, self.data))
+    def misfit(self, parameters: Parameters) -> tuple[float, str]:
+        """Return the excess of chi-squared [its standard deviations] by parameters about the centre.
+
+        With it comes a sentence where the noise of neighbouring pixels is correlated.
+        """
+        image = np.asarray(expected_image(parameters, self.otf))
+        misfit = pearson(image, self.data)
+        excess = (misfit.chi2 - misfit.pixels) / misfit.spread if misfit.pixels else np.nan
+        return excess, misfit.correlated_noise(image)
 
     def in_frame(self, parameters: Parameters) -> Parameters:
         """Return the parameters about the frame's centre."""
@@ -194,7 +200,7 @@ class ReferenceFrame:
             None if the frame does not show the pair and the wavefront of this one: it has another shape, few
             pixels, another light by a factor of three, or (where cut-outs are used) a pair that is cut by its
             edge; or the fit does not settle near this one.  A blur that is not normal shows in
-            :meth:`RegistrationResult.excess`.
+            :meth:`RegistrationResult.misfit`.
         """
         if data.used.shape != self.image.shape or np.mean(data.used) < _SEEN:
             return None
@@ -258,12 +264,6 @@ class ReferenceFrame:
         match = fft.irfft2(fft.rfft2(np.asarray(seen, np.float32)) * self.spectrum, s=self.image.shape)
         row, column = map(int, np.unravel_index(np.argmax(match), match.shape))
         return np.array([_peak(match[:, column], row), _peak(match[row], column)])
-
-
-@eqx.filter_jit
-def _excess(parameters: Parameters, otf: OTF, data: Data):
-    chi2, pixels, spread = chi_squared(expected_image(parameters, otf), data)
-    return (chi2 - pixels) / spread
 
 
 def _cleared(data: Data, image: np.ndarray) -> Data:

@@ -92,6 +92,9 @@ def _of_gradient(calibration: Calibration) -> str:
 _NO_LINE = 100.0
 """chi2 of a degree of freedom from which the gain is doubted: the brighter-fatter effect makes tens."""
 
+_SMOOTH = 0.03
+"""Coupling to one neighbour beyond that of detectors: 0.005 to 0.02 in the infrared, less elsewhere."""
+
 _RISING, _BENT = 1.5, 5.0
 """Ratio of levels that are not full, and per cent off a line that no detector is."""
 
@@ -129,6 +132,11 @@ def _of_transfer(calibration: Calibration) -> list[str]:
             sentences.append(
                 "No detector does that: check the exposures, and that all frames have one bias level."
             )
+    if transfer.coupling > _SMOOTH:
+        sentences.append(
+            f"The coupling of {100 * transfer.coupling:.2g} % is larger than detectors have: if the flats "
+            "were smoothed or resampled, the gain and all in electrons are wrong."
+        )
     if not transfer.coupling and math.isfinite(transfer.coupling_error):
         sentences.append(
             f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."

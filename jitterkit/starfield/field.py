@@ -18,7 +18,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError, p
 from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
-from jitterkit.starfield.certainty import not_linear
+from jitterkit.starfield.certainty import growing, not_linear
 from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
@@ -192,13 +192,14 @@ def _record(
     if trail.locus is None and pattern.kind in _NO_PATTERN:
         pattern = replace(pattern, kind="sharp", sentence=_AS_SHARP)
     major, minor, _ = axis_variances(common.moments)
+    stretched = "" if trail.locus is None else not_linear(moments, sound)
     kernel = KernelEstimate(
         trail.moments * area,
         trail.covariance * area**2,
         "starfield",
         source,
         locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
-        undetermined=trail.undetermined or ("" if trail.locus is None else not_linear(moments, sound)),
+        undetermined=trail.undetermined or stretched,
     )
     return FieldEstimate(
         kernel=kernel,
@@ -217,5 +218,5 @@ def _record(
         common_covariance=common.covariance * area**2,
         variation=trail.variation,
         pattern=pattern,
-        remarks=trail.remarks,
+        remarks=trail.remarks if stretched else (*growing(moments, sound), *trail.remarks),
     )

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from records import process_batches
+from scipy.ndimage import shift
 
 from jitterkit.batch import FrameProcessor, steps
 from jitterkit.batch.plan import FrameReader, plan_batches
@@ -46,12 +48,23 @@ def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(teles
     (files, truth), kept = night, []
     table = estimate_files(files, TemplateBlurEstimator(FrameProcessor(telescope)), keep=kept.append)
     assert list(table["status"]) == ["ok"] * FRAMES
+    assert not any("correlated" in message for message in table["message"])
     assert {name for name in searched if name != files[0].name} == {files[OTHER].name}
     pulls = [
         (table[n].value - truth[:, i]) / table[f"{n}_err"].value for i, n in enumerate(("sxx", "sxy", "syy"))
     ]
     assert np.sum(np.square(pulls)) < 36 + 4 * np.sqrt(72)  # chi-squared of 36 degrees of freedom
     assert kept[0].evidence.parameters.scene.name == "binary"
+
+
+def test_registered_frames_that_were_resampled_are_told_by_their_noise(telescope, night, tmp_path):
+    """Bilinear interpolation: frames that are registered to another are like it, whatever was done to all."""
+    files, _ = night
+    for file in files:
+        data = fits.getdata(file)
+        write_fits(tmp_path / file.name, shift(data, 0.5, order=1, mode="nearest"))
+    table = estimate_files(sorted(tmp_path.iterdir()), TemplateBlurEstimator(FrameProcessor(telescope)))
+    assert ["correlated (0." in message for message in table["message"]] == [True] * FRAMES
 
 
 def test_derivatives_have_less_padding_where_the_stars_are_those_of_the_reference_frame(telescope, night):

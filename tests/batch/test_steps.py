@@ -1,5 +1,8 @@
 """The five steps of a frame, one by one."""
 
+from dataclasses import replace
+
+import equinox as eqx
 import numpy as np
 import pytest
 from own_images import star_image
@@ -9,7 +12,7 @@ from jitterkit.batch.warm_start import WarmStart
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitResult, Priors
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, FurtherStars
 from jitterkit.simulate import simulate_frame
 
 SCENE, LOCUS = Binary(5.0, 30.0, 0.7, -0.4, 2e5, 2.5), Mvn.of(0.3, 0.15, 20.0)
@@ -42,6 +45,18 @@ def test_a_fit_and_its_diagnosis_yield_the_pair_and_a_prior_narrows_it(telescope
     known = steps.fit(start, Priors({"separation": (5.0, sigma)}), locus="mvn")
     # two equal weights; further parameters are the less bound for it
     assert known.error("separation") == pytest.approx(sigma / np.sqrt(2), rel=1e-3)
+
+
+@pytest.mark.parametrize(("x", "flux", "doubted"), [(0.5, 3e3, True), (0.5, 9e4, False), (40.0, 3e3, False)])
+def test_a_faint_star_beside_a_bright_one_may_be_none(telescope, located, x, flux, doubted):
+    frame, start = located
+    result = steps.fit(start, locus="mvn")
+    (at, *_), (up, *_), _ = SCENE.sources()
+    scene = Binary(5.0, 30.0, 0.7, -0.4, 2e5, 2.5, FurtherStars([at + x], [up], [flux]))
+    given = replace(result, parameters=eqx.tree_at(lambda p: p.scene, result.parameters, scene))
+    shown = steps.diagnose(frame, start, given, telescope.plate_scale)
+    assert "further_stars" in shown.flags
+    assert ("may be an error of the optics" in shown.message) is doubted
 
 
 def test_a_frame_without_a_star_has_a_status_in_place_of_a_start(telescope, rng):

@@ -5,11 +5,13 @@ import re
 import numpy as np
 import pytest
 from refusals import refused
+from scipy.ndimage import gaussian_filter
 
 from jitterkit.calibration import Stack, calibrate, photon_transfer
 from jitterkit.calibration.level import Level
 from jitterkit.detectors import Detector
 from jitterkit.errors import ErrorCode
+from jitterkit.report.calibration_table import calibration_sentences
 
 TIMES = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 
@@ -136,6 +138,24 @@ def test_coupling_is_measured_and_the_gain_is_free_of_it(rng):
     # without the correction the gain would be 7.5 % too large
     assert found.gain == pytest.approx(gain, abs=4 * found.gain_error)
     assert found.gain_error < 0.01 * gain
+
+
+@pytest.mark.parametrize("sigma", [0.5, 0.8])
+def test_flats_that_were_smoothed_are_said_or_refused(rng, sigma):
+    """A Gaussian of half a pixel makes the gain too large, and correlates more than any detector does."""
+
+    def smooth(electrons):
+        return np.rint(gaussian_filter(100 + rng.poisson(electrons, (8, 160, 160)) / 2, (0, sigma, sigma)))
+
+    bias = Stack.of("bias", np.rint(100 + rng.normal(0, 2.5, (8, 160, 160))))
+    stacks = [Stack.of("flat", smooth(n), n / 1e4) for n in (1e3, 3e3, 8e3)]
+    if sigma > 0.7:
+        with refused(ErrorCode.IMPLAUSIBLE, "correlated", "as they were read"):
+            calibrate(bias, (), stacks)
+        return
+    found = calibrate(bias, (), stacks)
+    assert found.transfer.gain > 2.1
+    assert any("larger than detectors have" in text for text in calibration_sentences(found))
 
 
 def test_gain_and_coupling_are_exact_without_noise():

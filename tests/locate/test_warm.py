@@ -59,7 +59,7 @@ def estimated(reference, frame):
     if (start := reference.locate(data)) is None:
         return None
     estimate, parameters = estimate_from_normal(start.parameters, start.otf, start.data, ())
-    return (estimate, start.in_frame(parameters)) if start.excess(parameters) < MISFIT else None
+    return (estimate, start.in_frame(parameters)) if start.misfit(parameters)[0] < MISFIT else None
 
 
 def searched(telescope, frame, **system):

@@ -223,6 +223,15 @@ def test_a_star_with_speckles_and_a_halo_is_one_star():
     assert np.hypot(stars.x[0] - HALF - 1, stars.y[0] - HALF - 1) < 1
 
 
+@pytest.mark.parametrize("compressed", [0.0, 0.1, 0.25])
+def test_stars_that_near_saturation_are_compressed_are_said(compressed):
+    """By 0.25 of the signal at the peak, a trail of 4 pixels comes out 0.12 too long, ten of its errors."""
+    light = drawn([moffat(3.0, 3.0)] * 90, 21, low=3e3, high=3e5, line=(4.0, 0.0)).electrons
+    frame = Frame(light * (1 - compressed * np.clip(light, 0, None) / light.max()), 25.0)
+    remarks = " ".join(estimate_field(frame).remarks)
+    assert ("in proportion to the light" in remarks) is (compressed > 0)
+
+
 @pytest.mark.parametrize(("factor", "said"), [(0.75, "0.75 times"), (1.0, ""), (1.3, "1.30 times")])
 def test_bright_stars_of_another_size_are_said_and_smaller_ones_may_mean_galaxies(factor, said):
     """Of thirty stars the ten brightest; what is faint and wide may be a galaxy, but nothing bright is."""
