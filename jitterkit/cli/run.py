@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def finalize(run, telescope) -> None:
     _list_frames(run)
     _list_doubts(run)
     _echo_result(run)
-    _warn_of_rolling_shutter(run, telescope)
+    warn_of_rolling_shutter(run, telescope)
     if run.failures:
         raise typer.Exit(SOME_FAILED)
 
@@ -117,10 +118,26 @@ def _echo_result(run) -> None:
     log(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")
 
 
-def _warn_of_rolling_shutter(run, telescope) -> None:
+def warn_of_rolling_shutter(run, telescope) -> None:
     """Log what a rolling shutter may have done to the separation, which one frame does not show."""
-    line_time, separation = telescope.detector.line_time, run.summary["separation"]["mean"]
-    if line_time and separation == separation:  # not NaN
+    from jitterkit.detectors import detector_preset
+
+    detector, summary = telescope.detector, run.summary["separation"]
+    line_time, separation = detector.line_time, summary["mean"]
+    drifts = 2 * run.summary["locus"].get("linear", 0) > summary["n"] > 0
+    if drifts and line_time is None and "IMX183" in detector.sources.get("gain", ""):
+        # the variance of a drift is its length squared over twelve
+        speed = run.summary["jitter"]["major"] * math.sqrt(12) / telescope.exposure
+        row = detector_preset("imx183").line_time or 0.0
+        moved = speed * row * separation / telescope.plate_scale
+        if moved > summary["error"]:
+            size = angle_size(moved, 2)
+            log(
+                "The rows of an IMX183 are exposed one after the other, for which this preset has no time: a "
+                f"drift of {angle_size(speed)} per second moves the separation by up to {size}. Give "
+                f"line_time in [detector]: {row:g} as toliman-camera has it, 0 if rows are exposed at once."
+            )
+    elif line_time and separation == separation:  # not NaN
         leverage = abs(line_time) * separation / telescope.plate_scale
         log(
             "The rows of this detector are exposed one after the other, which one frame does not show: a "
