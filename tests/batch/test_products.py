@@ -219,7 +219,9 @@ def test_a_kernel_on_pixels_with_other_moments_than_the_table_is_remarked(folder
     assert ("sxx 0.125" in row["message"]) == remarked
 
 
-@pytest.mark.parametrize(("file_rows", "said"), [(False, "BOTTOM-UP"), (True, "TOP-DOWN")])
+@pytest.mark.parametrize(
+    ("file_rows", "said"), [pytest.param(False, "BOTTOM-UP", marks=pytest.mark.slow), (True, "TOP-DOWN")]
+)
 def test_exports_of_a_tiff_say_the_order_of_their_rows(folder, tmp_path, first, file_rows, said):
     """The trail of the view climbs to the right; with the top row first it falls along the array's rows."""
     data = first(folder / "view.fits").data[PART]

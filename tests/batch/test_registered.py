@@ -107,6 +107,7 @@ def searched(monkeypatch):
     return names
 
 
+@pytest.mark.slow
 def test_frames_of_one_star_are_registered_to_one_that_shows_it(telescope, searched, tmp_path):
     rng, truth = np.random.default_rng(7), []
     for number in range(FRAMES):

@@ -50,6 +50,7 @@ def test_hst_is_a_worked_example_in_tables_on_stdout_and_talk_on_stderr(tmp_path
         assert value in line
 
 
+@pytest.mark.slow
 def test_the_cost_is_forecast_and_everything_is_kept(lines, tmp_path, check_error):
     table, picture = tmp_path / "budget.ecsv", tmp_path / "motion.png"
     done = assess(lines, "-o", table, "--plot", picture, "--cadence", "0.5")

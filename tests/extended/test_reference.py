@@ -85,6 +85,7 @@ def test_motion_along_a_line_under_jitter_has_the_moments_of_both(coins, form, v
     assert estimate.errors[0] < 0.02 * truth[0]
 
 
+@pytest.mark.slow
 def test_a_jump_is_refused(coins):
     with refused(ErrorCode.MODEL_MISMATCH, "pattern", error=UndeterminedError):
         estimate_from_reference(*moved(coins, lambda along, _: np.cos(np.pi * 8 * along)))

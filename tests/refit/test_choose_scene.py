@@ -108,7 +108,7 @@ def test_a_rough_start_describes_a_pair_of_unknown_wavefront(seed):
 
 @pytest.mark.parametrize(
     ("separation", "contrast"),
-    [(5.0, 3.0), (3.0, 200.0), (1.0, 3.0), (0.6, 2.0)],
+    [(5.0, 3.0), (3.0, 200.0), pytest.param(1.0, 3.0, marks=pytest.mark.slow), (0.6, 2.0)],
     ids=["wide", "faint", "at the resolution", "closer"],
 )
 def test_two_stars_are_two(separation, contrast, chosen):
@@ -118,7 +118,7 @@ def test_two_stars_are_two(separation, contrast, chosen):
     assert float(choice.start.parameters.scene.separation) == pytest.approx(separation, abs=0.05)
 
 
-@pytest.mark.parametrize("contrast", [1.2, 2.0])
+@pytest.mark.parametrize("contrast", [pytest.param(1.2, marks=pytest.mark.slow), 2.0])
 def test_two_stars_closer_than_the_resolution_are_two_under_jitter_too(contrast, bench):
     """One star with a long blur describes them to chi-squared's eye, hundreds lower in likelihood."""
     pair, locus = Binary(0.6, 140.0, 0.3, -0.2, 3e5, contrast), Mvn.of(0.15, 0.12, 20.0)

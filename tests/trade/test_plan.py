@@ -221,6 +221,7 @@ def test_few_frames_each_compute_the_optics(plain):
     assert dearer[1] < 1.1
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_said_with_what_it_would_cost(planner, example):
     # a background would take up the light that comes back for want of padding
     held = replace(example.processor, options=FitOptions(("background",)))
