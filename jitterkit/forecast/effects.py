@@ -213,13 +213,40 @@ def _flat(model: Modelled, size: float):
     return [size * model.image]
 
 
-def _pixel_grid(model: Modelled, size: float):
+def _moved(model: Modelled) -> list[np.ndarray]:
+    """Return by how much an image changes that moves by a pixel along x, and along y."""
     scene, step = model.parameters.scene, _STEP * model.otf.grid.plate_scale
-    slopes = [
+    return [
         (model.of_scene(scene.shifted(dx, dy)) - model.of_scene(scene.shifted(-dx, -dy))) / (2 * _STEP)
         for dx, dy in ((step, 0.0), (0.0, step))
     ]
-    return [size * np.hypot(*slopes)]
+
+
+def _pixel_grid(model: Modelled, size: float):
+    return [size * np.hypot(*_moved(model))]
+
+
+def _stretch(model: Modelled, size: float):
+    y, x = (np.arange(n) - (n - 1) / 2 for n in model.image.shape)
+    along_x, along_y = _moved(model)
+    return [size * (model.image - x * along_x), size * (model.image - y[:, None] * along_y)]
+
+
+def _shear(model: Modelled, size: float):
+    y, x = (np.arange(n) - (n - 1) / 2 for n in model.image.shape)
+    along_x, along_y = _moved(model)
+    return [size * y[:, None] * along_x, size * x * along_y]
+
+
+def _roll(model: Modelled, size: float):
+    pair, images = model.parameters.binary, []
+    x, y, theta = float(pair.x), float(pair.y), float(pair.theta)
+    for degrees in (size / 3600, -size / 3600):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        middle, light = (c * x - s * y, s * x + c * y), (pair.flux, pair.contrast)
+        turned = Binary(pair.separation, theta + degrees, *middle, *light, indices=pair.indices)
+        images.append(model.of_scene(turned))
+    return [sum(images) / 2 - model.of_scene(pair)]
 
 
 def _charge(change: Callable[[np.ndarray, float], np.ndarray], model: Modelled, size: float):
@@ -264,6 +291,9 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "third_star": _Kind(10 ** (-0.4 * 8), "", _third_star, together=False),
     "flat": _Kind(1e-3, "", _flat, per_pixel=True),
     "pixel_grid": _Kind(1e-3, "pix", _pixel_grid, per_pixel=True),
+    "stretch": _Kind(1e-5, "", _stretch),
+    "shear": _Kind(1e-5, "", _shear),
+    "roll": _Kind(100.0, "arcsec", _roll),
     "brighter_fatter": _Kind(1e-6, "pix/electron", partial(_charge, broaden)),
     "coupling": _Kind(5e-3, "", partial(_charge, couple)),
     "nonlinearity": _Kind(1e-2, "", partial(_charge, lambda held, by: held * (1 - by * held / held.max()))),

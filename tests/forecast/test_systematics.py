@@ -15,7 +15,7 @@ from jitterkit.forecast.effects import Effect, Modelled, effects_of
 from jitterkit.forecast.systematics import FitResponse, _assess
 from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.instruments import Instrument
-from jitterkit.loci import Linear
+from jitterkit.loci import Linear, Mvn
 from jitterkit.optics import Spectrum, obstructed_circle
 from jitterkit.refit import FitOptions, fit_frame
 from jitterkit.scene import Binary, Star
@@ -62,6 +62,8 @@ def refitted(model, change, hold):
         ("brighter_fatter", 2e-8),
         ("coupling", 2e-4),
         ("nonlinearity", 1e-3),
+        ("shear", 1e-5),
+        ("roll", 100.0),
     ],
 )
 def test_the_bias_is_that_of_a_refit_of_the_changed_image(model, telescope, parameters, name, size):
@@ -76,6 +78,50 @@ def test_the_bias_is_that_of_a_refit_of_the_changed_image(model, telescope, para
     assert one.chi2 == pytest.approx(chi2.sum(), rel=0.02, abs=1e-6)
     if len(biases) == 1:
         assert one.bias * biases[0] > 0
+
+
+def changes_of(model, name, size):
+    (effect,) = (one for one in effects_of(model, {name: size}) if one.name == name)
+    return effect.changes
+
+
+def test_a_pixel_grid_stretched_along_both_axes_has_another_plate_scale(model):
+    both, scale = changes_of(model, "stretch", 1e-6).sum(axis=0), changes_of(model, "plate_scale", 1e-6)[0]
+    # pixels of another scale are also wider: a twelfth of the second derivative, which moves no star
+    np.testing.assert_allclose(both, scale, atol=0.04 * np.abs(scale).max())
+    rows = FitResponse.of(model)
+    biases = [rows.covariance() @ (rows.slopes * rows.weights @ change.ravel()) for change in (both, scale)]
+    slot = rows.names.index("separation")
+    assert biases[0][slot] == pytest.approx(biases[1][slot], rel=0.01)
+    # the size of the stars' images changes too, which weighs little
+    assert biases[0][slot] == pytest.approx(-1e-6 * SEPARATION, rel=0.03)
+
+
+@pytest.fixture(scope="module")
+def round_blur(telescope, parameters):
+    """Behind a round pupil, so that the image turns as the pair does."""
+    return Modelled.of(telescope, parameters.with_locus(Mvn.of(0.1, 0.1)))
+
+
+def turned(model, degrees):
+    pair, angle = model.parameters.binary, math.radians(degrees)
+    x, y = float(pair.x), float(pair.y)
+    middle = math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y
+    return model.of_scene(Binary(SEPARATION, 30.0 + degrees, *middle, 3e6, 3.0, indices=pair.indices))
+
+
+def test_two_shears_are_a_turn(round_blur):
+    along_rows, along_columns = changes_of(round_blur, "shear", 1e-6)
+    step = turned(round_blur, math.degrees(1e-6)) - turned(round_blur, 0.0)
+    np.testing.assert_allclose(along_columns - along_rows, step, atol=5e-3 * np.abs(step).max())
+
+
+def test_a_roll_is_the_mean_over_its_angles(round_blur):
+    """By three nodes of Gauss and Hermite, at angles that the effect does not use."""
+    (change,) = changes_of(round_blur, "roll", 300.0)
+    ends = sum(turned(round_blur, by * math.sqrt(3) * 300 / 3600) for by in (1, -1))
+    mean = ends / 6 + 2 * turned(round_blur, 0.0) / 3
+    np.testing.assert_allclose(change, mean - turned(round_blur, 0.0), atol=2e-3 * np.abs(change).max())
 
 
 def test_what_scales_the_sky_biases_by_as_much_and_is_never_seen(budget):
