@@ -100,6 +100,7 @@ def test_noise_is_not_taken_for_a_scene(coins, sigma, noise):
     assert np.all(np.abs(estimate.moments - np.array([1, 0, 1]) * sigma**2) < 4 * estimate.errors)
 
 
+@pytest.mark.slow
 def test_frames_without_noise(coins):
     np.testing.assert_allclose(estimate_from_reference(coins, 2 * coins + 5).moments, 0, atol=1e-6)
     soft = gaussian_filter(coins, (0, 5), truncate=8)

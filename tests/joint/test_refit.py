@@ -384,6 +384,7 @@ def test_a_record_keeps_the_remarks_of_calibration_and_fit_but_for_what_all_shar
     assert record.flags == ("masked", "saturated", "misfit")
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_colours_counts_once(telescope, rng):
     """Frames too faint to show a colour leave it as it is known, however many they are."""
     optics = replace(telescope, colours=Colours((0.4, 0.9), 0.3)).system()

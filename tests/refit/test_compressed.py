@@ -54,6 +54,7 @@ def test_gain_and_evidence_are_those_of_fits_to_the_image_within_what_is_left_ou
             assert np.all(np.abs(away) < 0.03 * np.array([full.error(mode) for mode in aberrations]))
 
 
+@pytest.mark.slow
 def test_a_shape_is_determined_as_by_a_fit(bench, rng):
     data = bench.draw(bench.truth(Shm.of(0.35, 30.0)), rng)
     normal, likelihood, _ = compressed(bench, data)

@@ -201,6 +201,7 @@ def test_a_shape_that_is_no_trail_is_refused(star, rng):
     assert number_after("chi²/dof", str(caught.value)) > 100
 
 
+@pytest.mark.slow
 def test_the_joint_fit_is_the_weighted_mean_of_single_ones(trailed, sharp):
     stars = find_stars(trailed[0]).chosen(np.arange(20, 28))
     moments = adaptive_moments(stars)

@@ -82,6 +82,7 @@ def test_draws_have_the_mean_and_the_error_of_the_fit(anchored, exact, refitted)
     assert found[:, 1] == pytest.approx(refitted[:2, 1], rel=3 * 0.1)
 
 
+@pytest.mark.slow
 def test_a_blur_that_is_held_is_taken_for_known(anchored, exact, refitted):
     held = separations("mtf", anchored, exact)[:, 1] / refitted[:, 1]
     assert np.all((held > 0.9) & (held < 1.001))  # of three parameters fewer, which hardly matter

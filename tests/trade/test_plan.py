@@ -88,6 +88,7 @@ def test_what_no_fit_can_keep_is_not_promised(planner, example):
         regularized.cheapest(allowed)
 
 
+@pytest.mark.slow
 def test_an_aberration_is_left_out_where_it_may_cost_next_to_nothing(planner, example):
     names = example.processor.instrument.aberrations
     flat = eqx.tree_at(lambda p: p.aberrations, example.truth, example.truth.aberrations / 20)
