@@ -125,7 +125,8 @@ def warn_of_rolling_shutter(run, telescope) -> None:
     detector, summary = telescope.detector, run.summary["separation"]
     line_time, separation = detector.line_time, summary["mean"]
     drifts = 2 * run.summary["locus"].get("linear", 0) > summary["n"] > 0
-    if drifts and line_time is None and "IMX183" in detector.sources.get("gain", ""):
+    rolls = any("IMX183" in source for source in detector.sources.values())
+    if drifts and rolls and line_time is None:
         # the variance of a drift is its length squared over twelve
         speed = run.summary["jitter"]["major"] * math.sqrt(12) / telescope.exposure
         row = detector_preset("imx183").line_time or 0.0
@@ -133,7 +134,7 @@ def warn_of_rolling_shutter(run, telescope) -> None:
         if moved > summary["error"]:
             size = angle_size(moved, 2)
             log(
-                "The rows of an IMX183 are exposed one after the other, for which this preset has no time: a "
+                "The rows of an IMX183 are exposed one after the other, and line_time is not known: a "
                 f"drift of {angle_size(speed)} per second moves the separation by up to {size}. Give "
                 f"line_time in [detector]: {row:g} as toliman-camera has it, 0 if rows are exposed at once."
             )

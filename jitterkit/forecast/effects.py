@@ -226,16 +226,22 @@ def _pixel_grid(model: Modelled, size: float):
     return [size * np.hypot(*_moved(model))]
 
 
+def _from_centre(model: Modelled) -> tuple[np.ndarray, np.ndarray]:
+    """Return offsets ``x`` (nx) and ``y`` (ny, 1) of pixels from the centre of the image."""
+    y, x = (offsets(n, 1.0) for n in model.image.shape)
+    return x, y[:, None]
+
+
 def _stretch(model: Modelled, size: float):
-    y, x = (np.arange(n) - (n - 1) / 2 for n in model.image.shape)
-    along_x, along_y = _moved(model)
-    return [size * (model.image - x * along_x), size * (model.image - y[:, None] * along_y)]
+    return [
+        size * (model.image - at * moved)
+        for at, moved in zip(_from_centre(model), _moved(model), strict=True)
+    ]
 
 
 def _shear(model: Modelled, size: float):
-    y, x = (np.arange(n) - (n - 1) / 2 for n in model.image.shape)
-    along_x, along_y = _moved(model)
-    return [size * y[:, None] * along_x, size * x * along_y]
+    (x, y), (along_x, along_y) = _from_centre(model), _moved(model)
+    return [size * y * along_x, size * x * along_y]
 
 
 def _roll(model: Modelled, size: float):

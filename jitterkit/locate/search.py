@@ -207,7 +207,7 @@ def with_further_stars(
 
     found, is_field = start, isinstance(start.parameters.scene, Stars)
     stall = Stall(start.deviance_dof)
-    for rounds in reversed(range(_FURTHER_ROUNDS)):
+    for rounds_left in reversed(range(_FURTHER_ROUNDS)):
         scene = found.parameters.scene
         image = np.asarray(expected_image(found.parameters, found.otf))
         left = Residual(data, image, found.otf, found.parameters.locus)
@@ -230,7 +230,7 @@ def with_further_stars(
             if not is_field:
                 break
             found = settled(found, found.parameters.scene.with_others(sound))
-        if stall.is_hopeless(found.deviance_dof, rounds):
+        if stall.is_hopeless(found.deviance_dof, rounds_left):
             break
     return found if is_field else start
 

@@ -66,8 +66,8 @@ class RegistrationResult:
     otf : OTF
         On the cut-out's grid, about aberrations very near these.
     information : (p, p) array
-        Of a point on the way there: errors by it were off by 8 % at most for TOLIMAN, at blurs of 0.1 to 0.4
-        arcsec rms.
+        Of a point on the way there: errors by it were off by 12 % at most in 40 frames of TOLIMAN with blurs
+        of 0.1 to 0.4 arcsec rms.
     names : tuple of str
         Of what was fitted.
     offset : (y, x)

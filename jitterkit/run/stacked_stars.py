@@ -42,7 +42,7 @@ class StackedStars(NamedTuple):
     table : QTable
         As ``[sky] stars`` of an instrument file takes it, with errors and significance.
     bias, bias_err : float
-        Of a separation that was fitted without them, arcsec.
+        Of the run's mean separation by the frames that were fitted without them, arcsec.
     """
 
     table: QTable
@@ -130,7 +130,9 @@ def find_stacked_stars(
     errors = np.sqrt(np.einsum("ijk,kl,ijl->ij", slopes, found.covariance_of(names), slopes))
     sigmas = 2.5 / np.log(10) / errors[2]
     columns = zip(*np.stack([np.asarray(relative(values)), errors], 1).reshape(6, -1), sigmas, strict=True)
-    return StackedStars(bind_rows(_COLUMNS, columns), *bias_without(found, data, system, hold))
+    share = _share(pairs, table)
+    bias, bias_err = bias_without(found, data, system, hold)
+    return StackedStars(bind_rows(_COLUMNS, columns), share * bias, share * bias_err)
 
 
 def bias_without(found: Start, data: Data, optics: Optics, hold: Collection[str]) -> tuple[float, float]:
@@ -162,6 +164,13 @@ def bias_without(found: Start, data: Data, optics: Optics, hold: Collection[str]
     per_flux = covariance[kept.index("separation")] @ found.information[np.ix_(rows, columns)]
     error = float(np.sqrt(per_flux @ found.covariance_of(light) @ per_flux))
     return fitted.of_scene("separation") - scene.values["separation"], error
+
+
+def _share(pairs: QTable, table: QTable) -> float:
+    """Return the weight of some frames in the mean separation of a run."""
+    counted = table[np.asarray(table["status"], str) == "ok"]
+    part, whole = (np.nansum(one["separation_err"].to_value("arcsec") ** -2.0) for one in (pairs, counted))
+    return float(part / whole)
 
 
 def _about_centre(used: np.ndarray) -> slice:

@@ -22,7 +22,7 @@ from jitterkit.loci import Mvn
 from jitterkit.refit import fit_frame
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.run import process_files
-from jitterkit.run.stacked_stars import bias_without
+from jitterkit.run.stacked_stars import bias_without, find_stacked_stars
 from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.simulate import fits_header
 
@@ -99,6 +99,12 @@ def test_a_star_that_no_frame_shows_is_found_and_left_out(faint, process, proces
     assert without["mean"] == one["mean"] - without["bias"]
     assert without["error"] == np.hypot(one["error"], without["bias_err"])
     assert abs(without["mean"] - 8.0) < 3.5 * without["error"]
+    # frames that were fitted with the star have no such bias, and their part of the mean has none
+    table = run.table.copy()
+    table["stars"] = ["a star"] * 5 + [""] * (FAINT_FRAMES - 5)
+    packed = {name: ResidualStack.unpack(one) for name, one in stacks(run).items()}
+    part = find_stacked_stars(packed, table, processor)
+    assert part.bias == pytest.approx(without["bias"] * (1 - 5 / FAINT_FRAMES), rel=0.1)
     finalize(run, telescope)
     assert "copy of further_stars.ecsv as stars in [sky]" in capsys.readouterr().out
     (tmp_path / "again.toml").write_text(
