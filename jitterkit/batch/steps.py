@@ -43,6 +43,7 @@ from jitterkit.refit import (
 )
 from jitterkit.refit.choose import is_lost
 from jitterkit.refit.scene_choice import found_allowing
+from jitterkit.refit.squares import with_free_squares
 from jitterkit.scene import Star
 
 __all__ = ["calibrate", "diagnose", "estimate", "fit", "locate", "search"]
@@ -209,6 +210,8 @@ def fit(
         result = start.fit
     else:
         result = fit_best_locus(*where, start.estimate.covariance, sure=sure)
+    if result.image is not None and not result.model_error:
+        result = with_free_squares(result, start.data.clear(result.image), start.optics, options)
     return replace(result, estimate=start.estimate)
 
 

@@ -52,6 +52,13 @@ _CODES = {
 """Code of a status for which no error was raised; any other status without one is internal."""
 
 
+_STRAIGHT = {"linear": -1.2, "shm": -1.5}
+"""Excess kurtosis of a drift and of a vibration, along their axis: their moments differ by it."""
+
+DECIDED = 0.95
+"""Weight from which on a locus is the only one worth naming."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One locus that was compared.
@@ -266,17 +273,25 @@ class FitResult:
         return float(np.sqrt(weights @ (separations - mean) ** 2))
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the fitted locus and their covariance.
+        """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the blur and their covariance.
 
-        The covariance holds what not knowing the locus adds: the weighted mean square by which the moments
-        of the candidates differ from those of the fitted one.
+        Those of the fitted locus; the covariance holds what not knowing the locus adds: the weighted mean
+        square by which the moments of the candidates differ from those of the fitted one.  Where a frame does
+        not tell a drift from a vibration, those that go with the kurtosis that it shows, because the mean of
+        frames of a drift would else be that of some vibrations too.
         """
         if self.parameters is None:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         moments, covariance = moments_of(self.parameters.locus, self.names, self.covariance)
-        likely = [c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))]
-        off = np.reshape([np.asarray(c.moments) - moments for c in likely], (-1, 3))
-        return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely], off, off)
+        likely = {c.locus: c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))}
+        undecided = likely.keys() >= _STRAIGHT.keys() and self.locus_weight < DECIDED
+        if undecided and self.locus in _STRAIGHT and np.isfinite(self.shape_err):
+            (one, there), (other, here) = ((likely[name], k) for name, k in _STRAIGHT.items())
+            slope = (np.asarray(one.moments) - other.moments) / (there - here)
+            moments = moments + (self.shape - _STRAIGHT[self.locus]) * slope
+            return moments, covariance + self.shape_err**2 * np.outer(slope, slope)
+        off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
+        return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)
 
 
 def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

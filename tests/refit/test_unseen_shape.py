@@ -96,6 +96,28 @@ def test_errors_of_moments_hold_what_not_knowing_the_locus_adds():
     assert fit.moments()[1] == pytest.approx(expected, rel=1e-9)
 
 
+def undecided(weight):
+    """A frame that takes its jitter for a vibration, and that of a drift for possible."""
+    p = Parameters(Star(0.0, 0.0, 1e5), Mvn.near(np.array([0.018, 0.0, 0.0])), np.zeros(0))
+    candidates = (
+        Candidate("shm", 0.0, weight, np.nan, moments=(0.018, 0.0, 0.0)),
+        Candidate("linear", 0.0, 1 - weight, np.nan, moments=(0.021, 0.0, 0.0)),
+    )
+    known = {"names": ("mvn_xx", "mvn_xy", "mvn_yy"), "covariance": np.diag([1e-6, 1e-6, 1e-6])}
+    shape = {"shape": -1.3, "shape_err": 0.25}
+    return FitResult(Status.OK, "", locus="shm", parameters=p, candidates=candidates, **known, **shape)
+
+
+def test_an_undecided_frame_has_the_moments_of_the_kurtosis_that_it_shows():
+    moments, covariance = undecided(0.6).moments()
+    # by hand: 0.003 for 0.3 of kurtosis, from a vibration's -1.5 to -1.3; its error is 0.25
+    assert moments == pytest.approx([0.020, 0.0, 0.0])
+    assert covariance[0, 0] == pytest.approx(1e-6 + 0.0025**2)
+    moments, covariance = undecided(0.97).moments()
+    assert moments == pytest.approx([0.018, 0.0, 0.0])
+    assert covariance[0, 0] == pytest.approx(1e-6 + 0.03 * 0.003**2)
+
+
 @pytest.mark.parametrize(("width", "narrow"), [(1.0, False), (0.8, True)])
 def test_a_star_that_is_narrower_than_still_is_a_misfit(width, narrow, optics, rng):
     """Pixels that respond over 0.8 of their width take (1 - 0.8²)/12 of a pixel² from both variances."""

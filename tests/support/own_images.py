@@ -5,10 +5,11 @@ import numpy as np
 _ARCSEC = np.pi / 648000
 
 
-def star_image(x, y, electrons, path, shape=(48, 44), scale=0.375, width=1.0):
+def star_image(x, y, electrons, path, shape=(48, 44), scale=0.375, width=1.0, opd=0.0):
     """Electrons of a star behind the telescope of all tests.
 
-    ``path`` has (dx, dy, share of time) [arcsec]; a pixel responds over a square of ``width`` pixels.
+    ``path`` has (dx, dy, share of time) [arcsec]; a pixel responds over a square of ``width`` pixels.  The
+    wavefront error ``opd`` [nm] is (64, 64) as :func:`pupil_places`.
     """
     fine = (np.arange(64 * 8) - 255.5) / 512 * 0.125
     radius = np.hypot(fine[:, None], fine)
@@ -22,12 +23,19 @@ def star_image(x, y, electrons, path, shape=(48, 44), scale=0.375, width=1.0):
     for nm, part in zip(585 + 55 * at, parts / 2, strict=True):
         wave = 2 * np.pi / (nm * 1e-9) * _ARCSEC
         density = (scale * _ARCSEC * (metres[1] - metres[0]) / (nm * 1e-9)) ** 2 / clear.sum()
+        field = clear * np.exp(2j * np.pi * np.asarray(opd) / nm)
         for dx, dy, share in path:
             across = np.exp(-1j * wave * np.outer(metres, columns - x - dx))
             along = np.exp(-1j * wave * np.outer(rows - y - dy, metres))
-            image += electrons * part * share * density * np.abs(along @ clear @ across) ** 2
+            image += electrons * part * share * density * np.abs(along @ field @ across) ** 2
     weighted = image.reshape(shape[0], 3, shape[1], 3)
     return np.einsum("asbt,s,t->ab", weighted, shares / 2, shares / 2)
+
+
+def pupil_places():
+    """Return x and y of the pupil's samples (64, 64), in units of its radius."""
+    y, x = np.mgrid[:64, :64] / 32 - 63 / 64
+    return x, y
 
 
 def drift(length, angle, points=8):

@@ -1,0 +1,99 @@
+"""Moments where aberrations show by their squares, against images by direct sums."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from own_images import pupil_places, star_image
+
+from jitterkit.forward import Parameters
+from jitterkit.likelihood import Data
+from jitterkit.loci import Mvn
+from jitterkit.optics import obstructed_circle
+from jitterkit.refit import FitOptions, Priors, Status, fit_locus
+from jitterkit.refit.squares import with_free_squares
+from jitterkit.scene import Star
+
+LIGHT = 2e5
+
+
+@pytest.fixture(scope="module")
+def symmetric(telescope):
+    """Focus and astigmatism of the common pupil, which is its own mirror image."""
+    pupil = obstructed_circle(0.125, 0.04, samples=64, noll=(4, 5, 6))
+    return replace(telescope, pupil_from=lambda: pupil).system()
+
+
+def image(focus, blur=((0, 0, 1.0),)):
+    """A star of a focus [nm], or of less light than none for a focus whose square is negative."""
+    x, y = pupil_places()
+    shape = np.sqrt(3) * (2 * (x**2 + y**2) - 1)
+
+    def with_focus(nm):
+        return star_image(0.6, -1.1, LIGHT, blur, opd=nm * shape)
+
+    if focus >= 0:
+        return with_focus(focus) + 2.0
+    still = with_focus(0.0)
+    return still - (with_focus(-focus) + with_focus(focus) - 2 * still) / 2 + 2.0
+
+
+def fitted(pixels, optics, options=None, state=(4.0, -3.0, 3.0)):
+    start = Parameters(Star(0.62, -1.08, 0.98 * LIGHT), Mvn.of(0.1), state)
+    return fit_locus("mvn", Data(pixels, 9.0), optics, start, np.zeros(3), options=options)
+
+
+def off(result):
+    moments, covariance = result.moments()
+    return moments / np.sqrt(np.diag(covariance))
+
+
+def freed(result, pixels, optics, options=None):
+    return with_free_squares(result, Data(pixels, 9.0), optics, options or FitOptions())
+
+
+def test_noise_that_asks_for_a_negative_square_is_not_taken_from_the_jitter(symmetric):
+    pixels = image(-6.0)
+    plain = fitted(pixels, symmetric, state=np.zeros(3))
+    result = freed(plain, pixels, symmetric)
+    assert np.all(off(plain)[[0, 2]] < -1.0)
+    assert np.all(np.abs(off(result)) < 0.1)
+    assert np.all(np.diag(result.moments()[1]) > np.diag(plain.moments()[1]))
+    assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
+    assert result.image is plain.image
+
+
+@pytest.mark.parametrize("focus", [0.0, 6.0, 60.0])
+@pytest.mark.parametrize("held", [False, True])
+def test_moments_are_right_whether_a_focus_is_seen_or_not(focus, held, symmetric):
+    """Also where a fit that begins without aberrations cannot free them."""
+    pixels = image(focus)
+    plain = fitted(pixels, symmetric, state=np.zeros(3) if held and focus < 10 else (focus + 4.0, -3.0, 3.0))
+    result = freed(plain, pixels, symmetric)
+    assert result.status is Status.OK
+    assert np.all(np.abs(off(result)) < 0.15)
+
+
+def test_what_is_known_or_held_or_seen_by_itself_stays(symmetric, optics):
+    pixels = image(0.0)
+    for telescope, options, state in (
+        (symmetric, FitOptions(priors=Priors.alike(("noll4", "noll5", "noll6"), 1.0)), (4.0, -3.0, 3.0)),
+        (symmetric, FitOptions(hold=("noll4", "noll5", "noll6")), np.zeros(3)),
+        (optics, FitOptions(), np.zeros(2)),
+    ):
+        plain = fitted(pixels, telescope, options, state)
+        assert freed(plain, pixels, telescope, options) is plain
+
+
+@pytest.mark.slow
+def test_the_mean_of_still_frames_shows_no_jitter(symmetric):
+    expected, rng = image(0.0), np.random.default_rng(32)
+    before, after = [], []
+    for _ in range(60):
+        pixels = rng.poisson(expected) + rng.normal(0, 3, expected.shape)
+        plain = fitted(pixels, symmetric)
+        before.append(off(plain))
+        after.append(off(freed(plain, pixels, symmetric)))
+    assert np.all(np.mean(before, axis=0)[[0, 2]] < -0.3)
+    assert np.all(np.abs(np.mean(after, axis=0)) < 3.5 / np.sqrt(60))
+    assert np.all(np.abs(np.std(after, axis=0, ddof=1) - 1) < 3.5 / np.sqrt(120))
