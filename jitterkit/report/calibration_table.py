@@ -15,7 +15,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.calibration import FLAGS, Calibration, Stack
-from jitterkit.calibration.stack import FILTER, TEMPERATURE
+from jitterkit.calibration.stack_files import FILTER, TEMPERATURE
 from jitterkit.report.columns import Column, bind
 from jitterkit.report.words import number
 
