@@ -168,7 +168,8 @@ class Plan:
 
     def _choose(self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None) -> Settings:
         """Fit some frames, and log what is expected of the settings that suit them."""
-        from jitterkit.trade.plan import Planner, explain
+        from jitterkit.trade.explain import explain
+        from jitterkit.trade.plan import Planner
         from jitterkit.trade.worst_case import examples_of
 
         allowed, seconds = _parsed(self.tolerance, self.budget)

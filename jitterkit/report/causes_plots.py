@@ -16,9 +16,9 @@ from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jitterkit.forecast.bound import listed
 from jitterkit.forecast.causes import Causes, Degeneracy
 from jitterkit.forecast.causes_data import Observation, cheapest
+from jitterkit.forecast.directions import listed
 from jitterkit.report.axes import INK, axes_or_new
 from jitterkit.report.columns import Column, bind, bind_rows
 from jitterkit.report.words import MINUS, TIMES, number
