@@ -117,10 +117,10 @@ class _Header(NamedTuple):
 
     def numbers(self, row: CsvRow) -> dict[str, float]:
         """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
-        values = dict(zip(self.names, row_numbers(row, self.names), strict=True))
-        scaled = {name: values[name] * factor for name, factor in zip(self.names, self.factors, strict=True)}
-        units = dict(zip(self.names, self.units, strict=True))
-        return {name: scaled[name] ** (2 if _ROOT in units[name] else 1) for name in scaled}
+        columns = zip(self.names, row_numbers(row, self.names), self.factors, self.units, strict=True)
+        return {
+            name: (value * factor) ** (2 if _ROOT in unit else 1) for name, value, factor, unit in columns
+        }
 
 
 def _header(cells: list[str]) -> _Header | None:
@@ -151,7 +151,6 @@ def _header(cells: list[str]) -> _Header | None:
 def _tables(rows: list[CsvRow], log: Log) -> tuple[list[dict[str, float]], list[Line]]:
     """Return the rows of densities and the lines of a file."""
     tables: dict[str, list[dict[str, float]]] = {}
-    lines: list[Line] = []
     header: _Header | None = None
     for n, cells in rows:
         if (new := _header(cells)) is not None:
@@ -203,14 +202,12 @@ def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, l
         line = int(rows[-1]["line"])
         raise ConfigurationError(ErrorCode.TOO_FEW, f"line {line} is the only density; give two or more.")
     curve = PowerSpectrum(f, density)  # refuses what is no spectrum
-    found = kind or recognise_rows(f, density)
-    spectrum = spectrum_of_bins(f, density) if found == "bins" else curve
-    read = "bins of a measured spectrum" if found == "bins" else "points of a curve, power laws between them"
-    other = "curve" if found == "bins" else "bins"
-    log(
-        f"The {len(f)} rows of densities were read as {read}"
-        + ("." if kind else f"; if they are not, give --kind {other}.")
-    )
+    if (kind or recognise_rows(f, density)) == "bins":
+        spectrum, read, other = spectrum_of_bins(f, density), "bins of a measured spectrum", "curve"
+    else:
+        spectrum, read, other = curve, "points of a curve, power laws between them", "bins"
+    remedy = "" if kind else f"; if they are not, give --kind {other}"
+    log(f"The {len(f)} rows of densities were read as {read}{remedy}.")
     if spectrum.lines:
         listed = ", ".join(f"{line.frequency:.5g}" for line in spectrum.lines)
         log(f"Lines that stand out of the bins, and are listed as lines: {listed} Hz.")
