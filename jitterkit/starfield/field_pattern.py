@@ -118,9 +118,8 @@ def classify_field(
     if len(x) < _LEAST:
         stars = "1 isolated star is" if len(x) == 1 else f"{len(x)} isolated stars are"
         sentence = f"undetermined: {stars} too few to see a pattern; {_LEAST} are needed."
-        return FieldPattern(
-            "undetermined", sentence, *(direction or (np.nan, np.nan)), np.nan, np.nan, {}, 2 * len(x)
-        )
+        unknown = (*(direction or (np.nan, np.nan)), np.nan, np.nan)
+        return FieldPattern("undetermined", sentence, *unknown, {}, 2 * len(x))
     project = np.array([[1.0, 0.0, -1.0], [0.0, 2.0, 0.0]])
     e, noise = moments @ project.T, project @ covariance @ project.T
     offset = np.zeros((2, 2)) if shared is None else project @ shared @ project.T

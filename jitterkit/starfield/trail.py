@@ -22,6 +22,7 @@ from jitterkit.starfield.certainty import (
     compatible_with_zero,
     disagreement,
     elongation,
+    elongation_errors,
     root_error,
 )
 from jitterkit.starfield.common import Common
@@ -105,11 +106,10 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     psf = stack_psf(stars, moments)
     core = fit_round_core(psf, common.moments)
     major, minor, axis = axis_variances(common.moments)
-    noise = _elongation_errors(common.covariance, axis)
+    noise = elongation_errors(common.covariance, axis)
     length = core.line.describe()["length"]
-    model_error, remarks = length_model_error(
-        core.misfit, "A round Moffat core under a line", length, major - minor
-    )
+    words = "A round Moffat core under a line"
+    model_error, remarks = length_model_error(core.misfit, words, length, major - minor)
     line = Linear.of(length, axis)
     coarse, coarsely = coarse_sampling(minor)
     along = 12 * (noise[0] + coarse)
@@ -177,17 +177,15 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     along, across = (np.sqrt(v @ covariance @ v) for v in (np.array([c, s]), np.array([-s, c])))
     major, minor, _ = axis_variances(excess)
     poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
-    model_error, remarks = length_model_error(
-        poor, "A line over the reference's stars", length, major - minor
-    )
+    words = "A line over the reference's stars"
+    model_error, remarks = length_model_error(poor, words, length, major - minor)
     fits = not remarks and not change.remarks  # then even one star is the reference's, drawn along a line
     best = normal if normal.fits_better(line) else line
     coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
     systematic = 12 * (change.share + coarse)
-    scatter = 12 * _elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
-    why = compatible_with_zero(length, max(along, scatter), systematic, model_error) or (
-        "" if fits else disagreement(common)
-    )
+    scatter = 12 * elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
+    why = compatible_with_zero(length, max(along, scatter), systematic, model_error)
+    why = why or ("" if fits else disagreement(common))
     used = np.zeros(len(stars), bool)
     used[which[best.used]] = True
     return Trail(
@@ -227,13 +225,10 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 
 def _own_elongation(psf: Psf) -> tuple[str, ...]:
     """Return a remark where the reference's own stars are long."""
-    found = elongation(psf)
-    if found is None:
+    if (found := elongation(psf)) is None:
         return ()
-    return (
-        f"The reference's own stars are elongated by {found[0]:.1f} pixels along {found[1]:.0f} degrees: "
-        "blurs are relative to that.",
-    )
+    size = f"{found[0]:.1f} pixels along {found[1]:.0f} degrees"
+    return (f"The reference's own stars are elongated by {size}: blurs are relative to that.",)
 
 
 class _Change(NamedTuple):
@@ -271,12 +266,6 @@ def _line(
     wide, narrow, _ = axis_variances(psf.moments)
     share = _CHANGED[how] + (wide - narrow) / narrow  # a long star that grows may grow longer
     return other, _Change(share * abs(minor), (remark,)), changed
-
-
-def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:
-    """Return the errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
-    own = covariance_on_axis(covariance, axis)
-    return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))
 
 
 def _axis_error(size: float, across: float) -> float:
