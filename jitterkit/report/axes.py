@@ -1,4 +1,4 @@
-"""Axes, and what every picture puts on them alike: colours, outlines, colour bars, words.
+"""Axes, and what every picture puts on them alike: colours, outlines, colour bars, units, words.
 
 Reach for :func:`axes_or_new`, with which a function of this package begins, and for :func:`note_in_axes`
 where there is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
@@ -6,10 +6,14 @@ where there is nothing to draw.  The colours survive print in grey and the commo
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from jitterkit.report.words import angle_unit
 
 BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
 OUTLINE: Any = {"fill": False, "ec": "white", "lw": 0.9}
@@ -27,6 +31,23 @@ def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
 def scale_and_unit(plate_scale: float | None) -> tuple[float, str]:
     """Size of a pixel and the unit it is in: the plate scale [arcsec], or one pixel where there is none."""
     return (1.0, "pixel") if plate_scale is None else (plate_scale, "arcsec")
+
+
+_TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
+"""Seconds up to which a time is given in such units, and their name."""
+
+
+def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
+    """Return how many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
+    factor, unit = angle_unit(float(np.median(sizes)))
+    return factor, unit.strip().replace("″", "arcsec")
+
+
+def suited_time(span: float, unit: str) -> tuple[float, str]:
+    """Return how many of the times' unit make the unit that suits a span, and its name."""
+    if unit != "s":
+        return 1.0, unit
+    return next((per, name) for most, per, name in _TIMES if span < most)
 
 
 def colour_bar(picture: Any, ax: Axes, label: str, extend: str = "neither") -> None:

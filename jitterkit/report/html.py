@@ -191,11 +191,8 @@ class _Listing:
 
     def _row(self, index: int, names: Iterable[str] | None = None) -> Row:
         """Return a row with its ``number`` from 1 and its ``name``."""
-        row = {
-            name: self._columns[name][index].item()
-            for name in names or self._columns
-            if name in self._columns
-        }
+        wanted = (name for name in names or self._columns if name in self._columns)
+        row = {name: self._columns[name][index].item() for name in wanted}
         several = row["frame"] > 0 or row["path"] in self._several
         name = f"{row['file']}[{row['frame']}]" if several else row["file"]
         return row | {"number": index + 1, "name": name}

@@ -66,9 +66,8 @@ def plot_throughput(budget: PhotonBudget, ax: Axes | None = None) -> Axes:
     low, high = _range(budget)
     qe, plates = through.qe, through.plates_transmission
     ax.plot(*_stepped(through.filter.wavelengths, through.filter.values), color=BLUE, lw=1.3, label="filter")
-    ax.plot(
-        (low, high), (plates, plates), color=INK, lw=1.1, ls="-.", label=f"glass, {through.plates} plates"
-    )
+    glass = f"glass, {through.plates} plates"
+    ax.plot((low, high), (plates, plates), color=INK, lw=1.1, ls="-.", label=glass)
     ax.plot(qe.wavelengths, qe.values, color=RUST, lw=1.3, ls="--", label="quantum efficiency")
     ax.plot(*_stepped(budget.wavelengths, through(budget.wavelengths)), **_BOTH, label="total")
     ax.set_ylim(0, 1.08)

@@ -262,9 +262,8 @@ def count_copies(table: Mapping[str, Any]) -> float:
     is there twice.
     """
     status, digests = (np.asarray(table[name], str) for name in ("status", "digest"))
-    _, numbers = np.unique(
-        digests[np.isin(status, ("ok", "duplicate")) & (digests != "")], return_counts=True
-    )
+    stacked = np.isin(status, ("ok", "duplicate")) & (digests != "")
+    _, numbers = np.unique(digests[stacked], return_counts=True)
     return float(np.sum(numbers**2) / np.sum(numbers)) if len(numbers) else 1.0
 
 

@@ -108,9 +108,8 @@ def make_row(
 def _stated(row: Row, metadata: Metadata) -> Row:
     """Columns of what is known of a separation beside its fit; a plate scale that was fitted adds nothing."""
     separation, fitted = row["separation"], math.isfinite(row["plate_scale_shift_err"])
-    scale, factor, change = (
-        metadata.value(name, math.nan) for name in ("plate_scale_err", "va_factor", "orbit_change")
-    )
+    names = ("plate_scale_err", "va_factor", "orbit_change")
+    scale, factor, change = (metadata.value(name, math.nan) for name in names)
     return {
         "separation_scale_err": math.nan if fitted else separation * scale,
         "va_factor": factor,
@@ -146,9 +145,8 @@ def encode_stars(result: FitResult) -> str:
     for value, slope in zip(scene.sources(), map(np.asarray, slopes), strict=True):
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
             numbers += [np.asarray(value), np.sqrt(np.einsum("ij,jk,ik->i", slope, covariance, slope))]
-    rounded = [
-        [float(f"{v:.9g}") if np.isfinite(v) else None for v in star] for star in zip(*numbers, strict=True)
-    ]
+    stars = zip(*numbers, strict=True)
+    rounded = [[float(f"{v:.9g}") if np.isfinite(v) else None for v in star] for star in stars]
     return json.dumps(rounded, separators=(",", ":"))
 
 

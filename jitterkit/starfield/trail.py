@@ -7,7 +7,6 @@ and must assume what they would be without the trail: round.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -168,7 +167,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     middle = (psf.stamp.shape[1] - 1) / 2, (psf.stamp.shape[0] - 1) / 2
     otf = empirical_otf(psf.stamp, 1.0, some.electrons.shape[1:], centre=middle, pad=pad)
     normal = fit_joint(some, theirs, otf, Mvn.near(excess))
-    line, change, otf = _line(some, theirs, otf, normal, psf)
+    line, otf, changed, changes = _line(some, theirs, otf, normal, psf)
     size = line.locus.describe()
     length, axis = size["length"], size["angle"]
     to_line = np.array([[12.0, 0.0, -12.0], [0.0, 24.0, 0.0]])
@@ -179,10 +178,10 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
     words = "A line over the reference's stars"
     model_error, remarks = length_model_error(poor, words, length, major - minor)
-    fits = not remarks and not change.remarks  # then even one star is the reference's, drawn along a line
+    fits = not remarks and not changes  # then even one star is the reference's, drawn along a line
     best = normal if normal.fits_better(line) else line
     coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
-    systematic = 12 * (change.share + coarse)
+    systematic = 12 * (changed + coarse)
     scatter = 12 * elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
     why = compatible_with_zero(length, max(along, scatter), systematic, model_error)
     why = why or ("" if fits else disagreement(common))
@@ -198,7 +197,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         _axis_error(length**2, across + 24 * coarse),
         used,
         (best.chi2, best.dof),
-        (*own, *change.remarks, *remarks, *coarsely),
+        (*own, *changes, *remarks, *coarsely),
         why,
     )
 
@@ -231,33 +230,26 @@ def _own_elongation(psf: Psf) -> tuple[str, ...]:
     return (f"The reference's own stars are elongated by {size}: blurs are relative to that.",)
 
 
-class _Change(NamedTuple):
-    """A change of seeing: the variance that the line may owe to it [pixels²], and a remark."""
-
-    share: float
-    remarks: tuple[str, ...]
-
-
 def _line(
     stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf
-) -> tuple[JointFit, _Change, OTF]:
+) -> tuple[JointFit, OTF, float, tuple[str, ...]]:
     """Fit a line; where the stars are wider across it than the PSF, after that has been widened.
 
-    With what changed, and the optics that the line lies over.
+    With the optics that the line lies over, the variance that it may owe to a change of seeing [pixels²], and
+    a remark on that.
     """
     blur = np.asarray(normal.locus.moments())
     line = fit_joint(stars, moments, otf, Linear.near(blur))
     _, minor, axis = axis_variances(blur)
     error = float(np.sqrt(covariance_on_axis(normal.covariance + psf.covariance, axis)[2, 2]))
-    none = _Change(0.0, ())
     if abs(minor) < _WIDER * error:
-        return line, none, otf
+        return line, otf, 0.0, ()
     fy, fx = otf.grid.frequencies
     widened = otf.value * jnp.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
     changed = eqx.tree_at(lambda o: o.value, otf, widened)
     other = fit_joint(stars, moments, changed, Linear.near(blur))
     if line.fits_better(other):
-        return line, none, otf  # a normal locus is narrower across than the long line it stands for
+        return line, otf, 0.0, ()  # a normal locus is narrower across than the long line it stands for
     how = "wider" if minor > 0 else "narrower"
     remark = (
         f"The stars are {how} than the reference's across the trail too, by {abs(minor):.3f} pixel² of "
@@ -265,7 +257,7 @@ def _line(
     )
     wide, narrow, _ = axis_variances(psf.moments)
     share = _CHANGED[how] + (wide - narrow) / narrow  # a long star that grows may grow longer
-    return other, _Change(share * abs(minor), (remark,)), changed
+    return other, changed, share * abs(minor), (remark,)
 
 
 def _axis_error(size: float, across: float) -> float:
