@@ -145,15 +145,11 @@ def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
         said = Counter(warning for shot in shots for warning in shot.warnings)
         sentences += [f"{count} of {len(shots)} {kind} frames: {text}." for text, count in said.items()]
         if not all(shot.whole for shot in shots):
-            sentences.append(
-                f"The {kind} frames are not whole numbers: of frames that were averaged or scaled, noise and "
-                "gain are not the detector's."
-            )
+            doubt = "of frames that were averaged or scaled, noise and gain are not the detector's"
+            sentences.append(f"The {kind} frames are not whole numbers: {doubt}.")
         if kind != "flat" and any(shot.clipped for shot in shots):
-            sentences.append(
-                f"The {kind} frames are cut off at zero, so that level and read noise are wrong: give the "
-                "camera a higher offset."
-            )
+            remedy = "so that level and read noise are wrong: give the camera a higher offset"
+            sentences.append(f"The {kind} frames are cut off at zero, {remedy}.")
     return sentences
 
 
@@ -168,10 +164,9 @@ def _of_temperature(stacks: Sequence[Stack]) -> list[str]:
     known = [number for number in numbers if -200 < number < 80]
     if not known or max(known) - min(known) <= _APART:
         return []
-    return [
-        f"The frames are of {min(known):g} to {max(known):g} degrees ({TEMPERATURE}), and the dark current "
-        "doubles with about every six: give frames of the temperature of the observations."
-    ]
+    spread = f"of {min(known):g} to {max(known):g} degrees ({TEMPERATURE})"
+    doubling, remedy = "doubles with about every six", "give frames of the temperature of the observations"
+    return [f"The frames are {spread}, and the dark current {doubling}: {remedy}."]
 
 
 def _of_filters(stacks: Sequence[Stack]) -> list[str]:

@@ -210,12 +210,11 @@ def plot_locus_transfer(locus: Locus, ax: Axes | None = None) -> Axes:
     # a normal falls to e^-x at f = sqrt(x / 2) / (pi sigma)
     reach = np.sqrt(-np.log(_REACH) / 2) / (np.pi * major)
     f = np.linspace(0, reach, 400)
-    for name, turn, style in (("longer", 0, "-"), ("shorter", 90, "--")):
-        c, s = np.cos(np.radians(angle + turn)), np.sin(np.radians(angle + turn))
-        size = 1e3 * (major, minor)[turn > 0]
-        label = f"{name} axis, {number((angle + turn) % 180, 3)}°: {number(size, 3)} mas rms"
-        modulus = np.abs(np.asarray(locus.transfer(f * c, f * s)))
-        ax.plot(f, modulus, style, color=RUST if turn == 0 else BLUE, lw=1.6, label=label)
+    axes = (("longer", angle, major, RUST, "-"), ("shorter", angle + 90, minor, BLUE, "--"))
+    for name, axis, size, colour, style in axes:
+        c, s = np.cos(np.radians(axis)), np.sin(np.radians(axis))
+        label = f"{name} axis, {number(axis % 180, 3)}°: {number(1e3 * size, 3)} mas rms"
+        ax.plot(f, np.abs(np.asarray(locus.transfer(f * c, f * s))), style, color=colour, lw=1.6, label=label)
     ax.set(xlabel="frequency [cycles/arcsec]", ylabel="|M|", title="a typical frame's transfer function")
     ax.set(xlim=(0, reach), ylim=(0, 1.25), yticks=np.linspace(0, 1, 6))
     return finish(ax, loc="upper right")
