@@ -168,8 +168,7 @@ def calibrate(
     chosen = settings or Settings()
     check_stacks(bias, darks, flats)
     work = _Work(chosen, bias, bias_level)
-    rate = work.dark(darks)
-    levels, response = work.flat(flats, rate)
+    levels, response = work.flat(flats, work.dark(darks))
     transfer = photon_transfer(levels) if len(flats) else None
     if transfer is None and gain is None:
         problem = "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats."

@@ -123,9 +123,8 @@ def _traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order:
         return Pointing(trace_of(path, telescope.exposure, locus, sizes))
     from jitterkit.loci import Stable, read_trace
 
-    exposure = _exposure(telescope, "a --trace to move it")
-    if not set(sizes) <= {"start"} or locus != "stable":
-        trace_of(path, exposure, locus, sizes)  # refuses
+    _exposure(telescope, "a --trace to move it")
+    refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
     t, x, y = read_trace(path, log=log)
     begin = sizes.get("start", t[0] + _wait(telescope))
     with naming(path):

@@ -131,16 +131,15 @@ def _panel(data: str, row: str, settings: list[tuple[list[CrossFit], Draws]], tr
     offsets, chosen, numbers = [], [], []
     for fits, drawn in settings:
         if row == AUTO_FRAME:
-            offsets.append(drawn.by_frame() - truth)
             often = np.bincount(np.argmax(drawn.evidence, axis=0), minlength=len(fits))
-            chosen.append(drawn.loci[int(np.argmax(often))])
+            index, found = int(np.argmax(often)), drawn.by_frame()
             numbers.append((np.nan, np.nan, np.nan))
-            continue
-        name = drawn.by_sequence()[0] if row == AUTO else row
-        fit = fits[drawn.loci.index(name)]
-        offsets.append(drawn.separations[drawn.loci.index(name)] - truth)
-        chosen.append(name)
-        numbers.append((fit.bias, fit.error, fit.misfit))
+        else:
+            index = drawn.loci.index(drawn.by_sequence()[0] if row == AUTO else row)
+            fit, found = fits[index], drawn.separations[index]
+            numbers.append((fit.bias, fit.error, fit.misfit))
+        offsets.append(found - truth)
+        chosen.append(drawn.loci[index])
     bias, error, misfit = np.array(numbers).T
     return Panel(data, row, np.array(offsets), bias, error, misfit, tuple(chosen))
 

@@ -67,8 +67,7 @@ def kernel_image(
     """
     if not (math.isfinite(plate_scale) and plate_scale > 0 and oversample >= 1):
         needs = "A kernel needs a positive plate scale and an oversampling of 1 or more"
-        problem = f"{needs}; got {plate_scale} and {oversample}."
-        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{needs}; got {plate_scale} and {oversample}.")
     if shape is not None and (len(shape) != 2 or min(shape) < 1 or shape[0] % 2 == 0 or shape[1] % 2 == 0):
         problem = f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)

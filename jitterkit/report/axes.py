@@ -28,6 +28,12 @@ def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
     return Figure(figsize=size, layout="constrained").subplots() if ax is None else ax
 
 
+def panels(size: tuple[float, float], rows: int, columns: int, **layout: Any) -> list[Axes]:
+    """Return the axes of a new figure of so many inches, row by row; ``layout`` as for its ``subplots``."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure.subplots(rows, columns, squeeze=False, **layout).ravel().tolist()
+
+
 def scale_and_unit(plate_scale: float | None) -> tuple[float, str]:
     """Size of a pixel and the unit it is in: the plate scale [arcsec], or one pixel where there is none."""
     return (1.0, "pixel") if plate_scale is None else (plate_scale, "arcsec")

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from jitterkit.calibration import Calibration, MeasuredMap
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.words import with_error
 
 _SIZE = (5.2, 3.7)
@@ -50,8 +49,8 @@ def plot_calibration(calibration: Calibration) -> list[Axes]:
     if (calibration.read_noise is not None and len(draws) % 2 == 1) or not draws:
         draws.append(plot_read_noise)
     rows = (len(draws) + 1) // 2
-    figure = Figure(figsize=(10.4 if len(draws) > 1 else 5.4, 3.7 * rows), layout="constrained")
-    grid = figure.subplots(rows, 2 if len(draws) > 1 else 1, squeeze=False).ravel()
+    width, columns = (10.4, 2) if len(draws) > 1 else (5.4, 1)
+    grid = panels((width, 3.7 * rows), rows, columns)
     for spare in grid[len(draws) :]:
         spare.set_axis_off()
     return [draw(calibration, ax) for draw, ax in zip(draws, grid, strict=False)]

@@ -111,8 +111,7 @@ def plot_errors(
     ax.set(xlabel=f"{names[0]} [{unit}]" if unit else names[0], ylabel="error of separation, one frame [µas]")
     finish(ax).set_title(title)
     if plate_scale is not None and unit == "arcsec":
-        pixels = ax.secondary_xaxis("top", functions=_pixels(plate_scale))
-        pixels.set_xlabel("[pixel]")
+        ax.secondary_xaxis("top", functions=_pixels(plate_scale)).set_xlabel("[pixel]")
     if exposure is not None:
         _add_time(ax, target, exposure)
     return ax

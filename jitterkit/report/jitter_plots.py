@@ -11,9 +11,8 @@ import numpy as np
 from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
-from matplotlib.figure import Figure
 
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, finish, suited_angle
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, finish, panels, suited_angle
 from jitterkit.report.clock import Clock
 from jitterkit.report.means import stretch_index
 from jitterkit.report.time_plots import MANY, label_time, shown_times
@@ -51,8 +50,7 @@ def draw_jitter(table: QTable, clock: Clock) -> list[Axes]:
         more than 300 the medians of stretches, within bands that hold two thirds); direction of frames
         that have one, with that of the mean moments.
     """
-    figure = Figure(figsize=(9.6, 5.6), layout="constrained")
-    axes = list(figure.subplots(3, 1, sharex=True, height_ratios=(0.4, 1.5, 1.5)))
+    axes = panels((9.6, 5.6), 3, 1, sharex=True, height_ratios=(0.4, 1.5, 1.5))
     good = jittered(table)
     at = shown_times(clock)[good]
     moments = np.array([table[name].to_value("arcsec2")[good] for name in ("sxx", "sxy", "syy")])

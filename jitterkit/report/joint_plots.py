@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jitterkit.joint import SequenceFit, SequenceFrame
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 
 _SIZE = (9.6, 3.0)
 _MANY = 2000
@@ -30,8 +29,7 @@ def plot_run(fit: SequenceFit) -> list[Axes]:
     axes : list of matplotlib.axes.Axes
     """
     frames = list(fit.frames())
-    figure = Figure(figsize=(10.4, 9.6), layout="constrained")
-    axes = list(figure.subplots(4, 1, sharex=True))
+    axes = panels((10.4, 9.6), 4, 1, sharex=True)
     plot_pointing(frames, fit, axes[0])
     _plot_blur(frames, axes[1])
     plot_shared(frames, fit, axes[2])

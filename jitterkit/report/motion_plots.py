@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
 from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
 
@@ -54,9 +53,8 @@ def plot_motion(assessed: Assessment, title: str = "") -> list[Axes]:
         its spectrum.
     """
     spectrum, exposure, measured = assessed.spectrum, assessed.exposure, assessed.frames is not None
-    figure = Figure(figsize=(10, 7.4), layout="constrained")
-    figure.suptitle(title)
-    axes = list(figure.subplots(2, 2).ravel())
+    axes = panels((10, 7.4), 2, 2)
+    axes[0].figure.suptitle(title)
     plot_motion_spectrum(spectrum, exposure, axes[0], estimated=measured)
     if measured:
         plot_parts(assessed.split, axes[1])

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jitterkit.photons.budget import PhotonBudget
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, panels
 from jitterkit.report.words import number
 
 _MARGIN = 0.35
@@ -35,13 +34,12 @@ def plot_photons(budget: PhotonBudget) -> list[Axes]:
     axes : list of matplotlib.axes.Axes
         From the upper to the lower, over one range of wavelengths.
     """
-    figure = Figure(figsize=(6.4, 7.2), layout="constrained")
-    axes = list(figure.subplots(3, 1, sharex=True))
+    axes = panels((6.4, 7.2), 3, 1, sharex=True)
     for draw, ax in zip((plot_starlight, plot_throughput, plot_detected), axes, strict=True):
         draw(budget, ax)
     for ax in axes[:-1]:
         ax.set_xlabel("")
-    figure.align_ylabels(axes)
+    axes[0].figure.align_ylabels(axes)
     return axes
 
 

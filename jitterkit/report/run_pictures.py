@@ -112,8 +112,7 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
         yield _drawn("averaging", running, "Weighted mean of the first N frames", "The mean as it grows.")
         alt = "Error of the weighted mean of the first N frames, against 1/√N"
         gloss = "By the scatter it is larger where frames are off by more than their errors."
-        caption = f"Error of that mean. {gloss}"
-        yield _drawn("averaging", plot_root_n_error(values, errors), alt, caption)
+        yield _drawn("averaging", plot_root_n_error(values, errors), alt, f"Error of that mean. {gloss}")
     if series is not None:
         unit = clock.unit
         ax = plot_root_n(block_scatter(rest), time_unit=unit)

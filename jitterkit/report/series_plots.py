@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, suited_angle, suited_time
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, panels, suited_angle, suited_time
 from jitterkit.report.means import stretch_means
 from jitterkit.report.words import angle_size, angle_unit, number, with_error
 from jitterkit.series import (
@@ -72,8 +71,7 @@ def plot_averaging(series: Series, *, floor: Floor | None = None) -> list[Axes]:
     axes : list of matplotlib.axes.Axes
         Series, pulls, scatter of block means, Allan deviation; the lower two without the outliers.
     """
-    figure = Figure(figsize=(10.4, 7.2), layout="constrained")
-    axes = list(figure.subplots(2, 2).ravel())
+    axes = panels((10.4, 7.2), 2, 2)
     outliers, rest, floor, trend = study_series(series, floor)
     plot_series(series, axes[0], trend=trend, outliers=outliers)
     plot_pulls(outliers, axes[1])

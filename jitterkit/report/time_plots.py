@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from astropy.table import QTable
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jitterkit.report.axes import (
@@ -23,6 +22,7 @@ from jitterkit.report.axes import (
     axes_or_new,
     finish,
     note_in_axes,
+    panels,
     suited_angle,
     suited_time,
 )
@@ -60,8 +60,7 @@ def draw_run(
     axes : list of matplotlib.axes.Axes
     """
     long = int(fitted(table).sum()) > MANY
-    figure = Figure(figsize=(9.6, 5.6 if long else 3.4), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(1 + long, 1, sharex=True, squeeze=True)).tolist()
+    axes = panels((9.6, 5.6 if long else 3.4), 1 + long, 1, sharex=True)
     plot_separations(table, axes[0], summary, clock=clock, outliers=outliers)
     if long:
         axes[0].set_xlabel("")
