@@ -11,15 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jitterkit.calibration import dark_frames
 from jitterkit.calibration.checks import check_stacks, split_by_light
-from jitterkit.calibration.dark_frames import (
-    HOT,
-    DarkSlope,
-    bias_map,
-    hot_pixels,
-    noisy_pixels,
-    read_noise_map,
-)
 from jitterkit.calibration.flat_frames import DEAD, Response, lamp, surface
 from jitterkit.calibration.level import Level, measure_level, unlit_level
 from jitterkit.calibration.master import CLIP, MEMORY, Master, combine
@@ -56,7 +49,7 @@ class Settings:
     """
 
     clip: float = CLIP
-    hot: float = HOT
+    hot: float = dark_frames.HOT
     dead: float = DEAD
     smooth: bool = False
     memory: float = MEMORY
@@ -186,12 +179,12 @@ class _Work:
         self.rejected: dict[str, tuple[int, int]] = {}
         self.master = None if bias is None else self.combined(bias)
         self.level = level if self.master is None else float(np.median(self.master.mean))
-        self.slope: DarkSlope | None = None
+        self.slope: dark_frames.DarkSlope | None = None
         self.hot_limit: float | None = None
         self.bad = np.zeros(shape, np.uint8)
         if self.master is not None:
             self.spoil("blank", self.master.unusable)
-            self.spoil("noisy", noisy_pixels(self.master) & ~self.master.unusable)
+            self.spoil("noisy", dark_frames.noisy_pixels(self.master) & ~self.master.unusable)
 
     def combined(self, stack: Stack, scales: np.ndarray | None = None, pedestal: float = 0.0) -> Master:
         chosen = self.settings
@@ -208,12 +201,13 @@ class _Work:
         if not stacks:
             return 0.0
         level = self.level if len(stacks) == 1 else None
-        self.slope = DarkSlope(level if self.master is None else self.master)
+        self.slope = dark_frames.DarkSlope(level if self.master is None else self.master)
         for stack in stacks:
             self.spoil("blank", stack.unusable)
             self.slope.add(self.combined(stack))
         rate = self.slope.rate()[0]
-        hot, self.hot_limit = hot_pixels(rate, (self.bad & FLAGS["blank"]) == 0, self.settings.hot)
+        usable = (self.bad & FLAGS["blank"]) == 0
+        hot, self.hot_limit = dark_frames.hot_pixels(rate, usable, self.settings.hot)
         self.spoil("hot", hot)
         return rate
 
@@ -272,8 +266,8 @@ class _Work:
             gain_error=gain[1],
             bad=self.bad,
             settings=self.settings,
-            bias=None if master is None else bias_map(master, good),
-            read_noise=None if master is None else read_noise_map(master, good, *gain),
+            bias=None if master is None else dark_frames.bias_map(master, good),
+            read_noise=None if master is None else dark_frames.read_noise_map(master, good, *gain),
             dark_current=None if self.slope is None else self.slope.map(good, *gain),
             flat=flat,
             local=local,

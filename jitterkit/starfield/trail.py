@@ -15,15 +15,7 @@ import numpy as np
 from jitterkit.kernel_estimate import is_detected, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
-from jitterkit.starfield.certainty import (
-    TOLERATED,
-    coarse_sampling,
-    compatible_with_zero,
-    disagreement,
-    elongation,
-    elongation_errors,
-    root_error,
-)
+from jitterkit.starfield import certainty
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
@@ -105,26 +97,26 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     psf = stack_psf(stars, moments)
     core = fit_round_core(psf, common.moments)
     major, minor, axis = axis_variances(common.moments)
-    noise = elongation_errors(common.covariance, axis)
+    noise = certainty.elongation_errors(common.covariance, axis)
     length = core.line.describe()["length"]
     words = "A round Moffat core under a line"
     model_error, remarks = length_model_error(core.misfit, words, length, major - minor)
     line = Linear.of(length, axis)
-    coarse, coarsely = coarse_sampling(minor)
+    coarse, coarsely = certainty.coarse_sampling(minor)
     along = 12 * (noise[0] + coarse)
-    why = compatible_with_zero(length, 12 * noise[0], 12 * coarse, model_error) or disagreement(common)
+    why = certainty.compatible_with_zero(length, 12 * noise[0], 12 * coarse, model_error)
     return Trail(
         line,
         np.asarray(line.moments()),
         _widened(common.covariance, line, common.moments, poor=bool(remarks)),
         length,
-        float(np.hypot(root_error(length**2, along), model_error)),
+        float(np.hypot(certainty.root_error(length**2, along), model_error)),
         axis,
         _axis_error(major - minor, noise[1] + 2 * coarse),
         common.used,
         (common.chi2, common.dof),
         (_CONDITION, *remarks, *coarsely),
-        why,
+        why or certainty.disagreement(common),
     )
 
 
@@ -157,7 +149,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     all that is returned.
     """
     excess, shared = common.moments - psf.moments, common.covariance + psf.covariance
-    refuse_blurrier(excess, shared, tolerated=TOLERATED)
+    refuse_blurrier(excess, shared, tolerated=certainty.TOLERATED)
     own = _own_elongation(psf)
     if not is_detected(excess, shared):
         return _sharp(excess, shared, common, own)
@@ -180,11 +172,12 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     model_error, remarks = length_model_error(poor, words, length, major - minor)
     fits = not remarks and not changes  # then even one star is the reference's, drawn along a line
     best = normal if normal.fits_better(line) else line
-    coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
+    coarse, coarsely = certainty.coarse_sampling(axis_variances(psf.moments)[1])
     systematic = 12 * (changed + coarse)
-    scatter = 12 * elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
-    why = compatible_with_zero(length, max(along, scatter), systematic, model_error)
-    why = why or ("" if fits else disagreement(common))
+    # galaxies scatter more than the line shows
+    scatter = 12 * certainty.elongation_errors(common.covariance, axis)[0]
+    why = certainty.compatible_with_zero(length, max(along, scatter), systematic, model_error)
+    why = why or ("" if fits else certainty.disagreement(common))
     used = np.zeros(len(stars), bool)
     used[which[best.used]] = True
     return Trail(
@@ -192,7 +185,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         np.asarray(best.locus.moments()),
         _widened(normal.covariance + psf.covariance, best.locus, excess, poor=bool(remarks)),
         length,
-        float(np.hypot(root_error(length**2, along + systematic), model_error)),
+        float(np.hypot(certainty.root_error(length**2, along + systematic), model_error)),
         axis,
         _axis_error(length**2, across + 24 * coarse),
         used,
@@ -224,7 +217,7 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 
 def _own_elongation(psf: Psf) -> tuple[str, ...]:
     """Return a remark where the reference's own stars are long."""
-    if (found := elongation(psf)) is None:
+    if (found := certainty.elongation(psf)) is None:
         return ()
     size = f"{found[0]:.1f} pixels along {found[1]:.0f} degrees"
     return (f"The reference's own stars are elongated by {size}: blurs are relative to that.",)
