@@ -128,33 +128,30 @@ def _time_models(texts: list[str]) -> dict[str, Any]:
 
 def _write_outputs(fit, stack, output: Path, overwrite: bool) -> None:
     """Write table, summary and pictures; print the separation on stdout, and log the rest."""
-    from jitterkit.report.joint_plots import plot_run
+    from jitterkit.report import joint_plots, joint_table, outputs, run_pictures, series_plots
     from jitterkit.report.joint_summary import describe_joint_fit, joint_summary
-    from jitterkit.report.joint_table import frame_table, separation_series
-    from jitterkit.report.outputs import make_directory
     from jitterkit.report.residual_stack import FEWEST
-    from jitterkit.report.run_pictures import plot_stack
     from jitterkit.report.sequence import describe_run_fit
-    from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
     from jitterkit.report.table import write_table
     from jitterkit.report.words import by_scale, with_error
     from jitterkit.series import fit_floor
 
-    make_directory(output, OUTPUTS, overwrite)
-    series = separation_series(fit)
+    outputs.make_directory(output, OUTPUTS, overwrite)
+    series = joint_table.separation_series(fit)
     floor = None if series is None else fit_floor(series)
     summary = joint_summary(fit, floor, stack)
-    table = frame_table(fit, {"command": command_line()})
+    table = joint_table.frame_table(fit, {"command": command_line()})
     write_table(output / TABLE, table, overwrite=overwrite)
     write_summary(output / SUMMARY, summary, overwrite=overwrite)
-    write_picture(output / RUN, plot_run(fit)[0], overwrite)
-    if (picture := plot_stack(stack, summary["fit"])) is not None:
+    write_picture(output / RUN, joint_plots.plot_run(fit)[0], overwrite)
+    if (picture := run_pictures.plot_stack(stack, summary["fit"])) is not None:
         write_picture(output / RESIDUAL, picture, overwrite)
     else:
         log(f"{RESIDUAL} is not drawn: it needs {FEWEST} frames.")
     if series is not None and len(series.values) >= _MIN_SERIES:
-        write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
+        page = series_plots.plot_averaging(series, floor=floor)
+        write_picture(output / AVERAGING, page[0], overwrite)
     else:
         log(f"{AVERAGING} is not drawn: it needs {_MIN_SERIES} frames that count.")
     for frame in fit.frames():

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.conventions import direction_angle
-from jitterkit.joint import SequenceFit
-from jitterkit.joint.combine import Combined
+from jitterkit.joint import Combined, SequenceFit
 from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import Status

@@ -15,8 +15,7 @@ from astropy.table import QTable
 
 from jitterkit.conventions import direction_angle
 from jitterkit.errors import printable
-from jitterkit.joint import SequenceFit
-from jitterkit.joint.result import SequenceFrame
+from jitterkit.joint import SequenceFit, SequenceFrame
 from jitterkit.loci import principal_axes
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.report.columns import Column, bind_rows, measured, named, unit_of
