@@ -6,7 +6,6 @@ where there is nothing to draw.  The colours survive print in grey and the commo
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -39,21 +38,10 @@ def scale_and_unit(plate_scale: float | None) -> tuple[float, str]:
     return (1.0, "pixel") if plate_scale is None else (plate_scale, "arcsec")
 
 
-_TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
-"""Seconds up to which a time is given in such units, and their name."""
-
-
 def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
     """Return how many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
     factor, unit = angle_unit(float(np.median(sizes)))
     return factor, unit.strip().replace("″", "arcsec")
-
-
-def suited_time(span: float, unit: str) -> tuple[float, str]:
-    """Return how many of the times' unit make the unit that suits a span, and its name."""
-    if unit != "s":
-        return 1.0, unit
-    return next((per, name) for most, per, name in _TIMES if span < most)
 
 
 def colour_bar(picture: Any, ax: Axes, label: str, extend: str = "neither") -> None:

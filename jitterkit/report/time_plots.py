@@ -24,11 +24,10 @@ from jitterkit.report.axes import (
     note_in_axes,
     panels,
     suited_angle,
-    suited_time,
 )
 from jitterkit.report.clock import Clock, fitted
 from jitterkit.report.means import Means, stretch_means
-from jitterkit.report.words import angle_size, number
+from jitterkit.report.words import angle_size, number, suited_time
 
 MANY = 300
 """Points beyond which error bars turn into a haze."""
