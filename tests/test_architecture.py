@@ -54,11 +54,13 @@ ONLY_IN = {
             "time",
             "field",
             "forecast",
+            "jitter",
             "joint",
             "kernel",
             "motion",
             "photon",
             "population",
+            "running",
             "series",
             "trade",
         )

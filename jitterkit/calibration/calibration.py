@@ -11,18 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jitterkit.calibration import dark_frames
 from jitterkit.calibration.checks import check_stacks, split_by_light
-from jitterkit.calibration.dark_frames import (
-    HOT,
-    DarkSlope,
-    bias_map,
-    hot_pixels,
-    noisy_pixels,
-    read_noise_map,
-)
 from jitterkit.calibration.flat_frames import DEAD, Response, lamp, surface
 from jitterkit.calibration.level import Level, measure_level, unlit_level
-from jitterkit.calibration.master import CLIP, MEMORY, Master, MeasuredMap, combine
+from jitterkit.calibration.master import CLIP, MEMORY, Master, combine
+from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.calibration.stack import Stack
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
 from jitterkit.errors import ConfigurationError, ErrorCode, positive
@@ -55,7 +49,7 @@ class Settings:
     """
 
     clip: float = CLIP
-    hot: float = HOT
+    hot: float = dark_frames.HOT
     dead: float = DEAD
     smooth: bool = False
     memory: float = MEMORY
@@ -166,9 +160,9 @@ def calibrate(
         positive("gain", gain, "e-/ADU")
     chosen = settings or Settings()
     check_stacks(bias, darks, flats)
-    work = _Work(chosen, bias, bias_level)
-    rate = work.dark(darks)
-    levels, response = work.flat(flats, rate)
+    shape = next(stack.shape for stack in (bias, *darks, *flats) if stack is not None)
+    work = _Work(chosen, shape, bias, bias_level)
+    levels, response = work.flat(flats, work.dark(darks))
     transfer = photon_transfer(levels) if len(flats) else None
     if transfer is None and gain is None:
         problem = "the gain is unknown, so that nothing can be said in electrons; give --gain, or flats."
@@ -180,17 +174,17 @@ def calibrate(
 class _Work:
     """State that is handed from one kind of frame to the next."""
 
-    def __init__(self, settings: Settings, bias: Stack | None, level: float | None) -> None:
-        self.settings = settings
+    def __init__(self, settings: Settings, shape: tuple[int, int], bias: Stack | None, level: float | None):
+        self.settings, self.shape = settings, shape
         self.rejected: dict[str, tuple[int, int]] = {}
         self.master = None if bias is None else self.combined(bias)
         self.level = level if self.master is None else float(np.median(self.master.mean))
-        self.slope: DarkSlope | None = None
+        self.slope: dark_frames.DarkSlope | None = None
         self.hot_limit: float | None = None
-        self.bad: np.ndarray = np.zeros((1, 1), np.uint8)
+        self.bad = np.zeros(shape, np.uint8)
         if self.master is not None:
             self.spoil("blank", self.master.unusable)
-            self.spoil("noisy", noisy_pixels(self.master) & ~self.master.unusable)
+            self.spoil("noisy", dark_frames.noisy_pixels(self.master) & ~self.master.unusable)
 
     def combined(self, stack: Stack, scales: np.ndarray | None = None, pedestal: float = 0.0) -> Master:
         chosen = self.settings
@@ -200,22 +194,20 @@ class _Work:
         return master
 
     def spoil(self, flag: str, where: np.ndarray) -> None:
-        self.bad = self.bad | np.where(where, FLAGS[flag], 0).astype(np.uint8)
-
-    def good(self, shape: tuple[int, ...]) -> np.ndarray:
-        return np.broadcast_to(self.bad == 0, shape)
+        self.bad[where] |= FLAGS[flag]
 
     def dark(self, stacks: Sequence[Stack]) -> np.ndarray | float:
         """Dark current of each pixel [ADU/s]; zero where nobody measured it."""
         if not stacks:
             return 0.0
         level = self.level if len(stacks) == 1 else None
-        self.slope = DarkSlope(level if self.master is None else self.master)
+        self.slope = dark_frames.DarkSlope(level if self.master is None else self.master)
         for stack in stacks:
             self.spoil("blank", stack.unusable)
             self.slope.add(self.combined(stack))
         rate = self.slope.rate()[0]
-        hot, self.hot_limit = hot_pixels(rate, (self.bad & FLAGS["blank"]) == 0, self.settings.hot)
+        usable = (self.bad & FLAGS["blank"]) == 0
+        hot, self.hot_limit = dark_frames.hot_pixels(rate, usable, self.settings.hot)
         self.spoil("hot", hot)
         return rate
 
@@ -231,15 +223,14 @@ class _Work:
         response = Response(zero, rate)
         levels: list[Level] = []
         if self.master is not None:
-            levels.append(unlit_level(self.master, self.good(self.master.mean.shape)))
+            levels.append(unlit_level(self.master, self.bad == 0))
         split = [split_by_light(stack, self.level) for stack in stacks]
         for stack in sorted((s for group in split for s in group), key=lambda s: s.level):
             self.spoil("blank", stack.unusable)
             scales = self._lamp(stack)
             master = self.combined(stack, scales, self.level)
-            good = self.good(master.mean.shape)
             piled = float(np.mean([shot.saturated for shot in stack.shots])) >= 0.5
-            level = measure_level(master, zero, good, scales=scales, saturated=piled)
+            level = measure_level(master, zero, self.bad == 0, scales=scales, saturated=piled)
             levels = mark_saturated([*levels, level])
             if not levels[-1].saturated:
                 response.add(master)
@@ -254,7 +245,6 @@ class _Work:
         self, gain: tuple[float, float], transfer: PhotonTransfer | None, response: Response | None
     ) -> Calibration:
         """Return the calibration, all in electrons."""
-        shape = self.bad.shape
         if response is not None:
             usable = (self.bad & (FLAGS["blank"] | FLAGS["hot"])) == 0
             self.spoil("dead", response.dead_pixels(usable, self.settings.dead))
@@ -271,13 +261,13 @@ class _Work:
             gradient = float(lit.max() / lit.min() - 1)
         master = self.master
         return Calibration(
-            shape=(shape[0], shape[1]),
+            shape=self.shape,
             gain=gain[0],
             gain_error=gain[1],
             bad=self.bad,
             settings=self.settings,
-            bias=None if master is None else bias_map(master, good),
-            read_noise=None if master is None else read_noise_map(master, good, *gain),
+            bias=None if master is None else dark_frames.bias_map(master, good),
+            read_noise=None if master is None else dark_frames.read_noise_map(master, good, *gain),
             dark_current=None if self.slope is None else self.slope.map(good, *gain),
             flat=flat,
             local=local,

@@ -10,7 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from jitterkit.calibration.stack import SETTINGS, WITHOUT_BIAS, Shot, Stack, differ
+from jitterkit.calibration.stack import Shot, Stack
+from jitterkit.calibration.stack_files import SETTINGS, WITHOUT_BIAS, differ
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 _ODD = 10.0
@@ -32,18 +33,15 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
     ConfigurationError
         With the file, the value and the remedy.
     """
-    stacks = [*([bias] if bias is not None else []), *darks, *flats]
+    stacks = [stack for stack in (bias, *darks, *flats) if stack is not None]
     if not stacks:
         problem = "there are neither bias nor dark nor flat frames; give some."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     for stack in stacks[1:]:
         if stack.shape != stacks[0].shape:
             (ny, nx), (rows, columns) = stack.shape, stacks[0].shape
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"{_file(stack.shots[0])}: has {nx} x {ny} pixels, the {stacks[0].kind} frames {columns} x "
-                f"{rows}; give frames of one size.",
-            )
+            problem = f"has {nx} x {ny} pixels, the {stacks[0].kind} frames {columns} x {rows}"
+            raise _refusal(ErrorCode.WRONG_SHAPE, stack.shots[0], problem, "give frames of one size")
     _check_gains(stacks)
     _check_settings([shot for stack in stacks for shot in stack.shots])
     for stack in stacks:
@@ -60,11 +58,9 @@ def _check_gains(stacks: Sequence[Stack]) -> None:
     shots = [shot for stack in stacks for shot in stack.shots if shot.gain is not None]
     for shot in shots:
         if shot.gain and shots[0].gain and abs(shot.gain / shots[0].gain - 1) > _SAME_GAIN:
-            raise ConfigurationError(
-                ErrorCode.WRONG_INSTRUMENT,
-                f"{_file(shot)}: says a gain of {shot.gain:g} e-/ADU, {_file(shots[0])} one of "
-                f"{shots[0].gain:g}; calibrate each setting of the camera by itself.",
-            )
+            problem = f"says a gain of {shot.gain:g} e-/ADU, {_file(shots[0])} one of {shots[0].gain:g}"
+            remedy = "calibrate each setting of the camera by itself"
+            raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
 
 
 def _check_settings(shots: Sequence[Shot]) -> None:
@@ -73,22 +69,19 @@ def _check_settings(shots: Sequence[Shot]) -> None:
         for shot in known[1:]:
             here, there = shot.settings[card], known[0].settings[card]
             if differ(here, there):
-                raise ConfigurationError(
-                    ErrorCode.WRONG_INSTRUMENT,
-                    f"{_file(shot)}: says {card} = {here!r}, {_file(known[0])} {there!r}; calibrate each "
-                    "camera, and each setting of it, by itself.",
-                )
+                problem = f"says {card} = {here!r}, {_file(known[0])} {there!r}"
+                remedy = "calibrate each camera, and each setting of it, by itself"
+                raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
 
 
 def _check_alike(stack: Stack) -> None:
     scatter = float(np.median([shot.scatter for shot in stack.shots]))
     for shot in stack.shots:
         if abs(shot.level - stack.level) > _ODD * scatter:
-            raise ConfigurationError(
-                ErrorCode.WRONG_INSTRUMENT,
-                f"{_file(shot)}: its level is {shot.level:.5g} ADU, that of the {stack.name} frames "
-                f"{stack.level:.5g} ± {scatter:.2g}; take it out, or put it where it belongs.",
-            )
+            theirs = f"that of the {stack.name} frames {stack.level:.5g} ± {scatter:.2g}"
+            problem = f"its level is {shot.level:.5g} ADU, {theirs}"
+            remedy = "take it out, or put it where it belongs"
+            raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
 
 
 def _check_against(bias: Stack, darks: Sequence[Stack], flats: Sequence[Stack]) -> None:
@@ -96,17 +89,14 @@ def _check_against(bias: Stack, darks: Sequence[Stack], flats: Sequence[Stack]) 
     for stack in (*darks, *flats):
         reduced = next((shot for shot in stack.shots if WITHOUT_BIAS in shot.settings), None)
         if reduced is not None and abs(bias.level) > scatter:
-            raise ConfigurationError(
-                ErrorCode.WRONG_INSTRUMENT,
-                f"{_file(reduced)}: lacks the bias of {bias.level:.5g} ADU ({reduced.settings[WITHOUT_BIAS]} "
-                f"0); give the {stack.kind} frames as they were read.",
-            )
+            problem = f"lacks the bias of {bias.level:.5g} ADU ({reduced.settings[WITHOUT_BIAS]} 0)"
+            remedy = f"give the {stack.kind} frames as they were read"
+            raise _refusal(ErrorCode.WRONG_INSTRUMENT, reduced, problem, remedy)
         if stack.level < bias.level - _ODD * scatter:
-            raise ConfigurationError(
-                ErrorCode.WRONG_INSTRUMENT,
-                f"{_file(stack.shots[0])}: the {stack.name} frames lie at {stack.level:.5g} ADU, below the "
-                f"bias of {bias.level:.5g}; check which are which, and that they are of one setting.",
-            )
+            where = f"at {stack.level:.5g} ADU, below the bias of {bias.level:.5g}"
+            problem = f"the {stack.name} frames lie {where}"
+            remedy = "check which are which, and that they are of one setting"
+            raise _refusal(ErrorCode.WRONG_INSTRUMENT, stack.shots[0], problem, remedy)
 
 
 def split_by_light(stack: Stack, pedestal: float) -> list[Stack]:
@@ -139,16 +129,19 @@ def split_by_light(stack: Stack, pedestal: float) -> list[Stack]:
     for group in groups:
         shot = stack.shots[group[0]]
         if shot.level - pedestal <= shot.scatter / 16:
-            problem = f"{_file(shot)}: holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g})"
-            raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; leave it out of the flats.")
+            problem = f"holds no light ({shot.level:.5g} ADU, the bias is {pedestal:.5g})"
+            raise _refusal(ErrorCode.NO_SIGNAL, shot, problem, "leave it out of the flats")
         if len(group) < 2:
             others = stack.take(i for i in range(len(stack)) if i != group[0])
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW,
-                f"{_file(shot)}: is the only {stack.name} frame of {shot.level:.5g} ADU (the others have "
-                f"{others.level:.5g}); leave it out, or give two or more.",
-            )
+            beside = f"(the others have {others.level:.5g})"
+            problem = f"is the only {stack.name} frame of {shot.level:.5g} ADU {beside}"
+            raise _refusal(ErrorCode.TOO_FEW, shot, problem, "leave it out, or give two or more")
     return [stack.take(sorted(group)) for group in groups]
+
+
+def _refusal(code: ErrorCode, shot: Shot, problem: str, remedy: str) -> ConfigurationError:
+    """Return an error that names the file of a frame."""
+    return ConfigurationError(code, f"{_file(shot)}: {problem}; {remedy}.")
 
 
 def _file(shot: Shot) -> str:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.calibration.master import Master, MeasuredMap
+from jitterkit.calibration.master import Master
+from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 NOISY = 5.0
@@ -33,32 +34,22 @@ def bias_map(master: Master, good: np.ndarray) -> MeasuredMap:
     variance, _ = master.typical_variance(good)
     values = master.mean[good]
     error = (max(variance + master.rounding, 0.0) / master.frames) ** 0.5
-    return MeasuredMap(
-        "bias",
-        "ADU",
-        master.mean,
-        error,
-        float(values.mean()),
-        error / values.size**0.5,
-        float(values.std()),
-        master.frames,
-    )
+    number, number_error, spread = float(values.mean()), error / values.size**0.5, float(values.std())
+    return MeasuredMap("bias", "ADU", master.mean, error, number, number_error, spread, master.frames)
 
 
-def noisy_pixels(master: Master, times: float = NOISY) -> np.ndarray:
+def noisy_pixels(master: Master) -> np.ndarray:
     """Return the pixels whose noise is several times that of the pixels around them.
 
     Parameters
     ----------
     master : Master
-    times : float
 
     Returns
     -------
     noisy : (ny, nx) bool array
     """
-    noisy: np.ndarray = master.variance > times**2 * master.usual
-    return noisy
+    return master.variance > NOISY**2 * master.usual
 
 
 def read_noise_map(master: Master, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
@@ -125,19 +116,11 @@ class DarkSlope:
 
     def _add(self, master: Master, seconds: float) -> None:
         weight = master.frames / float(np.median(master.usual))
-        values = [master.mean, master.variance / master.kept]
-        if not self._sums:
-            self._sums = [np.zeros(master.mean.shape) for _ in range(5)]
-        for index, (factor, value) in enumerate(
-            (
-                (weight, values[0]),
-                (weight * seconds, values[0]),
-                (weight**2, values[1]),
-                (weight**2 * seconds, values[1]),
-                (weight**2 * seconds**2, values[1]),
-            )
-        ):
-            self._sums[index] += factor * value
+        mean, noise = master.mean, master.variance / master.kept
+        factors = (weight, weight * seconds, weight**2, weight**2 * seconds, weight**2 * seconds**2)
+        self._sums = self._sums or [np.zeros(mean.shape) for _ in factors]
+        for total, factor, value in zip(self._sums, factors, (mean, mean, *[noise] * 3), strict=True):
+            total += factor * value
         self._points.append((seconds, weight))
 
     def rate(self) -> tuple[np.ndarray, np.ndarray]:
@@ -165,16 +148,12 @@ class DarkSlope:
     def _no_time(self) -> ConfigurationError:
         longest = max(seconds for seconds, _ in self._points)
         if not longest > 0:
-            return ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"the dark frames have an exposure of {longest:g} s; give longer ones, or their time by "
-                "--exposure.",
-            )
-        return ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"the dark frames have one exposure time only, {longest:g} s, and there is no bias; give --bias, "
-            "--bias-level, or darks of several exposure times.",
-        )
+            problem = f"the dark frames have an exposure of {longest:g} s"
+            remedy = "give longer ones, or their time by --exposure"
+            return ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
+        problem = f"the dark frames have one exposure time only, {longest:g} s, and there is no bias"
+        remedy = "give --bias, --bias-level, or darks of several exposure times"
+        return ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; {remedy}.")
 
     def map(self, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
         """Return the dark current of each pixel [e-/s].
@@ -194,9 +173,8 @@ class DarkSlope:
         values, typical = rate[good], float(np.sqrt(np.mean(error[good] ** 2)))
         number = float(values.mean())
         number_error = float(np.hypot(typical / values.size**0.5, number * gain_error / gain))
-        return MeasuredMap(
-            "dark_current", "e-/s", rate, typical, number, number_error, float(values.std()), self.frames
-        )
+        spread = float(values.std())
+        return MeasuredMap("dark_current", "e-/s", rate, typical, number, number_error, spread, self.frames)
 
 
 def hot_pixels(rate: np.ndarray, usable: np.ndarray, times: float = HOT) -> tuple[np.ndarray, float]:

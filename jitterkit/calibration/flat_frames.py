@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.calibration.master import Master, MeasuredMap
+from jitterkit.calibration.master import Master
+from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 DEAD = 0.5
@@ -63,8 +64,7 @@ class Response:
         -------
         dead : (ny, nx) bool array
         """
-        dead: np.ndarray = usable & (self.sums < share * surface(self.sums, usable))
-        return dead
+        return usable & (self.sums < share * surface(self.sums, usable))
 
     def map(
         self, good: np.ndarray, *, smooth: bool = False, bend: float = 1.0
@@ -113,8 +113,7 @@ def lamp(levels: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """
     if not np.all(levels > 10 * errors):
         return np.ones(len(levels))
-    scales: np.ndarray = levels / levels.mean()
-    return scales
+    return levels / levels.mean()
 
 
 def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -146,9 +145,8 @@ def surface(image: np.ndarray, good: np.ndarray) -> np.ndarray:
     for (i, j), value in zip(terms, fit, strict=True):
         coefficients[i, j] = value
     ny, nx = image.shape
-    found = np.polynomial.polynomial.polygrid2d(
-        np.linspace(-1, 1, nx), np.linspace(-1, 1, ny), coefficients
-    ).T
+    sides = np.linspace(-1, 1, nx), np.linspace(-1, 1, ny)
+    found = np.polynomial.polynomial.polygrid2d(*sides, coefficients).T
     if not np.all(found > 0):
         problem = f"the flats fall to {found.min():.3g} ADU above the bias in places"
         raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; give flats that are lit all over.")
@@ -176,6 +174,5 @@ def _normalised(
     mean = float(image[good].mean())
     values = np.where(image > 0, 1 + (image / mean - 1) / bend, 0.0)
     error = float(np.sqrt(np.mean(variance[good]))) / mean / bend
-    return MeasuredMap(
-        "flat", "", values, error, 1.0, error / float(good.sum()) ** 0.5, float(values[good].std()), frames
-    )
+    number_error, spread = error / float(good.sum()) ** 0.5, float(values[good].std())
+    return MeasuredMap("flat", "", values, error, 1.0, number_error, spread, frames)

@@ -54,11 +54,8 @@ class Linearity:
     def in_electrons(self, gain: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return the coefficients and their errors with the charge in electrons [e-^-k]."""
         factors = [gain ** -(k + 1) for k in range(len(self.coefficients))]
-        values, errors = (
-            tuple(c * f for c, f in zip(row, factors, strict=True))
-            for row in (self.coefficients, self.errors)
-        )
-        return values, errors
+        pairs = [(c * f, e * f) for c, e, f in zip(self.coefficients, self.errors, factors, strict=True)]
+        return tuple(value for value, _ in pairs), tuple(error for _, error in pairs)
 
     def measured(self, charge: np.ndarray) -> np.ndarray:
         """Return what a charge [ADU] is measured as [ADU]."""
@@ -129,14 +126,5 @@ def _fit(t: np.ndarray, s: np.ndarray, e: np.ndarray, order: int) -> Linearity:
         coefficients.append(float(found[k] * factor))
         errors.append(float(np.sqrt(turn @ covariance @ turn)))
     line = found[0] * t / scale
-    return Linearity(
-        float(found[0] / scale),
-        tuple(coefficients),
-        tuple(errors),
-        t,
-        s,
-        s / line - 1,
-        e / line,
-        chi2,
-        freedom,
-    )
+    law = float(found[0] / scale), tuple(coefficients), tuple(errors)
+    return Linearity(*law, t, s, s / line - 1, e / line, chi2, freedom)

@@ -1,4 +1,4 @@
-"""Many frames into one: the mean of a stack and the variance of a frame, cosmic rays left out; maps.
+"""Many frames into one: the mean of a stack and the variance of a frame, cosmic rays left out.
 
 Reach for :func:`combine`.  A value is left out if it lies further from the middle of its pixel than
 ``clip`` times the noise of a frame.  That noise is not read off the few values of the pixel, which would
@@ -80,8 +80,7 @@ class Master:
     @property
     def error(self) -> np.ndarray:
         """Return the standard error of the mean of each pixel [ADU], from its own scatter."""
-        error: np.ndarray = np.sqrt(self.variance / self.kept)
-        return error
+        return np.sqrt(self.variance / self.kept)
 
     @property
     def rejected(self) -> int:
@@ -211,17 +210,13 @@ def _clip(
     kept[suspects] = count
 
 
-def _usual(variance: np.ndarray, frames: int) -> float:
-    """Return the variance of a typical pixel: the median of chi square is not its mean."""
-    median = float(np.median(variance)) * (frames - 1) / stats.chi2.median(frames - 1)
-    return max(median, _LEAST_VARIANCE)
-
-
 def _tiles(variance: np.ndarray, frames: int) -> np.ndarray:
-    """Return the usual variance around each pixel of a strip."""
+    """Return the usual variance around each pixel of a strip: the median of chi square is not its mean."""
     usual = np.empty_like(variance)
     for left in range(0, variance.shape[1], _TILE):
-        usual[:, left : left + _TILE] = _usual(variance[:, left : left + _TILE], frames)
+        median = float(np.median(variance[:, left : left + _TILE]))
+        typical = median * (frames - 1) / stats.chi2.median(frames - 1)
+        usual[:, left : left + _TILE] = max(typical, _LEAST_VARIANCE)
     return usual
 
 
@@ -233,15 +228,13 @@ def _own_variance(values: np.ndarray) -> np.ndarray:
         return np.zeros(values.shape[1])
     reach = stats.norm.isf(left_out / len(values))
     share = 1 - 2 * reach * stats.norm.pdf(reach) / (1 - 2 * left_out / len(values))
-    own: np.ndarray = core.var(axis=0, ddof=1) / share
-    return own
+    return core.var(axis=0, ddof=1) / share
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
     """Return the mean of the middle half of sorted values: as robust as the median, but no whole number."""
     left_out = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
-    middle: np.ndarray = values[left_out : len(values) - left_out].mean(axis=0)
-    return middle
+    return values[left_out : len(values) - left_out].mean(axis=0)
 
 
 def _neighbours(deviations: np.ndarray) -> np.ndarray:
@@ -252,61 +245,3 @@ def _neighbours(deviations: np.ndarray) -> np.ndarray:
     across = np.vdot(quiet[:, :, 1:], quiet[:, :, :-1]) / max(quiet.shape[2] - 1, 1) * quiet.shape[2]
     along = np.vdot(quiet[:, 1:], quiet[:, :-1]) / max(quiet.shape[1] - 1, 1) * quiet.shape[1]
     return np.array([(across + along) / 2, np.vdot(quiet, quiet)])
-
-
-_MANY = 10_000
-"""Frames that nobody takes."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredMap:
-    """A map with its error.
-
-    Parameters
-    ----------
-    name : str
-        As the detector calls it: ``"bias"``, ``"read_noise"``, ``"dark_current"``, ``"flat"``.
-    unit : str
-    values : (ny, nx) array
-    error : float
-        Standard error of a typical pixel.
-    number, number_error : float
-        That of all good pixels, and its standard error.
-    spread : float
-        Standard deviation over the good pixels.
-    frames : int
-        How many frames it was made of.
-
-    Reach for :class:`MeasuredMap`; :attr:`~MeasuredMap.serves` says whether the map is nearer to the truth
-    than one number for all pixels would be.
-    """
-
-    name: str
-    unit: str
-    values: np.ndarray
-    error: float
-    number: float
-    number_error: float
-    spread: float
-    frames: int
-
-    @property
-    def true_spread(self) -> float:
-        """Return the spread less what the errors make of it; zero where they make all of it."""
-        return max(self.spread**2 - self.error**2, 0.0) ** 0.5
-
-    @property
-    def serves(self) -> bool:
-        """Return whether pixels differ by more than the map's error: else a number is nearer to the truth."""
-        return self.true_spread > self.error
-
-    def sentence(self) -> str:
-        """Say whether the frames were enough."""
-        unit = f" {self.unit}" if self.unit else ""
-        ratio = f"pixels differ by {self.true_spread:.3g}{unit}, a pixel is known to {self.error:.3g}{unit}"
-        conclusion = "the map serves" if self.serves else "one number serves better than the map"
-        more = ""
-        if 0 < self.true_spread <= self.error:
-            wanted = int(np.ceil(self.frames * (self.error / self.true_spread) ** 2 * 2))
-            more = f", until there are some {wanted} frames" if wanted < _MANY else ""
-        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {conclusion}{more}."

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.calibration.calibration import FLAGS, Calibration
-from jitterkit.calibration.master import MeasuredMap
+from jitterkit.calibration.measured_map import MeasuredMap
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.sidecar import toml_text
@@ -89,9 +89,8 @@ def write_calibration(
     Errors of a typical pixel are in the headers.
     """
     for measured in calibration.maps:
-        write_fits(
-            directory / f"{measured.name}.fits", _pixels(measured), header=_cards(measured, calibration)
-        )
+        path, header = directory / f"{measured.name}.fits", _cards(measured, calibration)
+        write_fits(path, _pixels(measured), header=header)
     bits = {name.upper(): (bit, f"bit of pixels that are {name}") for name, bit in FLAGS.items()}
     write_fits(directory / BAD_PIXELS, calibration.bad, header=bits)
     tables = _tables(instrument)

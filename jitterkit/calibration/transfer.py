@@ -216,8 +216,7 @@ def _of_bends(used: list[Level], linearity: Linearity | None, slope: float) -> l
         bent[k] += error
         other = replace(linearity, coefficients=tuple(bent))
         x = np.array([_abscissa(level.signal, other) for level in used])
-        turned = _line(x, y, e)[0][0]
-        turns.append(turned / slope - 1)
+        turns.append(_line(x, y, e)[0][0] / slope - 1)
     return turns
 
 

@@ -80,10 +80,8 @@ def calibrate(
     telescope = load_instrument(instrument)
     chosen = Settings(clip=clip, hot=hot, dead=dead, smooth=smooth, memory=memory * 1e6)
     biases = open_stacks("bias", bias)[0] if bias else None
-    darks, flats = (
-        open_stacks(kind, given, exposure) if given else ()
-        for kind, given in (("dark", dark), ("flat", flat))
-    )
+    darks = open_stacks("dark", dark, exposure) if dark else ()
+    flats = open_stacks("flat", flat, exposure) if flat else ()
     stacks = [*([biases] if biases else []), *darks, *flats]
     level, level_source = _level(bias_level, telescope) if flat and not bias else (bias_level, "")
     own_gain, gain_source = (None, "") if flat else _gain(gain, stacks, telescope)
@@ -99,13 +97,11 @@ def calibrate(
 def _gain(given: float | None, stacks: list[Stack], telescope: Instrument) -> tuple[float | None, str]:
     """Return the gain where there are no flats, and a sentence on its source."""
     header = next((shot.gain for stack in stacks for shot in stack.shots if shot.gain), None)
-    for value, whose in ((given, "--gain"), (header, "the headers")):
+    own = telescope.detector.gain, f"the instrument {telescope.name!r}"
+    for value, source in ((given, "--gain"), (header, "the headers"), own):
         if value is not None:
-            return value, f"A gain of {value:g} e-/ADU is taken from {whose}."
-    value = telescope.detector.gain
-    if value is None:
-        return None, ""
-    return value, f"A gain of {value:g} e-/ADU is taken from the instrument {telescope.name!r}."
+            return value, f"A gain of {value:g} e-/ADU is taken from {source}."
+    return None, ""
 
 
 def _level(given: float | None, telescope: Instrument) -> tuple[float | None, str]:

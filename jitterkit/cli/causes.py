@@ -67,13 +67,7 @@ def causes(
     telescope = open_instrument(instrument)
     from jitterkit.forecast.causes import forecast_causes
     from jitterkit.forecast.causes_data import FollowUp, further_data
-    from jitterkit.report.causes_plots import (
-        causes_sentences,
-        causes_table,
-        data_table,
-        plot_causes,
-        remedy_sentence,
-    )
+    from jitterkit.report import causes_plots as report
 
     if jitter.locus == "mvn":
         sizes = {"sigma_major": _USUAL * telescope.plate_scale} | sizes
@@ -81,14 +75,14 @@ def causes(
     setting = _setting(telescope, pair.parameters(telescope), locus, diffusion, seeing, aberration or [])
     found = forecast_causes(replace(setting, hold=options.held(background)), locus)
     sets = further_data(found, FollowUp(frames=frames, telemetry=known, diversity=refocus))
-    table, remedy = data_table(found, sets), remedy_sentence(found, sets, goal)
-    sentences = causes_sentences(found)
-    print_table(causes_table(found, goal), align="<")
+    table, remedy = report.data_table(found, sets), report.remedy_sentence(found, sets, goal)
+    sentences = report.causes_sentences(found)
+    print_table(report.causes_table(found, goal), align="<")
     typer.echo("\n".join(["", *sentences, ""]))
     print_table(table, align="<")
     typer.echo(f"\n{remedy}")
     table.meta |= {"confusions": sentences, "remedy": remedy}
-    products.write(table, lambda: plot_causes(found).axes[0])
+    products.write(table, lambda: report.plot_causes(found).axes[0])
 
 
 def _setting(telescope, scene, jitter, diffusion: str | None, seeing: str | None, aberrations: list[str]):

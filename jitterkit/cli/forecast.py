@@ -74,8 +74,7 @@ def forecast(
     """
     products.check()
     sweeps, goal, sizes = parse_sweeps(sweep or []), parse_angle(target, "--target"), jitter.size_values()
-    options.refuse_unused(scene, _SCENES, context)
-    options.refuse_no_stars(scene, stars)
+    options.check_scene_options(scene, stars, _SCENES, context)
     if allow is not None:
         _check_allow(jitter.locus, sizes, sweeps)
     telescope = open_instrument(instrument)
@@ -102,9 +101,7 @@ def _check_allow(locus: str, sizes: dict[str, Any], sweeps: dict[str, list[float
 class _Setup:
     """Hold a telescope, a scene and a jitter, of which any number may be changed by name."""
 
-    def __init__(
-        self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float], stars=None
-    ) -> None:
+    def __init__(self, telescope, locus: str, sizes: dict[str, Any], scene: dict[str, float], stars=None):
         from jitterkit.refit import FitOptions, Priors
 
         self.telescope, self.locus, self.sizes, self.scene, self.stars = telescope, locus, sizes, scene, stars
@@ -188,10 +185,8 @@ def _log_separation(setup: _Setup, found: Forecast, goal: float) -> None:
         log(f"The jitter costs {more} % more time than no jitter ({angle_size(still)}).")
     if found.masked:
         counted = angle_size(setup.point(censored=True).error("separation"))
-        log(
-            f"{found.masked} pixels are at or near saturation and are excluded; treated as lower limits, by "
-            f"--censored of process, they would make it {counted}."
-        )
+        excluded = f"{found.masked} pixels are at or near saturation and are excluded"
+        log(f"{excluded}; treated as lower limits, by --censored of process, they would make it {counted}.")
     for direction in degenerate_directions(found):
         share = f"; {100 * direction.share:.0f} % of the separation's variance"
         log(f"degenerate: {direction}{share if direction.share > 0.05 else ''}.")
@@ -220,12 +215,9 @@ def _forecast_requirement(setup: _Setup, allow: str, fitted: str):
     from jitterkit.report.forecast_table import requirement_table
 
     question, allowed = parse_allowed(allow)
-    bias, detector, exposure = question == "bias", setup.telescope.detector, setup.telescope.exposure
-    still = setup.point(still=True)
-    kind = fitted if bias else None
-    found = jitter_requirements(
-        still.parameters, setup.optics.nominal, allowed, detector, fitted=kind, options=setup.options
-    )
+    bias, exposure = question == "bias", setup.telescope.exposure
+    where = setup.point(still=True).parameters, setup.optics.nominal, allowed, setup.telescope.detector
+    found = jitter_requirements(*where, fitted=fitted if bias else None, options=setup.options)
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
     log(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")
     table = requirement_table(found, exposure)

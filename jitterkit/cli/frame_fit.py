@@ -168,7 +168,8 @@ class Plan:
 
     def _choose(self, processor: FrameProcessor, files: Sequence[Path], hdu: int | None) -> Settings:
         """Fit some frames, and log what is expected of the settings that suit them."""
-        from jitterkit.trade.plan import Planner, explain
+        from jitterkit.trade.explain import explain
+        from jitterkit.trade.plan import Planner
         from jitterkit.trade.worst_case import examples_of
 
         allowed, seconds = _parsed(self.tolerance, self.budget)
@@ -181,10 +182,9 @@ class Plan:
             plan = planner.within(seconds)
         else:
             plan = planner.as_they_are()
-        log(
-            f"{1e3 * plan.seconds:.3g} ms per frame; the model's omissions may bias the separation by "
-            f"{angle_size(plan.loss, 2)}, at an error of {angle_size(planner.worst_case.sigma)} per frame"
-        )
+        loss, error = angle_size(plan.loss, 2), angle_size(planner.worst_case.sigma)
+        cost = f"the model's omissions may bias the separation by {loss}, at an error of {error} per frame"
+        log(f"{1e3 * plan.seconds:.3g} ms per frame; {cost}")
         for sentence in explain(planner.worst_case, plan) if self.explain else ():
             log(f"  {sentence}")
         return plan.settings

@@ -101,11 +101,9 @@ def build_locus(name: str, sizes: dict[str, Any]):
     if foreign:
         code, problem = ErrorCode.UNKNOWN_NAME, f"takes no {size_option(foreign[0])}; it "
     elif wrong and not missing:
-        option, given = size_option(wrong[0]), sizes[wrong[0]]
-        unlike = (
-            f"as positions, not the number {given:g}" if wrong[0] == "knots" else "as a number, not positions"
-        )
-        code, problem = ErrorCode.WRONG_TYPE, f"takes {option} as {unlike}; it "
+        bad = wrong[0]
+        form = f"positions, not the number {sizes[bad]:g}" if bad == "knots" else "a number, not positions"
+        code, problem = ErrorCode.WRONG_TYPE, f"takes {size_option(bad)} as {form}; it "
     problem += f"needs {_listed(needed)}"
     problem += f" and may have {_listed(may)}" if may else ""
     raise ConfigurationError(code, f"The locus {name} {problem}.")

@@ -72,19 +72,16 @@ def motion(
     from jitterkit.report.motion_table import motion_sentences, motion_table
 
     moved = read_motion(file, kind=kind, rates=rates, log=log)
-    seconds = telescope.exposure if exposure is None else exposure
-    seconds = options.required(seconds, telescope, "exposure; give --exposure")
+    seconds = options.required(telescope, "exposure; give --exposure", exposure, telescope.exposure)
     assessed = assess_motion(moved, seconds, cadence=cadence, bandwidth=bandwidth)
     for sentence in motion_sentences(assessed, telescope.plate_scale):
         log(sentence)
     table = motion_table(assessed)
     _print(table[[name for name in table.colnames if not name.endswith(_MOMENTS)]])
     if loss and telescope.flux is None:
-        log(
-            f"What the blur costs is not forecast: the instrument {telescope.name!r} has no flux; give it "
-            "photons per frame in its file."
-        )
-    elif loss and telescope.flux is not None:
+        problem = f"What the blur costs is not forecast: the instrument {telescope.name!r} has no flux"
+        log(f"{problem}; give it photons per frame in its file.")
+    elif loss:
         costs = _loss_table(telescope, assessed.locus)
         typer.echo()
         _print(costs)

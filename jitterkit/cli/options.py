@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
-from jitterkit.cli.runtime import command_line, log, refuse_if
+from jitterkit.cli.runtime import command_line, refuse_if, write_picture
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 
 if TYPE_CHECKING:
@@ -25,6 +25,11 @@ T = TypeVar("T")
 OF_PAIRS = ("separation", "theta", "contrast")
 """Options that only a pair uses."""
 
+
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
 Files = Annotated[
     list[Path], typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them.")
 ]
@@ -36,52 +41,30 @@ InstrumentName = Annotated[
     str, typer.Option("--instrument", "-i", metavar="NAME|FILE.toml", help="A preset, or an instrument file.")
 ]
 Hdu = Annotated[int | None, typer.Option(help="HDU to read; by default the first that holds an image.")]
-TableOutput = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE.ecsv",
-        help="Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.",
-    ),
-]
-SceneName = Annotated[
-    str,
-    typer.Option(
-        metavar="auto|star|binary|stars",
-        help="Scene of the frames; auto is the simplest scene that they support.",
-    ),
-]
-Background = Annotated[
-    bool,
-    typer.Option(
-        help="Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a "
-        "separation by 43 µas."
-    ),
-]
-ModelError = Annotated[
-    str,
-    typer.Option(
-        metavar="FRACTION|auto",
-        help="Error of the modelled light in each pixel, as a share of it, where the optics are not known "
-        "exactly: added to the noise; auto takes what each frame shows.",
-    ),
-]
-Censored = Annotated[
-    bool,
-    typer.Option(
-        help="Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This "
-        "keeps the error small, and needs a response that is linear up to saturation."
-    ),
-]
-SpectrumKind = Annotated[
-    str | None,
-    typer.Option(
-        metavar="bins|curve",
-        help="Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or "
-        "points of a drawn curve, with power laws between them. By default their spacing decides.",
-    ),
-]
+_TABLE = "Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json."
+TableOutput = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.ecsv", help=_TABLE)]
+
+_SCENE = "Scene of the frames; auto is the simplest scene that they support."
+SceneName = Annotated[str, typer.Option(metavar="auto|star|binary|stars", help=_SCENE)]
+
+_BACKGROUND = """Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a
+separation by 43 µas."""
+Background = Annotated[bool, typer.Option(help=_in_one_line(_BACKGROUND))]
+
+_MODEL_ERROR = """Error of the modelled light in each pixel, as a share of it, where the optics are not known
+exactly: added to the noise; auto takes what each frame shows."""
+ModelError = Annotated[str, typer.Option(metavar="FRACTION|auto", help=_in_one_line(_MODEL_ERROR))]
+
+_CENSORED = """Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This
+keeps the error small, and needs a response that is linear up to saturation."""
+Censored = Annotated[bool, typer.Option(help=_in_one_line(_CENSORED))]
+
+_KIND = """Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or points of
+a drawn curve, with power laws between them. By default their spacing decides."""
+SpectrumKind = Annotated[str | None, typer.Option(metavar="bins|curve", help=_in_one_line(_KIND))]
+
+
+_LOCUS = typer.Option(metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")
 
 
 @dataclass(frozen=True)
@@ -136,9 +119,7 @@ class Jitter:
         Axis of the jitter, degrees counter-clockwise from +x.
     """
 
-    locus: Annotated[str, typer.Option(metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")] = (
-        "stable"
-    )
+    locus: Annotated[str, _LOCUS] = "stable"
     length: float | None = None
     sigma: float | None = None
     shear: float | None = None
@@ -188,8 +169,8 @@ class Pair:
 
     def parameters(self, telescope: Instrument) -> dict[str, float]:
         """Return the parameters by name, with the instrument's usual flux where none is given."""
-        flux = telescope.flux if self.flux is None else self.flux
-        return asdict(self) | {"flux": required(flux, telescope, "usual flux; give --flux")}
+        flux = required(telescope, "usual flux; give --flux", self.flux, telescope.flux)
+        return asdict(self) | {"flux": flux}
 
     def of(self, scene: str, telescope: Instrument) -> dict[str, float]:
         """Return the parameters that a scene has: of ``stars`` only by how much they are moved."""
@@ -197,12 +178,6 @@ class Pair:
             return {"x": self.x, "y": self.y}
         unused = OF_PAIRS if scene == "star" else ()
         return {name: value for name, value in self.parameters(telescope).items() if name not in unused}
-
-
-def refuse_no_stars(scene: str, stars: Path | None) -> None:
-    """Refuse a scene of stars without their table."""
-    problem = "--scene stars needs their table: give --stars."
-    refuse_if(scene == "stars" and stars is None, ErrorCode.MISSING_VALUE, problem)
 
 
 def read_stars(path: Path | None) -> Stars | None:
@@ -222,8 +197,10 @@ def sources(values: Mapping[str, float], stars: Stars | None) -> Scene:
     return scene if stars is None else scene.joined(FurtherStars(*stars.sources()))
 
 
-def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: typer.Context) -> None:
-    """Refuse an unknown scene, and options that were given and that the scene does not use.
+def check_scene_options(
+    scene: str, stars: Path | None, unused: Mapping[str, Collection[str]], context: typer.Context
+) -> None:
+    """Refuse an unknown scene, options that the scene does not use, and a scene of stars without a table.
 
     Raises
     ------
@@ -233,6 +210,8 @@ def refuse_unused(scene: str, unused: Mapping[str, Collection[str]], context: ty
         source = context.get_parameter_source(name)
         given = source is not None and source.name == "COMMANDLINE"
         refuse_if(given, ErrorCode.CONFLICT, f"--scene {scene} does not use --{name}; leave it out.")
+    problem = "--scene stars needs their table: give --stars."
+    refuse_if(scene == "stars" and stars is None, ErrorCode.MISSING_VALUE, problem)
 
 
 def parse_model_error(text: str) -> Any:
@@ -249,17 +228,18 @@ def held(background: bool) -> tuple[str, ...]:
     return () if background else ("background",)
 
 
-def required(value: T | None, telescope: Instrument, problem: str) -> T:
-    """Return a value, or refuse: the instrument has none, and the command line neither.
+def required(telescope: Instrument, problem: str, *values: T | None) -> T:
+    """Return the first value that is known, of the command line's and the instrument's; refuse if none is.
 
     Raises
     ------
     ConfigurationError
     """
-    if value is None:
-        message = f"The instrument {telescope.name!r} has no {problem}."
-        raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
-    return value
+    for value in values:
+        if value is not None:
+            return value
+    message = f"The instrument {telescope.name!r} has no {problem}."
+    raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,13 +279,3 @@ class Products:
             write_table(self.output, table, overwrite=self.overwrite)
         if self.plot is not None:
             write_picture(self.plot, draw(), self.overwrite)
-
-
-def write_picture(path: Path, ax, overwrite: bool) -> None:
-    """Write the figure of some axes as PNG, whole or not at all, and log its name."""
-    from jitterkit.frames.whole import replacing
-    from jitterkit.report.plots import png
-
-    with replacing(path, overwrite) as temporary:
-        temporary.write_bytes(png(ax, dpi=160))
-    log(f"wrote {path}")

@@ -63,13 +63,12 @@ def photons(
     telescope = open_instrument(instrument)
     from jitterkit.photons import collecting_area, compare, count_photons
 
-    seconds = telescope.exposure if exposure is None else exposure
     star_a = _star(spectrum_a, temperatures[0], magnitudes[0])
     star_b = _star(spectrum_b, temperatures[1], magnitudes[1])
     throughput = _throughput(telescope, filter_file, glass, plates, qe)
     if area is None:
-        area = collecting_area(options.required(telescope.pupil, telescope, "pupil; give --area in cm2"))
-    seconds = options.required(seconds, telescope, "exposure; give --exposure in s")
+        area = collecting_area(options.required(telescope, "pupil; give --area in cm2", telescope.pupil))
+    seconds = options.required(telescope, "exposure; give --exposure in s", exposure, telescope.exposure)
     budget = count_photons((star_a, star_b), throughput, area=area, exposure=seconds)
     lines = compare(budget, published=telescope.name.startswith("toliman"))
     typer.echo("\n".join(aligned(_rows(lines))))
@@ -101,7 +100,7 @@ def _throughput(
     if filter_file is not None:
         passed = read_curve(filter_file)
     else:
-        passed = band_of(options.required(telescope.spectrum, telescope, "band; give --filter"))
+        passed = band_of(options.required(telescope, "band; give --filter", telescope.spectrum))
     return Throughput(passed, glass, plates, IMX183_QE if qe is None else read_curve(qe))
 
 

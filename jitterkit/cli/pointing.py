@@ -88,10 +88,8 @@ class Motion:
 def _resting(locus, name: str, detector) -> Pointing:
     """Return a locus without a motion; log that all rows of a rolling detector see it at once."""
     if detector.line_time and name in _SLOW:
-        log(
-            f"The locus {name} has no time, so all rows are exposed at once; "
-            "give --drift, --trace or --spectrum for the detector to roll."
-        )
+        remedy = "give --drift, --trace or --spectrum for the detector to roll"
+        log(f"The locus {name} has no time, so all rows are exposed at once; {remedy}.")
     return Pointing(locus)
 
 
@@ -125,9 +123,8 @@ def _traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order:
         return Pointing(trace_of(path, telescope.exposure, locus, sizes))
     from jitterkit.loci import Stable, read_trace
 
-    exposure = _exposure(telescope, "a --trace to move it")
-    if not set(sizes) <= {"start"} or locus != "stable":
-        trace_of(path, exposure, locus, sizes)  # refuses
+    _exposure(telescope, "a --trace to move it")
+    refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
     t, x, y = read_trace(path, log=log)
     begin = sizes.get("start", t[0] + _wait(telescope))
     with naming(path):
@@ -165,15 +162,14 @@ def shaken(
 
 
 def _velocity(text: str) -> tuple[float, float]:
-    problem = (
-        f"--drift {text} is not understood; write velocities along x and y in arcsec/s, --drift 0.5,-0.2."
-    )
+    remedy = "write velocities along x and y in arcsec/s, --drift 0.5,-0.2"
+    problem = f"--drift {text} is not understood; {remedy}."
     vx, _, vy = text.partition(",")
     return parse_number(vx, math.isfinite, problem), parse_number(vy, math.isfinite, problem)
 
 
 def _exposure(telescope, purpose: str) -> float:
-    return required(telescope.exposure, telescope, f"exposure; give it one for {purpose}")
+    return required(telescope, f"exposure; give it one for {purpose}", telescope.exposure)
 
 
 def _wait(telescope) -> float:

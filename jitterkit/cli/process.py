@@ -80,9 +80,8 @@ def process(
     settings = run.settings() | {"hdu": hdu, "plan": planned}
     try:
         with as_interrupt(), workers.executor() as executor, run_progress(len(paths)) as (watch, before):
-            result = process_files(
-                paths, output, processor, executor=executor, watch=watch, before=before, **settings
-            )
+            settings |= {"executor": executor, "watch": watch, "before": before}
+            result = process_files(paths, output, processor, **settings)
     except KeyboardInterrupt:
         instead = " instead of --overwrite" * run.overwrite
         log(f"Results so far are kept in {output}: repeat the command with --resume{instead} to continue.")

@@ -123,11 +123,9 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
         try:
             sweeps[name.strip()] = _values(values)
         except (ValueError, OverflowError):
-            raise ConfigurationError(
-                ErrorCode.MALFORMED,
-                f"--sweep {text} is not understood; write --sweep length=0.05:0.75:15 (from, to, how many; "
-                "with :log at the end for equal ratios), or --sweep angle=0,45,90.",
-            ) from None
+            form = "--sweep length=0.05:0.75:15 (from, to, how many; with :log at the end for equal ratios)"
+            problem = f"--sweep {text} is not understood; write {form}, or --sweep angle=0,45,90."
+            raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
     return sweeps
 
 

@@ -63,9 +63,8 @@ def _list_frames(run) -> None:
     """Log the frames that were not fitted, and those whose prior was not used."""
     from jitterkit.report.flags import decode_flags
 
-    listed = [
-        row for row in run.table if row["status"] != "ok" or _REPORTED & set(decode_flags(row["flags"]))
-    ]
+    rows = ((row, set(decode_flags(row["flags"]))) for row in run.table)
+    listed = [row for row, flags in rows if row["status"] != "ok" or _REPORTED & flags]
     for row in listed[:LISTED]:
         log(f"{row['file']} [{row['frame']}] {row['status']}: {row['message']}")
     if len(listed) > LISTED:
@@ -81,26 +80,21 @@ def _list_doubts(run) -> None:
     counts = {flag: sum(flag in words for words in flags) for flag in _DOUBTS}
     if any(counts.values()):
         shown = ", ".join(f"{flag} ({count})" for flag, count in counts.items() if count)
-        first = next(index for index, words in enumerate(flags) if set(_DOUBTS) & set(words))
-        row = fitted[first]
+        row = fitted[next(index for index, words in enumerate(flags) if set(_DOUBTS) & set(words))]
         log(f"Flags of fitted frames: {shown}. {row['file']} [{row['frame']}]: {row['message']}")
 
 
 def _echo_result(run) -> None:
     """Print the separation, or the jitter of stars, on stdout; log the rest."""
-    from jitterkit.report.sequence import (
-        describe_loci,
-        describe_misfits,
-        describe_run_fit,
-        describe_scatter,
-    )
+    from jitterkit.report import sequence
 
     fitted = int(sum(run.table["status"] == "ok"))
     separation, jitter = run.summary["separation"], run.summary["jitter"]
     if pairs := separation["n"]:
         value = with_error(separation["mean"], separation["error"])
         typer.echo(f"separation {value} arcsec from {pairs} frames{by_scale(separation['scale_error'])}")
-        for sentence in filter(None, (describe_misfits(separation), describe_scatter(run.table, separation))):
+        doubts = sequence.describe_misfits(separation), sequence.describe_scatter(run.table, separation)
+        for sentence in filter(None, doubts):
             typer.echo(sentence)
         if (right := run.summary["separation_corrected"])["n"]:
             value = with_error(right["mean"], right["error"])
@@ -111,9 +105,9 @@ def _echo_result(run) -> None:
     elif fitted:
         size = ellipse_size(jitter["major"], jitter["minor"])
         typer.echo(f"jitter, 1 sigma, {size} from {fitted} frames")
-    if loci := describe_loci(run.summary["loci"]):
+    if loci := sequence.describe_loci(run.summary["loci"]):
         log(loci)
-    if misfit := describe_run_fit(run.summary["fit"]):
+    if misfit := sequence.describe_run_fit(run.summary["fit"]):
         typer.echo(misfit)
     log(f"{fitted} of {len(run.table)} frames fitted; results in {run.directory}")
 

@@ -1,4 +1,4 @@
-"""Set up JAX and logging for a command, and write its messages and tables."""
+"""Set up JAX and logging for a command, and write its messages, tables and pictures."""
 
 from __future__ import annotations
 
@@ -63,11 +63,9 @@ def prepare_jax(device: str | None = None, float32: bool = False, single_threade
         try:
             jax.config.update("jax_default_device", jax.devices("gpu")[0])
         except RuntimeError:
-            raise ConfigurationError(
-                ErrorCode.MISSING_PACKAGE,
-                'JAX finds no GPU here; install its driver and pip install "jitterkit[cuda]", or leave out '
-                "--device gpu.",
-            ) from None
+            remedy = 'install its driver and pip install "jitterkit[cuda]", or leave out --device gpu'
+            problem = f"JAX finds no GPU here; {remedy}."
+            raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem) from None
     jax.config.update("jax_enable_x64", not float32)
     with contextlib.suppress(OSError):
         directory = cache_directory() / "compiled"
@@ -128,6 +126,16 @@ def print_table(table: QTable, align: str | None = None) -> None:
 
     plain = Table(table)  # a cell of a Quantity takes three times as long to print as one of a Column
     typer.echo("\n".join(plain.pformat(max_lines=-1, max_width=-1, align=align)))
+
+
+def write_picture(path: Path, ax, overwrite: bool) -> None:
+    """Write the figure of some axes as PNG, whole or not at all, and log its name."""
+    from jitterkit.frames.whole import replacing
+    from jitterkit.report.plots import png
+
+    with replacing(path, overwrite) as temporary:
+        temporary.write_bytes(png(ax, dpi=160))
+    log(f"wrote {path}")
 
 
 def aligned(rows: Iterable[Sequence[str]]) -> list[str]:

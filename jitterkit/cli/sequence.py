@@ -10,19 +10,15 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, refuse_if
+from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, refuse_if, write_picture
 from jitterkit.errors import ErrorCode
 
 _MIN_SERIES = 25
 """Number of frames from which averages are studied."""
 
-OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN, RESIDUAL = (
-    "sequence.ecsv",
-    "sequence.json",
-    "averaging.png",
-    "run.png",
-    "residual.png",
-)
+TABLE, SUMMARY = "sequence.ecsv", "sequence.json"
+AVERAGING, RUN, RESIDUAL = "averaging.png", "run.png", "residual.png"
+OUTPUTS = TABLE, SUMMARY, AVERAGING, RUN, RESIDUAL
 
 _LOCUS = typer.Option(metavar="NAME", help=f"Jitter of every frame: {', '.join(locus_sizes())}.")
 
@@ -102,14 +98,14 @@ def sequence(
     )
     latest = LatestPass(processor.plate_scale)
     with progress_bar(len(exposures.files), "files") as advance:
-        fit = refit_sequence(
-            exposures, fitter, how, lambda number, name: advance(f"pass {number}: {name}"), latest.add
-        )
+
+        def watch(number: int, name: str) -> None:
+            advance(f"pass {number}: {name}")
+
+        fit = refit_sequence(exposures, fitter, how, watch, latest.add)
     if not exposures.timed:
-        log(
-            "No header holds a time of day: the frames are used in the natural order of their names, without "
-            "a pause between them."
-        )
+        order = "the frames are used in the natural order of their names, without a pause between them"
+        log(f"No header holds a time of day: {order}.")
     for sentence in filter(None, (exposures.jump, exposures.overlap)):
         log(sentence)
     _write_outputs(fit, most_stacked(latest.stacks), output, overwrite)
@@ -132,31 +128,30 @@ def _time_models(texts: list[str]) -> dict[str, Any]:
 
 def _write_outputs(fit, stack, output: Path, overwrite: bool) -> None:
     """Write table, summary and pictures; print the separation on stdout, and log the rest."""
-    from jitterkit.report import joint_table
-    from jitterkit.report.joint_plots import plot_run
-    from jitterkit.report.outputs import make_directory
+    from jitterkit.report import joint_plots, joint_table, outputs, run_pictures, series_plots
+    from jitterkit.report.joint_summary import describe_joint_fit, joint_summary
     from jitterkit.report.residual_stack import FEWEST
-    from jitterkit.report.run_pictures import plot_stack
     from jitterkit.report.sequence import describe_run_fit
-    from jitterkit.report.series_plots import plot_averaging
     from jitterkit.report.summary import write_summary
     from jitterkit.report.table import write_table
     from jitterkit.report.words import by_scale, with_error
+    from jitterkit.series import fit_floor
 
-    make_directory(output, OUTPUTS, overwrite)
+    outputs.make_directory(output, OUTPUTS, overwrite)
     series = joint_table.separation_series(fit)
-    floor = joint_table.averaging_floor(series)
-    summary = joint_table.joint_summary(fit, floor, stack)
+    floor = None if series is None else fit_floor(series)
+    summary = joint_summary(fit, floor, stack)
     table = joint_table.frame_table(fit, {"command": command_line()})
     write_table(output / TABLE, table, overwrite=overwrite)
     write_summary(output / SUMMARY, summary, overwrite=overwrite)
-    options.write_picture(output / RUN, plot_run(fit)[0], overwrite)
-    if (picture := plot_stack(stack, summary["fit"])) is not None:
-        options.write_picture(output / RESIDUAL, picture, overwrite)
+    write_picture(output / RUN, joint_plots.plot_run(fit)[0], overwrite)
+    if (picture := run_pictures.plot_stack(stack, summary["fit"])) is not None:
+        write_picture(output / RESIDUAL, picture, overwrite)
     else:
         log(f"{RESIDUAL} is not drawn: it needs {FEWEST} frames.")
     if series is not None and len(series.values) >= _MIN_SERIES:
-        options.write_picture(output / AVERAGING, plot_averaging(series, floor=floor)[0], overwrite)
+        page = series_plots.plot_averaging(series, floor=floor)
+        write_picture(output / AVERAGING, page[0], overwrite)
     else:
         log(f"{AVERAGING} is not drawn: it needs {_MIN_SERIES} frames that count.")
     for frame in fit.frames():
@@ -168,6 +163,6 @@ def _write_outputs(fit, stack, output: Path, overwrite: bool) -> None:
         typer.echo(f"separation_corrected {with_error(right, fit.separation[1])} arcsec")
     if misfit := describe_run_fit(summary["fit"]):
         typer.echo(misfit)
-    for sentence in joint_table.describe_joint_fit(summary):
+    for sentence in describe_joint_fit(summary):
         log(sentence)
     log(f"{summary['counted']} of {summary['frames']} frames counted; results in {output}")

@@ -68,8 +68,7 @@ def simulate(
     """
     paths = _paths(output, frames)
     _check_paths(paths, overwrite)
-    options.refuse_unused(scene, _SCENES, context)
-    options.refuse_no_stars(scene, stars)
+    options.check_scene_options(scene, stars, _SCENES, context)
     telescope = open_instrument(instrument)
     import numpy as np
 

@@ -9,7 +9,6 @@ at zero, into one of the size that a person gives.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -63,19 +62,6 @@ class Cause(NamedTuple):
             return self.per * error
         start = max(self.value, 0.0)
         return self.per * ((start + error) ** (1 / self.power) - start ** (1 / self.power))
-
-
-def causes_between(setting: Setting, locus: Locus, moments: Sequence[str]) -> tuple[Cause, ...]:
-    """List the causes that a frame might show: some moments of its jitter, and those of the setting.
-
-    Parameters
-    ----------
-    setting : Setting
-    locus : Locus
-    moments : sequence of str
-        Of :data:`~jitterkit.forecast.causes_frame.JITTER`, those that are free.
-    """
-    return tuple([_jitter(name, locus) for name in moments] + _shared(setting))
 
 
 def _jitter(name: str, locus: Locus) -> Cause:
@@ -172,13 +158,11 @@ class Causes:
 
         For a cause that is absent, it is the rms of its possible blur, in pixels.
         """
-        pairs = zip(self.causes, errors, self.blurs, strict=True)
-        return np.array(
-            [
-                cause.size_error(e) / cause.size if cause.value else math.sqrt(e * blur) / self.plate_scale
-                for cause, e, blur in pairs
-            ]
-        )
+        shares = [
+            cause.size_error(e) / cause.size if cause.value else math.sqrt(e * blur) / self.plate_scale
+            for cause, e, blur in zip(self.causes, errors, self.blurs, strict=True)
+        ]
+        return np.array(shares)
 
     @cached_property
     def blurs(self) -> np.ndarray:
@@ -269,7 +253,7 @@ def forecast_causes(setting: Setting, locus: Locus) -> Causes:
     jitter = setting.frame(locus)
     names = [name for name in JITTER if name in jitter.names]
     frame = jitter.about((*names, *setting.shared))
-    causes = causes_between(setting, locus, names)
+    causes = (*(_jitter(name, locus) for name in names), *_shared(setting))
     found = Causes(setting, locus, causes, frame, setting.otf.grid.plate_scale)
     if not np.all(np.isfinite(found.information.alone)):
         problem = "The frame does not show its causes: too few pixels have information; change the flux."

@@ -109,25 +109,22 @@ def further_data(causes: Causes, follow_up: FollowUp | None = None) -> list[Obse
     sets = [Observation(f"{_LIGHT:g} times the light under the same motion", causes.frame.times(_LIGHT - 1))]
     if moves:
         others = [(one, setting.frame(one)) for one in _other_jitters(locus, follow_up.frames)]
-        more = _sum(_shared(information, setting) for _, information in others)
-        trusted = [
-            _shared(information + _telemetry(one, follow_up.telemetry), setting)
-            for one, information in others
-        ]
+        more = _sum(information.about(setting.shared) for _, information in others)
         sets.append(Observation(f"{follow_up.frames} more frames, each with a jitter of its own", more))
-    sets.append(
-        Observation(f"diffusion measured to {follow_up.diffusion:g} pixel", _diffusion(causes, follow_up))
-    )
+    words = f"diffusion measured to {follow_up.diffusion:g} pixel"
+    sets.append(Observation(words, _diffusion(causes, follow_up)))
     if moves:
+        both = (information + _telemetry(one, follow_up.telemetry) for one, information in others)
+        trusted = _sum(information.about(setting.shared) for information in both)
         known = _telemetry(locus, follow_up.telemetry)
         words = f"telemetry of the jitter to {100 * follow_up.telemetry:g} %"
         sets.append(Observation(words, known))
-        sets.append(Observation(f"{words}, in {follow_up.frames} more frames too", known + _sum(trusted)))
+        sets.append(Observation(f"{words}, in {follow_up.frames} more frames too", known + trusted))
     if locus.names:
-        sets.append(Observation("a frame at rest", _shared(setting.frame(Stable.of()), setting)))
+        sets.append(Observation("a frame at rest", _shared(setting, Stable.of())))
     if setting.seeing is not None:
         bench = replace(setting, seeing=None)
-        sets.append(Observation("a frame at rest without air", _shared(bench.frame(Stable.of()), bench)))
+        sets.append(Observation("a frame at rest without air", _shared(bench, Stable.of())))
     return sets + _refocused(causes, follow_up.diversity) + _recoloured(causes)
 
 
@@ -147,8 +144,9 @@ def cheapest(causes: Causes, sets: Sequence[Observation], target: float = 0.1) -
     return next((one for one in every if np.all(causes.shares(causes.errors(one.extra)) <= target)), None)
 
 
-def _shared(information: Information, setting: Setting) -> Information:
-    return information.about(setting.shared)
+def _shared(setting: Setting, locus: Locus) -> Information:
+    """Return what a frame tells about the parameters that all frames share."""
+    return setting.frame(locus).about(setting.shared)
 
 
 def _sum(parts) -> Information:
@@ -158,13 +156,11 @@ def _sum(parts) -> Information:
 
 def _other_jitters(locus: Locus, count: int) -> list[Locus]:
     """Return the jitter turned by equal steps through 180 degrees, and of other sizes."""
-    jitters = []
-    for k, size in enumerate(np.linspace(*_SIZES, count)):
-        turned = size**2 * moments_on_axis(locus.moments(), -180.0 * k / count)
-        straight = isinstance(locus, Streak)
-        rest = locus.coords[3:]
-        jitters.append(locus.near(turned) if straight else locus.at(jnp.concatenate([turned, rest])))
-    return jitters
+    sizes = enumerate(np.linspace(*_SIZES, count))
+    turned = [size**2 * moments_on_axis(locus.moments(), -180.0 * k / count) for k, size in sizes]
+    if isinstance(locus, Streak):
+        return [locus.near(moments) for moments in turned]
+    return [locus.at(jnp.concatenate([moments, locus.coords[3:]])) for moments in turned]
 
 
 def _telemetry(locus: Locus, share: float) -> Information:
@@ -190,7 +186,7 @@ def _refocused(causes: Causes, offset: float) -> list[Observation]:
         replace(setting, aberrations=tuple(np.array(setting.aberrations) + sign * step), square=False)
         for sign in (-1, 1)
     ]
-    extra = _sum(_shared(one.frame(causes.locus), one) for one in moved)
+    extra = _sum(_shared(one, causes.locus) for one in moved)
     if setting.square:
         error = float(extra.about(("noll4",)).errors[0])
         others = [name for name in extra.names if name != "noll4"]
@@ -206,15 +202,11 @@ def _recoloured(causes: Causes) -> list[Observation]:
     spectrum = optics.spectrum
     redder = Spectrum(tuple(_REDDER * w for w in spectrum.wavelengths), spectrum.weights)
     sets = []
-    halves = _halves(spectrum)
-    if halves:
-        parts = [
-            _shared(_in_light(setting, half, share).frame(causes.locus), setting) for half, share in halves
-        ]
+    if halves := _halves(spectrum):
+        parts = (_shared(_in_light(setting, half, share), causes.locus) for half, share in halves)
         sets.append(Observation("2 frames through the halves of the band", _sum(parts)))
-    other = _in_light(setting, redder, 1.0)
     words = f"a frame at {_REDDER:g} times the wavelength"
-    return [*sets, Observation(words, _shared(other.frame(causes.locus), other))]
+    return [*sets, Observation(words, _shared(_in_light(setting, redder, 1.0), causes.locus))]
 
 
 def _halves(spectrum: Spectrum) -> list[tuple[Spectrum, float]]:

@@ -138,9 +138,8 @@ class Setting:
     def _curvature(self, otf: OTF):
         """Return half the second derivative by defocus, from the images of both signs and of none."""
         step = _STEP * np.array([name == "noll4" for name in otf.names[: len(self.aberrations)]])
-        up, down = (
-            self.optics.otf(np.array(self.aberrations) + s * step, derivatives=False).value for s in (1, -1)
-        )
+        states = (np.array(self.aberrations) + sign * step for sign in (1, -1))
+        up, down = (self.optics.otf(state, derivatives=False).value for state in states)
         return (up + down - 2 * otf.value) / (2 * _STEP**2)
 
     @property
@@ -187,11 +186,9 @@ def _on_axis(locus: Locus) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the moments on the jitter's axis, and their derivatives (n, n) by its first coordinates."""
     rows = 0 if isinstance(locus, Stable) else 2 if isinstance(locus, Streak) else 3
     if rows == 3 and not isinstance(locus, Elliptic):
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED,
-            f"The second moments of a {type(locus).__name__.lower()} are not free; ask about causes with the "
-            "locus mvn, ellipse, shaped, linear, shm or stable.",
-        )
+        problem = f"The second moments of a {type(locus).__name__.lower()} are not free"
+        remedy = "ask about causes with the locus mvn, ellipse, shaped, linear, shm or stable"
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{problem}; {remedy}.")
     moments = np.asarray(locus.moments())
     if rows == 2 and not axis_variances(moments)[0] > 0:
         problem = "A streak of length 0 has no axis; give its length, or the locus mvn."

@@ -49,8 +49,7 @@ class Information:
 
     def knowing(self, known: Collection[str]) -> Information:
         """Return the information about the others, where some parameters are known."""
-        names = tuple(name for name in self.names if name not in known)
-        return Information(names, self._spread(names))
+        return self.padded([name for name in self.names if name not in known])
 
     def about(self, names: Sequence[str]) -> Information:
         """Return the information about some parameters, where all others are unknown (Schur's complement).

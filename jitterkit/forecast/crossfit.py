@@ -144,8 +144,7 @@ def _respond(
     image, jacobian = (np.asarray(a) for a in image_and_jacobian(fit.parameters, otf, free))
     mean = image + np.asarray(data.offset)
     slopes = np.where(np.asarray(data.used), jacobian * np.asarray(data.weight) / mean, 0.0)
-    wrong = fit.chi2 > _WRONG
-    response = _response(fit, optics, otf, data, free) if wrong else fit.covariance
+    response = _response(fit, optics, otf, data, free) if fit.chi2 > _WRONG else fit.covariance
     return CrossFit(truth, fit, data, mean, slopes, response)
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,16 +18,16 @@ import numpy as np
 from jitterkit.conventions import offsets
 from jitterkit.detectors.response import broaden, couple
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
-from jitterkit.forward import GRADIENT, Parameters, expected_image
-from jitterkit.instruments import Instrument
+from jitterkit.forecast.modelled import Modelled, of_sources
+from jitterkit.forward import GRADIENT, expected_image
 from jitterkit.loci import Skewed, principal_axes
 from jitterkit.loci.cumulants import WithCumulants
 from jitterkit.optics.colours import WAVELENGTH, Colours
-from jitterkit.optics.otf import OTF, PLATE_SCALE
+from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.optics.pupil import noll_to_nm, zernike
 from jitterkit.optics.spectrum import Spectrum
-from jitterkit.optics.system import FixedOptics, OpticalSystem
-from jitterkit.scene import Binary, Scene, Star
+from jitterkit.optics.system import OpticalSystem
+from jitterkit.scene import Binary, Star
 
 _DIRECTIONS = 8
 """Around the pair, in which a third star may stand: its bias differs in sign from one to the next."""
@@ -101,14 +101,11 @@ def effects_of(model: Modelled, sizes: Mapping[str, float] | None = None) -> Ite
     sizes = ({"plate_scale": stated} if stated else {}) | dict(sizes or {})
     for name, size in sizes.items():
         if name not in kinds:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"There is no effect {name!r}; {did_you_mean(name, kinds)}there are {', '.join(kinds)}.",
-            )
+            problem = f"There is no effect {name!r}; {did_you_mean(name, kinds)}there are {', '.join(kinds)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         if not 0 < size < math.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"The size of {name} is {size}; give a positive number."
-            )
+            problem = f"The size of {name} is {size}; give a positive number."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     for name, kind in kinds.items():
         size = sizes.get(name, kind.size)
         changes = kind.changes(model, size)
@@ -209,10 +206,6 @@ def _third_star(model: Modelled, size: float):
     return [model.of_scene(star) for star in stars]
 
 
-def _flat(model: Modelled, size: float):
-    return [size * model.image]
-
-
 def _moved(model: Modelled) -> list[np.ndarray]:
     """Return by how much an image changes that moves by a pixel along x, and along y."""
     scene, step = model.parameters.scene, _STEP * model.otf.grid.plate_scale
@@ -222,10 +215,6 @@ def _moved(model: Modelled) -> list[np.ndarray]:
     ]
 
 
-def _pixel_grid(model: Modelled, size: float):
-    return [size * np.hypot(*_moved(model))]
-
-
 def _from_centre(model: Modelled) -> tuple[np.ndarray, np.ndarray]:
     """Return offsets ``x`` (nx) and ``y`` (ny, 1) of pixels from the centre of the image."""
     y, x = (offsets(n, 1.0) for n in model.image.shape)
@@ -233,10 +222,8 @@ def _from_centre(model: Modelled) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _stretch(model: Modelled, size: float):
-    return [
-        size * (model.image - at * moved)
-        for at, moved in zip(_from_centre(model), _moved(model), strict=True)
-    ]
+    pairs = zip(_from_centre(model), _moved(model), strict=True)
+    return [size * (model.image - at * moved) for at, moved in pairs]
 
 
 def _shear(model: Modelled, size: float):
@@ -295,8 +282,8 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "background": _Kind(1.0, "electron", _background, hold=("background", *GRADIENT)),
     "gradient": _Kind(1.0, "electron", _gradient, hold=GRADIENT),
     "third_star": _Kind(10 ** (-0.4 * 8), "", _third_star, together=False),
-    "flat": _Kind(1e-3, "", _flat, per_pixel=True),
-    "pixel_grid": _Kind(1e-3, "pix", _pixel_grid, per_pixel=True),
+    "flat": _Kind(1e-3, "", lambda model, by: [by * model.image], per_pixel=True),
+    "pixel_grid": _Kind(1e-3, "pix", lambda model, by: [by * np.hypot(*_moved(model))], per_pixel=True),
     "stretch": _Kind(1e-5, "", _stretch),
     "shear": _Kind(1e-5, "", _shear),
     "roll": _Kind(100.0, "arcsec", _roll),
@@ -308,62 +295,3 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "orbit": _Kind(57e-6, "arcsec", partial(_separation, lambda now, by: now + by)),
 }
 """By name, beside the modes of the wavefront that no parameter describes: ``noll11``."""
-
-
-@dataclass(frozen=True)
-class Modelled:
-    """A frame of a pair as the model has it.
-
-    Attributes
-    ----------
-    telescope : Instrument
-    parameters : Parameters
-        Of a pair, with all that the optics know.
-    optics : OpticalSystem or FixedOptics
-    otf : OTF
-        At the parameters' aberrations.
-    """
-
-    telescope: Instrument
-    parameters: Parameters
-    optics: OpticalSystem | FixedOptics
-    otf: OTF
-
-    @classmethod
-    def of(cls, telescope: Instrument, parameters: Parameters) -> Modelled:
-        """Model a telescope in front of a pair."""
-        optics = telescope.system()
-        otf = optics.otf(parameters.aberrations)
-        return cls(telescope, parameters.completed(otf), optics, otf)
-
-    @cached_property
-    def image(self) -> np.ndarray:
-        """Return the expected electrons (ny, nx)."""
-        return np.asarray(expected_image(self.parameters, self.otf))
-
-    def through(self, optics: OpticalSystem | FixedOptics) -> np.ndarray:
-        """Return the image by other optics."""
-        return np.asarray(expected_image(self.parameters, self._otf(optics)))
-
-    def with_opd(self, opd: np.ndarray, scene: Star | None = None) -> np.ndarray:
-        """Return the change of the image, or of that of one star, by a wavefront error (n, n) [nm]."""
-        assert isinstance(self.optics, OpticalSystem)
-        pupil = self.optics.pupil
-        other = replace(self.optics, pupil=eqx.tree_at(lambda p: p.opd, pupil, pupil.opd + opd))
-        if scene is None:
-            return self.through(other) - self.image
-        alone = of_sources(self.parameters, scene)
-        before, after = (expected_image(alone, self._otf(optics)) for optics in (self.optics, other))
-        return np.asarray(after - before)
-
-    def of_scene(self, scene: Scene) -> np.ndarray:
-        """Return the image of another scene."""
-        return np.asarray(expected_image(of_sources(self.parameters, scene), self.otf))
-
-    def _otf(self, optics: OpticalSystem | FixedOptics) -> OTF:
-        return optics.otf(self.parameters.aberrations, derivatives=False)
-
-
-def of_sources(parameters: Parameters, scene: Scene) -> Parameters:
-    """Return the same frame of other sources, without background."""
-    return Parameters(scene, parameters.locus, parameters.aberrations, diffusion=parameters.diffusion)

@@ -8,7 +8,6 @@ loss is that of the mean over phases.
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -17,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
-from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.detectors import Detector
-from jitterkit.errors import ConfigurationError, ErrorCode, one_of, positive
+from jitterkit.errors import ConfigurationError, ErrorCode, positive
 from jitterkit.forecast.bound import expected_data, forecast
+from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forward import Parameters, free_parameters
-from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm, Stable, locus_class, principal_axes
+from jitterkit.loci import Locus, PartialShm, Stable, locus_class, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
 from jitterkit.scoring import fisher_scoring
@@ -167,9 +166,8 @@ def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[.
 
 def _beyond_quadrature(locus: Locus) -> bool:
     """Return whether a vibration is too long for the nodes of its integral over time, by its docstring."""
-    return (
-        isinstance(locus, PartialShm) and locus.describe()["length"] * locus.describe()["cycles"] > _LONGEST
-    )
+    sizes = locus.describe()
+    return isinstance(locus, PartialShm) and sizes["length"] * sizes["cycles"] > _LONGEST
 
 
 def _after(loss: Callable[[list[Locus]], float], build: Callable[..., list[Locus]]):
@@ -265,63 +263,3 @@ def moment_bias(
     end = fisher_scoring(start, otf, data, free, prior, max_steps=_MAX_STEPS, tolerance=_NEAR)
     settled = bool(end.converged) and np.all(np.isfinite(np.asarray(end.information)))
     return float(end.parameters.binary.separation - truth.binary.separation) if settled else math.nan
-
-
-def _mvn(size: float, angle: float, shear: float = 0.1) -> Locus:
-    return Mvn.sheared(size / FWHM_PER_SIGMA, shear, angle)
-
-
-def _ellipse(size: float, angle: float, ratio: float = 0.5) -> Locus:
-    return Ellipse.of(size / 2, ratio * size / 2, angle)
-
-
-def _partial(size: float, angle: float, cycles: float = 0.7, phase: float = 30.0) -> Locus:
-    return PartialShm.of(size, angle, cycles, phase)
-
-
-KINDS: dict[str, Callable[..., Locus]] = {
-    "linear": Linear.of,
-    "shm": Shm.of,
-    "mvn": _mvn,
-    "ellipse": _ellipse,
-    "partial": _partial,
-}
-
-
-_GIVEN = ("size", "length", "angle")
-
-
-def jitter_of_kind(kind: str, size: float, angle: float) -> Locus:
-    """Make a jitter of a kind.
-
-    Parameters
-    ----------
-    kind : str
-        A name in :data:`KINDS`, and after commas what shapes it: ``"mvn,shear=0.7"``,
-        ``"ellipse,ratio=0.3"``, ``"partial,cycles=0.7,phase=30"``.
-    size : float
-        arcsec.
-    angle : float
-        Degrees counter-clockwise from +x.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such kind, or it is not shaped so.
-
-    >>> jitter_of_kind("mvn,shear=0.5", 0.2355, 30.0).describe()["sigma_minor"].__round__(4)
-    0.05
-    """
-    name, *settings = kind.split(",")
-    build = KINDS[one_of("kind of jitter", name, KINDS)]
-    shapes = [word for word in inspect.signature(build).parameters if word not in _GIVEN]
-    try:
-        shape = {word.strip(): float(value) for word, value in (s.split("=") for s in settings)}
-    except ValueError:
-        problem = f"{kind!r} is not understood; write mvn,shear=0.7."
-        raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
-    foreign = [word for word in shape if word not in shapes]
-    if foreign:
-        may = f"it may have {', '.join(shapes)}" if shapes else "it has a size and an angle only"
-        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"The kind {name} has no {foreign[0]}; {may}.")
-    return build(size, angle, **shape)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -117,41 +118,28 @@ def cross_fit(
         settings: list[tuple[list[CrossFit], Draws]] = []
         for locus in loci:
             frame = still.with_locus(locus)
-            where = frame, optics, detector, otf, options
-            fits = [_fitted(row, *where) for row in named]
-            if choosing:
-                others = [one for one in CANDIDATES if one not in named]
-                fits += [f for f in (_tried(one, *where) for one in others) if f]
+            fits = [noise_free_fit(frame, row, optics, detector, otf, options) for row in named]
+            for other in (one for one in CANDIDATES if choosing and one not in named):
+                with suppress(JitterkitError):
+                    fits.append(noise_free_fit(frame, other, optics, detector, otf, options))
             settings.append((fits, linearised_draws(fits, draws, rng)))
         for row in rows:
             yield _panel(name, row, settings, truth)
-
-
-def _fitted(locus: str, frame: Parameters, optics, detector, otf, options) -> CrossFit:
-    return noise_free_fit(frame, locus, optics, detector, otf, options)
-
-
-def _tried(locus: str, *where) -> CrossFit | None:
-    try:
-        return _fitted(locus, *where)
-    except JitterkitError:
-        return None
 
 
 def _panel(data: str, row: str, settings: list[tuple[list[CrossFit], Draws]], truth: float) -> Panel:
     offsets, chosen, numbers = [], [], []
     for fits, drawn in settings:
         if row == AUTO_FRAME:
-            offsets.append(drawn.by_frame() - truth)
             often = np.bincount(np.argmax(drawn.evidence, axis=0), minlength=len(fits))
-            chosen.append(drawn.loci[int(np.argmax(often))])
+            index, found = int(np.argmax(often)), drawn.by_frame()
             numbers.append((np.nan, np.nan, np.nan))
-            continue
-        name = drawn.by_sequence()[0] if row == AUTO else row
-        fit = fits[drawn.loci.index(name)]
-        offsets.append(drawn.separations[drawn.loci.index(name)] - truth)
-        chosen.append(name)
-        numbers.append((fit.bias, fit.error, fit.misfit))
+        else:
+            index = drawn.loci.index(drawn.by_sequence()[0] if row == AUTO else row)
+            fit, found = fits[index], drawn.separations[index]
+            numbers.append((fit.bias, fit.error, fit.misfit))
+        offsets.append(found - truth)
+        chosen.append(drawn.loci[index])
     bias, error, misfit = np.array(numbers).T
     return Panel(data, row, np.array(offsets), bias, error, misfit, tuple(chosen))
 
@@ -265,14 +253,18 @@ def refitted_draws(
     -------
     draws : Draws
     """
-    otfs = [optics.otf(_parameters_of(fit).aberrations) for fit in fits]
+    starts = [_parameters_of(fit) for fit in fits]
+    otfs = [optics.otf(start.aberrations) for start in starts]
     expected, truth = fits[0].data, fits[0].truth
     nominal = optics.otf(truth.aberrations)
     columns = []
     for job in _jobs(draws, rng):
         for electrons in _frames(expected, *job):
             data = Data(electrons, expected.read_variance, expected.used, response=expected.response)
-            results = [_refit(fit, data, optics, otf, options) for fit, otf in zip(fits, otfs, strict=True)]
+            results = [
+                fit_locus(fit.fit.locus, data, optics, start, start.locus.moments(), otf, options)
+                for fit, start, otf in zip(fits, starts, otfs, strict=True)
+            ]
             if auto:
                 moments = truth.locus.moments()
                 results.append(fit_best_locus(data, optics, truth, moments, nominal, options))
@@ -281,11 +273,6 @@ def refitted_draws(
     separations, evidence = np.transpose(columns, (1, 2, 0))
     names = tuple(fit.fit.locus for fit in fits)
     return Draws((*names, "auto") if auto else names, separations, evidence)
-
-
-def _refit(fit: CrossFit, data: Data, optics, otf, options):
-    start = _parameters_of(fit)
-    return fit_locus(fit.fit.locus, data, optics, start, start.locus.moments(), otf, options)
 
 
 def _parameters_of(fit: CrossFit) -> Parameters:

@@ -17,7 +17,8 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forecast.bound import expected_data
-from jitterkit.forecast.effects import Effect, Modelled, effects_of
+from jitterkit.forecast.effects import Effect, effects_of
+from jitterkit.forecast.modelled import Modelled
 from jitterkit.forward import Parameters, free_parameters, image_and_jacobian, to_vector
 from jitterkit.instruments import Instrument
 from jitterkit.likelihood import known_information, pearson
@@ -128,10 +129,8 @@ class FitResponse:
         """
         covariance, sound = invert_information(self.slopes * self.weights @ self.slopes.T + self.known)
         if not sound:
-            raise ConfigurationError(
-                ErrorCode.NOT_CONSTRAINED,
-                "The frame does not determine its parameters; change flux, contrast or locus.",
-            )
+            problem = "The frame does not determine its parameters; change flux, contrast or locus."
+            raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, problem)
         return covariance
 
 

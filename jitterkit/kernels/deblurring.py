@@ -8,6 +8,7 @@ image's own scale.  Reach for ``richardson-lucy`` for stars, ``wiener`` for the 
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 
 import numpy as np
@@ -89,10 +90,8 @@ def deblur(
         problem = f"An image to deblur has two axes, (ny, nx); got shape {image.shape}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if not usable.any():
-        raise ConfigurationError(
-            ErrorCode.NO_DATA,
-            f"None of the {image.size} pixels of the image is usable; mask fewer, or give finite values.",
-        )
+        problem = f"None of the {image.size} pixels of the image is usable"
+        raise ConfigurationError(ErrorCode.NO_DATA, f"{problem}; mask fewer, or give finite values.")
     filled = fill_masked(image, usable)
     noise = _noise(filled) ** 2 if variance is None else variance
     noise = np.maximum(np.broadcast_to(np.asarray(noise, float), image.shape), np.finfo(float).tiny)
@@ -118,10 +117,9 @@ def _checked(kernel, method: str, rng) -> np.ndarray:
     one_of("deblurring method", method, METHODS)
     odd = kernel.ndim == 2 and kernel.shape[0] % 2 == 1 and kernel.shape[1] % 2 == 1
     if not odd or not kernel.sum() > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE if odd else ErrorCode.WRONG_SHAPE,
-            f"A kernel has odd sides and a positive sum, got shape {kernel.shape} and {kernel.sum():.3g}.",
-        )
+        code = ErrorCode.OUT_OF_RANGE if odd else ErrorCode.WRONG_SHAPE
+        got = f"got shape {kernel.shape} and {kernel.sum():.3g}"
+        raise ConfigurationError(code, f"A kernel has odd sides and a positive sum, {got}.")
     if method == "unsupervised-wiener" and rng is None:
         problem = "The unsupervised Wiener filter draws samples: give it a generator as rng."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
@@ -170,8 +168,6 @@ def _wiener(image, kernel, balance: float | None, misfit: Callable) -> np.ndarra
 
     if balance is not None:
         return filtered(balance)
-    low, high = 0, len(_BALANCE) - 1  # the misfit rises with the weight: halve the interval
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if misfit(filtered(_BALANCE[middle])) <= 1 else (low, middle - 1)
-    return filtered(_BALANCE[low])
+    # the misfit rises with the weight
+    above = bisect_right(_BALANCE, 1.0, lo=1, key=lambda weight: misfit(filtered(weight)))
+    return filtered(_BALANCE[above - 1])

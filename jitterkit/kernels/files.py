@@ -74,8 +74,10 @@ def kernel_cards(
     known to be jitter has no amplitudes of it, and ``JITRTYPE`` says so.
     """
     pixel = plate_scale / oversample
-    own = estimate is None or _is_on_pixels(estimate)
-    moments = kernel_moments(kernel, pixel) if own else _moments(estimate)
+    if estimate is None or _is_on_pixels(estimate):
+        moments = kernel_moments(kernel, pixel)
+    else:
+        moments = np.asarray(estimate.moments() if isinstance(estimate, Locus) else estimate.moments)
     cards: Cards = {
         "PIXELSCL": (pixel, "[arcsec/pixel] of this kernel"),
         "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
@@ -83,10 +85,9 @@ def kernel_cards(
         "GS_SCALE": (pixel, "[arcsec/pixel] for GalSim"),
     }
     if _undetermined(estimate):
-        cards["JITRTYPE"] = ("Blur that is not known to be jitter", "see COMMENT")
+        cards["JITRTYPE"], of = ("Blur that is not known to be jitter", "see COMMENT"), "blur"
     else:
-        cards |= jitter_cards(moments, normal=_is_normal(estimate))
-    of = "blur" if _undetermined(estimate) else "pointing"
+        cards, of = cards | jitter_cards(moments, normal=_is_normal(estimate)), "pointing"
     for axis, value in zip(("SXX", "SXY", "SYY"), moments, strict=True):
         cards[axis] = (float(value), f"[arcsec2] second moment of the {of}")
     if estimate is not None:
@@ -134,8 +135,7 @@ def write_kernel(
         If the file exists and ``overwrite`` is False, or cannot be written.
     """
     kernel = np.asarray(kernel, float)
-    fault = _fault(kernel)
-    if fault:
+    if fault := _fault(kernel):
         code, problem = fault
         message = f"This is no kernel: it {problem}; give odd sides, finite values and a positive sum."
         raise ConfigurationError(code, message)
@@ -187,8 +187,7 @@ def read_kernel(path: str | Path) -> StoredKernel:
         If the file cannot be read, or holds no kernel.
     """
     kernel, header = read_image(Path(path))
-    fault = _fault(kernel)
-    if fault:
+    if fault := _fault(kernel):
         code, problem = fault
         raise FrameError(code, path, problem, "a kernel has odd sides, finite values and a positive sum")
     named = [header.get(name) for name in ("PIXELSCL", "GS_SCALE", "PIXSCALE")]
@@ -211,11 +210,6 @@ def _fault(kernel: np.ndarray) -> tuple[ErrorCode, str] | None:
 def _is_on_pixels(estimate: KernelEstimate | Locus) -> bool:
     """Return whether an array of pixels was measured."""
     return isinstance(estimate, KernelEstimate) and estimate.locus is None and estimate.kernel is not None
-
-
-def _moments(estimate: KernelEstimate | Locus | None) -> np.ndarray:
-    assert estimate is not None
-    return np.asarray(estimate.moments if isinstance(estimate, KernelEstimate) else estimate.moments())
 
 
 def _undetermined(estimate: KernelEstimate | Locus | None) -> str:

@@ -66,11 +66,8 @@ def kernel_image(
     the pixels sample: for an undersampled one, oversample.
     """
     if not (math.isfinite(plate_scale) and plate_scale > 0 and oversample >= 1):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"A kernel needs a positive plate scale and an oversampling of 1 or more; "
-            f"got {plate_scale} and {oversample}.",
-        )
+        needs = "A kernel needs a positive plate scale and an oversampling of 1 or more"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{needs}; got {plate_scale} and {oversample}.")
     if shape is not None and (len(shape) != 2 or min(shape) < 1 or shape[0] % 2 == 0 or shape[1] % 2 == 0):
         problem = f"A kernel's sides must be odd, so that its centre is a pixel; got {shape}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
@@ -104,11 +101,10 @@ def locus_of(estimate: KernelEstimate) -> tuple[Locus, str]:
     sxx, sxy, syy = (float(s) for s in estimate.moments)
     major, minor, angle = principal_axes(estimate.moments)
     if not major > 0:
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"The moments ({sxx:.3g}, {sxy:.3g}, {syy:.3g}) arcsec² have no positive variance along any "
-            "axis: the image shows no blur, and there is no kernel to draw.",
-        )
+        moments = f"The moments ({sxx:.3g}, {sxy:.3g}, {syy:.3g}) arcsec²"
+        problem = f"{moments} have no positive variance along any axis"
+        remedy = "the image shows no blur, and there is no kernel to draw"
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}: {remedy}.")
     clipped = sxx * syy < sxy**2
     remark = "the variance along the minor axis was negative and is set to zero" if clipped else ""
     return Mvn.of(major, minor, angle), remark
@@ -124,11 +120,8 @@ def kernel_moments(kernel: np.ndarray, pixel: float = 1.0) -> np.ndarray:
 
 def _as_it_is(kernel: np.ndarray, oversample: int, shape: tuple[int, int] | None) -> np.ndarray:
     if oversample != 1:
-        raise ConfigurationError(
-            ErrorCode.UNSUPPORTED,
-            f"This kernel is known on the detector's pixels only and cannot be oversampled by {oversample}; "
-            "use 1.",
-        )
+        problem = "This kernel is known on the detector's pixels only and cannot be oversampled"
+        raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{problem} by {oversample}; use 1.")
     kernel = np.asarray(kernel, float)
     if not (np.all(np.isfinite(kernel)) and kernel.sum() > 0):
         problem = f"The estimate's kernel sums to {kernel.sum():.3g}; a kernel is finite with a positive sum."
@@ -143,12 +136,10 @@ def _as_it_is(kernel: np.ndarray, oversample: int, shape: tuple[int, int] | None
 
 def _drawn(locus: Locus, pixel: float, shape: tuple[int, int] | None) -> np.ndarray:
     reach = np.ceil(np.abs(locus.points(_POINTS)).max(0) / pixel - 1e-9).astype(int)[::-1]
-    if not np.all(np.isfinite(np.asarray(locus.moments()))):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The locus has the second moments {np.asarray(locus.moments()).tolist()} arcsec², which are not "
-            "all finite; there is nothing to draw.",
-        )
+    moments = np.asarray(locus.moments())
+    if not np.all(np.isfinite(moments)):
+        problem = f"The locus has the second moments {moments.tolist()} arcsec², which are not all finite"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; there is nothing to draw.")
     if shape is None:
         side = 2 * int(reach.max() + _MARGIN) + 1
         shape = (side, side)
@@ -156,7 +147,7 @@ def _drawn(locus: Locus, pixel: float, shape: tuple[int, int] | None) -> np.ndar
     if shape[0] < needs[0] or shape[1] < needs[1]:
         problem = f"The locus does not fit into {shape}; it needs {needs} at least."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
-    return _exact(_band_limited(locus, pixel, shape), np.asarray(locus.moments()) / pixel**2)
+    return _exact(_band_limited(locus, pixel, shape), moments / pixel**2)
 
 
 def _band_limited(locus: Locus, pixel: float, shape: tuple[int, int]) -> np.ndarray:

@@ -100,10 +100,8 @@ def transfer_ratio(
         problem = f"Image and template must be of one shape; got {image.shape} and {template.shape}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     if bad := np.count_nonzero(~(np.isfinite(image) & np.isfinite(template))):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"Image or template is not finite in {bad} of {image.size} pixels; cut them away or fill them.",
-        )
+        problem = f"Image or template is not finite in {bad} of {image.size} pixels"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; cut them away or fill them.")
     window = np.outer(*(hann(n, sym=False) for n in image.shape))
     windowed = np.broadcast_to(variance, image.shape) * window**2
     noise = float(windowed.sum())
@@ -117,11 +115,8 @@ def transfer_ratio(
     signal = summed(np.abs(transform) ** 2) - noise * number
     shown = expected > np.maximum(_LEAST_SNR * noise * number, 1e-12 * expected.max(initial=0.0))
     if not shown.any():
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"No frequency along the axis at {angle:g} degrees rises above the noise; expose longer or "
-            "stack frames.",
-        )
+        problem = f"No frequency along the axis at {angle:g} degrees rises above the noise"
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}; expose longer or stack frames.")
     spread = np.array([_spread(np.where(bin_of == b, transform, 0), windowed) for b in np.flatnonzero(shown)])
     signal, expected = np.maximum(signal[shown], 0), expected[shown]
     measured = np.sqrt(signal / expected)
@@ -133,11 +128,8 @@ def transfer_ratio(
     fitted = np.sqrt(summed(reference * model)[shown] / expected)
     level = np.sum(expected * fitted * measured) / np.sum(expected * fitted**2)
     if not level > 0:
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"The image holds no more power along the axis at {angle:g} degrees than its noise; "
-            "expose longer or stack frames.",
-        )
+        problem = f"The image holds no more power along the axis at {angle:g} degrees than its noise"
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, f"{problem}; expose longer or stack frames.")
     return TransferRatio(angle, middle, measured / level, error / level, fitted)
 
 

@@ -175,19 +175,9 @@ def assess_motion(
         left = motion if bandwidth is None else Record(motion.t, *follow(*motion, bandwidth))
         seen, before = (measure_exposures(record, exposure, cadence) for record in (left, motion))
         split, frames = seen.split(), len(seen.starts)
-        return Assessment(
-            *times,
-            trace_spectrum(left),
-            (),
-            split,
-            before.split(),
-            seen.steps(),
-            smeared_locus(split),
-            frames,
-            left_out=seen.planned - frames,
-            step=float(np.median(np.diff(motion.t))),
-            lost=_lost_between_samples(left, split, exposure),
-        )
+        step, lost = float(np.median(np.diff(motion.t))), _lost_between_samples(left, split, exposure)
+        found = (*times, trace_spectrum(left), (), split, before.split(), seen.steps(), smeared_locus(split))
+        return Assessment(*found, frames, left_out=seen.planned - frames, step=step, lost=lost)
     remaining = motion if bandwidth is None else close_loop(motion, bandwidth)
     return Assessment(
         *times,

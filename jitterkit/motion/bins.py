@@ -75,12 +75,10 @@ def recognise_rows(frequencies: np.ndarray, density: np.ndarray) -> str:
     ]
     if abs(powers[0] - powers[1]) <= _ALIKE * max(powers):
         return "curve"
-    raise ConfigurationError(
-        ErrorCode.MISSING_VALUE,
-        f"{n} rows from {frequencies[0]:g} to {frequencies[-1]:g} Hz may be bins of a measured spectrum "
-        f"({powers[0]:.3g} arcsec² in all) or points of a drawn curve ({powers[1]:.3g} arcsec²); give --kind "
-        "bins or --kind curve.",
-    )
+    rows = f"{n} rows from {frequencies[0]:g} to {frequencies[-1]:g} Hz"
+    bins = f"bins of a measured spectrum ({powers[0]:.3g} arcsec² in all)"
+    problem = f"{rows} may be {bins} or points of a drawn curve ({powers[1]:.3g} arcsec²)"
+    raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; give --kind bins or --kind curve.")
 
 
 def spectrum_of_bins(frequencies: np.ndarray, density: np.ndarray) -> PowerSpectrum:
@@ -144,11 +142,8 @@ def _without_lines(
     free = np.ones(len(power), bool)
     for peak in np.flatnonzero(power > _STANDS_OUT * around)[::-1]:
         rows = _lobe(power, int(peak), around[peak], free)
-        if (
-            not free[peak]
-            or power[peak] < power[rows].max()
-            or np.sum(power[rows] > power[peak] / 2) > _NARROW
-        ):
+        wide = np.sum(power[rows] > power[peak] / 2) > _NARROW
+        if not free[peak] or power[peak] < power[rows].max() or wide:
             continue
         free[rows] = False
         share = np.clip(1 - around[peak] / power[rows], 0, 1)[:, None]

@@ -49,12 +49,8 @@ def line_locus(line: Line, exposure: float) -> str:
     if not np.any(line.moments()):
         return "stable"
     round_ = min(line.amplitude, line.minor) > _THIN * max(line.amplitude, line.minor)
-    names = {
-        "low": "linear",
-        "medium": "path" if round_ else "partial",
-        "high": "ellipse" if round_ else "shm",
-    }
-    return names[regime(line.frequency * check_exposure(exposure))]
+    names = ("linear", "path", "ellipse") if round_ else ("linear", "partial", "shm")
+    return names[REGIMES.index(regime(line.frequency * check_exposure(exposure)))]
 
 
 def smooth_locus(split: Split) -> str:

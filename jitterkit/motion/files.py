@@ -13,17 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
-from jitterkit.loci import is_trace, read_trace
-from jitterkit.loci.csv_table import (
-    CsvRow,
-    assumed_units,
-    csv_rows,
-    heading,
-    refuse_half_stated,
-    refuse_unit_in_comment,
-    row_numbers,
-    unit_factor,
-)
+from jitterkit.loci import csv_table, is_trace, read_trace
 from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
@@ -92,7 +82,7 @@ def read_motion(
     path = Path(path)
     if kind is not None:
         one_of("kind of rows", kind, KINDS)
-    rows = csv_rows(path, _FORMATS)
+    rows = csv_table.csv_rows(path, _FORMATS)
     trace = bool(rows) and is_trace(rows[0][1])
     if (trace and kind is not None) or (not trace and rates is not None):
         given, other = ("--kind", "densities") if trace else ("--rates", "a trace")
@@ -100,7 +90,7 @@ def read_motion(
     if trace:
         return Record(*read_trace(path, rates, log))
     try:
-        refuse_unit_in_comment(path, rows[0][1] if rows else ())
+        csv_table.refuse_unit_in_comment(path, rows[0][1] if rows else ())
         densities, lines = _tables(rows, log)
         random = _random(densities, kind, _stated_sides(path), log)
     except ConfigurationError as error:
@@ -115,17 +105,18 @@ class _Header(NamedTuple):
     factors: tuple[float, ...]
     units: tuple[str, ...]
 
-    def numbers(self, row: CsvRow) -> dict[str, float]:
+    def numbers(self, row: csv_table.CsvRow) -> dict[str, float]:
         """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
-        values = dict(zip(self.names, row_numbers(row, self.names), strict=True))
-        scaled = {name: values[name] * factor for name, factor in zip(self.names, self.factors, strict=True)}
-        units = dict(zip(self.names, self.units, strict=True))
-        return {name: scaled[name] ** (2 if _ROOT in units[name] else 1) for name in scaled}
+        values = csv_table.row_numbers(row, self.names)
+        columns = zip(self.names, values, self.factors, self.units, strict=True)
+        return {
+            name: (value * factor) ** (2 if _ROOT in unit else 1) for name, value, factor, unit in columns
+        }
 
 
 def _header(cells: list[str]) -> _Header | None:
     """Read a header; None of a line that is none."""
-    cut = [heading(cell) for cell in cells]
+    cut = [csv_table.heading(cell) for cell in cells]
     names = tuple(re.sub(r"^(psd|asd)_?(?=[xy])|_(psd|asd)$", "", name) for name, _ in cut)
     names = tuple("f" if name in ("frequency", "freq") and "x" in names else name for name in names)
     if names not in (_DENSITIES[:3], _DENSITIES, _LINES[:3], _LINES):
@@ -133,7 +124,7 @@ def _header(cells: list[str]) -> _Header | None:
     factors, kinds = [], []
     for name, (written, unit) in zip(names, cut, strict=True):
         wanted = _UNITS[name][::-1] if "asd" in written else _UNITS[name]
-        factor, kind = unit_factor(name, unit or wanted[0], *wanted)
+        factor, kind = csv_table.unit_factor(name, unit or wanted[0], *wanted)
         if kind != wanted[0] and ("asd" in written or "psd" in written):
             problem = f"the column {written} has the unit {unit}"
             raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; correct the name or the unit.")
@@ -144,19 +135,18 @@ def _header(cells: list[str]) -> _Header | None:
         problem = f"{','.join(cells)!r} mixes densities and their roots"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give x and y alike, and no xy with roots.")
     alike = [(cell, unit) for cell, (_, unit), name in zip(cells, cut, names, strict=True) if name in _ALIKE]
-    refuse_half_stated(*zip(*alike, strict=True))
+    csv_table.refuse_half_stated(*zip(*alike, strict=True))
     return _Header(names, tuple(factors), tuple(kinds))
 
 
-def _tables(rows: list[CsvRow], log: Log) -> tuple[list[dict[str, float]], list[Line]]:
+def _tables(rows: list[csv_table.CsvRow], log: Log) -> tuple[list[dict[str, float]], list[Line]]:
     """Return the rows of densities and the lines of a file."""
     tables: dict[str, list[dict[str, float]]] = {}
-    lines: list[Line] = []
     header: _Header | None = None
     for n, cells in rows:
         if (new := _header(cells)) is not None:
             header = new
-            for sentence in assumed_units(cells, header.units):
+            for sentence in csv_table.assumed_units(cells, header.units):
                 log(sentence)
             if header.names[0] in tables:
                 problem = f"line {n} begins a second table of one kind; put all its rows into one."
@@ -203,14 +193,12 @@ def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, l
         line = int(rows[-1]["line"])
         raise ConfigurationError(ErrorCode.TOO_FEW, f"line {line} is the only density; give two or more.")
     curve = PowerSpectrum(f, density)  # refuses what is no spectrum
-    found = kind or recognise_rows(f, density)
-    spectrum = spectrum_of_bins(f, density) if found == "bins" else curve
-    read = "bins of a measured spectrum" if found == "bins" else "points of a curve, power laws between them"
-    other = "curve" if found == "bins" else "bins"
-    log(
-        f"The {len(f)} rows of densities were read as {read}"
-        + ("." if kind else f"; if they are not, give --kind {other}.")
-    )
+    if (kind or recognise_rows(f, density)) == "bins":
+        spectrum, read, other = spectrum_of_bins(f, density), "bins of a measured spectrum", "curve"
+    else:
+        spectrum, read, other = curve, "points of a curve, power laws between them", "bins"
+    remedy = "" if kind else f"; if they are not, give --kind {other}"
+    log(f"The {len(f)} rows of densities were read as {read}{remedy}.")
     if spectrum.lines:
         listed = ", ".join(f"{line.frequency:.5g}" for line in spectrum.lines)
         log(f"Lines that stand out of the bins, and are listed as lines: {listed} Hz.")

@@ -72,11 +72,8 @@ class Exposures:
         """
         about = self.means - self.means.mean(axis=0)
         share = len(about) / max(len(about) - 1, 1)
-        return Split(
-            share * _squares(about).mean(axis=0),
-            _squares(self.smears).mean(axis=0) / 12,
-            self.jitters.mean(axis=0),
-        )
+        smear = _squares(self.smears).mean(axis=0) / 12
+        return Split(share * _squares(about).mean(axis=0), smear, self.jitters.mean(axis=0))
 
     def steps(self) -> np.ndarray:
         """Second moments (3,) of the motion from one exposure to the next, arcsec²; zero without a pair."""
@@ -115,17 +112,15 @@ def measure_exposures(record: Record, exposure: float, cadence: float | None = N
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     if count > _MOST_EXPOSURES:
         problem = f"The trace lasts {t[-1]:g} s, {count:.3g} exposures of {exposure:g} s"
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"{problem}; check the unit of its times, or give a part of it."
-        )
+        remedy = "check the unit of its times, or give a part of it"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     starts = cadence * np.arange(count)
     numbers = np.flatnonzero(_is_covered(t, starts, exposure))
     if not len(numbers):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The trace has {len(trace_gaps(t))} gaps, the longest of {np.diff(t).max():g} s, and all of its "
-            f"{count} exposures of {exposure:g} s have one; give a better trace or a shorter exposure.",
-        )
+        gaps = f"{len(trace_gaps(t))} gaps, the longest of {np.diff(t).max():g} s"
+        problem = f"The trace has {gaps}, and all of its {count} exposures of {exposure:g} s have one"
+        remedy = "give a better trace or a shorter exposure"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     middle = positions.mean(axis=0)
     means, smears, jitters = (v[numbers] for v in _project(t, positions - middle, starts, exposure))
     return Exposures(starts[numbers] + record.t[0], means + middle, smears, jitters, numbers, count)

@@ -14,7 +14,7 @@ from jitterkit.loci import Ellipse, Locus, Mvn, Product, Shm, Trace
 from jitterkit.loci.base import turned
 from jitterkit.motion.budget import line_locus
 from jitterkit.motion.record import Record, measure_exposures
-from jitterkit.motion.spectrum import Line, PowerSpectrum, panel_integrals
+from jitterkit.motion.spectrum import PowerSpectrum, panel_integrals
 from jitterkit.motion.split import check_exposure
 
 _PER_OCTAVE, _OCTAVES = 4, 20
@@ -100,15 +100,9 @@ def _fast(spectrum: PowerSpectrum, exposure: float) -> list[Locus]:
     """Return what is too fast to be drawn, as a blur."""
     _, integrals = panel_integrals(spectrum)
     moments = integrals.sum(axis=(0, 1))
-    return [
-        *([Mvn.near(moments)] if np.any(moments) else []),
-        *(_whole(line, exposure) for line in spectrum.lines),
-    ]
-
-
-def _whole(line: Line, exposure: float) -> Locus:
-    kind = Ellipse if line_locus(line, exposure) == "ellipse" else Shm
-    return kind.near(line.moments())
+    normal = [Mvn.near(moments)] if np.any(moments) else []
+    kinds = (Ellipse if line_locus(line, exposure) == "ellipse" else Shm for line in spectrum.lines)
+    return [*normal, *(kind.near(line.moments()) for kind, line in zip(kinds, spectrum.lines, strict=True))]
 
 
 def _random(spectrum: PowerSpectrum, n: int, step: float, rng: np.random.Generator) -> np.ndarray:

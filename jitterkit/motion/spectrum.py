@@ -51,11 +51,9 @@ class Line:
         rules = {"frequency": self.frequency > 0, "amplitude": self.amplitude >= 0, "minor": self.minor >= 0}
         for name, value in (("angle", self.angle), *((name, getattr(self, name)) for name in rules)):
             if not (np.isfinite(value) and rules.get(name, True)):
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE,
-                    f"A line's {name} is {value:g}; give a positive frequency in Hz, amplitudes in arcsec "
-                    "that are not negative, and an angle in degrees.",
-                )
+                remedy = "amplitudes in arcsec that are not negative, and an angle in degrees"
+                problem = f"A line's {name} is {value:g}; give a positive frequency in Hz, {remedy}."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     def moments(self) -> np.ndarray:
         """Return the second moments ``(Sxx, Sxy, Syy)`` over whole cycles, arcsec²."""
@@ -137,9 +135,8 @@ def _between(f, ends, share, first, second) -> np.ndarray:
     law = (first > 0) & (second > 0) & (ends[0] > 0)
     safe = [np.where(law, value, 1.0) for value in (ends[0], first, second)]
     steps = np.log(np.where(law, f, 1.0) / safe[0]) / np.log(np.where(law, ends[1] / safe[0], 2.0))
-    return np.where(
-        law, safe[1] * (safe[2] / safe[1]) ** steps, np.maximum(first + (second - first) * share, 0)
-    )
+    straight = np.maximum(first + (second - first) * share, 0)
+    return np.where(law, safe[1] * (safe[2] / safe[1]) ** steps, straight)
 
 
 def _correlation(density: np.ndarray) -> np.ndarray:
@@ -153,28 +150,22 @@ def _check(frequencies: np.ndarray, density: np.ndarray) -> None:
         problem = "A spectrum has densities (n, 3) at two frequencies or more, or none"
         got = f"got {density.shape} at {frequencies.shape}"
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{problem}; {got}.")
-    for row in np.flatnonzero(
-        ~np.isfinite(frequencies) | (frequencies < 0) | (np.diff(frequencies, prepend=-1) <= 0)
-    ):
-        in_range = 0 <= frequencies[row] < np.inf
-        raise ConfigurationError(
-            ErrorCode.MALFORMED if in_range else ErrorCode.OUT_OF_RANGE,
-            f"The frequency of row {row + 1} is {frequencies[row]:g} Hz; give them ascending, none negative.",
-        )
+    bad = ~np.isfinite(frequencies) | (frequencies < 0) | (np.diff(frequencies, prepend=-1) <= 0)
+    for row in np.flatnonzero(bad):
+        code = ErrorCode.MALFORMED if 0 <= frequencies[row] < np.inf else ErrorCode.OUT_OF_RANGE
+        problem = f"The frequency of row {row + 1} is {frequencies[row]:g} Hz"
+        raise ConfigurationError(code, f"{problem}; give them ascending, none negative.")
     bad = ~np.isfinite(density).all(axis=1) | (density[:, [0, 2]] < 0).any(axis=1)
     for row in np.flatnonzero(bad):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"At {frequencies[row]:g} Hz the densities x, y are {density[row, 0]:g}, {density[row, 2]:g}; "
-            "give arcsec²/Hz, finite and not negative.",
-        )
+        values = f"the densities x, y are {density[row, 0]:g}, {density[row, 2]:g}"
+        problem = f"At {frequencies[row]:g} Hz {values}; give arcsec²/Hz, finite and not negative."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     most = np.sqrt(density[:, 0] * density[:, 2])
     for row in np.flatnonzero(np.abs(density[:, 1]) > most * (1 + _SLACK)):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"At {frequencies[row]:g} Hz the cross spectrum is {density[row, 1]:g}, more than the root of "
-            f"the product of x and y, {most[row]:g}; give its real part in arcsec²/Hz.",
-        )
+        problem = f"At {frequencies[row]:g} Hz the cross spectrum is {density[row, 1]:g}"
+        limit = f"more than the root of the product of x and y, {most[row]:g}"
+        message = f"{problem}, {limit}; give its real part in arcsec²/Hz."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
 
 
 _NODES = 12

@@ -193,10 +193,8 @@ def motion_between_frames(spectrum: PowerSpectrum, exposure: float, cadence: flo
         return difference_weight(f, exposure, cadence)[None]
 
     _, integrals = panel_integrals(spectrum, weights, max(exposure, cadence))
-    tones = sum(
-        (weights(np.array([line.frequency])).item() * line.moments() for line in spectrum.lines), np.zeros(3)
-    )
-    return integrals.sum(axis=(0, 1)) + tones
+    tones = (weights(np.array([line.frequency])).item() * line.moments() for line in spectrum.lines)
+    return integrals.sum(axis=(0, 1)) + sum(tones, np.zeros(3))
 
 
 def check_exposure(exposure: float) -> float:

@@ -1,4 +1,4 @@
-"""Axes, and what every picture puts on them alike: colours, outlines, colour bars, words.
+"""Axes, and what every picture puts on them alike: colours, outlines, colour bars, units, words.
 
 Reach for :func:`axes_or_new`, with which a function of this package begins, and for :func:`note_in_axes`
 where there is nothing to draw.  The colours survive print in grey and the common kinds of colour blindness.
@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from jitterkit.report.words import angle_unit
 
 BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
 OUTLINE: Any = {"fill": False, "ec": "white", "lw": 0.9}
@@ -24,9 +27,21 @@ def axes_or_new(ax: Axes | None, size: tuple[float, float]) -> Axes:
     return Figure(figsize=size, layout="constrained").subplots() if ax is None else ax
 
 
+def panels(size: tuple[float, float], rows: int, columns: int, **layout: Any) -> list[Axes]:
+    """Return the axes of a new figure of so many inches, row by row; ``layout`` as for its ``subplots``."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure.subplots(rows, columns, squeeze=False, **layout).ravel().tolist()
+
+
 def scale_and_unit(plate_scale: float | None) -> tuple[float, str]:
     """Size of a pixel and the unit it is in: the plate scale [arcsec], or one pixel where there is none."""
     return (1.0, "pixel") if plate_scale is None else (plate_scale, "arcsec")
+
+
+def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
+    """Return how many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
+    factor, unit = angle_unit(float(np.median(sizes)))
+    return factor, unit.strip().replace("″", "arcsec")
 
 
 def colour_bar(picture: Any, ax: Axes, label: str, extend: str = "neither") -> None:

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from jitterkit.calibration import Calibration
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.calibration import Calibration, MeasuredMap
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.words import with_error
 
 _SIZE = (5.2, 3.7)
@@ -50,8 +49,8 @@ def plot_calibration(calibration: Calibration) -> list[Axes]:
     if (calibration.read_noise is not None and len(draws) % 2 == 1) or not draws:
         draws.append(plot_read_noise)
     rows = (len(draws) + 1) // 2
-    figure = Figure(figsize=(10.4 if len(draws) > 1 else 5.4, 3.7 * rows), layout="constrained")
-    grid = figure.subplots(rows, 2 if len(draws) > 1 else 1, squeeze=False).ravel()
+    width, columns = (10.4, 2) if len(draws) > 1 else (5.4, 1)
+    grid = panels((width, 3.7 * rows), rows, columns)
     for spare in grid[len(draws) :]:
         spare.set_axis_off()
     return [draw(calibration, ax) for draw, ax in zip(draws, grid, strict=False)]
@@ -123,11 +122,10 @@ def plot_dark(calibration: Calibration, ax: Axes | None = None) -> Axes:
     if measured is None or limit is None:
         return note_in_axes(ax, "no dark frames")
     low, middle = np.percentile(measured.values, (0.01, 50))
-    _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), _ALL)
+    _histogram(ax, measured.values, float(low), limit + 0.6 * (limit - float(middle)), label=_ALL)
     hot = f"hot above {limit:.3g} e-/s: {calibration.count('hot')}"
     ax.axvline(limit, ymax=_BELOW, color=RUST, lw=1.2, ls="--", label=hot)
-    text = with_error(measured.number, measured.number_error)
-    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"mean of the good {text} e-/s")
+    _mark_number(ax, measured, "mean of the good")
     ax.set(xlabel="dark current [e-/s]", title="dark current")
     return _finish(ax, loc="upper right")
 
@@ -143,12 +141,11 @@ def plot_response(calibration: Calibration, ax: Axes | None = None) -> Axes:
     margin = 0.15 * (high - low)
     low, high = float(low - margin), float(high + margin)
     if not calibration.settings.smooth:
-        _histogram(ax, flat.values[good], low, high, "as it is")
+        _histogram(ax, flat.values[good], low, high, label="as it is")
     prnu, error = calibration.prnu
     counts, edges = np.histogram(local.values[good], _BINS, (low, high))
-    ax.stairs(
-        counts, edges, color=RUST, lw=1.4, label=f"locally: PRNU {with_error(100 * prnu, 100 * error)} %"
-    )
+    text = f"locally: PRNU {with_error(100 * prnu, 100 * error)} %"
+    ax.stairs(counts, edges, color=RUST, lw=1.4, label=text)
     ax.plot([], [], " ", label=f"dead: {calibration.count('dead')}")
     ax.set_ylim(0.7, _HEADROOM * float(counts.max()))
     ax.set(yscale="log", ylabel="pixels", xlim=(low, high), xlabel="relative response", title="response")
@@ -162,9 +159,8 @@ def plot_read_noise(calibration: Calibration, ax: Axes | None = None) -> Axes:
     if measured is None:
         return note_in_axes(ax, "no bias frames")
     high = max(float(np.percentile(measured.values, 99.9)), 2 * measured.number)
-    _histogram(ax, measured.values, 0.0, high, _ALL)
-    text = with_error(measured.number, measured.number_error)
-    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=f"root mean square {text} e-")
+    _histogram(ax, measured.values, 0.0, high, label=_ALL)
+    _mark_number(ax, measured, "root mean square")
     ax.set(xlabel="read noise [e-]", title="read noise")
     return _finish(ax, loc="upper right")
 
@@ -175,11 +171,15 @@ def _points(levels: list, name: str) -> tuple[list[float], list[float], list[flo
 
 
 def _histogram(ax: Axes, values: np.ndarray, low: float, high: float, label: str) -> None:
-    inside = np.clip(values, low, high)
-    counts, edges = np.histogram(inside, _BINS, (low, high))
+    counts, edges = np.histogram(np.clip(values, low, high), _BINS, (low, high))
     ax.stairs(counts, edges, fill=True, color=BLUE, alpha=0.75, label=label)
     top = _HEADROOM * float(counts.max())
     ax.set(yscale="log", ylim=(0.7, top), xlim=(low, high), ylabel="pixels")
+
+
+def _mark_number(ax: Axes, measured: MeasuredMap, words: str) -> None:
+    text = f"{words} {with_error(measured.number, measured.number_error)} {measured.unit}"
+    ax.axvline(measured.number, ymax=_BELOW, color=INK, lw=1.2, label=text)
 
 
 def _finish(ax: Axes, loc: Any) -> Axes:

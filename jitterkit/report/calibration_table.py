@@ -15,7 +15,7 @@ import numpy as np
 from astropy.table import QTable
 
 from jitterkit.calibration import FLAGS, Calibration, Stack
-from jitterkit.calibration.stack import FILTER, TEMPERATURE
+from jitterkit.calibration.stack_files import FILTER, TEMPERATURE
 from jitterkit.report.columns import Column, bind
 from jitterkit.report.words import number
 
@@ -53,9 +53,7 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
             rows.append(("saturation", transfer.saturation + calibration.bias.number, math.nan, "ADU"))
     counted = (("hot pixels", "hot", calibration.dark_current), ("dead pixels", "dead", calibration.flat),
                ("noisy pixels", "noisy", calibration.read_noise))  # fmt: skip
-    rows += [
-        (name, calibration.count(flag), math.nan, "") for name, flag, made in counted if made is not None
-    ]
+    rows += [(name, calibration.count(flag), math.nan, "") for name, flag, made in counted if made]
     return rows
 
 
@@ -65,9 +63,8 @@ def calibration_sentences(calibration: Calibration) -> list[str]:
     maps = [calibration.local if measured.name == "flat" else measured for measured in calibration.maps]
     sentences = [measured.sentence() for measured in maps if measured is not None]
     for kind, (left_out, of) in calibration.rejected.items():
-        sentences.append(
-            f"{kind} frames: {left_out} of {of} values left out beyond {calibration.settings.clip:g} sigma."
-        )
+        beyond = f"left out beyond {calibration.settings.clip:g} sigma"
+        sentences.append(f"{kind} frames: {left_out} of {of} values {beyond}.")
     if calibration.hot_limit is not None:
         sentences.append(f"Hot: a dark current above {number(calibration.hot_limit, 3)} e-/s.")
     if calibration.gradient > _UNEVEN:
@@ -83,10 +80,8 @@ def _of_gradient(calibration: Calibration) -> str:
     size = f"The flats change smoothly by {100 * calibration.gradient:.1f} % over the frame"
     if calibration.settings.smooth:
         return f"{size}; that is divided out (--smooth), as the lamp's."
-    return (
-        f"{size}; that is kept, as if it were the detector's or the telescope's: if it is the lamp's, "
-        "give --smooth."
-    )
+    kept = "that is kept, as if it were the detector's or the telescope's"
+    return f"{size}; {kept}: if it is the lamp's, give --smooth."
 
 
 _NO_LINE = 100.0
@@ -104,17 +99,14 @@ def _of_transfer(calibration: Calibration) -> list[str]:
     assert transfer is not None
     lit = [level for level in transfer.levels if level.exposure > 0]
     full = sum(level.saturated for level in lit)
-    sentences = [
-        f"Photon transfer: {len(lit)} levels of light"
-        + (f", {full} saturated and left out." if full else ".")
-    ]
-    if transfer.freedom:
-        sentences[0] = sentences[0][:-1] + f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}."
-        if transfer.chi2 > _NO_LINE * transfer.freedom:
-            sentences.append(
-                "The variances do not lie on a line, so that the gain and all in electrons may be wrong: "
-                "give single exposures as they were read, neither scaled nor averaged, of one setting."
-            )
+    left_out = f", {full} saturated and left out" if full else ""
+    chi2 = f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}" if transfer.freedom else ""
+    sentences = [f"Photon transfer: {len(lit)} levels of light{left_out}{chi2}."]
+    if transfer.freedom and transfer.chi2 > _NO_LINE * transfer.freedom:
+        sentences.append(
+            "The variances do not lie on a line, so that the gain and all in electrons may be wrong: "
+            "give single exposures as they were read, neither scaled nor averaged, of one setting."
+        )
     marked = [level.signal for level in transfer.levels if level.saturated]
     if len(marked) > 1 and marked[-1] > _RISING * marked[0]:
         sentences.append(
@@ -122,25 +114,22 @@ def _of_transfer(calibration: Calibration) -> list[str]:
             "do not: if frames were stretched, or lack a bias that others have, the gain is wrong."
         )
     if transfer.linearity is None:
-        sentences.append(
-            "Linearity is not measured: it takes three exposure times below saturation, of one lamp."
-        )
+        needs = "it takes three exposure times below saturation, of one lamp"
+        sentences.append(f"Linearity is not measured: {needs}.")
     elif not transfer.linearity.coefficients:
         worst = 100 * float(np.max(np.abs(transfer.linearity.residuals)))
         sentences.append(f"No non-linearity is significant; the levels lie within {worst:.2g} % of a line.")
         if worst > _BENT:
-            sentences.append(
-                "No detector does that: check the exposures, and that all frames have one bias level."
-            )
+            remedy = "check the exposures, and that all frames have one bias level"
+            sentences.append(f"No detector does that: {remedy}.")
     if transfer.coupling > _SMOOTH:
         sentences.append(
             f"The coupling of {100 * transfer.coupling:.2g} % is larger than detectors have: if the flats "
             "were smoothed or resampled, the gain and all in electrons are wrong."
         )
     if not transfer.coupling and math.isfinite(transfer.coupling_error):
-        sentences.append(
-            f"No coupling to the neighbours is significant (error {100 * transfer.coupling_error:.2g} %)."
-        )
+        error = f"(error {100 * transfer.coupling_error:.2g} %)"
+        sentences.append(f"No coupling to the neighbours is significant {error}.")
     return sentences
 
 
@@ -156,15 +145,11 @@ def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
         said = Counter(warning for shot in shots for warning in shot.warnings)
         sentences += [f"{count} of {len(shots)} {kind} frames: {text}." for text, count in said.items()]
         if not all(shot.whole for shot in shots):
-            sentences.append(
-                f"The {kind} frames are not whole numbers: of frames that were averaged or scaled, noise and "
-                "gain are not the detector's."
-            )
+            doubt = "of frames that were averaged or scaled, noise and gain are not the detector's"
+            sentences.append(f"The {kind} frames are not whole numbers: {doubt}.")
         if kind != "flat" and any(shot.clipped for shot in shots):
-            sentences.append(
-                f"The {kind} frames are cut off at zero, so that level and read noise are wrong: give the "
-                "camera a higher offset."
-            )
+            remedy = "so that level and read noise are wrong: give the camera a higher offset"
+            sentences.append(f"The {kind} frames are cut off at zero, {remedy}.")
     return sentences
 
 
@@ -179,10 +164,9 @@ def _of_temperature(stacks: Sequence[Stack]) -> list[str]:
     known = [number for number in numbers if -200 < number < 80]
     if not known or max(known) - min(known) <= _APART:
         return []
-    return [
-        f"The frames are of {min(known):g} to {max(known):g} degrees ({TEMPERATURE}), and the dark current "
-        "doubles with about every six: give frames of the temperature of the observations."
-    ]
+    spread = f"of {min(known):g} to {max(known):g} degrees ({TEMPERATURE})"
+    doubling, remedy = "doubles with about every six", "give frames of the temperature of the observations"
+    return [f"The frames are {spread}, and the dark current {doubling}: {remedy}."]
 
 
 def _of_filters(stacks: Sequence[Stack]) -> list[str]:

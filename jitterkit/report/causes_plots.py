@@ -16,9 +16,9 @@ from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jitterkit.forecast.bound import listed
 from jitterkit.forecast.causes import Causes, Degeneracy
 from jitterkit.forecast.causes_data import Observation, cheapest
+from jitterkit.forecast.directions import listed
 from jitterkit.report.axes import INK, axes_or_new
 from jitterkit.report.columns import Column, bind, bind_rows
 from jitterkit.report.words import MINUS, TIMES, number
@@ -36,10 +36,8 @@ def plot_causes(causes: Causes) -> Figure:
     image, slopes = causes.setting.slopes(causes.locus)
     sigma = np.sqrt(np.maximum(image, 1e-6 * image.max()))
     window = _window(image)
-    panels = [
-        (slopes[cause.name] / sigma / blur)[window]
-        for cause, blur in zip(causes.causes, causes.blurs, strict=True)
-    ]
+    pairs = zip(causes.causes, causes.blurs, strict=True)
+    panels = [(slopes[cause.name] / sigma / blur)[window] for cause, blur in pairs]
     largest = max(float(np.abs(panel).max()) for panel in panels)
     figure = Figure(figsize=(max(2.0 * len(panels), 6.0), 5.8), layout="constrained")
     grid = figure.add_gridspec(2, len(panels), height_ratios=(1.0, 1.7))
@@ -123,9 +121,8 @@ def causes_table(causes: Causes, target: float) -> QTable:
 def data_table(causes: Causes, sets: Sequence[Observation]) -> QTable:
     """Tabulate the errors of every cause by observation, the frame alone first, and the worst as a share."""
     every = [causes.errors(), *(causes.errors(one.extra) for one in sets)]
-    columns: list[tuple[Column, Any]] = [
-        (Column("data", kind=str), ["the frame alone", *(f"+ {one.words}" for one in sets)])
-    ]
+    names = ["the frame alone", *(f"+ {one.words}" for one in sets)]
+    columns: list[tuple[Column, Any]] = [(Column("data", kind=str), names)]
     for i, cause in enumerate(causes.causes):
         name = "defocus" if cause.name.startswith("noll4") else cause.name
         column = Column(name, f"error of {cause.words}", cause.unit)

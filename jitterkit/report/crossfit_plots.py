@@ -43,9 +43,8 @@ def plot_crossfit(panels: Sequence[Panel], unit: float) -> Figure:
         ax.set_title(name, fontsize=10)
     for ax, name in zip(axes[:, 0], rows, strict=True):
         ax.set_ylabel(name, fontsize=10)
-    figure.supxlabel(
-        f"fitted − true separation [{1e6 * unit:.0f} µas, the error without jitter]", fontsize=10
-    )
+    counted = f"[{1e6 * unit:.0f} µas, the error without jitter]"
+    figure.supxlabel(f"fitted − true separation {counted}", fontsize=10)
     figure.supylabel("fitted with", fontsize=10)
     figure.suptitle("data of", fontsize=10)
     return figure
@@ -120,9 +119,8 @@ def crossfit_table(panels: Sequence[Panel], settings: Sequence[tuple[float, floa
     for panel in panels:
         spread = panel.offsets.std(axis=1, ddof=1)
         numbers = (panel.bias, panel.offsets.mean(axis=1), spread / np.sqrt(panel.offsets.shape[1]), spread)
-        for (size, angle), *values, misfit, chosen in zip(
-            settings, *numbers, panel.error, panel.misfit, panel.chosen, strict=True
-        ):
+        found = zip(settings, *numbers, panel.error, panel.misfit, panel.chosen, strict=True)
+        for (size, angle), *values, misfit, chosen in found:
             microarcsec = [1e6 * value for value in values]
             rows.append((panel.data, size, angle, panel.fitted, chosen, *microarcsec, misfit))
     return bind_rows(_COLUMNS, rows)

@@ -111,8 +111,7 @@ def plot_errors(
     ax.set(xlabel=f"{names[0]} [{unit}]" if unit else names[0], ylabel="error of separation, one frame [µas]")
     finish(ax).set_title(title)
     if plate_scale is not None and unit == "arcsec":
-        pixels = ax.secondary_xaxis("top", functions=_pixels(plate_scale))
-        pixels.set_xlabel("[pixel]")
+        ax.secondary_xaxis("top", functions=_pixels(plate_scale)).set_xlabel("[pixel]")
     if exposure is not None:
         _add_time(ax, target, exposure)
     return ax
@@ -178,9 +177,7 @@ def plot_requirements(
     ax = axes_or_new(ax, (5.6, 4.2))
     every = [one for one in requirements if one.motion == "vibration"]
     angles = sorted({one.angle for one in every})
-    for angle, colour, marker in zip(
-        angles, curve_colours(len(angles)), "osD^v<>"[: len(angles)], strict=False
-    ):
+    for angle, colour, marker in zip(angles, curve_colours(len(angles)), "osD^v<>", strict=False):
         mine = [one for one in every if one.angle == angle]
         x = np.array([one.cycles for one in mine]) / (exposure or 1.0)
         ax.loglog(x, [one.size for one in mine], color=colour, marker=marker, ms=4, label=f"{angle:g}°")
@@ -190,10 +187,8 @@ def plot_requirements(
         ax.annotate(f"{regime} frequency", (cycles / (exposure or 1.0), 0.02),
                     xycoords=("data", "axes fraction"), fontsize=8, ha="right" if side < 0 else "left",
                     xytext=(4 * side, 0), textcoords="offset points")  # fmt: skip
-    ax.set(
-        xlabel="frequency [Hz]" if exposure else "cycles an exposure", ylabel="largest peak to peak [arcsec]"
-    )
-    ax.set_title(title)
+    ax.set_xlabel("frequency [Hz]" if exposure else "cycles an exposure")
+    ax.set(ylabel="largest peak to peak [arcsec]", title=title)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(_PLAIN)
         axis.set_minor_formatter(_PLAIN)

@@ -66,11 +66,10 @@ def parameter_table(forecast: Forecast) -> QTable:
         widens the error; and ``correlation`` of the error with that of the first parameter, the separation.
         NaN for sizes, which are derived.
     """
+    found = zip(forecast.names, forecast.values, forecast.correlation[0], strict=True)
     rows = [
         (name, value, forecast.error(name), unit_of(name), forecast.inflation(name), correlation)
-        for name, value, correlation in zip(
-            forecast.names, forecast.values, forecast.correlation[0], strict=True
-        )
+        for name, value, correlation in found
     ]
     rows += [(name, *size, unit_of(name), math.nan, math.nan) for name, size in forecast.jitter().items()]
     return bind_rows(_PARAMETERS, rows, format=_DIGITS)

@@ -14,6 +14,7 @@ import json
 import math
 from collections.abc import Iterable
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -107,16 +108,12 @@ def _template():
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, finalize=_readable, trim_blocks=True, lstrip_blocks=True
     )
+    filters = (angle_size, by_scale, describe_loci, describe_misfits, describe_run_fit, number)
+    environment.filters |= {function.__name__: function for function in filters}
     environment.filters |= {
-        "angle_size": angle_size,
-        "by_scale": by_scale,
         "base64": lambda data: Markup(base64.b64encode(data).decode("ascii")),
-        "number": number,
         "remarks": lambda code: [(word.replace("_", " "), FLAGS[word]) for word in decode_flags(code)],
         "said": lambda row: row["message"].removeprefix(f"{row['path']}: "),
-        "describe_misfits": describe_misfits,
-        "describe_run_fit": describe_run_fit,
-        "describe_loci": describe_loci,
         "status": lambda name: name.replace("_", " "),
         "grouped": "{:,}".format,
         "several": lambda n, word: f"{n} {word}" if n == 1 else f"{n:,} {word}s",
@@ -152,8 +149,8 @@ def _candidates(row: Row) -> list[dict[str, Any]]:
 def _flattened(nested: Any, prefix: str = "") -> list[tuple[str, str]]:
     """Nested metadata as lines of a list."""
     if isinstance(nested, dict):
-        inner = [_flattened(value, f"{prefix} {key}".strip()) for key, value in nested.items()]
-        return [line for lines in inner for line in lines]
+        inner = (_flattened(value, f"{prefix} {key}".strip()) for key, value in nested.items())
+        return [*chain.from_iterable(inner)]
     if isinstance(nested, list):
         return [(prefix, " ".join(printable(item) for item in nested))]
     return [(prefix, printable(nested))]
@@ -191,11 +188,8 @@ class _Listing:
 
     def _row(self, index: int, names: Iterable[str] | None = None) -> Row:
         """Return a row with its ``number`` from 1 and its ``name``."""
-        row = {
-            name: self._columns[name][index].item()
-            for name in names or self._columns
-            if name in self._columns
-        }
+        wanted = (name for name in names or self._columns if name in self._columns)
+        row = {name: self._columns[name][index].item() for name in wanted}
         several = row["frame"] > 0 or row["path"] in self._several
         name = f"{row['file']}[{row['frame']}]" if several else row["file"]
         return row | {"number": index + 1, "name": name}

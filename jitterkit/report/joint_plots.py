@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jitterkit.joint import SequenceFit, SequenceFrame
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 
 _SIZE = (9.6, 3.0)
 _MANY = 2000
@@ -30,8 +29,7 @@ def plot_run(fit: SequenceFit) -> list[Axes]:
     axes : list of matplotlib.axes.Axes
     """
     frames = list(fit.frames())
-    figure = Figure(figsize=(10.4, 9.6), layout="constrained")
-    axes = list(figure.subplots(4, 1, sharex=True))
+    axes = panels((10.4, 9.6), 4, 1, sharex=True)
     plot_pointing(frames, fit, axes[0])
     _plot_blur(frames, axes[1])
     plot_shared(frames, fit, axes[2])
@@ -43,24 +41,22 @@ def plot_run(fit: SequenceFit) -> list[Axes]:
 
 def plot_pointing(frames: list[SequenceFrame], fit: SequenceFit, ax: Axes | None = None) -> Axes:
     """Draw where the pair stood."""
-    ax = axes_or_new(ax, _SIZE)
-    times = _times(frames)
-    for axis, colour in (("x", BLUE), ("y", RUST)):
-        index = fit.records.own.index(axis)
-        values = [f.record.values[index] for f in frames]
-        ax.plot(times, values, "o", **_points(len(frames), colour), label=axis)
-    ax.set(xlabel="time [s]", ylabel="midpoint [arcsec]")
-    return _legend(ax)
+    x, y = (np.array([f.record.values[fit.records.own.index(axis)] for f in frames]) for axis in "xy")
+    return _plot_both(frames, axes_or_new(ax, _SIZE), {"x": x, "y": y}, "midpoint [arcsec]")
 
 
 def _plot_blur(frames: list[SequenceFrame], ax: Axes) -> Axes:
     """Draw the rms blur of each frame along both axes of the detector, negative where the variance is."""
-    times = _times(frames)
-    for index, axis, colour in ((0, "x", BLUE), (2, "y", RUST)):
-        variance = np.array([f.record.moments[index] for f in frames])
-        rms = np.sign(variance) * np.sqrt(np.abs(variance))
-        ax.plot(times, rms, "o", **_points(len(frames), colour), label=f"rms along {axis}")
-    ax.set(xlabel="time [s]", ylabel="blur [arcsec]")
+    variances = np.array([f.record.moments for f in frames])[:, [0, 2]].T
+    x, y = np.sign(variances) * np.sqrt(np.abs(variances))
+    return _plot_both(frames, ax, {"rms along x": x, "rms along y": y}, "blur [arcsec]")
+
+
+def _plot_both(frames: list[SequenceFrame], ax: Axes, curves: dict[str, np.ndarray], label: str) -> Axes:
+    """Draw what frames have along x and along y, by the words for it."""
+    for (words, values), colour in zip(curves.items(), (BLUE, RUST), strict=True):
+        ax.plot(_times(frames), values, "o", **_points(len(frames), colour), label=words)
+    ax.set(xlabel="time [s]", ylabel=label)
     return _legend(ax)
 
 

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
 from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.kernel_plots import plot_kernel_image
 from jitterkit.report.words import number
 
@@ -54,9 +53,8 @@ def plot_motion(assessed: Assessment, title: str = "") -> list[Axes]:
         its spectrum.
     """
     spectrum, exposure, measured = assessed.spectrum, assessed.exposure, assessed.frames is not None
-    figure = Figure(figsize=(10, 7.4), layout="constrained")
-    figure.suptitle(title)
-    axes = list(figure.subplots(2, 2).ravel())
+    axes = panels((10, 7.4), 2, 2)
+    axes[0].figure.suptitle(title)
     plot_motion_spectrum(spectrum, exposure, axes[0], estimated=measured)
     if measured:
         plot_parts(assessed.split, axes[1])
@@ -210,12 +208,11 @@ def plot_locus_transfer(locus: Locus, ax: Axes | None = None) -> Axes:
     # a normal falls to e^-x at f = sqrt(x / 2) / (pi sigma)
     reach = np.sqrt(-np.log(_REACH) / 2) / (np.pi * major)
     f = np.linspace(0, reach, 400)
-    for name, turn, style in (("longer", 0, "-"), ("shorter", 90, "--")):
-        c, s = np.cos(np.radians(angle + turn)), np.sin(np.radians(angle + turn))
-        size = 1e3 * (major, minor)[turn > 0]
-        label = f"{name} axis, {number((angle + turn) % 180, 3)}°: {number(size, 3)} mas rms"
-        modulus = np.abs(np.asarray(locus.transfer(f * c, f * s)))
-        ax.plot(f, modulus, style, color=RUST if turn == 0 else BLUE, lw=1.6, label=label)
+    axes = (("longer", angle, major, RUST, "-"), ("shorter", angle + 90, minor, BLUE, "--"))
+    for name, axis, size, colour, style in axes:
+        c, s = np.cos(np.radians(axis)), np.sin(np.radians(axis))
+        label = f"{name} axis, {number(axis % 180, 3)}°: {number(1e3 * size, 3)} mas rms"
+        ax.plot(f, np.abs(np.asarray(locus.transfer(f * c, f * s))), style, color=colour, lw=1.6, label=label)
     ax.set(xlabel="frequency [cycles/arcsec]", ylabel="|M|", title="a typical frame's transfer function")
     ax.set(xlim=(0, reach), ylim=(0, 1.25), yticks=np.linspace(0, 1, 6))
     return finish(ax, loc="upper right")

@@ -86,25 +86,20 @@ def motion_sentences(assessed: Assessment, plate_scale: float) -> list[str]:
         if assessed.left_out:
             sentences.append(f"{assessed.left_out} more were left out: the trace has gaps in them.")
         if assessed.step is not None and assessed.step > assessed.exposure / 2:
-            sentences.append(
-                f"The samples of the trace are {assessed.step:g} s apart: what is faster is not in it. See "
-                "that its times are in s."
-            )
+            remedy = "what is faster is not in it. See that its times are in s"
+            sentences.append(f"The samples of the trace are {assessed.step:g} s apart: {remedy}.")
         elif assessed.lost > _LOST:
-            sentences.append(
-                "The pointing is taken as straight between samples. If it is smooth, that loses "
-                f"{100 * assessed.lost:.0f} % of the variance within an exposure: sample faster, or "
-                "give lines."
-            )
+            lost = f"{100 * assessed.lost:.0f} % of the variance within an exposure"
+            smooth = f"If it is smooth, that loses {lost}: sample faster, or give lines."
+            sentences.append(f"The pointing is taken as straight between samples. {smooth}")
     after, before = assessed.split, assessed.unguided
     if assessed.bandwidth is not None:
         sentences.append(
             f"A loop of {assessed.bandwidth:g} Hz leaves {_rms(after.blur)} of {_rms(before.blur)} of blur, "
             f"and {_rms(after.displacement)} of {_rms(before.displacement)} of displacement (rms)."
         )
-    sentences.append(
-        f"Between frames {assessed.cadence:g} s apart the image moves by {_rms(assessed.steps)} rms."
-    )
+    moved = f"the image moves by {_rms(assessed.steps)} rms"
+    sentences.append(f"Between frames {assessed.cadence:g} s apart {moved}.")
     major, minor, angle = principal_axes(after.blur)
     size = f", {ellipse_size(major, minor)} rms, the longer axis at {angle:.0f}°" if major > 0 else ""
     sentences.append(f"Blur of a typical frame: {assessed.names}{size}.")

@@ -121,6 +121,5 @@ def table_ending(path: Path) -> str:
 
 
 def _unwritable(directory: Path, problem: str) -> ConfigurationError:
-    return ConfigurationError(
-        ErrorCode.NOT_WRITABLE, f"{directory} cannot be written ({problem}); give a directory that can."
-    )
+    message = f"{directory} cannot be written ({problem}); give a directory that can."
+    return ConfigurationError(ErrorCode.NOT_WRITABLE, message)

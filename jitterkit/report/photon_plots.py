@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jitterkit.photons.budget import PhotonBudget
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish
+from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, panels
 from jitterkit.report.words import number
 
 _MARGIN = 0.35
@@ -35,13 +34,12 @@ def plot_photons(budget: PhotonBudget) -> list[Axes]:
     axes : list of matplotlib.axes.Axes
         From the upper to the lower, over one range of wavelengths.
     """
-    figure = Figure(figsize=(6.4, 7.2), layout="constrained")
-    axes = list(figure.subplots(3, 1, sharex=True))
+    axes = panels((6.4, 7.2), 3, 1, sharex=True)
     for draw, ax in zip((plot_starlight, plot_throughput, plot_detected), axes, strict=True):
         draw(budget, ax)
     for ax in axes[:-1]:
         ax.set_xlabel("")
-    figure.align_ylabels(axes)
+    axes[0].figure.align_ylabels(axes)
     return axes
 
 
@@ -66,9 +64,8 @@ def plot_throughput(budget: PhotonBudget, ax: Axes | None = None) -> Axes:
     low, high = _range(budget)
     qe, plates = through.qe, through.plates_transmission
     ax.plot(*_stepped(through.filter.wavelengths, through.filter.values), color=BLUE, lw=1.3, label="filter")
-    ax.plot(
-        (low, high), (plates, plates), color=INK, lw=1.1, ls="-.", label=f"glass, {through.plates} plates"
-    )
+    glass = f"glass, {through.plates} plates"
+    ax.plot((low, high), (plates, plates), color=INK, lw=1.1, ls="-.", label=glass)
     ax.plot(qe.wavelengths, qe.values, color=RUST, lw=1.3, ls="--", label="quantum efficiency")
     ax.plot(*_stepped(budget.wavelengths, through(budget.wavelengths)), **_BOTH, label="total")
     ax.set_ylim(0, 1.08)

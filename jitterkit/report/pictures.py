@@ -18,16 +18,8 @@ from jitterkit.errors import ConfigurationError, ErrorCode, printable
 from jitterkit.frames.frame import Frame
 from jitterkit.loci import LOCI, Locus, locus_name
 from jitterkit.refit.result import FitResult
+from jitterkit.report import plots
 from jitterkit.report.kernel_plots import plot_kernel
-from jitterkit.report.plots import (
-    change_image,
-    four_panels,
-    plot_image,
-    plot_residual,
-    plot_stars,
-    small_png,
-    stretch,
-)
 from jitterkit.report.row import Row
 from jitterkit.report.words import number
 from jitterkit.scene import Stars
@@ -153,15 +145,15 @@ class _Panels:
     """Four panels for pictures of frames of one shape and scale: to make axes takes longer than to draw."""
 
     def __init__(self, picture: _Picture) -> None:
-        self._like, self._axes = self._kind(picture), four_panels()
+        self._like, self._axes = self._kind(picture), plots.four_panels()
         data, model, residual, kernel = self._axes
-        plot_image(picture.data, picture.plate_scale, data, title="data")
+        plots.plot_image(picture.data, picture.plate_scale, data, title="data")
         if picture.model is None or picture.residual is None:
             for ax in (model, residual, kernel):
                 ax.set_axis_off()
             return
-        plot_image(picture.model, picture.plate_scale, model, title="model")
-        plot_residual(picture.residual, picture.plate_scale, residual)
+        plots.plot_image(picture.model, picture.plate_scale, model, title="model")
+        plots.plot_residual(picture.residual, picture.plate_scale, residual)
         for ax in (model, residual):
             ax.set_ylabel("")
         for ax in (data, model):
@@ -174,25 +166,25 @@ class _Panels:
     def draw(self, picture: _Picture, row: Row) -> FrameReport:
         """Draw a picture in place of the one before."""
         data, model, residual, kernel = self._axes
-        change_image(data, picture.data, stretch(picture.data))
+        plots.change_image(data, picture.data, plots.stretch(picture.data))
         shown = "data"
         if picture.model is not None and picture.residual is not None:
             shown = "data, model, residual and jitter kernel"
-            change_image(model, picture.model, stretch(picture.model))
-            change_image(residual, picture.residual)
+            plots.change_image(model, picture.model, plots.stretch(picture.model))
+            plots.change_image(residual, picture.residual)
             residual.set_title(f"residual, χ²/dof = {number(picture.chi2_dof, 4)}", y=1.0)
             for mark in (*model.lines, *model.texts):
                 mark.remove()
             if picture.stars is not None:
                 x, y = picture.stars
-                plot_stars(x, y, model, picture.letters)
+                plots.plot_stars(x, y, model, picture.letters)
             kernel.clear()
             kernel.set_axis_off()
             if picture.locus is not None:
                 kernel.set_axis_on()
                 title = f"kernel: {picture.locus_name}"
                 plot_kernel(picture.locus, kernel, plate_scale=picture.plate_scale, title=title)
-        return FrameReport(picture.name, row, small_png(data), f"{shown} of {picture.name}")
+        return FrameReport(picture.name, row, plots.small_png(data), f"{shown} of {picture.name}")
 
     def _kind(self, picture: _Picture) -> tuple:
         return picture.data.shape, picture.plate_scale, picture.model is None or picture.residual is None

@@ -22,7 +22,7 @@ from matplotlib.colors import AsinhNorm, Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
-from jitterkit.report.axes import axes_or_new, colour_bar, scale_and_unit
+from jitterkit.report.axes import axes_or_new, colour_bar, panels, scale_and_unit
 
 RESIDUAL_LIMIT = 5.0
 _MAPS = ("viridis", "cividis", "RdBu_r")
@@ -174,5 +174,4 @@ def four_panels() -> list[Axes]:
 
 def three_panels() -> list[Axes]:
     """Three axes in a row: a kernel, what it was read from, and what is left."""
-    figure = Figure(figsize=(11.4, 3.4), layout="constrained")
-    return list(figure.subplots(1, 3, width_ratios=(0.9, 1.1, 1.1)))
+    return panels((11.4, 3.4), 1, 3, width_ratios=(0.9, 1.1, 1.1))

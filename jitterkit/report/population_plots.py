@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import chi2 as chi_squared
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
-from jitterkit.report.series_plots import suited_angle
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, suited_angle
 from jitterkit.report.words import number
 
 _SIZE = (5.2, 3.6)
@@ -88,7 +87,8 @@ def plot_angles(angles: np.ndarray, theta: float = math.nan, ax: Axes | None = N
     rings = sorted({max(round(most / 4), 1), most})
     rose.set_rticks(np.sqrt(rings), [f"{ring:,}" for ring in rings], fontsize=8, color=INK)
     rose.set_rmax(math.sqrt(most) * 1.05)
-    rose.set_rlabel_position((_emptiest(counts) + 0.5) * width)
+    about = sum(np.roll(counts, k) for k in (-1, 0, 1))  # the figures stand where fewest frames are
+    rose.set_rlabel_position((int(np.argmin(about)) + 0.5) * width)
     if math.isfinite(theta):
         line = np.deg2rad([theta, theta + 180])
         rose.plot(line, np.full(2, math.sqrt(most) * 1.05), color=RUST, ls="--", lw=1.3, label="the pair")
@@ -97,11 +97,6 @@ def plot_angles(angles: np.ndarray, theta: float = math.nan, ax: Axes | None = N
     rose.grid(alpha=0.4)
     rose.set_title("major axis from +x; area is frames", fontsize=9)
     return ax
-
-
-def _emptiest(counts: np.ndarray) -> int:
-    """Sector with fewest frames about it: a place for the figures."""
-    return int(np.argmin(sum(np.roll(counts, k) for k in (-1, 0, 1))))
 
 
 def plot_loci(loci: Iterable[str], ax: Axes | None = None) -> Axes:

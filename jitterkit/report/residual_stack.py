@@ -251,8 +251,7 @@ def join_stacks(
 
 def most_stacked(stacks: Mapping[str, ResidualStack]) -> ResidualStack | None:
     """Return the stack with most frames; None if there is none."""
-    ranked = sorted(stacks.items(), key=lambda named: (-named[1].frames, named[0]))
-    return ranked[0][1] if ranked else None
+    return min(stacks.items(), key=lambda named: (-named[1].frames, named[0]), default=("", None))[1]
 
 
 def count_copies(table: Mapping[str, Any]) -> float:
@@ -262,9 +261,8 @@ def count_copies(table: Mapping[str, Any]) -> float:
     is there twice.
     """
     status, digests = (np.asarray(table[name], str) for name in ("status", "digest"))
-    _, numbers = np.unique(
-        digests[np.isin(status, ("ok", "duplicate")) & (digests != "")], return_counts=True
-    )
+    stacked = np.isin(status, ("ok", "duplicate")) & (digests != "")
+    _, numbers = np.unique(digests[stacked], return_counts=True)
     return float(np.sum(numbers**2) / np.sum(numbers)) if len(numbers) else 1.0
 
 

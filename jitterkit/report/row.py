@@ -71,18 +71,19 @@ def make_row(
         Every column of :data:`~jitterkit.report.columns.COLUMNS`, and two for each aberration.  All
         numbers of a frame that was not fitted are NaN.
     """
-    odd = ["header_odd"] if metadata and metadata.warnings else []
+    metadata = metadata or Metadata()
+    odd = ["header_odd"] if metadata.warnings else []
     words = list(dict.fromkeys([*flags, *result.flags, *odd]))
     row: Row = {column.name: column.blank for column in COLUMNS}
     row |= {
         "file": printable("array" if path is None else Path(path).name),
         "path": printable("" if path is None else path),
         "frame": int(frame),
-        "time": printable(metadata.value("time", "")) if metadata else "",
-        "exposure": float(metadata.value("exposure", math.nan)) if metadata else math.nan,
+        "time": printable(metadata.value("time", "")),
+        "exposure": float(metadata.value("exposure", math.nan)),
         "status": result.status.name.lower(),
         "reason": result.reason,
-        "message": _message(result, words, metadata or Metadata()),
+        "message": _message(result, words, metadata),
         "flags": encode_flags(words),
         "scene": "" if result.parameters is None else result.parameters.scene.name,
         "locus": result.locus,
@@ -100,7 +101,7 @@ def make_row(
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
             row |= _fitted(result, result.parameters)
         row |= {"x_pixel": float(pixel[0]), "y_pixel": float(pixel[1])}
-        row |= _stated(row, metadata or Metadata())
+        row |= _stated(row, metadata)
         row |= {"pa": float(pa), "pa_err": row["theta_err"] if math.isfinite(pa) else math.nan}
     return row
 
@@ -108,9 +109,8 @@ def make_row(
 def _stated(row: Row, metadata: Metadata) -> Row:
     """Columns of what is known of a separation beside its fit; a plate scale that was fitted adds nothing."""
     separation, fitted = row["separation"], math.isfinite(row["plate_scale_shift_err"])
-    scale, factor, change = (
-        metadata.value(name, math.nan) for name in ("plate_scale_err", "va_factor", "orbit_change")
-    )
+    names = ("plate_scale_err", "va_factor", "orbit_change")
+    scale, factor, change = (metadata.value(name, math.nan) for name in names)
     return {
         "separation_scale_err": math.nan if fitted else separation * scale,
         "va_factor": factor,
@@ -146,9 +146,8 @@ def encode_stars(result: FitResult) -> str:
     for value, slope in zip(scene.sources(), map(np.asarray, slopes), strict=True):
         with np.errstate(invalid="ignore"):  # a fit that broke down may have a negative variance
             numbers += [np.asarray(value), np.sqrt(np.einsum("ij,jk,ik->i", slope, covariance, slope))]
-    rounded = [
-        [float(f"{v:.9g}") if np.isfinite(v) else None for v in star] for star in zip(*numbers, strict=True)
-    ]
+    stars = zip(*numbers, strict=True)
+    rounded = [[float(f"{v:.9g}") if np.isfinite(v) else None for v in star] for star in stars]
     return json.dumps(rounded, separators=(",", ":"))
 
 
@@ -160,7 +159,9 @@ def _fitted(result: FitResult, parameters: Parameters) -> Row:
     for name in SCENE:
         row |= _with_error(name, result.of_scene(name), result.error(name))
     row["theta"] = direction_angle(row["theta"])
-    row |= {"separation_crlb": _crlb(result, "separation"), "separation_spread": result.separation_spread}
+    bounds = dict(zip(result.names, result.crlb, strict=False))
+    row |= {"separation_crlb": float(bounds.get("separation", math.nan))}
+    row |= {"separation_spread": result.separation_spread}
     row |= {"separation_model_err": result.model_part("separation"), "model_error": result.model_error}
     row |= _with_error("shape", result.shape, result.shape_err)
     background = dict(zip(GRADIENT, parameters.gradient, strict=True), background=parameters.background)
@@ -175,11 +176,6 @@ def _with_error(column: str, value: Any, error: float) -> Row:
     return {column: float(value), f"{column}_err": error}
 
 
-def _crlb(result: FitResult, name: str) -> float:
-    known = name in result.names and len(result.crlb) == len(result.names)
-    return float(result.crlb[result.names.index(name)]) if known else math.nan
-
-
 def _jitter(result: FitResult, parameters: Parameters) -> Row:
     """Return the second moments, principal axes and the locus's own size."""
     from jitterkit.loci.base import principal_axes  # likewise
@@ -187,14 +183,16 @@ def _jitter(result: FitResult, parameters: Parameters) -> Row:
     moments, covariance = result.moments()
     free = set(parameters.locus.names) & set(result.names)
     errors = np.sqrt(np.diag(covariance)) if free else np.full(3, np.nan)
-    row: Row = {}
+    major, minor, angle = principal_axes(moments)
+    row = {
+        "jitter_major": major,
+        "jitter_minor": minor,
+        "jitter_angle": axis_angle(angle) if major > 0 else math.nan,
+        "jitter_length": float(parameters.locus.describe().get("length", math.nan)),
+    }
     for name, value, error in zip(("sxx", "sxy", "syy"), moments, errors, strict=True):
         row |= _with_error(name, value, float(error))
-    major, minor, angle = principal_axes(moments)
-    length = float(parameters.locus.describe().get("length", math.nan))
-    tilted = axis_angle(angle) if major > 0 else math.nan
-    row |= {"jitter_major": major, "jitter_minor": minor, "jitter_angle": tilted}
-    return row | {"jitter_length": length}
+    return row
 
 
 def _candidates(candidates: Iterable[Candidate]) -> str:

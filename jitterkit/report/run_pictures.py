@@ -15,20 +15,14 @@ from astropy.table import QTable
 from scipy.stats import chi2
 
 from jitterkit.report.clock import Clock, fitted, separation_series
+from jitterkit.report.jitter_plots import draw_jitter, jittered
 from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
 from jitterkit.report.residual_stack import ResidualStack, count_copies
-from jitterkit.report.series_plots import (
-    plot_allan,
-    plot_pulls,
-    plot_root_n,
-    plot_root_n_error,
-    plot_running_mean,
-    study_series,
-    suited_time,
-)
-from jitterkit.report.time_plots import draw_jitter, draw_run, jittered
-from jitterkit.report.words import angle_size, angle_unit, number, with_error
+from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
+from jitterkit.report.series_plots import plot_allan, plot_pulls, plot_root_n, study_series
+from jitterkit.report.time_plots import draw_run
+from jitterkit.report.words import angle_size, angle_unit, number, suited_time, with_error
 from jitterkit.series import Floor, Trend, allan_deviation, block_scatter
 
 _RUNNING = 8
@@ -115,12 +109,9 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
         values, errors = (table[name].to_value("arcsec")[order] for name in ("separation", "separation_err"))
         running = plot_running_mean(values, errors)
         yield _drawn("averaging", running, "Weighted mean of the first N frames", "The mean as it grows.")
-        ax, alt = (
-            plot_root_n_error(values, errors),
-            "Error of the weighted mean of the first N frames, against 1/√N",
-        )
+        alt = "Error of the weighted mean of the first N frames, against 1/√N"
         gloss = "By the scatter it is larger where frames are off by more than their errors."
-        yield _drawn("averaging", ax, alt, f"Error of that mean. {gloss}")
+        yield _drawn("averaging", plot_root_n_error(values, errors), alt, f"Error of that mean. {gloss}")
     if series is not None:
         unit = clock.unit
         ax = plot_root_n(block_scatter(rest), time_unit=unit)
@@ -149,9 +140,8 @@ def _describe_trend(trend: Trend, clock: Clock) -> list[str]:
     per, name = (3600.0, "hour") if clock.unit == "s" else (1000.0, "1000 frames")
     scale, unit = angle_unit(abs(trend.slope) * per)
     slope = with_error(trend.slope * per * scale, trend.slope_error * per * scale)
-    return [
-        f"The separation changes by ({slope}){unit} per {name}: its mean is that of the middle of the run."
-    ]
+    change = f"The separation changes by ({slope}){unit} per {name}"
+    return [f"{change}: its mean is that of the middle of the run."]
 
 
 def _describe_floor(floor: Floor, unit: str) -> str:
@@ -176,9 +166,8 @@ def _describe_outliers(flags: np.ndarray) -> str:
 
 def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
     """Yield the ellipse with time, and what the kernels were."""
-    good = jittered(table)
-    ax, alt = draw_jitter(table, clock)[0], "Jitter ellipse with time: mean ellipses, axes, direction"
-    yield _drawn("jitter", ax, alt, wide=True)
+    good, alt = jittered(table), "Jitter ellipse with time: mean ellipses, axes, direction"
+    yield _drawn("jitter", draw_jitter(table, clock)[0], alt, wide=True)
     if good.sum() < _MANY:
         return
     major, minor = (table[f"jitter_{axis}"].to_value("arcsec")[good] for axis in ("major", "minor"))

@@ -70,9 +70,8 @@ def compare_loci(candidates: Iterable[str]) -> dict[str, Any]:
     whole = np.all([_fitted(numbers[name]) for name in loci], axis=0) if loci else np.zeros(0, bool)
     if not whole.any() or len(loci) < 2:
         return {"frames": 0, "left_out": frames}
-    evidence, separation, error = (
-        np.stack([numbers[name][whole, k] for name in loci], axis=1) for k in range(3)
-    )
+    columns = (np.stack([numbers[name][whole, k] for name in loci], axis=1) for k in range(3))
+    evidence, separation, error = columns
     odds = evidence.sum(axis=0) - evidence.sum(axis=0).max()
     weights = np.exp(odds) / np.exp(odds).sum()
     order = np.argsort(-odds, kind="stable")
@@ -99,19 +98,16 @@ def describe_loci(loci: dict[str, Any]) -> str:
             f"The frames do not share one kind of locus: {loci['dissent']:,} of {frames:,} contradict "
             f"{best}, which fits them best together."
         )
-    who, show, are = (
-        ("The frame", "shows", "is") if frames == 1 else (f"{frames:,} frames together", "show", "are")
-    )
+    several = (f"{frames:,} frames together", "show", "are")
+    who, show, are = ("The frame", "shows", "is") if frames == 1 else several
     if weights[best] > _CERTAIN:
         return f"{who} {show} {best} (weight {weights[best]:.3f})."
     held = np.cumsum([*weights.values()])
     likely = [*weights][: int(np.searchsorted(held, _CERTAIN)) + 1]
     means = [loci["separation"][name]["mean"] for name in likely]
     shares = ", ".join(f"{name} {weights[name]:.2f}" for name in likely)
-    return (
-        f"{who} {are} undecided ({shares}); the separation differs by "
-        f"{angle_size(max(means) - min(means), 2)}."
-    )
+    spread = angle_size(max(means) - min(means), 2)
+    return f"{who} {are} undecided ({shares}); the separation differs by {spread}."
 
 
 def _fitted(rows: np.ndarray) -> np.ndarray:
@@ -289,6 +285,5 @@ def _describe_misfit(fit: dict[str, Any]) -> str:
     claim = f"The model lacks something: {', and '.join(shown)}."
     if not math.isfinite(fit["may_hide"]):
         return claim
-    return (
-        f"{claim} Effects that show so much biased the separation by up to {angle_size(fit['may_hide'], 2)}."
-    )
+    size = angle_size(fit["may_hide"], 2)
+    return f"{claim} Effects that show so much biased the separation by up to {size}."

@@ -1,9 +1,8 @@
 """Pictures of a series: what it did, what in it does not belong, and how far its averages can be trusted.
 
 Reach for :func:`plot_averaging`, a page of these; for :func:`plot_allan`, and for :func:`plot_root_n` to see
-block means as they are.  :func:`plot_running_mean` and :func:`plot_root_n_error` show the mean of the first N
-frames and its error.  As in :mod:`~jitterkit.report.plots`, all but the page take ``ax=None`` and return the
-axes they drew on.  Values are separations in arcsec; times are seconds where nothing else is said.
+block means as they are.  As in :mod:`~jitterkit.report.plots`, all but the page take ``ax=None`` and return
+the axes they drew on.  Values are separations in arcsec; times are seconds where nothing else is said.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
-from jitterkit.report.means import running_mean, stretch_means
-from jitterkit.report.words import angle_size, angle_unit, number, with_error
+from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, panels, suited_angle
+from jitterkit.report.means import stretch_means
+from jitterkit.report.words import angle_size, angle_unit, number, suited_time, with_error
 from jitterkit.series import (
     AllanDeviation,
     BlockScatter,
@@ -73,8 +71,7 @@ def plot_averaging(series: Series, *, floor: Floor | None = None) -> list[Axes]:
     axes : list of matplotlib.axes.Axes
         Series, pulls, scatter of block means, Allan deviation; the lower two without the outliers.
     """
-    figure = Figure(figsize=(10.4, 7.2), layout="constrained")
-    axes = list(figure.subplots(2, 2).ravel())
+    axes = panels((10.4, 7.2), 2, 2)
     outliers, rest, floor, trend = study_series(series, floor)
     plot_series(series, axes[0], trend=trend, outliers=outliers)
     plot_pulls(outliers, axes[1])
@@ -193,10 +190,6 @@ def plot_pulls(outliers: Outliers, ax: Axes | None = None) -> Axes:
     return finish(ax)
 
 
-_TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
-"""Seconds up to which a time is given in such units, and their name."""
-
-
 def plot_root_n(scatter: BlockScatter, ax: Axes | None = None, *, time_unit: str = "s") -> Axes:
     """Draw the scatter of block means against their length, with error/sqrt(n) where errors are stated."""
     ax = axes_or_new(ax, _SIZE)
@@ -277,85 +270,3 @@ def _steps(means: AllanDeviation | BlockScatter, time_unit: str) -> str:
     step = float(means.times[0] / means.lengths[0])
     per, unit = suited_time(step, time_unit)
     return f"steps of {number(step / per, 3)} {unit}"
-
-
-def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
-    """Return how many of the unit that suits the middle one of some sizes make an arcsecond, and its name."""
-    factor, unit = angle_unit(float(np.median(sizes)))
-    return factor, unit.strip().replace("″", "arcsec")
-
-
-def suited_time(span: float, unit: str) -> tuple[float, str]:
-    """Return how many of the times' unit make the unit that suits a span, and its name."""
-    if unit != "s":
-        return 1.0, unit
-    return next((per, name) for most, per, name in _TIMES if span < most)
-
-
-_POINTS = 400
-"""Of a curve over N, evenly on a logarithmic axis."""
-
-_TELLING = 8
-"""Frames from which a scatter is known to a quarter, 1/sqrt(2 (n - 1))."""
-
-_SHOWN, _HELD = 1000, 100
-"""The axis begins with a thousandth of the frames and holds the means from a hundredth on: those of the first
-few would press the rest flat."""
-
-
-def plot_running_mean(values: np.ndarray, errors: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Draw the weighted mean of the first N frames, less that of all, within its stated error.
-
-    Parameters
-    ----------
-    values, errors : (n,) arrays
-        Separations that count, in the order of time; arcsec.
-    ax : matplotlib.axes.Axes, optional
-
-    Returns
-    -------
-    ax : matplotlib.axes.Axes
-        Tall enough for the last two decades.
-    """
-    ax = axes_or_new(ax, _SIZE)
-    n, running = _thinned(values, errors)
-    centre = running["mean"][-1]
-    held = n >= max(len(values) / _HELD, min(_TELLING, len(values) / 2))
-    scale, unit = suited_angle(running["error"][held])
-    y, bar = (running["mean"] - centre) * scale, running["error"] * scale
-    ax.fill_between(n, y - bar, y + bar, color=BLUE, alpha=0.25, lw=0, label="its stated error, 1σ")
-    ax.plot(n, y, color=BLUE, lw=1.4, label="mean of the first N frames")
-    ax.axhline(0, color=RUST, lw=1.2)
-    reach = 1.6 * float(np.max((np.abs(y) + bar)[held]))
-    first = max(1.0, len(values) / _SHOWN)
-    ax.set(xscale="log", xlabel="frames N", xlim=(first, 1.1 * len(values)), ylim=(-reach, reach))
-    ax.set_ylabel(f"mean − {number(float(centre), 7)}″ [{unit}]")
-    return finish(ax, loc="upper right")
-
-
-def plot_root_n_error(values: np.ndarray, errors: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Draw the error of the weighted mean of the first N frames with what 1/sqrt(N) makes of one frame's.
-
-    Returns
-    -------
-    ax : matplotlib.axes.Axes
-        The error by the stated errors and, from eight frames on, by the scatter.  They part where errors
-        are wrong, or where what frames have in common does not average.
-    """
-    ax = axes_or_new(ax, _SIZE)
-    n, running = _thinned(values, errors)
-    scale, unit = suited_angle(running["error"])
-    line = float(np.median(errors)) * scale / np.sqrt(n)
-    ax.plot(n, line, color=INK, ls="--", lw=1.2, label="a typical frame's error/√N")
-    ax.plot(n, running["error"] * scale, color=BLUE, lw=2.0, alpha=0.8, label="stated error of the mean")
-    known = n >= _TELLING
-    by_scatter = running["error_by_scatter"][known] * scale
-    ax.plot(n[known], by_scatter, color=RUST, lw=1.2, label="error to judge by the scatter")
-    ax.set(xscale="log", yscale="log", xlabel="frames N", ylabel=f"error of the mean [{unit}]")
-    return finish(ax, loc="lower left")
-
-
-def _thinned(values: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Numbers of frames, few enough for a curve, and the running mean at them."""
-    n = np.unique(np.rint(np.geomspace(1, len(values), _POINTS)).astype(int))
-    return n, {name: column[n - 1] for name, column in running_mean(values, errors).items()}

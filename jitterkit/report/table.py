@@ -192,9 +192,8 @@ def _write_fits(path: Path, table: QTable) -> None:
     ascii_only = table.copy()
     for name in table.colnames:
         if table[name].dtype.kind == "U":
-            ascii_only[name] = np.char.decode(
-                np.char.encode(table[name], "ascii", "backslashreplace"), "ascii"
-            )
+            escaped = np.char.encode(table[name], "ascii", "backslashreplace")
+            ascii_only[name] = np.char.decode(escaped, "ascii")
         description = (table[name].info.description or "").encode("ascii", "backslashreplace")
         ascii_only[name].info.description = description.decode()
     plain = {str(key): value for key, value in _plain(table.meta).items()}
@@ -206,9 +205,8 @@ def _write_fits(path: Path, table: QTable) -> None:
 
 def _write_json(path: Path, table: QTable) -> None:
     columns = {name: getattr(table[name], "value", table[name]) for name in table.colnames}
-    rows = [
-        dict(zip(columns, cells, strict=True)) for cells in zip(*map(_cells, columns.values()), strict=True)
-    ]
+    cells = zip(*map(_cells, columns.values()), strict=True)
+    rows = [dict(zip(columns, row, strict=True)) for row in cells]
     units = {name: str(table[name].unit) for name in columns if getattr(table[name], "unit", None)}
     whole = {"meta": _plain(table.meta), "units": units, "rows": rows}
     path.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")

@@ -1,8 +1,7 @@
-"""The pictures of a run with time: separations about their mean, and ellipses of the jitter.
+"""The picture of a run with time: separations about their mean.
 
 Reach for :func:`draw_run`, which also draws the means of a long run large enough to be read, or for
-:func:`plot_separations` on axes of your own; for ellipses along the time axis, their axes and direction,
-:func:`draw_jitter`.
+:func:`plot_separations` on axes of your own.
 """
 
 from __future__ import annotations
@@ -13,15 +12,22 @@ from typing import Any
 import numpy as np
 from astropy.table import QTable
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, note_in_axes
+from jitterkit.report.axes import (
+    ABOVE,
+    BLUE,
+    INK,
+    RUST,
+    axes_or_new,
+    finish,
+    note_in_axes,
+    panels,
+    suited_angle,
+)
 from jitterkit.report.clock import Clock, fitted
-from jitterkit.report.means import Means, stretch_index, stretch_means
-from jitterkit.report.series_plots import suited_angle, suited_time
-from jitterkit.report.words import angle_size, number
+from jitterkit.report.means import Means, stretch_means
+from jitterkit.report.words import angle_size, number, suited_time
 
 MANY = 300
 """Points beyond which error bars turn into a haze."""
@@ -53,8 +59,7 @@ def draw_run(
     axes : list of matplotlib.axes.Axes
     """
     long = int(fitted(table).sum()) > MANY
-    figure = Figure(figsize=(9.6, 5.6 if long else 3.4), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(1 + long, 1, sharex=True, squeeze=True)).tolist()
+    axes = panels((9.6, 5.6 if long else 3.4), 1 + long, 1, sharex=True)
     plot_separations(table, axes[0], summary, clock=clock, outliers=outliers)
     if long:
         axes[0].set_xlabel("")
@@ -101,7 +106,9 @@ def plot_separations(
     centre, mean_error = _mean(summary, values[ok])
     at = shown_times(clock)
     if ok.any():
-        means = _means(at[good], values[good], errors[good])
+        many = int(good.sum()) > MANY
+        stretches = min(_STRETCHES, int(good.sum()) // _EACH)
+        means = stretch_means(at[good], values[good], errors[good], stretches) if many else None
         scale, unit = suited_angle(means.errors if means_only and means else _sizes(errors[ok]))
         if not means_only:
             _draw_frames(ax, at[ok], (values[ok] - centre) * scale, errors[ok] * scale)
@@ -143,10 +150,6 @@ def _sizes(errors: np.ndarray) -> np.ndarray:
     """Return the errors that are known; an arcsecond where none is."""
     finite = errors[np.isfinite(errors)]
     return finite if len(finite) else np.ones(1)
-
-
-def _means(at: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Means | None:
-    return stretch_means(at, values, errors, min(_STRETCHES, len(at) // _EACH)) if len(at) > MANY else None
 
 
 def _draw_frames(ax: Axes, at: np.ndarray, values: np.ndarray, errors: np.ndarray) -> None:
@@ -192,121 +195,3 @@ def _mean(summary: dict[str, Any] | None, values: np.ndarray) -> tuple[float, fl
     if summary is not None and math.isfinite(summary["separation"]["mean"]):
         return summary["separation"]["mean"], summary["separation"]["error"]
     return (float(np.median(values)) if len(values) else 0.0), math.nan
-
-
-_ELLIPSES, _WIDEST = 24, 0.04
-"""Ellipses along the axis at most, and the largest one's diameter as a share of the axis."""
-
-_SPANS = 100
-_INNER = (16, 84)
-"""Percentiles between which two frames of three lie."""
-
-_LONG = 1.2
-"""Ratio of the axes above which a frame's ellipse points anywhere."""
-
-
-def jittered(table: QTable) -> np.ndarray:
-    """Return which frames of a table have an ellipse that counts, (n,) bool."""
-    return (np.asarray(table["status"]) == "ok") & np.isfinite(np.asarray(table["jitter_major"]))
-
-
-def draw_jitter(table: QTable, clock: Clock) -> list[Axes]:
-    """Draw how size, shape and direction of the jitter change over a run.
-
-    Parameters
-    ----------
-    table : QTable
-        With a frame at least that :func:`jittered` counts.
-    clock : Clock
-
-    Returns
-    -------
-    axes : list of matplotlib.axes.Axes
-        Ellipses of the mean second moments of stretches, to one scale; major and minor axis of frames (of
-        more than 300 the medians of stretches, within bands that hold two thirds); direction of frames
-        that have one, with that of the mean moments.
-    """
-    figure = Figure(figsize=(9.6, 5.6), layout="constrained")
-    axes = list(figure.subplots(3, 1, sharex=True, height_ratios=(0.4, 1.5, 1.5)))
-    good = jittered(table)
-    at = shown_times(clock)[good]
-    moments = np.array([table[name].to_value("arcsec2")[good] for name in ("sxx", "sxy", "syy")])
-    major, minor = (table[f"jitter_{axis}"].to_value("arcsec")[good] for axis in ("major", "minor"))
-    _draw_ellipses(axes[0], at, moments)
-    _draw_sizes(axes[1], at, major, minor)
-    _draw_angles(axes[2], at, table["jitter_angle"].to_value("deg")[good], major, minor, moments)
-    label_time(axes[2], clock)
-    for ax in axes:
-        finish(ax, ncols=4, **ABOVE)
-    return axes
-
-
-def _draw_ellipses(ax: Axes, at: np.ndarray, moments: np.ndarray) -> None:
-    few = len(at) <= _ELLIPSES
-    where, ellipses = _mean_ellipses(at, moments, np.arange(len(at)) if few else stretch_index(at, _ELLIPSES))
-    major, minor, angle = ellipses.T
-    largest = max(float(major.max()), np.finfo(float).tiny)
-    size = min(_WIDEST, 0.95 / len(where)) / largest
-    thin = 0.04 * largest  # a streak without width is a line that can be seen
-    drawn: Any = EllipseCollection(
-        size * major, size * np.maximum(minor, thin), angle, units="width",
-        offsets=np.column_stack([where, np.zeros(len(where))]), offset_transform=ax.transData,
-        facecolor=BLUE, edgecolor="none", alpha=0.85, clip_on=False,
-    )  # fmt: skip
-    ax.add_collection(drawn)
-    which = "ellipse of each frame" if few else "mean ellipses"
-    ax.set(ylim=(-1, 1), yticks=[])
-    ax.set_title(f"{which}; the largest has a major axis of {angle_size(largest)}, 1σ")
-    ax.title.set_fontsize(9)
-    ax.spines["left"].set_visible(False)
-    ax.tick_params(axis="x", length=0)
-
-
-def _mean_ellipses(at: np.ndarray, moments: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean times, and ``(major, minor, angle)`` of the mean second moments, of stretches with frames."""
-    from jitterkit.loci.base import principal_axes  # JAX: only here, so that a table alone needs none
-
-    n, times, *sums = (np.bincount(index, x) for x in (np.ones(len(at)), at, *moments))
-    there = n > 0
-    means = np.array(sums)[:, there] / n[there]
-    return times[there] / n[there], np.array([principal_axes(one) for one in means.T])
-
-
-def _draw_sizes(ax: Axes, at: np.ndarray, major: np.ndarray, minor: np.ndarray) -> None:
-    positive = major[major > 0]
-    scale, unit = suited_angle(positive if len(positive) else np.ones(1))
-    for values, colour, name in ((major, BLUE, "major"), (minor, RUST, "minor")):
-        if len(at) <= MANY:
-            ax.plot(at, values * scale, "o", color=colour, ms=4, mew=0, alpha=0.8, label=f"{name} axis")
-            continue
-        times, (low, middle, high) = _percentiles(at, values * scale)
-        ax.fill_between(times, low, high, color=colour, alpha=0.2, lw=0, step="mid")
-        text = f"{name} axis: median, and two frames in three"
-        ax.plot(times, middle, color=colour, lw=1.4, drawstyle="steps-mid", label=text)
-    ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]) if positive.size == 0 else 0.0)
-    ax.set_ylabel(f"jitter, 1σ [{unit}]")
-
-
-def _percentiles(at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of stretches, and percentiles of the frames in them, (3, m); NaN where there are none."""
-    count = min(_SPANS, len(at) // 8)
-    index = stretch_index(at, count)
-    order = np.argsort(index, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(index, minlength=count))[:-1])
-    low, high = _INNER
-    held = [np.percentile(values[g], (low, 50, high)) if len(g) else np.full(3, np.nan) for g in groups]
-    return at.min() + (np.arange(count) + 0.5) * float(np.ptp(at)) / count, np.array(held).T
-
-
-def _draw_angles(
-    ax: Axes, at: np.ndarray, angle: np.ndarray, major: np.ndarray, minor: np.ndarray, moments: np.ndarray
-) -> None:
-    pointed = np.isfinite(angle) & (major > _LONG * minor)
-    few = len(at) <= MANY
-    faint = 0.8 if few else max(0.05, min(0.5, 600 / max(int(pointed.sum()), 1)))
-    ax.plot(at[pointed], angle[pointed], ".", color=BLUE, ms=8 if few else 3, mew=0, alpha=faint)
-    ax.plot([], [], ".", color=BLUE, ms=6, label=f"{pointed.sum():,} frames with axes over {_LONG}:1")
-    if not few:
-        times, ellipses = _mean_ellipses(at, moments, stretch_index(at, _SPANS))
-        ax.plot(times, ellipses[:, 2], "o", color=INK, ms=2.6, mew=0, label="of the mean second moments")
-    ax.set(ylim=(0, 180), yticks=[0, 45, 90, 135, 180], ylabel="major axis from +x [°]")

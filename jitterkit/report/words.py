@@ -70,6 +70,21 @@ def angle_unit(arcsec: float) -> tuple[float, str]:
     return (1e3, " mas") if 0 < size < 0.9995 else (1.0, "″")
 
 
+_TIMES = ((300, 1, "s"), (3 * 3600, 60, "min"), (3 * 86400, 3600, "h"), (math.inf, 86400, "d"))
+"""Seconds up to which a time is given in such units, and their name."""
+
+
+def suited_time(span: float, unit: str) -> tuple[float, str]:
+    """Return how many of the times' unit make the unit that suits a span, and its name.
+
+    >>> suited_time(7200.0, "s"), suited_time(7200.0, "frame")
+    ((60, 'min'), (1.0, 'frame'))
+    """
+    if unit != "s":
+        return 1.0, unit
+    return next((per, name) for most, per, name in _TIMES if span < most)
+
+
 def by_scale(error: float) -> str:
     """Write the error of a separation by the plate scale, to follow the mean; nothing where none is stated.
 

@@ -127,9 +127,8 @@ def allan_deviation(
         if count:
             rows.append((length, square, variance, count, degrees_of_freedom(count, length, noise)))
     lengths, squares, variances, counts, dof = (np.array(column) for column in zip(*rows, strict=True))
-    low, high = (
-        np.sqrt(squares * dof / chi2.ppf(tail, dof)) for tail in ((1 + confidence) / 2, (1 - confidence) / 2)
-    )
+    tails = (1 + confidence) / 2, (1 - confidence) / 2
+    low, high = (np.sqrt(squares * dof / chi2.ppf(tail, dof)) for tail in tails)
     return AllanDeviation(
         lengths=lengths,
         times=lengths * series.cadence,
@@ -199,11 +198,9 @@ def block_scatter(series: Series, *, per_octave: int = 2) -> BlockScatter:
             chi = float(weight @ (mean - np.average(mean, weights=weight)) ** 2)
             rows.append((length, variance * chi / (blocks - 1), variance, blocks))
     if not rows:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"{int(series.good.sum())} measurements in {np.count_nonzero(weights)} steps of the cadence have "
-            f"no scatter of blocks; give measurements in {_FEWEST} steps or more.",
-        )
+        steps = f"{int(series.good.sum())} measurements in {np.count_nonzero(weights)} steps of the cadence"
+        problem = f"{steps} have no scatter of blocks; give measurements in {_FEWEST} steps or more."
+        raise ConfigurationError(ErrorCode.TOO_FEW, problem)
     lengths, square, variance, count = (np.array(column) for column in zip(*rows, strict=True))
     scatter = np.sqrt(square)
     expected = np.sqrt(variance) if series.stated else np.full(len(rows), np.nan)

@@ -187,10 +187,9 @@ def _information(shapes: np.ndarray, state: State) -> np.ndarray:
 
 def _solve(shapes: np.ndarray, state: State, held: np.ndarray) -> np.ndarray:
     """Amounts, none negative, that come nearest to the squared residuals less what is held."""
-    relative = shapes * state.weight
-    information = relative @ relative.T / 2
+    information = _information(shapes, state)
     squares = (state.residual**2 - held) * state.weight + state.leverage
-    towards = relative @ squares / 2
+    towards = (shapes * state.weight) @ squares / 2
     size = np.sqrt(np.diag(information))
     root = np.linalg.cholesky(information / np.outer(size, size) + _RIDGE * np.eye(len(size)))
     return nnls(root.T, np.linalg.solve(root, towards / size))[0] / size

@@ -172,10 +172,8 @@ def _chance(ratio: float) -> float:
 def _roots(fit: Components, unit: float) -> tuple[np.ndarray, list[float]]:
     """Return the levels of the three noises, and their errors; NaN of those at zero or held."""
     levels, errors = np.sqrt(unit * fit.amounts), np.sqrt(np.diag(fit.covariance)) * unit
-    known = (levels > 0) & (errors > 0)
-    return levels, [
-        float(e / (2 * x)) if ok else math.nan for x, e, ok in zip(levels, errors, known, strict=True)
-    ]
+    pairs = zip(levels, errors, strict=True)
+    return levels, [float(e / (2 * x)) if x > 0 and e > 0 else math.nan for x, e in pairs]
 
 
 class _Model:

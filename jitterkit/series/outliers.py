@@ -128,9 +128,8 @@ def _far(z: np.ndarray, most: int, expected: float, degree: int) -> np.ndarray:
     """Indices of those that are too far from the rest, by Rosner's test."""
     gone = _peel(z, most)
     left = len(z) - np.arange(most)
-    core = np.delete(z, gone)
-    total, squares = (core_sum + np.cumsum(x[::-1])[::-1] for core_sum, x in
-                      ((core.sum(), z[gone]), (core @ core, z[gone] ** 2)))  # fmt: skip
+    core, taken = np.delete(z, gone), z[gone][::-1]
+    total, squares = core.sum() + np.cumsum(taken)[::-1], core @ core + np.cumsum(taken**2)[::-1]
     centre = total / left
     scale = np.sqrt(np.maximum((squares - left * centre**2) / (left - 1), _LEAST))
     beyond = np.flatnonzero(np.abs(z[gone] - centre) > scale * _limit(left, expected, degree))

@@ -64,10 +64,9 @@ class Series:
         t = step * np.arange(y.size) if times is None else np.asarray(times, float)
         e = np.full(y.shape, float(e)) if e.ndim == 0 else e
         if y.ndim != 1 or e.shape != y.shape or t.shape != y.shape:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"A series has as many values as errors and times; got {y.shape}, {e.shape} and {t.shape}.",
-            )
+            got = f"got {y.shape}, {e.shape} and {t.shape}"
+            problem = f"A series has as many values as errors and times; {got}."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         good = np.isfinite(y) & np.isfinite(e) & (e > 0)
         if good.sum() < 3:
             problem = f"{good.sum()} measurements are no series; give three or more."

@@ -248,25 +248,23 @@ def find_period(series: Series, *, degree: int = 1, shortest: float | None = Non
     span = float(np.ptp(t))
     shortest = 2 * series.cadence if shortest is None else shortest
     if len(y) < _FEWEST or not 0 < shortest < span:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW if len(y) < _FEWEST else ErrorCode.OUT_OF_RANGE,
-            f"{len(y)} measurements over {span:g} show no period down to {shortest:g}; give {_FEWEST} or "
-            "more, and a period within them.",
-        )
-    lag = t - t.min()
-    search = LombScargle(lag, y - fit_trend(series, degree).at(t), e, fit_mean=True)
+        code = ErrorCode.TOO_FEW if len(y) < _FEWEST else ErrorCode.OUT_OF_RANGE
+        problem = f"{len(y)} measurements over {span:g} show no period down to {shortest:g}"
+        raise ConfigurationError(code, f"{problem}; give {_FEWEST} or more, and a period within them.")
+    residual = y - fit_trend(series, degree).at(t)
+    search = LombScargle(t - t.min(), residual, e, fit_mean=True)
     step = 1 / (_OVERSAMPLE * span)
     frequencies = np.arange(1 / span, 1 / shortest + step / 2, step)
     powers = search.power(frequencies, method="fast", assume_regular_frequency=True)
     near = frequencies[np.argmax(powers)]
-    found = minimize_scalar(
-        lambda f: -float(search.power(f, method="cython")),
-        bounds=(near - step, near + step),
-        method="bounded",
-    )
+
+    def loss(frequency: float) -> float:
+        return -float(search.power(frequency, method="cython"))
+
+    found = minimize_scalar(loss, bounds=(near - step, near + step), method="bounded")
     best, power = float(found.x), -float(found.fun)
     alarm = search.false_alarm_probability(power, maximum_frequency=1 / shortest, method="baluev")
     _, sine, cosine = search.model_parameters(best)
-    scatter = 1.0 if series.stated else float(np.std(y - fit_trend(series, degree).at(t), ddof=degree + 1))
+    scatter = 1.0 if series.stated else float(np.std(residual, ddof=degree + 1))
     error = scatter * math.sqrt(2 / float(np.sum(e**-2)))
     return Period(1 / best, math.hypot(sine, cosine), error, float(alarm), power)

@@ -142,8 +142,13 @@ def elongation(psf: Psf) -> tuple[float, float] | None:
     None where the reference's stars are round within their errors, or nearly so.
     """
     major, minor, axis = axis_variances(psf.moments)
-    own = covariance_on_axis(psf.covariance, axis)
-    error = np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])
+    error, _ = elongation_errors(psf.covariance, axis)
     if major < _ROUND * minor or major - minor < _CERTAIN * error:
         return None
     return float(np.sqrt(12 * (major - minor))), axis
+
+
+def elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:
+    """Return the errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
+    own = covariance_on_axis(covariance, axis)
+    return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))

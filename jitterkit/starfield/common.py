@@ -79,11 +79,10 @@ def common_moments(moments: Moments) -> Common:
     """
     collapsed, n = int(np.sum(~np.isfinite(moments.moments).all(1))), len(moments.moments)
     if collapsed > _COLLAPSED * n:
-        raise UndeterminedError(
-            ErrorCode.SAMPLING,
-            f"{collapsed} of {n} stars are undersampled: narrower than a FWHM of some 1.8 pixels, their "
-            "shapes cannot be measured; use finer sampling, or known optics with --instrument.",
-        )
+        why = "narrower than a FWHM of some 1.8 pixels, their shapes cannot be measured"
+        remedy = "use finer sampling, or known optics with --instrument"
+        problem = f"{collapsed} of {n} stars are undersampled: {why}; {remedy}."
+        raise UndeterminedError(ErrorCode.SAMPLING, problem)
     values, noise, used = moments.moments, moments.covariance, _narrow(moments)
     if not used.any():
         problem = "No isolated star has a measurable shape; expose longer or give a larger frame."

@@ -149,8 +149,7 @@ def moffat_transfer(f: np.ndarray, fwhm: float, beta: float) -> np.ndarray:
     >>> moffat_transfer(np.array([0.0]), 3.0, 2.5)
     array([1.])
     """
-    u = np.pi * f * fwhm / (2 * np.sqrt(2 ** (1 / beta) - 1))
-    u = np.maximum(u, 1e-9)
+    u = np.maximum(np.pi * f * fwhm / (2 * np.sqrt(2 ** (1 / beta) - 1)), 1e-9)
     order = beta - 1
     with np.errstate(under="ignore"):
         return 2 * u**order * kv(order, 2 * u) / gamma(order)
@@ -198,9 +197,11 @@ def fit_round_core(psf: Psf, moments: np.ndarray) -> RoundCore:
     start = [1.0, 0.0, 0.0, 0.0, np.log(2.2 * minor), np.log(3.5), *coords]
     lower, upper = np.full(8, -np.inf), np.full(8, np.inf)
     lower[4:6], upper[4:6] = np.log([0.3, _BETA[0]]), np.log([100.0, _BETA[1]])
-    fit = least_squares(
-        lambda p: (image(p) - psf.stamp)[seen] / psf.error[seen], start, bounds=(lower, upper), x_scale="jac"
-    )
+
+    def residual(p):
+        return (image(p) - psf.stamp)[seen] / psf.error[seen]
+
+    fit = least_squares(residual, start, bounds=(lower, upper), x_scale="jac")
     line = Linear(jnp.asarray(fit.x[6:]))
     dof = int(seen.sum()) - len(start)
     share = np.linalg.norm(fit.fun * psf.error[seen]) / np.linalg.norm(psf.stamp[seen])

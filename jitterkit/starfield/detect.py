@@ -104,7 +104,8 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     ceiling = _ceiling(frame)
     bad |= ceiling
     good = found.bright & ~found.blended & (found.long < _LONGER * found.typical)
-    half = _half_width(found.typical) if half is None else half
+    if half is None:  # seven sigmas of the light above the sky
+        half = next((h for h in _HALVES if h >= 7 * found.typical), _HALVES[-1])
     order = np.argsort(-found.flux[good])
     x, y, own = (a[good][order] for a in (found.x, found.y, found.numbers))
     response = np.broadcast_to(frame.response, frame.shape)
@@ -185,20 +186,10 @@ def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) ->
     bright = flux > _LEAST_SNR * np.sqrt(ndimage.sum_labels(variance, regions.data, catalog.labels))
     bright &= np.isfinite(x + y + long)
     if not bright.any():
-        problem = "No star rises above the noise of the frame; expose longer or stack frames."
-        raise UndeterminedError(ErrorCode.NO_STAR, problem)
-    numbers = np.asarray(catalog.labels)
-    return _Regions(
-        regions.data,
-        numbers,
-        x,
-        y,
-        long,
-        flux,
-        bright,
-        _blended(image, regions.data, whole),
-        _fwhm(image, regions.data),
-    )
+        raise _no_star()
+    numbers, labels = np.asarray(catalog.labels), regions.data
+    shapes = _blended(image, labels, whole), _fwhm(image, labels)
+    return _Regions(labels, numbers, x, y, long, flux, bright, *shapes)
 
 
 def _segments(image: np.ndarray, noise: np.ndarray):
@@ -208,12 +199,16 @@ def _segments(image: np.ndarray, noise: np.ndarray):
         warnings.simplefilter("ignore", NoDetectionsWarning)
         whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
     if whole is None:
-        problem = "No star rises above the noise of the frame; expose longer or stack frames."
-        raise UndeterminedError(ErrorCode.NO_STAR, problem)
+        raise _no_star()
     split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
     for wing, star in _wings(smooth, split.data):
         split.reassign_label(wing, star)
     return split, whole.data
+
+
+def _no_star() -> UndeterminedError:
+    problem = "No star rises above the noise of the frame; expose longer or stack frames."
+    return UndeterminedError(ErrorCode.NO_STAR, problem)
 
 
 def _wings(image: np.ndarray, labels: np.ndarray) -> list[tuple[int, int]]:
@@ -245,8 +240,3 @@ def _blended(image: np.ndarray, labels: np.ndarray, whole: np.ndarray) -> np.nda
     np.maximum.at(highest, parents, peaks)
     faint = peaks < _WING * highest[parents]
     return faint | (np.bincount(parents[~faint], minlength=len(highest))[parents] > 1)
-
-
-def _half_width(sigma: float) -> int:
-    """Return half the side of a stamp for stars of a size: seven sigmas of the light above the sky."""
-    return next((h for h in _HALVES if h >= 7 * sigma), _HALVES[-1])

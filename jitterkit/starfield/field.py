@@ -125,14 +125,12 @@ def estimate_field(
     common = common_moments(moments)
     if reference is None:
         return _record(frame.name, stars, moments, common, trail_alone(stars, moments, common), None, scale)
-    psf = reference if isinstance(reference, Psf) else _reference_psf(reference, frame, stars)
+    if isinstance(reference, Psf):
+        psf = reference
+    else:
+        refuse_other_pixels(reference, frame)
+        psf = field_psf(reference, half=stars.electrons.shape[-1] // 2)  # as wide as the trailed stars
     return _record(frame.name, stars, moments, common, trail_against(psf, stars, moments, common), psf, scale)
-
-
-def _reference_psf(reference: Frame, frame: Frame, stars: Stars) -> Psf:
-    """Return the PSF of a sharp frame, in stamps as wide as the trailed stars'."""
-    refuse_other_pixels(reference, frame)
-    return field_psf(reference, half=stars.electrons.shape[-1] // 2)
 
 
 def refuse_other_pixels(reference: Frame, frame: Frame) -> None:

@@ -118,9 +118,8 @@ def classify_field(
     if len(x) < _LEAST:
         stars = "1 isolated star is" if len(x) == 1 else f"{len(x)} isolated stars are"
         sentence = f"undetermined: {stars} too few to see a pattern; {_LEAST} are needed."
-        return FieldPattern(
-            "undetermined", sentence, *(direction or (np.nan, np.nan)), np.nan, np.nan, {}, 2 * len(x)
-        )
+        unknown = (*(direction or (np.nan, np.nan)), np.nan, np.nan)
+        return FieldPattern("undetermined", sentence, *unknown, {}, 2 * len(x))
     project = np.array([[1.0, 0.0, -1.0], [0.0, 2.0, 0.0]])
     e, noise = moments @ project.T, project @ covariance @ project.T
     offset = np.zeros((2, 2)) if shared is None else project @ shared @ project.T
@@ -129,8 +128,7 @@ def classify_field(
     weight, flexible = _weights(e, noise, z)
     fits = {name: _fit(e, weight, design) for name, design in _designs(z).items()}
     chi2 = {name: fit.chi2 for name, fit in fits.items()}
-    turning = _rotation(e, weight, z, fits["both"])
-    chi2["rotation"] = turning.chi2
+    size, middle, chi2["rotation"] = _rotation(e, weight, z, fits["both"])
     power = max(chi2["round"] - flexible, 1e-12)
     smear, pattern = (float(np.clip((chi2["round"] - chi2[n]) / power, 0, 1)) for n in ("smear", "pattern"))
     shares = smear, pattern
@@ -139,10 +137,10 @@ def classify_field(
     found = {
         "smear": steady @ np.linalg.solve(steadiness, steady) > _BETTER and shares[0] > _NOTABLE,
         "pattern": chi2["smear"] - chi2["both"] > _BETTER and shares[1] > _NOTABLE,
-        "rotation": chi2["both"] - chi2["rotation"] > _BETTER and turning.size < 0,
+        "rotation": chi2["both"] - chi2["rotation"] > _BETTER and size < 0,
         "other": chi2["smear"] - flexible > _IRREGULAR,
     }
-    centre = (turning.centre.real * reach, turning.centre.imag * reach) if found["rotation"] else None
+    centre = (middle.real * reach, middle.imag * reach) if found["rotation"] else None
     if found["smear"] and found["pattern"]:  # one direction alone is pulled by the pattern
         direction = _direction(steady, steadiness)
     elif direction is None:
@@ -198,16 +196,11 @@ def _weights(e: np.ndarray, noise: np.ndarray, z: np.ndarray) -> tuple[np.ndarra
     return weight, fit.chi2
 
 
-class _Turning(NamedTuple):
-    """Arcs about a point: the pattern's size, its centre in units of the field, and what it leaves."""
+def _rotation(e: np.ndarray, weight: np.ndarray, z: np.ndarray, start: _Fit) -> tuple[float, complex, float]:
+    """Fit arcs ``e = a (z - z0)²`` with real a, from where tracking plus a pattern left it.
 
-    size: float
-    centre: complex
-    chi2: float
-
-
-def _rotation(e: np.ndarray, weight: np.ndarray, z: np.ndarray, start: _Fit) -> _Turning:
-    """Fit ``e = a (z - z0)²`` with real a, from where tracking plus a pattern left it."""
+    Return a, the centre z0 in units of the field, and chi-squared.
+    """
     root = np.linalg.cholesky(weight)
     size = start.terms[2] if start.terms[2] != 0 else -1e-6
     first = np.sqrt(complex(start.terms[0], start.terms[1]) / size)
@@ -218,7 +211,7 @@ def _rotation(e: np.ndarray, weight: np.ndarray, z: np.ndarray, start: _Fit) -> 
 
     trials = [least_squares(residual, [size, s * first.real, s * first.imag], max_nfev=50) for s in (1, -1)]
     best = min(trials, key=lambda trial: trial.cost)
-    return _Turning(float(best.x[0]), complex(best.x[1], best.x[2]), 2 * float(best.cost))
+    return float(best.x[0]), complex(best.x[1], best.x[2]), 2 * float(best.cost)
 
 
 def _worded(found, direction, shares, way: str, centre) -> tuple[str, str]:

@@ -7,7 +7,6 @@ and must assume what they would be without the trail: round.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,14 +15,7 @@ import numpy as np
 from jitterkit.kernel_estimate import is_detected, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
-from jitterkit.starfield.certainty import (
-    TOLERATED,
-    coarse_sampling,
-    compatible_with_zero,
-    disagreement,
-    elongation,
-    root_error,
-)
+from jitterkit.starfield import certainty
 from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
@@ -105,27 +97,26 @@ def trail_alone(stars: Stars, moments: Moments, common: Common) -> Trail:
     psf = stack_psf(stars, moments)
     core = fit_round_core(psf, common.moments)
     major, minor, axis = axis_variances(common.moments)
-    noise = _elongation_errors(common.covariance, axis)
+    noise = certainty.elongation_errors(common.covariance, axis)
     length = core.line.describe()["length"]
-    model_error, remarks = length_model_error(
-        core.misfit, "A round Moffat core under a line", length, major - minor
-    )
+    words = "A round Moffat core under a line"
+    model_error, remarks = length_model_error(core.misfit, words, length, major - minor)
     line = Linear.of(length, axis)
-    coarse, coarsely = coarse_sampling(minor)
+    coarse, coarsely = certainty.coarse_sampling(minor)
     along = 12 * (noise[0] + coarse)
-    why = compatible_with_zero(length, 12 * noise[0], 12 * coarse, model_error) or disagreement(common)
+    why = certainty.compatible_with_zero(length, 12 * noise[0], 12 * coarse, model_error)
     return Trail(
         line,
         np.asarray(line.moments()),
         _widened(common.covariance, line, common.moments, poor=bool(remarks)),
         length,
-        float(np.hypot(root_error(length**2, along), model_error)),
+        float(np.hypot(certainty.root_error(length**2, along), model_error)),
         axis,
         _axis_error(major - minor, noise[1] + 2 * coarse),
         common.used,
         (common.chi2, common.dof),
         (_CONDITION, *remarks, *coarsely),
-        why,
+        why or certainty.disagreement(common),
     )
 
 
@@ -158,7 +149,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     all that is returned.
     """
     excess, shared = common.moments - psf.moments, common.covariance + psf.covariance
-    refuse_blurrier(excess, shared, tolerated=TOLERATED)
+    refuse_blurrier(excess, shared, tolerated=certainty.TOLERATED)
     own = _own_elongation(psf)
     if not is_detected(excess, shared):
         return _sharp(excess, shared, common, own)
@@ -168,7 +159,7 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     middle = (psf.stamp.shape[1] - 1) / 2, (psf.stamp.shape[0] - 1) / 2
     otf = empirical_otf(psf.stamp, 1.0, some.electrons.shape[1:], centre=middle, pad=pad)
     normal = fit_joint(some, theirs, otf, Mvn.near(excess))
-    line, change, otf = _line(some, theirs, otf, normal, psf)
+    line, otf, changed, changes = _line(some, theirs, otf, normal, psf)
     size = line.locus.describe()
     length, axis = size["length"], size["angle"]
     to_line = np.array([[12.0, 0.0, -12.0], [0.0, 24.0, 0.0]])
@@ -177,17 +168,16 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     along, across = (np.sqrt(v @ covariance @ v) for v in (np.array([c, s]), np.array([-s, c])))
     major, minor, _ = axis_variances(excess)
     poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
-    model_error, remarks = length_model_error(
-        poor, "A line over the reference's stars", length, major - minor
-    )
-    fits = not remarks and not change.remarks  # then even one star is the reference's, drawn along a line
+    words = "A line over the reference's stars"
+    model_error, remarks = length_model_error(poor, words, length, major - minor)
+    fits = not remarks and not changes  # then even one star is the reference's, drawn along a line
     best = normal if normal.fits_better(line) else line
-    coarse, coarsely = coarse_sampling(axis_variances(psf.moments)[1])
-    systematic = 12 * (change.share + coarse)
-    scatter = 12 * _elongation_errors(common.covariance, axis)[0]  # galaxies scatter more than the line shows
-    why = compatible_with_zero(length, max(along, scatter), systematic, model_error) or (
-        "" if fits else disagreement(common)
-    )
+    coarse, coarsely = certainty.coarse_sampling(axis_variances(psf.moments)[1])
+    systematic = 12 * (changed + coarse)
+    # galaxies scatter more than the line shows
+    scatter = 12 * certainty.elongation_errors(common.covariance, axis)[0]
+    why = certainty.compatible_with_zero(length, max(along, scatter), systematic, model_error)
+    why = why or ("" if fits else certainty.disagreement(common))
     used = np.zeros(len(stars), bool)
     used[which[best.used]] = True
     return Trail(
@@ -195,12 +185,12 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         np.asarray(best.locus.moments()),
         _widened(normal.covariance + psf.covariance, best.locus, excess, poor=bool(remarks)),
         length,
-        float(np.hypot(root_error(length**2, along + systematic), model_error)),
+        float(np.hypot(certainty.root_error(length**2, along + systematic), model_error)),
         axis,
         _axis_error(length**2, across + 24 * coarse),
         used,
         (best.chi2, best.dof),
-        (*own, *change.remarks, *remarks, *coarsely),
+        (*own, *changes, *remarks, *coarsely),
         why,
     )
 
@@ -227,42 +217,32 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 
 def _own_elongation(psf: Psf) -> tuple[str, ...]:
     """Return a remark where the reference's own stars are long."""
-    found = elongation(psf)
-    if found is None:
+    if (found := certainty.elongation(psf)) is None:
         return ()
-    return (
-        f"The reference's own stars are elongated by {found[0]:.1f} pixels along {found[1]:.0f} degrees: "
-        "blurs are relative to that.",
-    )
-
-
-class _Change(NamedTuple):
-    """A change of seeing: the variance that the line may owe to it [pixels²], and a remark."""
-
-    share: float
-    remarks: tuple[str, ...]
+    size = f"{found[0]:.1f} pixels along {found[1]:.0f} degrees"
+    return (f"The reference's own stars are elongated by {size}: blurs are relative to that.",)
 
 
 def _line(
     stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf
-) -> tuple[JointFit, _Change, OTF]:
+) -> tuple[JointFit, OTF, float, tuple[str, ...]]:
     """Fit a line; where the stars are wider across it than the PSF, after that has been widened.
 
-    With what changed, and the optics that the line lies over.
+    With the optics that the line lies over, the variance that it may owe to a change of seeing [pixels²], and
+    a remark on that.
     """
     blur = np.asarray(normal.locus.moments())
     line = fit_joint(stars, moments, otf, Linear.near(blur))
     _, minor, axis = axis_variances(blur)
     error = float(np.sqrt(covariance_on_axis(normal.covariance + psf.covariance, axis)[2, 2]))
-    none = _Change(0.0, ())
     if abs(minor) < _WIDER * error:
-        return line, none, otf
+        return line, otf, 0.0, ()
     fy, fx = otf.grid.frequencies
     widened = otf.value * jnp.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
     changed = eqx.tree_at(lambda o: o.value, otf, widened)
     other = fit_joint(stars, moments, changed, Linear.near(blur))
     if line.fits_better(other):
-        return line, none, otf  # a normal locus is narrower across than the long line it stands for
+        return line, otf, 0.0, ()  # a normal locus is narrower across than the long line it stands for
     how = "wider" if minor > 0 else "narrower"
     remark = (
         f"The stars are {how} than the reference's across the trail too, by {abs(minor):.3f} pixel² of "
@@ -270,13 +250,7 @@ def _line(
     )
     wide, narrow, _ = axis_variances(psf.moments)
     share = _CHANGED[how] + (wide - narrow) / narrow  # a long star that grows may grow longer
-    return other, _Change(share * abs(minor), (remark,)), changed
-
-
-def _elongation_errors(covariance: np.ndarray, axis: float) -> tuple[float, float]:
-    """Return the errors of the elongation ``major - minor`` along its axis and at 45 degrees to it."""
-    own = covariance_on_axis(covariance, axis)
-    return float(np.sqrt(own[0, 0] + own[2, 2] - 2 * own[0, 2])), float(2 * np.sqrt(own[1, 1]))
+    return other, changed, share * abs(minor), (remark,)
 
 
 def _axis_error(size: float, across: float) -> float:

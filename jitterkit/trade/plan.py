@@ -8,8 +8,7 @@ forecast for those frames (:mod:`jitterkit.trade.worst_case`); their cost is cou
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -17,7 +16,6 @@ from jitterkit.batch.plan import PLAN
 from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
 from jitterkit.instruments import Instrument
 from jitterkit.optics import Grid
-from jitterkit.report.words import angle_size
 from jitterkit.trade.grid import GRID, can_be_had
 from jitterkit.trade.methods import FRAMES_PER_ANCHOR, Fitting
 from jitterkit.trade.predict import Example
@@ -118,11 +116,8 @@ class Planner:
             If there are none.
         """
         worst_case, limit, every = self.worst_case, _MARGIN * allowed, self.by_work()
-        tolerances = [
-            one
-            for one in GRID["tolerance"]
-            if worst_case.convergence_error(one) <= _CONVERGENCE_SHARE * allowed
-        ]
+        most = _CONVERGENCE_SHARE * allowed
+        tolerances = [one for one in GRID["tolerance"] if worst_case.convergence_error(one) <= most]
         for settings in every if tolerances else ():
             if worst_case.holds(settings, limit, roughly=True) and worst_case.holds(settings, limit):
                 settings = self._drop_aberrations(replace(settings, tolerance=max(tolerances)), allowed)
@@ -132,15 +127,11 @@ class Planner:
                 except JitterkitError:  # with noise, so little a model describes no frame
                     continue
         convergence_error = worst_case.convergence_error(min(GRID["tolerance"]))
-        least = max(
-            worst_case.loss(min(every, key=worst_case.rough_loss)) / _MARGIN,
-            convergence_error / _CONVERGENCE_SHARE,
-        )
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"No settings keep the separation of these frames within {1e6 * allowed:.2g} uas for certain; "
-            f"allow {_rounded_up(1e6 * least)} uas or more.",
-        )
+        loss = worst_case.loss(min(every, key=worst_case.rough_loss))
+        least = max(loss / _MARGIN, convergence_error / _CONVERGENCE_SHARE)
+        limits = f"within {1e6 * allowed:.2g} uas for certain; allow {_rounded_up(1e6 * least)} uas or more"
+        problem = f"No settings keep the separation of these frames {limits}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     def within(self, seconds: float) -> Plan:
         """Return the settings of least loss that take at most so many seconds a frame, fitted one by one.
@@ -182,11 +173,8 @@ class Planner:
             pads = sorted({one.pad or 0 for one in affordable if one.region == region}, reverse=True)
             geometries = (Settings(pad=pad, region=region) for pad in pads)
             widest = next(filter(worst_case.can_be_had, geometries), None)  # less padding is never more exact
-            rest += (
-                []
-                if widest is None
-                else [one for one in affordable if (one.pad, one.region) == (widest.pad, region)]
-            )
+            if widest is not None:
+                rest += [one for one in affordable if (one.pad, one.region) == (widest.pad, region)]
         return min(rest or affordable, key=worst_case.rough_loss)
 
     def seconds(self, settings: Settings) -> float:
@@ -246,103 +234,3 @@ def _rounded_up(value: float) -> str:
     """
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return f"{math.ceil(value / unit) * unit:.2g}"
-
-
-_UNKNOWN = 100.0
-"""nm, beyond which the error of an aberration says that a frame does not tell it."""
-
-_HELD = 0.9
-"""Share of what is known beforehand, beyond which the error says the same."""
-
-
-def explain(worst_case: WorstCase, plan: Plan) -> Iterator[str]:
-    """Say what is modelled of a scene, what is not, and what that costs.
-
-    Parameters
-    ----------
-    worst_case : WorstCase
-        By which it was planned.
-    plan : Plan
-
-    Yields
-    ------
-    sentence : str
-        Of each part of the model.
-    """
-    settings, instrument = plan.settings, worst_case.instrument
-    ny, nx = instrument.shape
-    cut = [min(n, settings.region or n) for n in (nx, ny)]
-    size = f"{nx} x {ny}" if settings.region is None else f"{cut[0]} x {cut[1]} of {nx} x {ny}"
-    yield f"pixels: {size}{_cost(worst_case, settings, 'region')}"
-    own = own_pad(instrument)
-    pad = own if settings.pad is None else settings.pad
-    yield f"padding: {pad} pixels on each side, of its own {own}{_cost(worst_case, settings, 'pad')}"
-    if instrument.spectrum is not None:
-        count = len(instrument.spectrum.wavelengths)
-        used = settings.samples or count
-        yield f"wavelengths: {used}, of its own {count}{_cost(worst_case, settings, 'samples')}"
-    if instrument.pupil is not None:
-        side = len(instrument.pupil.opd) // settings.binning
-        yield f"pupil: {side} x {side} samples{_cost(worst_case, settings, 'binning')}"
-        yield from _aberrations(worst_case, plan)
-    yield _jitter(worst_case, settings)
-    yield f"fits end when a step is below {settings.tolerance:g} of an error"
-
-
-def _cost(worst_case: WorstCase, settings: Settings, name: str) -> str:
-    """Return the loss with the next cheaper value of a setting, as text."""
-    value, values = getattr(settings, name), GRID[name]
-    cheaper = [one for one in values if can_be_had(name, one, worst_case.instrument)]
-    if value is not None:
-        cheaper = cheaper[: cheaper.index(value)]
-    elif name == "region":
-        cheaper = [side for side in cheaper if side < max(worst_case.instrument.shape)]
-    elif name == "pad":
-        cheaper = [pad for pad in cheaper if pad < own_pad(worst_case.instrument)]
-    elif name == "samples" and worst_case.instrument.spectrum is not None:
-        cheaper = [count for count in cheaper if count < len(worst_case.instrument.spectrum.wavelengths)]
-    if not cheaper:
-        return ""
-    loss = worst_case.loss(replace(settings, **{name: cheaper[-1]}, without=()))
-    next_value = f"{cheaper[-1]} x {cheaper[-1]} of them as one" if name == "binning" else cheaper[-1]
-    return (
-        f"; {next_value} would cost {angle_size(loss, 2)}"
-        if math.isfinite(loss)
-        else f"; {next_value} will not do"
-    )
-
-
-def _aberrations(worst_case: WorstCase, plan: Plan) -> Iterator[str]:
-    names, without = worst_case.instrument.aberrations, plan.settings.without
-    if not names:
-        return
-    fitted = [name for name in names if name not in without]
-    text = f"fitted: {', '.join(fitted) or 'none'}"
-    if without:
-        cost = angle_size(worst_case.cost_of(without, plan.settings), 2)
-        text += f"; left out: {', '.join(without)}, which may cost {cost}"
-    yield f"aberrations {text}"
-    known = worst_case.instrument.aberration_sigma
-    if known is None:
-        limit, end = _UNKNOWN, "; with aberration_sigma in the instrument's file it would be held to that"
-    else:
-        limit, end = _HELD * known, f": it is held to the {known:g} nm of the instrument's file"
-    for one in worst_case.examples:
-        unknown = [name for name in fitted if not one.result.error(name) <= limit]  # NaN of what is blind
-        if unknown:
-            yield f"{one.raw.name} does not determine {', '.join(unknown)} to {limit:.3g} nm{end}"
-
-
-def _jitter(worst_case: WorstCase, settings: Settings) -> str:
-    """Return what was fitted of the jitter, by whose choice, and what it costs to leave it out, or would."""
-    counted = Counter((one.result.locus, len(one.truth.locus.names)) for one in worst_case.examples)
-    found = ", ".join(f"{name} ({size} parameters) in {n}" for (name, size), n in counted.items())
-    auto = worst_case.examples[0].processor.locus == "auto"
-    who = "; every frame gets what it shows, and no more" if auto else ", as --locus says"
-    cost = worst_case.cost_of_jitter(settings)
-    price = angle_size(cost, 2)
-    if settings.jitter == "seen":
-        who, price = "", f"; a frame that shows none gets no parameters of it, which may cost {price}"
-    else:
-        price = f"; one that shows none gets three, for {price} might be lost without"
-    return f"jitter: {found} of the fitted frames{who}{price if cost < math.inf else ''}"

@@ -181,14 +181,11 @@ class Example:
         gone = np.flatnonzero(held)
         values = np.array([self._value(whole[i]) for i in gone])
         covariance, _ = invert_information(information)
-        free, information = self._information(
-            Settings() if settings is None else replace(settings, without=())
-        )
+        free, information = self._information(replace(settings or Settings(), without=()))
         gone_here = np.array([free.index(whole[i]) for i in gone])
         slope = _change(information, free.index("separation"), gone_here)
-        return float(
-            abs(slope @ values) + _CREDIBLE * math.sqrt(slope @ covariance[np.ix_(gone, gone)] @ slope)
-        )
+        error = math.sqrt(slope @ covariance[np.ix_(gone, gone)] @ slope)
+        return float(abs(slope @ values) + _CREDIBLE * error)
 
     def without_jitter(self, settings: Settings) -> float:
         """Return the possible change of the separation by undetected jitter that is not fitted [arcsec].

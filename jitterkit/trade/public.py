@@ -100,9 +100,8 @@ def public_image(images: int = 5, samples: int = 4) -> Callable:
     try:
         from dLuxToliman import AlphaCen, JitteredToliman, TolimanOpticalSystem
     except ImportError:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE, "dLuxToliman is not installed; install jitterkit[toliman]."
-        ) from None
+        problem = "dLuxToliman is not installed; install jitterkit[toliman]."
+        raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem) from None
     optics = TolimanOpticalSystem(noll_indices=list(range(4, 11)), oversample=samples)
     source = AlphaCen(n_wavels=len(PUBLIC_LINES))
     telescope = JitteredToliman(optics, source, 0.1, 0.0, n_psfs=images, jitter_shape="linear")

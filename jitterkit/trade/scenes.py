@@ -94,10 +94,9 @@ class TradeScene:
             images.append(image if known_light is None else image + known_light.image(truths[-1], otf))
 
         def read(images: list[np.ndarray], rng: np.random.Generator | None) -> tuple[RawFrame, ...]:
-            exposed = (
-                instrument.detector.expose(image, rng, exposure=instrument.exposure) for image in images
-            )
-            return tuple(RawFrame.from_array(one, exposure=instrument.exposure) for one in exposed)
+            detector, exposure = instrument.detector, instrument.exposure
+            exposed = (detector.expose(image, rng, exposure=exposure) for image in images)
+            return tuple(RawFrame.from_array(one, exposure=exposure) for one in exposed)
 
         reference, *noisy = read(images[: frames + 1], rng)
         return cls(tuple(truths[1:]), tuple(images[1:]), read(images[1:], None), tuple(noisy), reference)

@@ -104,9 +104,8 @@ class Settings:
         if instrument.spectrum is not None and self.samples is not None:
             changes["spectrum"] = instrument.spectrum.sampled(self.samples)
         if instrument.pupil is not None:  # made once for all settings
-            changes["pupil_from"] = (
-                instrument.pupil.binned(self.binning) if self.binning > 1 else instrument.pupil
-            )
+            pupil = instrument.pupil
+            changes["pupil_from"] = pupil.binned(self.binning) if self.binning > 1 else pupil
         return replace(instrument, **changes)
 
     def at_least(self, instrument: Instrument) -> Settings:
@@ -120,13 +119,8 @@ class Settings:
         options = FitOptions() if options is None else options
         held = instrument.aberrations if self.aberrations == "held" else self.without
         nodes = options.nodes if self.nodes is None else self.nodes
-        return replace(
-            options,
-            hold=(*options.hold, *held),
-            tolerance=self.tolerance,
-            nodes=nodes,
-            may_be_still=self.jitter == "seen",
-        )
+        hold, still = (*options.hold, *held), self.jitter == "seen"
+        return replace(options, hold=hold, tolerance=self.tolerance, nodes=nodes, may_be_still=still)
 
     def applied(self, processor: FrameProcessor) -> FrameProcessor:
         """Return a copy of another processor with these settings.
@@ -177,3 +171,9 @@ def own_pad(instrument: Instrument) -> int:
         return instrument.pad
     system = instrument.system()
     return system.grid.pad if isinstance(system, OpticalSystem) else DEFAULT_PAD
+
+
+def own_values(instrument: Instrument) -> dict[str, int]:
+    """Return what an instrument says itself of settings that may be None; 0 wavelengths of a measured PSF."""
+    samples = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
+    return {"pad": own_pad(instrument), "samples": samples, "region": max(instrument.shape)}

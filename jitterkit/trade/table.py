@@ -11,17 +11,10 @@ from astropy.table import QTable
 from jitterkit.instruments import Instrument
 from jitterkit.report.columns import Column, bind
 from jitterkit.trade.grid import Point, front
-from jitterkit.trade.settings import Settings, own_pad
+from jitterkit.trade.settings import Settings, own_values
 
 _NONE = {"pad": -1, "tolerance": 0.0} | dict.fromkeys(("aberrations", "jitter", "method"), "")
 """What stands for none of a setting; of others it is 0, which of nodes means those of the locus itself."""
-
-
-_OF_SEPARATION = (
-    ("bias", "of the separation", ".3g"),
-    ("scatter", "added to that of the separation", ".3g"),
-    ("sigma", "stated error of the separation", ".4g"),
-)
 
 
 def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
@@ -41,14 +34,16 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
         another package), and why there are no numbers where there are none.
     """
     best = [point.name for point in front(points)]
-    used = [_used(point.settings, instrument) for point in points]
+    own = own_values(instrument)
+    used = [{} if point.settings is None else own | _stated(point.settings) for point in points]
+    scatter = Column("scatter", "added to that of the separation", "uarcsec", format=".3g")
+    sigma = Column("sigma", "stated error of the separation", "uarcsec", format=".4g")
     columns: list[tuple[Column, Any]] = [
         (Column("setting", kind=str), [point.name for point in points]),
         (Column("time", "a frame takes", "ms", format=".1f"), [1e3 * point.seconds for point in points]),
-        *(
-            (Column(name, words, "uarcsec", format=digits), [1e6 * getattr(p, name) for p in points])
-            for name, words, digits in _OF_SEPARATION
-        ),
+        (Column("bias", "of the separation", "uarcsec", format=".3g"), [1e6 * one.bias for one in points]),
+        (scatter, [1e6 * point.scatter for point in points]),
+        (sigma, [1e6 * point.sigma for point in points]),
         (Column("error", "bias and scatter together", format=".2g"), [point.error for point in points]),
         (Column("front", "none is faster and better", kind=bool), [point.name in best for point in points]),
         *(
@@ -60,10 +55,5 @@ def trade_table(points: Sequence[Point], instrument: Instrument) -> QTable:
     return bind(columns)
 
 
-def _used(settings: Settings | None, instrument: Instrument) -> dict[str, Any]:
-    """Settings by name, with what an instrument says itself where they say nothing."""
-    if settings is None:
-        return {}
-    stated = {name: value for name, value in vars(settings).items() if value is not None}
-    own = 0 if instrument.spectrum is None else len(instrument.spectrum.wavelengths)
-    return {"pad": own_pad(instrument), "samples": own, "region": max(instrument.shape)} | stated
+def _stated(settings: Settings) -> dict[str, Any]:
+    return {name: value for name, value in vars(settings).items() if value is not None}

@@ -65,9 +65,8 @@ class WorstCase:
 
     def rough_loss(self, settings: Settings) -> float:
         """Return the loss if pupil and spectrum have the same effect in every geometry."""
-        return self._left_out(settings) + max(
-            self._loss(one, settings, roughly=True) for one in self.examples
-        )
+        losses = (self._loss(one, settings, roughly=True) for one in self.examples)
+        return self._left_out(settings) + max(losses)
 
     def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:
         """Return whether the loss, or the rough one, is at most ``limit`` [arcsec]."""
@@ -192,9 +191,7 @@ def examples_of(
             if len(examples) == _LOOKED_AT:
                 break
     if not examples:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"None of {len(spread)} frames that were tried can be fitted, so there is nothing to "
-            "plan for; see what 'jitterkit process' without --tolerance and --budget says about them.",
-        )
+        problem = f"None of {len(spread)} frames that were tried can be fitted"
+        remedy = "see what 'jitterkit process' without --tolerance and --budget says about them"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}, so there is nothing to plan for; {remedy}.")
     return examples, round(len(files) * float(np.mean(list(counts.values()))))

@@ -6,7 +6,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.forecast import cross_fit, jitter_of_kind
-from jitterkit.forecast.requirement import KINDS
+from jitterkit.forecast.kinds import KINDS
 from jitterkit.forecast.study import Panel
 from jitterkit.loci import principal_axes
 

@@ -11,7 +11,8 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.forecast import forecast, systematic_errors
 from jitterkit.forecast.bound import expected_data
-from jitterkit.forecast.effects import Effect, Modelled, effects_of
+from jitterkit.forecast.effects import Effect, effects_of
+from jitterkit.forecast.modelled import Modelled
 from jitterkit.forecast.systematics import FitResponse, _assess
 from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.instruments import Instrument

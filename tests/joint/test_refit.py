@@ -30,7 +30,7 @@ from jitterkit.joint.refit import _record, _require_fitted
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics import Colours
 from jitterkit.refit import FitResult, Priors, Status
-from jitterkit.report.joint_table import joint_summary
+from jitterkit.report.joint_summary import joint_summary
 from jitterkit.report.residual_stack import LatestPass, most_stacked
 from jitterkit.report.sequence import describe_run_fit
 from jitterkit.scene import Binary, FurtherStars, Star

@@ -23,7 +23,8 @@ from jitterkit.joint import (
 from jitterkit.refit import Status
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.joint_plots import plot_run
-from jitterkit.report.joint_table import describe_joint_fit, frame_table, joint_summary, separation_series
+from jitterkit.report.joint_summary import describe_joint_fit, joint_summary
+from jitterkit.report.joint_table import frame_table, separation_series
 from jitterkit.report.sequence import describe_run_fit
 from jitterkit.report.table import read_table, write_table
 from jitterkit.series import fit_floor

@@ -19,8 +19,9 @@ from jitterkit.refit.priors import Priors
 from jitterkit.report.words import angle_size
 from jitterkit.scene import Binary
 from jitterkit.trade import Settings, TradeScene, plan
+from jitterkit.trade.explain import explain
 from jitterkit.trade.methods import Fitting
-from jitterkit.trade.plan import Plan, Planner, explain, work
+from jitterkit.trade.plan import Plan, Planner, work
 from jitterkit.trade.predict import Example
 from jitterkit.trade.worst_case import OWN, WorstCase, examples_of
 
