@@ -96,34 +96,42 @@ def _product(names: tuple[str, ...], i: int, j: int) -> str:
 
 
 def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.ndarray) -> OTF:
-    """Return optics about a state whose first aberrations are the products of pairs of modes [nm²].
-
-    By differences of the transfer function itself, which is exact and cheap beside its derivatives.
-    """
-    otf, steps = optics.otf(state), np.zeros((len(even), len(state)))
-    steps[range(len(even)), even] = _STEP / phase[even]
-
-    def even_part(step: np.ndarray):
-        ahead, behind = (optics.otf(state + way, derivatives=False).value for way in (step, -step))
-        return (ahead + behind) / 2 - otf.value
-
-    alone = [even_part(step) for step in steps]
-    pairs, rows = list(combinations_with_replacement(range(len(even)), 2)), []
-    for i, j in pairs:
-        both = alone[i] if i == j else even_part(steps[i] + steps[j]) - alone[i] - alone[j]
-        rows.append(both / (steps[i].sum() * steps[j].sum()))
+    """Return optics about a state whose first aberrations are the products of pairs of modes [nm²]."""
+    otf, pairs = optics.otf(state), list(combinations_with_replacement(even, 2))
+    if isinstance(optics, AnchoredOptics):
+        i, j = np.transpose(pairs)
+        rows = optics.anchor.curvature[i, j] * np.where(i == j, 0.5, 1.0)[:, None, None, None]
+    else:
+        rows = to_parts(jnp.stack(_products(optics, otf, state, pairs, _STEP / phase)))
     tints = otf.tints
     if tints is not None:
         tints = jnp.concatenate([tints[:1], jnp.zeros((len(pairs), *tints.shape[1:])), tints[1:]])
     return replace(
         otf,
-        slopes=jnp.concatenate([to_parts(jnp.stack(rows)), otf.slopes]),
+        slopes=jnp.concatenate([rows.astype(otf.slopes.dtype), otf.slopes]),
         state=jnp.concatenate([jnp.zeros(len(pairs)), otf.state]),
-        names=(*(_product(otf.names, even[i], even[j]) for i, j in pairs), *otf.names),
+        names=(*(_product(otf.names, i, j) for i, j in pairs), *otf.names),
         tints=tints,
         of_b=tuple(place + len(pairs) for place in otf.of_b),
         coarse=None,
     )
+
+
+def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int, int]], steps: np.ndarray):
+    """Return the changes of a transfer function by products of modes, per nm², by differences of itself.
+
+    It is exact, and cheap beside its derivatives.
+    """
+
+    def even_part(modes: set[int]):
+        step = np.zeros_like(state)
+        step[list(modes)] = steps[list(modes)]
+        ahead, behind = (optics.otf(state + way, derivatives=False).value for way in (step, -step))
+        return (ahead + behind) / 2 - otf.value
+
+    alone = {i: even_part({i}) for i, j in pairs if i == j}
+    both = (alone[i] if i == j else even_part({i, j}) - alone[i] - alone[j] for i, j in pairs)
+    return [change / (steps[i] * steps[j]) for change, (i, j) in zip(both, pairs, strict=True)]
 
 
 class _Frame(NamedTuple):
