@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
-from jitterkit.frames.fitsio import CARD, header_of
+from jitterkit.frames.fitsio import CARD, PlainHeader
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
 from jitterkit.frames.planes import numbers_of_planes, role_of_label, split_planes
 from jitterkit.frames.units import resolve_unit
@@ -267,7 +267,7 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Hdu]:
             refuse = truncated if text is ErrorCode.TRUNCATED else damaged
             raise refuse(path, "has a FITS header without an END card")
         blocks -= read
-        hdu = Hdu(path, handle, number, start, start + read * BLOCK, header_of(text))
+        hdu = Hdu(path, handle, number, start, start + read * BLOCK, PlainHeader(text))
         hdu.check()
         yield hdu
         start = hdu.next
