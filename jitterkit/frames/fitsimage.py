@@ -59,6 +59,7 @@ class FitsImage:
         self._pixels = open_pixels(self.hdu)
         self.dtype = self._pixels.dtype  # refuses a scaling that cannot be read
         self._parts = {role: open_pixels(part) for role, part in group.parts.items()}
+        self._noise = {role: part for role, part in group.parts.items() if role != "quality"}
         self._factor, self._unverified = 1.0, True
         self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
         self.metadata = self._resolved(primary, tables)
@@ -100,7 +101,7 @@ class FitsImage:
         mask = np.zeros(self.shape, bool) if blank is None else blank
         mask = mask if self._outside is None else mask | self._outside
         data = data * self._factor if self._factor != 1.0 else data
-        quality, name = None, " + ".join(part.label for part in self.group.noise.values())
+        quality, name = None, " + ".join(part.label for part in self._noise.values())
         if "quality" in self._parts:
             pixels = self._parts["quality"]
             quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
@@ -126,7 +127,7 @@ class FitsImage:
             hdu=self.hdu.number,
             variance=variance,
             variance_source=name,
-            weighted="weight" in self.group.noise,
+            weighted="weight" in self._noise,
             quality=quality,
         )
 
@@ -164,7 +165,7 @@ class FitsImage:
     def _variance(self, index: int, name: str) -> tuple[np.ndarray | None, np.ndarray | None, str]:
         """Variance of the stored numbers, pixels that have none where it is not used, and a warning."""
         total = np.zeros(self.shape)
-        for role in self.group.noise:
+        for role in self._noise:
             values, blank = self._parts[role].plane(index)
             values[values < 0] = np.nan  # BITPIX cannot say that a variance is unknown
             if role == "weight":

@@ -8,6 +8,7 @@ the quality of a frame's pixels.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -57,11 +58,6 @@ class Group:
     coordinates: Hdu | None = None
     warnings: list[str] = field(default_factory=list)
 
-    @property
-    def noise(self) -> dict[str, Hdu]:
-        """The parts that give the variance."""
-        return {role: part for role, part in self.parts.items() if role != "quality"}
-
     def add(self, hdus: Sequence[Hdu]) -> None:
         """Take what fits from the image's own planes and from HDUs that may say something about it."""
         self.image, own, warnings = split_planes(self.image)
@@ -79,7 +75,7 @@ class Group:
     def add_from(self, role: str, others: Sequence[Hdu]) -> None:
         """Take the quality or the weight that another file has of this image, unless its own file has one."""
         found = [replace(o, given=role) for o in others if o.is_image and o.name == self.image.name]
-        has = "quality" in self.parts if role == "quality" else self.noise
+        has = [own for own in self.parts if (own == "quality") == (role == "quality")]
         if len(found) == 1 and not has and self._fits(found[0]):
             self.parts[role] = found[0]
 
@@ -195,18 +191,14 @@ def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu
     own = [one for one in named if one.detector == image.detector]
     others = {one.detector for one in science} - {image.detector}
     hdus = [one for one in hdus if one not in own and not (one in named and one.detector in others)]
-    return own + _by_order(image, chips, science, hdus)
-
-
-def _by_order(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
     reads = any(_is_other_read(image, one) for one in science)
     if len(chips) == 1 and image is science[0] and not reads:
-        return list(hdus)
+        return own + hdus
     if reads or (len(chips) > 1 and len({one.version for one in chips}) == len(chips)):
-        return [one for one in hdus if one.version == image.version]
+        return own + [one for one in hdus if one.version == image.version]
     after = [one.number for one in science if one.number > image.number]
-    end = min(after, default=hdus[-1].number + 1)
-    return [one for one in hdus if image.number < one.number < end]
+    end = min(after, default=math.inf)
+    return own + [one for one in hdus if image.number < one.number < end]
 
 
 _MOST_HEADER_BLOCKS, _MOST_BLOCKS = 1000, 20000
@@ -268,7 +260,6 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Hdu]:
             raise refuse(path, "has a FITS header without an END card")
         blocks -= read
         hdu = Hdu(path, handle, number, start, start + read * BLOCK, PlainHeader(text))
-        hdu.check()
         yield hdu
         start = hdu.next
         # nothing lies beyond, and to seek there through a gzip may take an hour
