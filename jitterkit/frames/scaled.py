@@ -57,19 +57,27 @@ def scaling_of(data: np.ndarray) -> Scaling | None:
     A mean of two frames of 12 bits, scaled by 16, is taken for one of 13.  Up to 1 % of the pixels may differ
     from the rule.
     """
+    found = None
     for most in (_FEW, _MANY):
-        values = _whole(data.ravel()[:: max(1, data.size // most)])
-        found = _stretched(values) or _multiplied(values)
+        sample = data.ravel()[:: max(1, data.size // most)]
+        finite = sample[np.abs(sample) < 2**53]
+        values = finite[finite == np.rint(finite)]
+        if not values.size or values.size < (1 - _MOST_ODD) * finite.size:
+            return None
+        numbers, counts = np.unique(values, return_counts=True)
+        usual = numbers[np.argmax(counts)]
+        other = values[values != usual].astype(np.int64)
+        if other.size < _FEWEST:
+            return None
+        stretched = _stretched(other) if values.min() >= 0 and values.max() <= _FULL else None
+        found = stretched or _multiplied(other - int(usual))
         if found is None:
             break
     return found
 
 
-def _multiplied(values: np.ndarray) -> Scaling | None:
-    """Recognise numbers that differ by multiples of one, from 3 on."""
-    apart = _apart(values)
-    if apart is None:
-        return None
+def _multiplied(apart: np.ndarray) -> Scaling | None:
+    """Recognise numbers whose differences from the most frequent one are multiples, from 3 on."""
     numbers, counts = np.unique(apart, return_counts=True)
     common = numbers[np.argsort(counts)[-_COMMON:]]
     for step in sorted({math.gcd(*map(int, pair)) for pair in itertools.combinations(common, 2)})[::-1]:
@@ -84,13 +92,8 @@ def _multiplied(values: np.ndarray) -> Scaling | None:
     return Scaling(float(step), f"multiples of {step}{bits}")
 
 
-def _stretched(values: np.ndarray) -> Scaling | None:
+def _stretched(numbers: np.ndarray) -> Scaling | None:
     """Recognise numbers from 0 to 65535 that are those of fewer bits with the same full scale."""
-    apart = _apart(values)
-    if apart is None or values.min() < 0 or values.max() > _FULL:
-        return None
-    usual = _most_frequent(values)
-    numbers = values[values != usual].astype(np.int64)
     for bits in _BITS:
         full, shift = (1 << bits) - 1, 16 - bits
         codes = np.rint(numbers * (full / _FULL)).astype(np.int64)
@@ -103,27 +106,6 @@ def _stretched(values: np.ndarray) -> Scaling | None:
             if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
                 return Scaling(_FULL / full, f"those of {bits} bits stretched to 16")
     return None
-
-
-def _whole(values: np.ndarray) -> np.ndarray:
-    """Return the values that are integers; none of them where most are not."""
-    finite = values[np.abs(values) < 2**53]
-    whole = finite[finite == np.rint(finite)]
-    return whole if whole.size >= (1 - _MOST_ODD) * finite.size else whole[:0]
-
-
-def _apart(values: np.ndarray) -> np.ndarray | None:
-    """Return the differences of pixels from the most frequent value, without zeros; None of too few."""
-    if not values.size:
-        return None
-    apart = (values - _most_frequent(values)).astype(np.int64)
-    apart = apart[apart != 0]
-    return apart if apart.size >= _FEWEST else None
-
-
-def _most_frequent(values: np.ndarray) -> float:
-    numbers, counts = np.unique(values, return_counts=True)
-    return float(numbers[np.argmax(counts)])
 
 
 def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[str]:

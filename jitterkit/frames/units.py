@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 
 #: Units of pixel values that a detector converts; the exposure turns the rates into counts.
 COUNTS = ("adu", "electron")
@@ -259,30 +259,27 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         None where the comment states none.  A comment that names other units only, in none of these
         places, is returned whole: its number may be in either.
     """
-
-    def known(text: str) -> bool:
-        return factor(name, text) is not None
-
+    meaning = partial(factor, name)  # None of a text that is no unit
     comment = re.sub(r"\s+per\s+", "/", " ".join(comment.split()), flags=re.I)
     comment = re.sub(r"(?<!\w)'(\w+)'(?!\w)", r"\1", _ATTRIBUTE.sub("", _APART.sub(r"\1", comment)))
     multiple = re.search(r"\bunits? of ([^\s,;:()]+)", comment, re.I)
-    if multiple and not known(multiple[1]) and multiple[1] != "1":
+    if multiple and not meaning(multiple[1]) and multiple[1] != "1":
         return comment
     square = [text for text in re.findall(r"\[([^]]*)\]", comment) if text.strip()]
-    found = next(filter(known, (*square, *re.findall(r"[({<|]([^)}>|]*)[)}>|]", comment))), None)
+    found = next(filter(meaning, (*square, *re.findall(r"[({<|]([^)}>|]*)[)}>|]", comment))), None)
     if found is not None or square:
         return found or square[0]
     start = re.match(r"(?:in |units?:? ?)?([^\s,;:()]+?)(\.?(?=$|[,;:(])|(?= ))", comment, re.I)
-    if start and known(start[1]):
+    if start and meaning(start[1]):
         clause = comment[start.end() :].startswith(" ") and start[1].lower() in _CLAUSE_ONLY
         return comment if clause else start[1]
-    if start and known(start[1].partition("/")[0]):
+    if start and meaning(start[1].partition("/")[0]):
         return start[1]
     for ending in (r"(?:\bin |[,;:] ?|= ?(?:[\d.]+ ?)?| - )([^\s,;:()]+?)\.?$", r"/([^\s,;:()/]+?)\.?$"):
         end = re.search(ending, comment, re.I)
-        if end and known(end[1]):
+        if end and meaning(end[1]):
             return end[1]
-    return _only_other_units(comment, lambda text: factor(name, text), default)
+    return _only_other_units(comment, meaning, default)
 
 
 def _only_other_units(
