@@ -247,7 +247,7 @@ class Characteristics:
             if np.ndim(values) and not np.isfinite(values).all():
                 missing = ~np.isfinite(values)
                 bad = missing if bad is None else bad | missing
-                object.__setattr__(self, name, np.where(missing, nominal(values), values))
+                object.__setattr__(self, name, np.where(missing, self.nominal(name), values))
         return bad
 
     def source(self, name: str) -> str:
@@ -255,13 +255,15 @@ class Characteristics:
         return self.sources.get(name, "argument Detector")
 
     def nominal(self, name: str) -> float | None:
-        """Return a number, or the median of a map, by its name; None where it is not known."""
-        if name not in self._nominals:
-            self._nominals[name] = nominal(getattr(self, name))
+        """Return a number, or the median of a map where it is finite, by its name; None if it is unknown."""
+        values = getattr(self, name)
+        if values is None or name in self._nominals:
+            return self._nominals.get(name)
+        self._nominals[name] = float(np.median(np.asarray(values)[np.isfinite(values)]))
         return self._nominals[name]
 
     @cached_property
-    def _nominals(self) -> dict[str, float | None]:
+    def _nominals(self) -> dict[str, float]:
         """Medians once found: of 20 million pixels one takes longer than a frame."""
         return {}
 
@@ -285,20 +287,12 @@ def as_map(values: Any) -> Any:
     """Return a map as an array of floats (those of 32 bits stay), a number as one, None as None.
 
     A number of a detector may be one for all pixels or a map ``(ny, nx)`` of the whole detector.
-    :func:`piece` takes what lies under a frame, :func:`nominal` the one number that stands for a map.
+    :func:`piece` takes what lies under a frame.
     """
     if values is None or np.ndim(values) == 0:
         return values
     array = np.asarray(values)
     return array if array.dtype == np.float32 else array.astype(float)
-
-
-def nominal(values: np.ndarray | float | None) -> float | None:
-    """Return the number that stands for a map: its median, of what is finite."""
-    if values is None or np.ndim(values) == 0:
-        return None if values is None else float(values)
-    finite = np.asarray(values)[np.isfinite(values)]
-    return float(np.median(finite)) if finite.size else None
 
 
 def piece(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.frames.beside import MISSIONS, bad_bits, quality_of, usable
+from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
 from jitterkit.frames.files import in_colour
@@ -69,7 +69,7 @@ class FitsImage:
         alone = str(header.get("INHERIT", "")).strip().upper() in ("F", "FALSE")
         inherit = primary if number and not alone else None
         cards = Cards(header, number, inherit)
-        odd = [] if self.hdu.role else self._pixels.lossy_warnings() + self._pixels.blank_warnings()
+        odd = [] if self.hdu.role else self._pixels.warnings()
         _check_planes(self.hdu, cards, odd)
         self._outside, cut = (None, "") if self.hdu.role else outside_of_data(cards, self.shape)
         odd += [cut] * bool(cut)
@@ -96,27 +96,34 @@ class FitsImage:
 
     def read(self, index: int) -> RawFrame:
         """Return one plane; the first time all HDUs that are read are compared with their checksums."""
+        from jitterkit.frames.hidden import hidden_light  # 0.2 s
+
         data, blank = self._pixels.plane(index)
         self.metadata = self.metadata.warn(*scaled_up(data, self.metadata, self._pixels.scaling[0]))
         mask = np.zeros(self.shape, bool) if blank is None else blank
         mask = mask if self._outside is None else mask | self._outside
         data = data * self._factor if self._factor != 1.0 else data
-        quality, name = None, " + ".join(part.label for part in self._noise.values())
-        if "quality" in self._parts:
-            pixels = self._parts["quality"]
-            quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
-            quality[mask] = -1
-            bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
-            if bad > _MOST_BAD:
-                found = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
-                self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
+        quality = self._quality(index, mask) if "quality" in self._parts else None
+        name = " + ".join(part.label for part in self._noise.values())
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
-        odd = [*[warning] * bool(warning), *self._hidden(data, mask, quality, variance)]
+        odd = [warning] * bool(warning)
+        hidden = hidden_light(data, mask, self.metadata, quality, variance)
+        if hidden is not None:
+            labels = " and ".join(part.label for part in self.group.parts.values())
+            odd.append(f"{hidden.sentence(labels or 'NaN')}: {hidden.remedy}")
         if self._unverified:
             used, self._unverified = [self._pixels, *self._parts.values()], False
             self.metadata = self.metadata.warn(*(text for one in used for text in one.checksum_warnings()))
-        metadata = self._of_plane(index).warn(*odd)
+        metadata, table = self.metadata, self.group.coordinates
+        if table is not None and (*self.hdu.layers, *range(index + 1))[index] > 0:
+            # its own WCS is not read, and that of the first plane is not its
+            scale = metadata.plate_scale
+            by_wcs = scale is not None and scale.source.startswith("header WCS")
+            metadata = replace(metadata, wcs=None, plate_scale=None if by_wcs else scale)
+            said = f"the WCS of each plane but the first, in the table of HDU {table.number}, is not read"
+            metadata = metadata.warn(f"{said}: give --plate-scale")
+        metadata = metadata.warn(*odd)
         if metadata.row_order == -1:
             data, mask = data[::-1], mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
@@ -131,36 +138,16 @@ class FitsImage:
             quality=quality,
         )
 
-    def _hidden(
-        self, data: np.ndarray, mask: np.ndarray, quality: np.ndarray | None, variance: np.ndarray | None
-    ) -> list[str]:
-        """Warn of a mask that hides a star, where no mission says that its bits are faults."""
-        from jitterkit.frames.hidden import hidden_light  # 0.2 s, and few files have masks
-
-        known = self.metadata.bad_bits
-        if known is not None and known.source.endswith(MISSIONS):
-            return []
-        bits, masked = int(self.metadata.value("bad_bits", 0)), mask
-        if quality is not None:
-            masked = masked | (quality & bits != 0)
-        if variance is not None:
-            masked = masked | ~(np.isfinite(variance) & (variance > 0))
-        found = hidden_light(data, masked, quality, bits)
-        if found is None:
-            return []
-        labels = " and ".join(part.label for part in self.group.parts.values())
-        return [f"{found.sentence(labels or 'NaN')}: {found.remedy}"]
-
-    def _of_plane(self, index: int) -> Metadata:
-        """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""
-        table, metadata = self.group.coordinates, self.metadata
-        if table is None or (*self.hdu.layers, *range(index + 1))[index] == 0:
-            return metadata
-        scale = metadata.plate_scale
-        by_wcs = scale is not None and scale.source.startswith("header WCS")
-        metadata = replace(metadata, wcs=None, plate_scale=None if by_wcs else scale)
-        said = f"the WCS of each plane but the first, in the table of HDU {table.number}, is not read"
-        return metadata.warn(f"{said}: give --plate-scale")
+    def _quality(self, index: int, mask: np.ndarray) -> np.ndarray:
+        """Bits of the quality plane, -1 where a pixel is masked; warn where they mask most pixels."""
+        pixels = self._parts["quality"]
+        quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
+        quality[mask] = -1
+        bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
+        if bad > _MOST_BAD:
+            found = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
+            self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
+        return quality
 
     def _variance(self, index: int, name: str) -> tuple[np.ndarray | None, np.ndarray | None, str]:
         """Variance of the stored numbers, pixels that have none where it is not used, and a warning."""

@@ -67,19 +67,6 @@ class Pixels:
         limits = np.iinfo(_DTYPES[self.hdu.bitpix])
         return math.isfinite(value) and float(value).is_integer() and limits.min <= value <= limits.max
 
-    def blank_warnings(self) -> list[str]:
-        """Warn of a BLANK that is not as FITS defines it: a stored number of an image of integers."""
-        value = self.hdu.header.get("BLANK")
-        if not isinstance(value, int | float) or isinstance(value, bool):
-            return []
-        if self.hdu.bitpix < 0:
-            return [f"BLANK = {value:g} means nothing among floats: pixels of that value count"]
-        if self._is_stored(value):
-            return []
-        blank = self.scaling[2]
-        read = "is ignored" if blank is None else f"is read as {value:g} after BSCALE and BZERO"
-        return [f"BLANK = {value:g} is none of the numbers that {self.hdu.bitpix} bits hold and {read}"]
-
     def _number(self, key: str, default: Any) -> Any:
         """A number on which every pixel depends: not to be passed over where it cannot be read."""
         value = self.hdu.header.get(key, default)
@@ -120,32 +107,30 @@ class Pixels:
         FrameError
             If the file ends before the plane does.
         """
-        *planes, ny, nx = self.hdu.shape
-        index = index if self.hdu.planes > 1 else 0
+        planes, index = self.hdu.shape[:-2], index if self.hdu.planes > 1 else 0
         index = self.hdu.layers[index] if self.hdu.layers else index
-        if self.packed is None:
-            return self._scaled(self._numbers(index * ny * nx, (ny, nx)))
-        where = map(int, np.unravel_index(index, planes)) if planes else ()
-        return self._scaled(np.asarray(self.packed.section[(*where, slice(None), slice(None))]))
+        return self._read(*map(int, np.unravel_index(index, planes) if planes else ()))
 
     def everything(self) -> np.ndarray:
         """Return all pixels in the shape of the image, as float64; blank ones are NaN."""
-        stored = self._numbers(0, self.hdu.shape) if self.packed is None else self.packed.section[...]
-        values, blank = self._scaled(np.asarray(stored))
+        values, blank = self._read()
         if blank is not None:
             values[blank] = np.nan
         return values
 
-    def _numbers(self, first: int, shape: tuple[int, ...]) -> np.ndarray:
-        dtype = np.dtype(_DTYPES[self.hdu.bitpix]).newbyteorder(">")
-        self.hdu.handle.seek(self.hdu.data + first * dtype.itemsize)
-        length = math.prod(shape) * dtype.itemsize
-        content = self.hdu.handle.read(length)
-        if len(content) < length:
-            raise truncated(self.hdu.path, f"ends {length - len(content)} bytes before its pixels do")
-        return np.frombuffer(content, dtype).reshape(shape)
-
-    def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    def _read(self, *where: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the pixels behind the first indices, scaled, and where they are blank."""
+        shape, dtype = self.hdu.shape[len(where) :], np.dtype(_DTYPES[self.hdu.bitpix]).newbyteorder(">")
+        if self.packed is not None:
+            stored = np.asarray(self.packed.section[(*where, *[slice(None)] * len(shape))])
+        else:
+            length = math.prod(shape) * dtype.itemsize
+            first = int(np.ravel_multi_index(where, self.hdu.shape[: len(where)])) if where else 0
+            self.hdu.handle.seek(self.hdu.data + first * length)
+            content = self.hdu.handle.read(length)
+            if len(content) < length:
+                raise truncated(self.hdu.path, f"ends {length - len(content)} bytes before its pixels do")
+            stored = np.frombuffer(content, dtype).reshape(shape)
         scale, zero, blank = self.scaling
         if stored.dtype.kind == "i" and stored.dtype.itemsize == 8 and (scale, zero) == (1.0, 2.0**63):
             # unsigned: a sum of floats would lose ten bits
@@ -159,9 +144,9 @@ class Pixels:
             values += zero
         if blank is None:
             return values, None
-        where = stored == blank
-        values[where] = 0.0
-        return values, where
+        empty = stored == blank
+        values[empty] = 0.0
+        return values, empty
 
     def checksum_warnings(self) -> list[str]:
         """Compare the HDU with the checksums in its header, and read a gzip to the CRC at its end.
@@ -191,18 +176,29 @@ class Pixels:
             pass
         return found
 
-    def lossy_warnings(self) -> list[str]:
-        """Warn of a compression that changed the pixels; only the table behind the image says so."""
-        header, method = self.hdu.header, self.hdu.words("ZQUANTIZ") or "NO_DITHER"
-        if self.packed is None:
-            return []
-        if self.hdu.bitpix < 0 and "ZSCALE" in self.hdu.columns and method != "NONE":
-            return [f"the compression quantised the pixels (ZQUANTIZ = {method}): it is lossy"]
-        options = {self.hdu.words(f"ZNAME{n}"): header.get(f"ZVAL{n}") for n in range(1, 10)}
-        scale = options.get("SCALE") if self.hdu.words("ZCMPTYPE").startswith("HCOMPRESS") else None
-        if isinstance(scale, int | float) and scale > 0:
-            return [f"the compression (HCOMPRESS, scale {scale:g}) is lossy"]
-        return []
+    def warnings(self) -> list[str]:
+        """Warn of a compression that changed the pixels, and of a BLANK that is not as FITS defines it.
+
+        Only the table behind a compressed image says the first; BLANK is a stored number of integers.
+        """
+        hdu, found, value = self.hdu, [], self.hdu.header.get("BLANK")
+        if self.packed is not None:
+            method = hdu.words("ZQUANTIZ") or "NO_DITHER"
+            options = {hdu.words(f"ZNAME{n}"): hdu.header.get(f"ZVAL{n}") for n in range(1, 10)}
+            scale = options.get("SCALE") if hdu.words("ZCMPTYPE").startswith("HCOMPRESS") else None
+            if hdu.bitpix < 0 and "ZSCALE" in hdu.columns and method != "NONE":
+                found.append(f"the compression quantised the pixels (ZQUANTIZ = {method}): it is lossy")
+            elif isinstance(scale, int | float) and scale > 0:
+                found.append(f"the compression (HCOMPRESS, scale {scale:g}) is lossy")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return found
+        if hdu.bitpix < 0:
+            found.append(f"BLANK = {value:g} means nothing among floats: pixels of that value count")
+        elif not self._is_stored(value):
+            read = f"is read as {value:g} after BSCALE and BZERO"
+            read = "is ignored" if self.scaling[2] is None else read
+            found.append(f"BLANK = {value:g} is none of the numbers that {hdu.bitpix} bits hold and {read}")
+        return found
 
 
 def _sum(handle: BinaryIO, start: int, length: int) -> int:
